@@ -1,0 +1,1 @@
+"""Actors: the only place that knows of Pykka. Mailboxes, futures, resource and robot actors, supervision, handles."""

@@ -1,0 +1,150 @@
+"""One call of one method, and the named slot through which it reaches whichever actor serves it now."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from eal_actors.actors.future import Future
+from eal_actors.actors.inbox import Envelope, Inbox
+from eal_actors.clock import Clock
+from eal_actors.errors import EALError, PreemptedError, UnavailableError
+from eal_actors.info import ResourceInfo
+
+if TYPE_CHECKING:
+    from eal_actors.actors.resource_actor import ResourceActor
+
+T = TypeVar("T")
+
+MOTION_METHODS: Final = frozenset({"send_cmd", "set_value", "write_comm"})
+"""The calls that can move something: a halt drops them where they wait."""
+
+_call_ids = itertools.count(1)
+
+
+class Call(Future[T]):
+    """A call under way: its own future, and its own envelope and message in the mailbox.
+
+    Args:
+        cell: the slot of the resource that is called; None only where Pykka makes futures of futures.
+        method: one of the nine methods, or `halt`.
+        arguments: the method's arguments.
+        timeout_s: seconds until the deadline.
+    """
+
+    reply_to = None
+
+    def __init__(
+        self,
+        cell: ResourceCell | None = None,
+        method: str = "",
+        arguments: tuple[Any, ...] = (),
+        timeout_s: float = 0.0,
+    ) -> None:
+        if cell is None:
+            super().__init__()
+            return
+        clock = cell.clock
+        super().__init__(clock, clock.now() + timeout_s, cell.timekeeper)
+        self.cell = cell
+        self.method = method
+        self.arguments = arguments
+        self.call_id = next(_call_ids)
+
+    @property
+    def message(self) -> Call[T]:
+        """See Envelope."""
+        return self
+
+    def describe(self) -> str:
+        """Return the call as `robot/resource: method 'argument'`."""
+        shown = " ".join(repr(argument) for argument in self.arguments if argument is not None)
+        return f"{self.cell.robot}/{self.cell.name}: {self.method}{' ' + shown if shown else ''}"
+
+    def fail(self, error: BaseException) -> None:
+        """Set the failure, naming the resource."""
+        self._finish(None, error.at(self.cell.robot, self.cell.name) if isinstance(error, EALError) else error)
+
+    def _abandoned(self) -> None:
+        self.cell.abandoned(self)
+
+
+def _is_motion(envelope: Envelope) -> bool:
+    message = envelope.message
+    return isinstance(message, Call) and message.method in MOTION_METHODS
+
+
+class ResourceCell:
+    """The named slot of a resource on its robot: handles and callers keep it, restarts change what is in it.
+
+    Written by the robot's actor alone; read by everybody.
+
+    Attributes:
+        actor: the actor that serves the resource now, or None.
+        info: what the resource last said of itself; None before its first start.
+        error: why calls fail while there is no actor.
+        on_overdue: called with the cell when a call was given up while the actor may be stuck.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        name: str,
+        clock: Clock,
+        timekeeper: Inbox,
+        timeout_s: float,
+        on_overdue: Callable[[ResourceCell], None],
+    ) -> None:
+        self.robot = robot
+        self.name = name
+        self.clock = clock
+        self.timekeeper = timekeeper
+        self.timeout_s = timeout_s
+        self.on_overdue = on_overdue
+        self.actor: ResourceActor | None = None
+        self.info: ResourceInfo | None = None
+        self.error: EALError = UnavailableError("it has not started yet")
+
+    def submit(self, call: Call[Any]) -> None:
+        """Put a call in the normal lane; a refusal becomes the call's outcome. Thread: any; never blocks."""
+        actor = self.actor
+        if actor is None:
+            call.fail(self._unavailable())
+            return
+        try:
+            actor.actor_inbox.put(call)
+        except EALError as error:
+            call.fail(error)
+
+    def submit_urgent(self, call: Call[Any], *, stops: bool) -> None:
+        """Put a call in the urgent lane.
+
+        Args:
+            call: the call.
+            stops: it is a stop: never refused for a full lane, and the motions that wait are dropped.
+
+        Thread: any; never blocks.
+        """
+        actor = self.actor
+        if actor is None:
+            call.fail(self._unavailable())
+            return
+        try:
+            dropped = actor.actor_inbox.put_urgent(call, bounded=not stops, drop=_is_motion if stops else None)
+        except EALError as error:
+            call.fail(error)
+            return
+        for waiting in dropped:
+            waiting.message.fail(PreemptedError(f"dropped by {call.method} {' '.join(map(str, call.arguments))}".strip()))
+
+    def abandoned(self, call: Call[Any]) -> None:
+        """Tell the actor that nobody waits for the call, and the robot to look whether the actor is stuck."""
+        actor = self.actor
+        if actor is not None:
+            actor.stop_activity_of(call)
+            self.on_overdue(self)
+
+    def _unavailable(self) -> EALError:
+        error = type(self.error)(self.error.message)  # each caller raises its own
+        return error.at(self.robot, self.name)

@@ -1,0 +1,260 @@
+"""Typed handles: what users hold. They name a resource or robot, so they survive a restart of what they name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final, TypeVar
+
+from eal_actors.actors.call import Call, ResourceCell
+from eal_actors.actors.combine import gather
+from eal_actors.actors.future import Future
+from eal_actors.actors.robot_actor import RobotActor, RobotState, RobotView
+from eal_actors.data import EALData
+from eal_actors.errors import (
+    EALError,
+    ResourceNotFoundError,
+    RobotFailedError,
+    UnavailableError,
+    WaitTimeoutError,
+)
+from eal_actors.info import ResourceInfo, unknown_name
+from eal_actors.log import get_logger
+from eal_actors.resource import Resource
+
+T = TypeVar("T")
+
+CLOSE_TIMEOUT_S: Final = 5.0
+"""How long (real time) a robot has to stop by itself before what is stuck is abandoned."""
+
+
+def _as_data(value: Any) -> EALData | None:
+    return None if value is None else EALData.of(value)
+
+
+class ResourceHandle:
+    """One resource of one robot. Every call returns a future at once, and never blocks.
+
+    A call fails through its future: BusyError when the mailbox is full, UnavailableError while the resource is
+    restarting, DeadlineError when no answer came in time, UnsupportedError when the resource lacks the method,
+    ArgumentError when it refuses the argument, ResourceFaultError when its own code raised. `timeout_s` is in seconds
+    of the fleet's clock; None takes the fleet file's default.
+
+    Thread: any; handles may be shared.
+    """
+
+    __slots__ = ("_cell",)
+
+    def __init__(self, cell: ResourceCell) -> None:
+        self._cell = cell
+
+    def __repr__(self) -> str:
+        return f"<ResourceHandle {self._cell.robot}/{self._cell.name}>"
+
+    @property
+    def name(self) -> str:
+        """The resource's name on its robot."""
+        return self._cell.name
+
+    @property
+    def robot(self) -> str:
+        """The robot's name."""
+        return self._cell.robot
+
+    @property
+    def info(self) -> ResourceInfo:
+        """What the resource says of itself.
+
+        Raises:
+            UnavailableError: it has never been up.
+        """
+        if self._cell.info is None:
+            raise self._cell._unavailable()  # noqa: SLF001  # a handle is the cell's public face
+        return self._cell.info
+
+    def _call(self, method: str, arguments: tuple[Any, ...], timeout_s: float | None) -> Call[Any]:
+        cell = self._cell
+        call: Call[Any] = Call(cell, method, arguments, cell.timeout_s if timeout_s is None else timeout_s)
+        cell.submit(call)
+        return call
+
+    def get_status(self, *, timeout_s: float | None = None) -> Future[int]:
+        """Ask for the status; overtakes what waits, and is answered while a command runs."""
+        cell = self._cell
+        call: Call[int] = Call(cell, "get_status", (), cell.timeout_s if timeout_s is None else timeout_s)
+        cell.submit_urgent(call, stops=False)
+        return call
+
+    def get_value(self, *, timeout_s: float | None = None) -> Future[EALData]:
+        """Ask for the value."""
+        return self._call("get_value", (), timeout_s)
+
+    def set_value(self, value: Any, *, timeout_s: float | None = None) -> Future[int]:
+        """Set the value; the answer is a status int."""
+        return self._call("set_value", (EALData.of(value),), timeout_s)
+
+    def send_req(self, req: str, *, timeout_s: float | None = None) -> Future[EALData]:
+        """Send a request; the answer is its data."""
+        return self._call("send_req", (req,), timeout_s)
+
+    def send_cmd(self, cmd: str, data: Any = None, *, timeout_s: float | None = None) -> Future[int]:
+        """Send a command; the future is done when the command is, with a status int.
+
+        A newer command takes over from a running one, whose future fails with PreemptedError. A stop overtakes
+        everything that waits, and drops the commands that wait.
+        """
+        cell = self._cell
+        arguments = (cmd, _as_data(data))
+        if cell.info is not None and cmd in cell.info.urgent_commands:
+            call: Call[int] = Call(cell, "send_cmd", arguments, cell.timeout_s if timeout_s is None else timeout_s)
+            cell.submit_urgent(call, stops=True)
+            return call
+        return self._call("send_cmd", arguments, timeout_s)
+
+    def read_comm(self, length: int, *, timeout_s: float | None = None) -> Future[EALData]:
+        """Read up to `length` bytes; the answer holds what was read."""
+        return self._call("read_comm", (length,), timeout_s)
+
+    def write_comm(self, data: Any, length: int | None = None, *, timeout_s: float | None = None) -> Future[int]:
+        """Write the first `length` bytes, all if None; the answer is how many were written."""
+        packed = EALData.of(data)
+        return self._call("write_comm", (packed, packed.length if length is None else length), timeout_s)
+
+    def get_config(self, key: str, *, timeout_s: float | None = None) -> Future[EALData]:
+        """Ask for a configuration value."""
+        return self._call("get_config", (key,), timeout_s)
+
+    def set_config(self, key: str, value: Any = None, *, timeout_s: float | None = None) -> Future[int]:
+        """Set a configuration value; the answer is a status int."""
+        return self._call("set_config", (key, _as_data(value)), timeout_s)
+
+    def halt(self, *, timeout_s: float | None = None) -> Future[int]:
+        """Stop what moves, at once: overtakes everything, closes the running command, drops those that wait."""
+        cell = self._cell
+        call: Call[int] = Call(cell, "halt", (), cell.timeout_s if timeout_s is None else timeout_s)
+        cell.submit_urgent(call, stops=True)
+        return call
+
+    def resource(self) -> Resource:
+        """Return the resource object itself (Source: thesis B.2.4). For debugging: its actor still uses it.
+
+        Raises:
+            UnavailableError: it is not up.
+        """
+        actor = self._cell.actor
+        if actor is None or actor.resource is None:
+            raise self._cell._unavailable()  # noqa: SLF001  # a handle is the cell's public face
+        return actor.resource
+
+
+class RobotHandle(Mapping[str, ResourceHandle]):
+    """One robot of a fleet: its resources by name.
+
+    Attributes:
+        name: the robot's name.
+        type: its type's name in the fleet file, or None.
+        types: its type and what that builds on.
+        tags: its tags.
+    """
+
+    def __init__(
+        self,
+        start: Callable[[], tuple[RobotActor, RobotView]],
+        name: str,
+        types: tuple[str, ...] = (),
+        tags: tuple[str, ...] = (),
+    ) -> None:
+        self.name = name
+        self.types = types
+        self.type = types[0] if types else None
+        self.tags = tags
+        self._actor, self._view = start()
+
+    def __repr__(self) -> str:
+        return f"<RobotHandle {self.name}: {self.state.value}>"
+
+    @property
+    def state(self) -> RobotState:
+        """Where the robot is in its life."""
+        return self._view.state
+
+    @property
+    def problems(self) -> tuple[EALError, ...]:
+        """What kept plugins out, or made the robot fail."""
+        return self._view.problems
+
+    @property
+    def restarts(self) -> Mapping[str, int]:
+        """How often each resource was restarted."""
+        return dict(self._view.restarts)
+
+    def __getitem__(self, name: str) -> ResourceHandle:
+        """Return the handle of a resource.
+
+        Raises:
+            ResourceNotFoundError: the robot has no such resource.
+            RobotFailedError: the robot failed before it had any resource.
+        """
+        cell = self._view.cells.get(name)
+        if cell is not None:
+            return ResourceHandle(cell)
+        if not self._view.cells and self.state is RobotState.FAILED:
+            raise self._failed()
+        left_out = "".join(f"; left out: {problem.message}" for problem in self.problems)
+        raise ResourceNotFoundError(unknown_name("resource", name, self._view.cells) + left_out, robot=self.name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._view.cells)
+
+    def __len__(self) -> int:
+        return len(self._view.cells)
+
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__  # a robot is itself, not what it holds
+
+    def halt(self, *, timeout_s: float | None = None) -> Future[list[int]]:
+        """Stop whatever moves on this robot, at once; see ResourceHandle.halt."""
+        return gather([self[name].halt(timeout_s=timeout_s) for name in self])
+
+    def wait_started(self, timeout_s: float) -> None:
+        """Wait until every resource is up.
+
+        Raises:
+            RobotFailedError: it could not start.
+            UnavailableError: it did not start in time.
+
+        Thread: blocks the caller.
+        """
+        try:
+            self._view.started.get(timeout=timeout_s)
+        except WaitTimeoutError:
+            late = [name for name, cell in self._view.cells.items() if cell.actor is None]
+            what = f"{', '.join(late)} did not start" if late else "its plugins did not connect"
+            raise UnavailableError(f"{what} within {timeout_s:g} s", robot=self.name) from None
+        if self.state is RobotState.FAILED:
+            raise self._failed()
+
+    def _failed(self) -> RobotFailedError:
+        message = self.problems[-1].message if self.problems else "has failed"
+        return RobotFailedError(message, robot=self.name)
+
+    def begin_close(self) -> None:
+        """Start to stop the robot. Thread: any; does not block."""
+        self._actor.shut_down()
+
+    def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
+        """Halt every resource, disconnect the plugins, end every thread. What is stuck is abandoned and named.
+
+        Thread: blocks the caller, at most about twice `timeout_s` of real time.
+        """
+        self.begin_close()
+        try:
+            self._view.stopped.get(timeout=timeout_s)
+        except WaitTimeoutError:
+            self._actor.force_down()
+            try:
+                self._view.stopped.get(timeout=timeout_s / 2)
+            except WaitTimeoutError:
+                self._actor.abandon(UnavailableError("the robot was stuck while it was closed"))
+        alive = self._actor.join(timeout_s / 2)
+        if alive:
+            get_logger(robot=self.name).error("threads are stuck and were left behind", threads=alive)

@@ -1,0 +1,197 @@
+"""The mailbox: a bounded lane, an urgent lane that goes first, and timers."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+from eal_actors.clock import Clock, new_waiter, wake
+from eal_actors.errors import BusyError, EALError
+
+
+_ROUNDING_S: Final = 1e-9
+"""A timer this close is due: now + (time - now) is not always time."""
+
+
+class Envelope(Protocol):
+    """What an inbox holds: Pykka's envelope, or a Call, which is its own."""
+
+    @property
+    def message(self) -> Any:
+        """What is to be handled."""
+        ...
+
+    @property
+    def reply_to(self) -> Any:
+        """Pykka's future for the answer, or None."""
+        ...
+
+
+class Timer:
+    """An action for later. It is its own envelope, and its own message."""
+
+    __slots__ = ("_inbox", "action", "time_s")
+
+    reply_to = None
+
+    def __init__(self, time_s: float, action: Callable[[], None], inbox: Inbox) -> None:
+        self.time_s = time_s
+        self.action: Callable[[], None] | None = action
+        self._inbox = inbox
+
+    @property
+    def message(self) -> Timer:
+        """See Envelope."""
+        return self
+
+    def cancel(self) -> None:
+        """Call it off; harmless when it has rung. Thread: any."""
+        if self.action is not None:
+            self.action = None
+            self._inbox._timer_cancelled()  # noqa: SLF001  # they are one thing in two classes
+
+
+class Inbox:
+    """A mailbox for one reading thread and any number of writing ones.
+
+    `put` never blocks: a full lane raises BusyError at once. What is urgent is read before everything else, then
+    timers that are due, then the normal lane; within each, first in, first out.
+
+    Args:
+        clock: the clock of its timers.
+        capacity: the most envelopes that may wait in a lane.
+    """
+
+    def __init__(self, clock: Clock, capacity: int = 256) -> None:
+        self.clock = clock
+        self.capacity = capacity
+        self._lock = threading.Lock()
+        self._wakeup = new_waiter()
+        self._reader_waits = False
+        self._urgent: deque[Envelope] = deque()
+        self._normal: deque[Envelope] = deque()
+        self._timers: list[tuple[float, int, Timer]] = []
+        self._cancelled_timers = 0
+        self._order = itertools.count()
+        self._closed_by: EALError | None = None
+
+    def __len__(self) -> int:
+        return len(self._urgent) + len(self._normal)
+
+    def empty(self) -> bool:
+        """Return whether no envelope waits; timers do not count. Thread: any."""
+        return not self._urgent and not self._normal
+
+    def put(self, envelope: Envelope) -> None:
+        """Add to the normal lane.
+
+        Raises:
+            BusyError: the lane is full.
+            EALError: what the inbox was closed with.
+
+        Thread: any; never blocks.
+        """
+        with self._lock:
+            if self._closed_by is not None:
+                raise self._closed_by
+            if len(self._normal) >= self.capacity:
+                raise BusyError(f"its mailbox is full ({self.capacity} calls wait)")
+            self._normal.append(envelope)
+            if self._reader_waits:
+                self._reader_waits = False
+                wake(self._wakeup)
+
+    def put_urgent(
+        self, envelope: Envelope, *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
+    ) -> list[Envelope]:
+        """Add to the urgent lane.
+
+        Args:
+            envelope: what to add.
+            bounded: whether a full lane refuses it; what keeps people safe is never refused.
+            drop: which envelopes of the normal lane to take out in the same instant; None for none.
+
+        Returns:
+            The envelopes taken out.
+
+        Raises:
+            BusyError: the lane is full.
+            EALError: what the inbox was closed with.
+
+        Thread: any; never blocks.
+        """
+        with self._lock:
+            if self._closed_by is not None:
+                raise self._closed_by
+            if bounded and len(self._urgent) >= self.capacity:
+                raise BusyError(f"its mailbox is full ({self.capacity} urgent calls wait)")
+            dropped: list[Envelope] = []
+            if drop is not None and self._normal:
+                dropped = [waiting for waiting in self._normal if drop(waiting)]
+                if dropped:
+                    self._normal = deque(waiting for waiting in self._normal if not drop(waiting))
+            self._urgent.append(envelope)
+            if self._reader_waits:
+                self._reader_waits = False
+                wake(self._wakeup)
+        return dropped
+
+    def call_at(self, time_s: float, action: Callable[[], None]) -> Timer:
+        """Run the action in the reading thread when the clock shows `time_s`. Thread: any; never blocks."""
+        timer = Timer(time_s, action, self)
+        with self._lock:
+            heapq.heappush(self._timers, (time_s, next(self._order), timer))
+            if self._reader_waits and self._timers[0][2] is timer:
+                self._reader_waits = False
+                wake(self._wakeup)
+        return timer
+
+    def call_later(self, delay_s: float, action: Callable[[], None]) -> Timer:
+        """Run the action in the reading thread after a delay. Thread: any; never blocks."""
+        return self.call_at(self.clock.now() + delay_s, action)
+
+    def _timer_cancelled(self) -> None:
+        with self._lock:
+            self._cancelled_timers += 1
+            if self._cancelled_timers > 64 and self._cancelled_timers * 2 > len(self._timers):
+                self._timers = [entry for entry in self._timers if entry[2].action is not None]
+                heapq.heapify(self._timers)
+                self._cancelled_timers = 0
+
+    def get(self) -> Envelope:
+        """Wait for the next envelope. Thread: the one reader; blocks it."""
+        while True:
+            with self._lock:
+                if self._urgent:
+                    return self._urgent.popleft()
+                timeout_s = None
+                if self._timers:
+                    timeout_s = self._timers[0][0] - self.clock.now()
+                    if timeout_s <= _ROUNDING_S:
+                        timer = heapq.heappop(self._timers)[2]
+                        if timer.action is not None:
+                            return timer
+                        self._cancelled_timers -= 1
+                        continue
+                if self._normal:
+                    return self._normal.popleft()
+                self._reader_waits = True
+            self.clock.wait(self._wakeup, timeout_s)
+            # After a time-out a writer may still believe that we wait: its release only makes one wait too short.
+
+    def close(self, error: EALError) -> list[Envelope]:
+        """Refuse everything from now on with the error; returns what was waiting. Thread: any."""
+        with self._lock:
+            self._closed_by = error
+            waiting = [*self._urgent, *self._normal]
+            self._urgent.clear()
+            self._normal.clear()
+            self._timers.clear()
+            if self._reader_waits:
+                self._reader_waits = False
+                wake(self._wakeup)
+        return waiting

@@ -1,0 +1,338 @@
+"""The actor that owns one resource: runs its calls, steps its activities, and keeps it safe."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from eal_actors.actors.actor import AbandonedThread, EALActor
+from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
+from eal_actors.actors.future import Future
+from eal_actors.actors.inbox import Timer
+from eal_actors.data import EALData
+from eal_actors.errors import DeadlineError, EALError, PreemptedError, ResourceFaultError, ReturnTypeError
+from eal_actors.info import ResourceInfo, ValueInfo
+from eal_actors.log import get_logger
+from eal_actors.resource import Activity, Resource
+
+
+class ResourceFactory(Protocol):
+    """How to make and unmake the resource: what the plugin manager hands out."""
+
+    def create(self) -> Resource:
+        """Return a new resource. Thread: the resource's actor."""
+        ...
+
+    def destroy(self, resource: Resource) -> None:
+        """Let go of it. Thread: the resource's actor."""
+        ...
+
+
+class ResourceObserver(Protocol):
+    """Whom a resource actor tells of its life: its robot. Thread: the resource's actor; none may block."""
+
+    def resource_up(self, actor: ResourceActor, info: ResourceInfo) -> None:
+        """The resource is open and serves calls."""
+        ...
+
+    def resource_down(self, actor: ResourceActor, error: BaseException | None) -> None:
+        """The resource has ended: crashed with an error, or normally with None."""
+        ...
+
+
+@dataclass(eq=False)
+class _Running:
+    """An activity under way, and the call it answers; the background activity answers none."""
+
+    activity: Activity
+    call: Call[Any] | None
+    timer: Timer | None = None
+
+
+def _status(result: Any) -> int:
+    """Return a status int: None counts as 1, the thesis's success."""
+    if result is None:
+        return 1
+    if isinstance(result, int):
+        return int(result)
+    raise ReturnTypeError(f"returned {result!r} where a status int is wanted")
+
+
+def _data(result: Any, value: ValueInfo | None) -> EALData:
+    """Return the result as EALData, checked against what the resource says of it."""
+    try:
+        data = EALData.of(result)
+    except EALError as error:
+        raise ReturnTypeError(f"returned what no EALData can hold: {error}") from error
+    if value is not None and (problem := value.problem(data)):
+        raise ReturnTypeError(f"returned a value that {problem}")
+    return data
+
+
+class ResourceActor(EALActor):
+    """Owns one resource: every touch of it happens in this actor's thread.
+
+    Args:
+        cell: the slot through which calls arrive.
+        factory: makes and unmakes the resource.
+        observer: told when the resource is up and when it is down.
+        capacity: the most calls that may wait.
+    """
+
+    def __init__(
+        self, cell: ResourceCell, factory: ResourceFactory, observer: ResourceObserver, capacity: int
+    ) -> None:
+        super().__init__(f"{cell.robot}/{cell.name}", cell.clock, capacity)
+        self.cell = cell
+        self.resource: Resource | None = None
+        self.busy_until_s: float | None = None
+        """When what runs now must be over; None while the actor is idle. Read by the robot."""
+        self._factory = factory
+        self._observer = observer
+        self._motion: _Running | None = None
+        self._background: _Running | None = None
+        self._log = get_logger(robot=cell.robot, resource=cell.name)
+
+    # Life.
+
+    def on_start(self) -> None:
+        """Make and open the resource. Thread: the actor's own."""
+        self.busy_until_s = self.clock.now() + self.cell.timeout_s
+        try:
+            self.resource = resource = self._factory.create()
+            resource.name = self.cell.name
+            resource.open()
+            info = resource.info()
+            self._info = info
+            self._methods = self._make_methods(resource, info)
+            background = resource.background()
+        except AbandonedThread:
+            raise
+        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything; Pykka would hide it
+            self.crash(error)
+            return
+        self.busy_until_s = None
+        if background is not None:
+            self._background = _Running(background, None)
+            self.actor_inbox.call_later(0.0, lambda: self._step(self._background))
+        self._observer.resource_up(self, info)
+
+    def _make_methods(self, resource: Resource, info: ResourceInfo) -> dict[str, Callable[..., Any]]:
+        """Return for each method what runs it and makes the answer of its result."""
+        return {
+            "get_status": lambda: _status(resource.get_status()),
+            "get_value": lambda: _data(resource.get_value(), info.value),
+            "set_value": self._set_value,
+            "send_req": self._send_req,
+            "send_cmd": self._send_cmd,
+            "read_comm": lambda length: _data(resource.read_comm(length), None),
+            "write_comm": lambda data, length: _status(resource.write_comm(data, length)),
+            "get_config": self._get_config,
+            "set_config": lambda key, data: _status(resource.set_config(key, data)),
+            "halt": self._halt,
+        }
+
+    def shut_down(self) -> None:
+        """Halt, close and stop, before anything that waits. Thread: any; does not block."""
+        try:
+            self.actor_inbox.put_urgent(Timer(0.0, self._shut_down, self.actor_inbox), bounded=False)
+        except EALError:  # it has ended already
+            pass
+
+    def _shut_down(self) -> None:
+        self.actor_stopped.set()
+        self._end(PreemptedError("the robot is being stopped"))
+        self._stop()
+        self._observer.resource_down(self, None)
+
+    def on_crash(self, error: BaseException) -> None:
+        """Stop what moves, let go, tell the robot. Thread: the actor's own."""
+        self._end(PreemptedError(f"the resource crashed: {error!r}"))
+        self._observer.resource_down(self, error)
+
+    def on_abandoned(self) -> None:
+        """Stop what moves after all, now that the stuck code is unwound. Thread: the actor's own."""
+        self._end(PreemptedError("the resource was stuck and has been abandoned"))
+
+    def _end(self, reason: EALError) -> None:
+        self._close_motion(reason)
+        if self._background is not None:
+            self._close_activity(self._background)
+            self._background = None
+        resource, self.resource = self.resource, None
+        if resource is not None:
+            for step in (resource.halt, resource.close, lambda: self._factory.destroy(resource)):
+                self._guarded(step)
+
+    def _guarded(self, step: Callable[[], object]) -> None:
+        """Run a clean-up step: whatever it raises is logged, because the next step must run too."""
+        try:
+            step()
+        except AbandonedThread:
+            raise
+        except BaseException:  # noqa: BLE001  # a plugin may raise anything
+            self._log.exception("cleaning up failed", step=getattr(step, "__name__", "destroy"))
+
+    # Calls.
+
+    def on_receive(self, message: Any) -> Any:
+        """Run a call. Thread: the actor's own."""
+        if isinstance(message, Call):
+            self._execute(message)
+            return None
+        return super().on_receive(message)
+
+    def _execute(self, call: Call[Any]) -> None:
+        if call._done:  # noqa: SLF001  # the hot path: it was given up while it waited
+            return
+        deadline_s = call.deadline_s or 0.0
+        if deadline_s <= self.clock.now():
+            call.fail(DeadlineError(f"{call.method} waited in the mailbox until its deadline; it was not executed"))
+            return
+        self.busy_until_s = deadline_s
+        try:
+            result = self._methods[call.method](*call.arguments)
+            if type(result) is types.GeneratorType:
+                self._motion = _Running(result, call)
+                self._step(self._motion)
+            else:
+                call.set(result)
+        except AbandonedThread:
+            raise
+        except Exception as error:  # noqa: BLE001  # a plugin may raise anything; the caller gets it
+            call.fail(self._explained(call, error))
+        except BaseException as error:
+            call.fail(self._explained(call, error))
+            raise
+        finally:
+            self.busy_until_s = None
+
+    def _explained(self, call: Call[Any], error: BaseException) -> EALError:
+        """Return an error that names the call, and has the plugin's own error as its cause."""
+        self._log.debug("call failed", call=call.call_id, method=call.method, error=repr(error))
+        if isinstance(error, EALError) and not isinstance(error, ReturnTypeError):
+            return error
+        what = f"{call.method} {call.arguments[0]!r}" if call.arguments else call.method
+        if isinstance(error, ReturnTypeError):
+            return ReturnTypeError(f"{what} {error.message}")
+        fault = ResourceFaultError(f"{what} raised {type(error).__name__}: {error}")
+        fault.__cause__ = error
+        return fault
+
+    def _send_cmd(self, cmd: str, data: EALData | None) -> Any:
+        if self._motion is not None and self._info.commands:
+            self._info.parse_command(cmd, data)  # a command that is refused must not stop the one that runs
+        self._close_motion(PreemptedError(f"a newer command took over: {cmd!r}"))
+        return self._started(self._opened.send_cmd(cmd, data))
+
+    def _set_value(self, data: EALData) -> Any:
+        if self._info.value is not None:
+            self._info.value.check(data, "its value")
+        self._close_motion(PreemptedError("a newer set_value took over"))
+        return self._started(self._opened.set_value(data))
+
+    def _started(self, result: Any) -> Any:
+        return result if type(result) is types.GeneratorType else _status(result)
+
+    def _send_req(self, req: str) -> EALData:
+        returns = self._info.parse_request(req)[0].returns if self._info.requests else None
+        return _data(self._opened.send_req(req), returns)
+
+    def _get_config(self, key: str) -> EALData:
+        value = self._info.config(key).value if self._info.configs else None
+        return _data(self._opened.get_config(key), value)
+
+    def _halt(self) -> int:
+        self._close_motion(PreemptedError("halted"))
+        self._opened.halt()
+        return 1
+
+    @property
+    def _opened(self) -> Resource:
+        if self.resource is None:
+            raise ResourceFaultError("is closed")
+        return self.resource
+
+    # Activities.
+
+    def stop_activity_of(self, call: Call[Any]) -> None:
+        """Stop the activity that answers a call nobody waits for any more. Thread: any; does not block."""
+        if call.method in MOTION_METHODS:
+            stop = Timer(0.0, lambda: self._give_up(call), self.actor_inbox)
+            try:
+                self.actor_inbox.put_urgent(stop, bounded=False)
+            except EALError:  # it has ended, and has stopped everything on its way out
+                pass
+
+    def _give_up(self, call: Call[Any]) -> None:
+        if self._motion is not None and self._motion.call is call:
+            self._close_motion(PreemptedError("nobody waits for it any more"))
+            self._guarded(self._opened.halt)
+
+    def _step(self, running: _Running | None) -> None:
+        """Run an activity up to its next yield."""
+        if running is None or (running is not self._motion and running is not self._background):
+            return
+        call, now_s = running.call, self.clock.now()
+        if call is not None and call.deadline_s is not None and now_s >= call.deadline_s:
+            call.expire()
+            self._give_up(call)
+            return
+        self.busy_until_s = now_s + self.cell.timeout_s if call is None else call.deadline_s
+        try:
+            delay_s = next(running.activity)
+            if not isinstance(delay_s, int | float) or not delay_s >= 0:
+                raise ReturnTypeError(f"yielded {delay_s!r} where seconds until its next step are wanted")
+        except AbandonedThread:
+            raise
+        except StopIteration as end:
+            self._finished(running, end.value)
+        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything
+            self._failed(running, error)
+        else:
+            next_s = now_s + delay_s
+            if call is not None and call.deadline_s is not None:
+                next_s = min(next_s, call.deadline_s)
+            running.timer = self.actor_inbox.call_at(next_s, lambda: self._step(running))
+        finally:
+            self.busy_until_s = None
+
+    def _finished(self, running: _Running, result: Any) -> None:
+        if running is self._background:
+            self._background = None
+            return
+        self._motion = None
+        if running.call is not None:
+            try:
+                running.call.set(_status(result))
+            except ReturnTypeError as error:
+                running.call.fail(self._explained(running.call, error))
+
+    def _failed(self, running: _Running, error: BaseException) -> None:
+        if running.call is None:
+            raise error  # a poller that fails leaves the resource blind: the supervisor restarts it
+        self._motion = None
+        self._guarded(self._opened.halt)
+        running.call.fail(self._explained(running.call, error))
+        if not isinstance(error, Exception):
+            raise error
+
+    def _close_motion(self, reason: EALError) -> None:
+        running, self._motion = self._motion, None
+        if running is not None:
+            self._close_activity(running)
+            if running.call is not None:
+                running.call.fail(reason)
+
+    def _close_activity(self, running: _Running) -> None:
+        if running.timer is not None:
+            running.timer.cancel()
+        self._guarded(running.activity.close)
+
+    def _refuse_call(self, call: Future[Any], error: EALError) -> None:
+        if isinstance(call, Call):
+            call.fail(type(error)(error.message))
+        else:
+            super()._refuse_call(call, error)

@@ -1,0 +1,342 @@
+"""The actor of one robot connection: connects its plugins, starts and supervises its resources, stops it safely."""
+
+from __future__ import annotations
+
+import enum
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import pykka
+
+from eal_actors.actors.actor import EALActor
+from eal_actors.actors.call import ResourceCell
+from eal_actors.actors.future import Future
+from eal_actors.actors.inbox import Timer
+from eal_actors.actors.resource_actor import ResourceActor, ResourceFactory
+from eal_actors.actors.supervision import ChildSpec, Restart, RestartIntensity, wants_restart
+from eal_actors.clock import REAL_TIME, Clock
+from eal_actors.errors import EALError, RobotFailedError, UnavailableError
+from eal_actors.info import ResourceInfo
+from eal_actors.log import get_logger
+
+HANG_GRACE_S: Final = 1.0
+"""How long after its deadline a call may still run before its resource counts as stuck."""
+_UNWIND_S: Final = 0.5
+"""How long (real time) an abandoned thread has to unwind before somebody else halts its resource."""
+
+
+class RobotState(enum.Enum):
+    """Where a robot connection is in its life."""
+
+    STARTING = "starting"
+    READY = "ready"
+    FAILED = "failed"
+    STOPPED = "stopped"
+
+
+class OpenPlugins(Protocol):
+    """A robot's connected plugins: what the plugin manager hands out."""
+
+    @property
+    def resources(self) -> Mapping[str, ResourceFactory]:
+        """The factories by the resources' final names."""
+        ...
+
+    @property
+    def errors(self) -> tuple[EALError, ...]:
+        """What kept plugins out."""
+        ...
+
+    def close(self) -> None:
+        """Disconnect every plugin."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSpec:
+    """What a robot actor needs to know of its robot.
+
+    Attributes:
+        name: the robot's name.
+        clock: the fleet's clock.
+        open_plugins: connects the robot's plugins; runs in the robot's thread and may take long.
+        timeout_s: the default deadline of a call, and the time a resource may take to start.
+        mailbox: the capacity of each mailbox.
+        restart: when resources are restarted.
+        max_restarts: restarts allowed within the window, for all resources together.
+        restart_window_s: the window in seconds.
+    """
+
+    name: str
+    clock: Clock
+    open_plugins: Callable[[], OpenPlugins]
+    timeout_s: float = 10.0
+    mailbox: int = 256
+    restart: Restart = Restart.PERMANENT
+    max_restarts: int = 3
+    restart_window_s: float = 5.0
+
+
+class RobotView:
+    """What everybody may read of a robot; written by its actor alone.
+
+    Attributes:
+        state: where it is in its life.
+        cells: its resources' slots by name, in the order of its plugins.
+        problems: what kept plugins out, or made the robot fail.
+        restarts: how often each resource was restarted.
+        started: done when every resource is up, or the robot has failed.
+        stopped: done when everything has ended.
+    """
+
+    def __init__(self, spec: RobotSpec) -> None:
+        self.spec = spec
+        self.state = RobotState.STARTING
+        self.cells: dict[str, ResourceCell] = {}
+        self.problems: tuple[EALError, ...] = ()
+        self.restarts: dict[str, int] = {}
+        self.started: Future[None] = Future(spec.clock)
+        self.stopped: Future[None] = Future(REAL_TIME)
+
+
+class RobotActor(EALActor):
+    """Supervises the resources of one robot: one for one, with back-off, and an end.
+
+    Too many restarts within the window stop the whole robot safely and mark it failed: a robot whose motor driver
+    keeps crashing must not go on.
+
+    Args:
+        spec: the robot.
+        view: where it tells everybody how it is.
+    """
+
+    def __init__(self, spec: RobotSpec, view: RobotView) -> None:
+        super().__init__(spec.name, spec.clock)
+        self.spec = spec
+        self.view = view
+        self._plugins: OpenPlugins | None = None
+        self._specs: dict[str, ChildSpec[ResourceActor]] = {}
+        self._children: dict[str, ResourceActor] = {}
+        self._starting: set[str] = set()
+        self._intensity = RestartIntensity(spec.max_restarts, spec.restart_window_s)
+        self._stopping = False
+        self._threads: list[threading.Thread] = []
+        self._log = get_logger(robot=spec.name)
+
+    # Start.
+
+    def on_start(self) -> None:
+        """Connect the plugins and start the resources. Thread: the robot's own; may take long."""
+        try:
+            self._plugins = self.spec.open_plugins()
+        except BaseException as error:  # noqa: BLE001  # whatever a plugin does: the robot fails, nothing else
+            self._fail(RobotFailedError(f"could not connect its plugins: {error}"))
+            return
+        self.view.problems = self._plugins.errors
+        for problem in self._plugins.errors:
+            self._log.error("plugin left out", error=problem.message)
+        cells = {
+            name: ResourceCell(self.spec.name, name, self.clock, self.actor_inbox, self.spec.timeout_s, self._check_soon)
+            for name in self._plugins.resources
+        }
+        for name, factory in self._plugins.resources.items():
+            self._specs[name] = ChildSpec(name, self._starter(cells[name], factory), self.spec.restart)
+        self.view.cells = cells  # whole, because others read it
+        self._starting = set(self._specs)
+        for name in list(self._specs):
+            self._spawn(name)
+        self._ready_if_all_up()
+
+    def _starter(self, cell: ResourceCell, factory: ResourceFactory) -> Callable[[], ResourceActor]:
+        def start() -> ResourceActor:
+            actor = ResourceActor(cell, factory, self, self.spec.mailbox)
+            pykka.ActorRegistry.register(actor.actor_ref)
+            actor._start_actor_loop()  # noqa: SLF001  # Actor.start() hides the actor, whose thread we must join
+            return actor
+
+        return start
+
+    def _spawn(self, name: str) -> None:
+        if self._stopping or self.view.state is RobotState.FAILED:
+            return
+        self._children[name] = actor = self._specs[name].start()
+        if actor.thread is not None:
+            self._threads.append(actor.thread)
+        self._check_soon(self.view.cells[name], self.spec.timeout_s)
+
+    # What the children tell, in their own threads.
+
+    def resource_up(self, actor: ResourceActor, info: ResourceInfo) -> None:
+        """See ResourceObserver."""
+        self._later(lambda: self._on_up(actor, info))
+
+    def resource_down(self, actor: ResourceActor, error: BaseException | None) -> None:
+        """See ResourceObserver."""
+        self._later(lambda: self._on_down(actor, error))
+
+    def _later(self, action: Callable[[], None]) -> None:
+        try:
+            self.actor_inbox.put_urgent(Timer(0.0, action, self.actor_inbox), bounded=False)
+        except EALError:  # the robot has ended: nobody is left to be told
+            pass
+
+    def _on_up(self, actor: ResourceActor, info: ResourceInfo) -> None:
+        name = actor.cell.name
+        if self._children.get(name) is not actor:
+            return
+        actor.cell.info = info
+        actor.cell.actor = actor
+        self._starting.discard(name)
+        self._log.debug("resource is up", resource=name)
+        self._ready_if_all_up()
+
+    def _ready_if_all_up(self) -> None:
+        if not self._starting and self.view.state is RobotState.STARTING and not self._stopping:
+            self.view.state = RobotState.READY
+            self.view.started.set(None)
+
+    def _on_down(self, actor: ResourceActor, error: BaseException | None) -> None:
+        name = actor.cell.name
+        if self._children.get(name) is not actor:
+            return
+        del self._children[name]
+        actor.cell.actor = None
+        if self._stopping:
+            if not self._children:
+                self._finish()
+            return
+        if self.view.state is RobotState.FAILED:
+            return
+        self._restart(name, error)
+
+    def _restart(self, name: str, error: BaseException | None) -> None:
+        cell, spec = self.view.cells[name], self._specs[name]
+        reason = f"crashed with {type(error).__name__}: {error}" if error is not None else "ended"
+        if not wants_restart(spec.restart, crashed=error is not None):
+            cell.error = UnavailableError(f"{reason}; it is not restarted ({spec.restart.value})")
+            self._log.error("resource is gone", resource=name, reason=reason)
+            self._starting.discard(name)
+            self._ready_if_all_up()
+            return
+        delay_s = self._intensity.next_delay_s(self.clock.now())
+        if delay_s is None:
+            limit = f"more than {self._intensity.max_restarts} restarts in {self._intensity.window_s:g} s"
+            self._fail(RobotFailedError(f"stopped safely after {limit}; last, {name} {reason}", robot=self.spec.name))
+            return
+        cell.error = UnavailableError(f"is restarting: it {reason}")
+        self.view.restarts[name] = self.view.restarts.get(name, 0) + 1
+        self._log.warning("resource restarts", resource=name, reason=reason, delay_s=delay_s)
+        self.actor_inbox.call_later(delay_s, lambda: self._spawn(name))
+
+    # Stuck resources.
+
+    def _check_soon(self, cell: ResourceCell, delay_s: float = 0.0) -> None:
+        """Look after the grace whether the resource's actor is stuck. Thread: any; does not block."""
+        name = cell.name
+        self.actor_inbox.call_later(delay_s + HANG_GRACE_S, lambda: self._abandon_if_stuck(name))
+
+    def _abandon_if_stuck(self, name: str) -> None:
+        actor = self._children.get(name)
+        if actor is None or actor.busy_until_s is None:
+            return
+        overdue_s = self.clock.now() - actor.busy_until_s
+        if overdue_s < HANG_GRACE_S * 0.9:  # within its time: whoever gives up later asks again
+            return
+        self._abandon(actor, f"was stuck for {overdue_s:.1f} s beyond its deadline")
+
+    def _abandon(self, actor: ResourceActor, why: str) -> None:
+        error = UnavailableError(f"{why}; it has been abandoned")
+        self._log.error("resource is stuck", resource=actor.cell.name, reason=why)
+        resource = actor.resource
+        actor.abandon(error)
+        if resource is not None:
+            watch = threading.Thread(
+                target=_halt_if_still_stuck, args=(actor, resource.halt), name=f"{actor.name} halt", daemon=True
+            )
+            watch.start()
+            self._threads.append(watch)
+        self._on_down(actor, error)
+
+    # The end.
+
+    def _fail(self, error: RobotFailedError) -> None:
+        self._log.error("robot has failed", reason=error.message)
+        self.view.state = RobotState.FAILED
+        self.view.problems = (*self.view.problems, error)
+        self._shut_down_children(error)
+        self.view.started.set(None)
+
+    def _shut_down_children(self, error: EALError) -> None:
+        for cell in self.view.cells.values():
+            cell.error = type(error)(error.message)
+            cell.actor = None
+        for actor in self._children.values():
+            actor.shut_down()
+
+    def shut_down(self) -> None:
+        """Stop every resource safely, disconnect the plugins, and end. Thread: any; does not block."""
+        self._later(self._shut_down)
+
+    def _shut_down(self) -> None:
+        if self._stopping:
+            return
+        self._stopping = True
+        self._shut_down_children(UnavailableError("the robot is disconnected"))
+        if not self._children:
+            self._finish()
+
+    def force_down(self) -> None:
+        """Abandon whatever has not stopped by itself. Thread: any; does not block."""
+        self._later(self._force_down)
+
+    def _force_down(self) -> None:
+        self._stopping = True
+        for actor in list(self._children.values()):
+            self._abandon(actor, "did not stop in time")
+
+    def _finish(self) -> None:
+        if self._plugins is not None:
+            try:
+                self._plugins.close()
+            except Exception:
+                self._log.exception("disconnecting the plugins failed")
+        if self.view.state is not RobotState.FAILED:
+            self.view.state = RobotState.STOPPED
+        self._stop()
+        self.view.started.set(None)
+        self.view.stopped.set(None)
+
+    def on_crash(self, error: BaseException) -> None:
+        """Fail: a robot actor that crashes stops its resources. Thread: the robot's own."""
+        self._fail(RobotFailedError(f"its own actor crashed: {error!r}", robot=self.spec.name))
+        self.view.stopped.set(None)
+
+    def join(self, timeout_s: float) -> list[str]:
+        """Wait (real time) for the robot's threads; return the names of those still alive. Thread: not its own."""
+        end_s = REAL_TIME.now() + timeout_s
+        threads = [*self._threads, *([self.thread] if self.thread is not None else [])]
+        for thread in threads:
+            thread.join(max(0.0, end_s - REAL_TIME.now()))
+        return [thread.name for thread in threads if thread.is_alive()]
+
+
+def _halt_if_still_stuck(actor: ResourceActor, halt: Callable[[], Any]) -> None:
+    """Halt a resource whose own thread cannot: better from a foreign thread than not at all."""
+    if actor.thread is not None:
+        actor.thread.join(_UNWIND_S)
+        if actor.thread.is_alive():
+            try:
+                halt()
+            except Exception:
+                get_logger(robot=actor.cell.robot, resource=actor.cell.name).exception("last-resort halt failed")
+
+
+def start_robot(spec: RobotSpec) -> tuple[RobotActor, RobotView]:
+    """Start a robot's actor; its view's `started` tells when it is up. Thread: any; does not block."""
+    view = RobotView(spec)
+    actor = RobotActor(spec, view)
+    pykka.ActorRegistry.register(actor.actor_ref)
+    actor._start_actor_loop()  # noqa: SLF001  # Actor.start() hides the actor, whose thread we must join
+    return actor, view

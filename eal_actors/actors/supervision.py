@@ -1,0 +1,81 @@
+"""When to restart a child that crashed, and when to give up: plain rules, in Elixir's vocabulary."""
+
+from __future__ import annotations
+
+import enum
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+A = TypeVar("A")
+
+
+class Restart(enum.Enum):
+    """Which children are restarted."""
+
+    PERMANENT = "permanent"
+    """Always, also after a normal end."""
+    TRANSIENT = "transient"
+    """Only after a crash."""
+    TEMPORARY = "temporary"
+    """Never."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChildSpec(Generic[A]):
+    """How to start a child, and what to do when it ends.
+
+    Attributes:
+        name: the child's name under its supervisor.
+        start: makes and starts it.
+        restart: when to start it again.
+    """
+
+    name: str
+    start: Callable[[], A]
+    restart: Restart = Restart.PERMANENT
+
+
+@dataclass(frozen=True, slots=True)
+class BackOff:
+    """How long to wait before the next restart: `initial_s * factor ** n`, at most `longest_s`."""
+
+    initial_s: float = 0.1
+    factor: float = 2.0
+    longest_s: float = 5.0
+
+    def delay_s(self, restarts: int) -> float:
+        """Return the delay after that many restarts in a row."""
+        return min(self.initial_s * self.factor**restarts, self.longest_s)
+
+
+@dataclass
+class RestartIntensity:
+    """One-for-one supervision's memory: at most `max_restarts` restarts within `window_s` for all children together.
+
+    Attributes:
+        max_restarts: restarts allowed within the window.
+        window_s: the window's length in seconds.
+        back_off: the delays between restarts.
+    """
+
+    max_restarts: int = 3
+    window_s: float = 5.0
+    back_off: BackOff = field(default_factory=BackOff)
+    _restarts_at_s: deque[float] = field(default_factory=deque)
+
+    def next_delay_s(self, now_s: float) -> float | None:
+        """Note a restart at `now_s`; return the delay before it, or None when it is one too many."""
+        while self._restarts_at_s and self._restarts_at_s[0] <= now_s - self.window_s:
+            self._restarts_at_s.popleft()
+        if len(self._restarts_at_s) >= self.max_restarts:
+            return None
+        delay_s = self.back_off.delay_s(len(self._restarts_at_s))
+        self._restarts_at_s.append(now_s)
+        return delay_s
+
+
+def wants_restart(restart: Restart, *, crashed: bool) -> bool:
+    """Return whether a child with that restart setting is started again after it ended."""
+    return restart is Restart.PERMANENT or (restart is Restart.TRANSIENT and crashed)

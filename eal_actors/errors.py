@@ -1,0 +1,228 @@
+"""Every error of the framework, on one page.
+
+    EALError
+    ├── DataError               (ValueError)        a value that no EALData can hold
+    ├── ConfigError             (ValueError)        what is wrong with a file, every problem at once
+    ├── PluginError             (RuntimeError)      a plugin that cannot be loaded, or breaks its promise
+    ├── ResourceError
+    │   ├── ResourceNotFoundError (LookupError)     no resource of that name or id
+    │   ├── UnsupportedError    (NotImplementedError) the resource lacks that method
+    │   ├── ArgumentError       (ValueError)        unknown command, or an argument outside its type or range
+    │   ├── ReturnTypeError     (TypeError)         the resource returned what it may not return
+    │   ├── ResourceFaultError  (RuntimeError)      the resource's own code raised
+    │   └── ResourceInUseError  (RuntimeError)      resources are still checked out
+    ├── CallError
+    │   ├── DeadlineError       (TimeoutError)      no answer before the call's deadline
+    │   ├── WaitTimeoutError    (TimeoutError)      the caller stopped waiting; the call goes on
+    │   ├── BusyError           (RuntimeError)      the mailbox is full
+    │   ├── CallCancelledError  (CancelledError)    the caller cancelled the call
+    │   ├── PreemptedError      (RuntimeError)      a newer command or a halt took over
+    │   └── UnavailableError    (ConnectionError)   the resource is restarting, stopped or gone
+    ├── RobotError
+    │   ├── RobotNotFoundError  (LookupError)       no robot of that name, tag or type
+    │   ├── RobotFailedError    (ConnectionError)   the robot gave up and was stopped safely
+    │   └── RemoteError         (ConnectionError)   not possible through a network connection
+    └── ScenarioError           (RuntimeError)      a scenario that cannot run on this fleet
+
+Every error has a stable `code`, the name that crosses the wire and stands in records. Errors that come
+from a resource carry `robot` and `resource`, and show them in front of the message.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+
+class EALError(Exception):
+    """The root of the tree: catch it to catch whatever the framework raises.
+
+    Attributes:
+        robot: name of the robot the error comes from, or None.
+        resource: name of the resource the error comes from, or None.
+    """
+
+    code: ClassVar[str] = "error"
+
+    def __init__(self, message: str = "", *, robot: str | None = None, resource: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.robot = robot
+        self.resource = resource
+
+    def at(self, robot: str | None, resource: str | None = None) -> Self:
+        """Name the culprit, unless the error already does; returns the error itself."""
+        if self.robot is None:
+            self.robot = robot
+        if self.resource is None:
+            self.resource = resource
+        return self
+
+    def __str__(self) -> str:
+        where = "/".join(part for part in (self.robot, self.resource) if part)
+        return f"{where}: {self.message}" if where else self.message
+
+
+class DataError(EALError, ValueError):
+    """A value, length or modifier that no EALData can hold (Source: thesis B.1)."""
+
+    code = "data"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Problem:
+    """One thing that is wrong with a file.
+
+    Attributes:
+        file: the file's name as the user gave it.
+        line: 1-based line, 0 where the whole file is meant.
+        column: 1-based column, 0 where the whole file is meant.
+        path: dotted path of the key, such as `robots.evbot1.timeout_s`; empty for the whole file.
+        message: what is wrong and what was meant.
+    """
+
+    file: str
+    line: int
+    column: int
+    path: str
+    message: str
+
+    def __str__(self) -> str:
+        place = f"{self.file}:{self.line}:{self.column}" if self.line else self.file
+        return f"{place}: {self.path}: {self.message}" if self.path else f"{place}: {self.message}"
+
+
+class ConfigError(EALError, ValueError):
+    """Everything that is wrong with a fleet, scenario, world or plugin file.
+
+    Attributes:
+        problems: the problems, in the order of the file.
+    """
+
+    code = "config"
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        self.problems = tuple(sorted(problems))
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class PluginError(EALError, RuntimeError):
+    """A plugin that cannot be found or loaded, or that does not hold what it names."""
+
+    code = "plugin"
+
+
+class ResourceError(EALError):
+    """What a single resource can do wrong, or be asked wrongly."""
+
+    code = "resource"
+
+
+class ResourceNotFoundError(ResourceError, LookupError):
+    """No resource has that name or id."""
+
+    code = "resource_not_found"
+
+
+class UnsupportedError(ResourceError, NotImplementedError):
+    """The resource does not offer that method (Source: thesis §4.4.3)."""
+
+    code = "unsupported"
+
+
+class ArgumentError(ResourceError, ValueError):
+    """An unknown command, request or configuration key, or an argument outside its type or range."""
+
+    code = "argument"
+
+
+class ReturnTypeError(ResourceError, TypeError):
+    """The resource returned something else than its information says."""
+
+    code = "return_type"
+
+
+class ResourceFaultError(ResourceError, RuntimeError):
+    """The resource's own code raised; the original exception is the `__cause__`."""
+
+    code = "resource_fault"
+
+
+class ResourceInUseError(ResourceError, RuntimeError):
+    """Resources are still checked out at disconnect, or returned once too often (Source: thesis B.2.4)."""
+
+    code = "resource_in_use"
+
+
+class CallError(EALError):
+    """A call that did not run to its end."""
+
+    code = "call"
+
+
+class DeadlineError(CallError, TimeoutError):
+    """The call's deadline passed; what it had started was halted."""
+
+    code = "deadline"
+
+
+class WaitTimeoutError(CallError, TimeoutError):
+    """The caller's own waiting time ended; the call itself goes on."""
+
+    code = "wait_timeout"
+
+
+class BusyError(CallError, RuntimeError):
+    """The mailbox is full; nothing was queued."""
+
+    code = "busy"
+
+
+class CallCancelledError(CallError, concurrent.futures.CancelledError):
+    """The caller cancelled the call."""
+
+    code = "cancelled"
+
+
+class PreemptedError(CallError, RuntimeError):
+    """A newer command, or a halt, took the place of this command."""
+
+    code = "preempted"
+
+
+class UnavailableError(CallError, ConnectionError):
+    """The resource is restarting, stopped or gone: nothing was executed."""
+
+    code = "unavailable"
+
+
+class RobotError(EALError):
+    """What can be wrong with a whole robot."""
+
+    code = "robot"
+
+
+class RobotNotFoundError(RobotError, LookupError):
+    """The fleet has no robot of that name, tag or type."""
+
+    code = "robot_not_found"
+
+
+class RobotFailedError(RobotError, ConnectionError):
+    """The robot could not start, or crashed too often: it was stopped safely."""
+
+    code = "robot_failed"
+
+
+class RemoteError(RobotError, ConnectionError):
+    """Not possible through a network connection (Source: thesis §4.5)."""
+
+    code = "remote"
+
+
+class ScenarioError(EALError, RuntimeError):
+    """A scenario that cannot run on this fleet, or that was not started properly."""
+
+    code = "scenario"

@@ -1,0 +1,226 @@
+"""EAL: the seventeen calls of the thesis, synchronous, for simple scripts."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self, TypeVar
+
+from eal_actors.actors.future import Future
+from eal_actors.actors.handles import ResourceHandle, RobotHandle
+from eal_actors.bundled import bundled_path
+from eal_actors.data import EALData
+from eal_actors.errors import ResourceInUseError, RobotNotFoundError
+from eal_actors.facade.fleet import Fleet
+from eal_actors.facade.shared import acquire_fleet, release_fleet
+from eal_actors.info import ResourceInfo
+from eal_actors.managers.resources import EALResourceManager
+from eal_actors.resource import Resource
+
+T = TypeVar("T")
+
+FLEET_VARIABLE: Final = "EAL_FLEET"
+"""The environment variable that names the fleet file of `connect` calls that name none."""
+
+DEFAULT_PORT: Final = 50000
+"""The thesis's port (Source: thesis table 6.3)."""
+
+
+def connect(host: str | None = None, port: int = DEFAULT_PORT, *, fleet: str | Path | Fleet | None = None) -> EAL:
+    """Connect to one robot (Source: thesis B.2.1.1).
+
+    Without arguments it is the thesis's local case: the sample plugin in this process.
+
+    Args:
+        host: the robot's name in the fleet; None where the fleet has just one robot.
+        port: the port of a robot's server; a robot that lives in this process needs none.
+        fleet: a fleet file, or a connected Fleet; None takes the file that $EAL_FLEET names, else the bundled
+            `fleets/local.yaml`. Connections of one process to the same file share one fleet.
+
+    Raises:
+        ConfigError: what is wrong with the fleet file.
+        RobotNotFoundError: the fleet has no such robot, or several and none was named.
+        RobotFailedError: the robot did not start.
+
+    Thread: blocks the caller while the robot starts.
+    """
+    shared = not isinstance(fleet, Fleet)
+    if isinstance(fleet, Fleet):
+        opened = fleet
+    else:
+        opened = acquire_fleet(Path(fleet or os.environ.get(FLEET_VARIABLE) or bundled_path("fleets/local.yaml")))
+    try:
+        return EAL(_choose(opened, host, port), opened if shared else None)
+    except BaseException:
+        if shared:
+            release_fleet(opened)
+        raise
+
+
+def _choose(fleet: Fleet, host: str | None, port: int) -> RobotHandle:
+    if host is None:
+        if len(fleet) != 1:
+            raise RobotNotFoundError(f"fleet {fleet.name!r} has {len(fleet)} robots; name one of {', '.join(fleet)}")
+        host = next(iter(fleet))
+    if host not in fleet:
+        raise RobotNotFoundError(
+            f"fleet {fleet.name!r} knows no robot {host!r} (port {port}); it has {', '.join(fleet)}. "
+            f"Name another fleet file with `fleet=` or ${FLEET_VARIABLE}"
+        )
+    robot = fleet[host]
+    robot.wait_started(0.0)
+    return robot
+
+
+class EAL:
+    """A connection to one robot: the thesis's API in PEP 8 names, with typed errors in place of -1 and NULL.
+
+    Each call waits for its answer, at most until its deadline: `timeout_s` in seconds of the fleet's clock, or the
+    fleet file's default. It raises DeadlineError then, ResourceNotFoundError for an unknown id, UnsupportedError
+    where the resource lacks the method, ArgumentError where it refuses an argument, ResourceFaultError where its
+    own code raised, UnavailableError and BusyError where it cannot take the call.
+
+    Use it in a `with` statement, or call `disconnect`. Thread: any; every call blocks its caller.
+    """
+
+    def __init__(self, robot: RobotHandle, owned_fleet: Fleet | None = None) -> None:
+        self._robot = robot
+        self._owned_fleet = owned_fleet
+        self._manager: EALResourceManager[ResourceHandle] = EALResourceManager(robot)
+        self._lent: list[tuple[str, Resource]] = []
+
+    def __repr__(self) -> str:
+        return f"<EAL {self._robot.name}>"
+
+    # Connection.
+
+    def disconnect(self) -> None:
+        """Close the connection (Source: thesis B.2.1.2).
+
+        Raises:
+            ResourceInUseError: resources are still checked out; the connection stays open (thesis B.2.4).
+        """
+        self._manager.check_all_returned()
+        self._release()
+
+    def _release(self) -> None:
+        fleet, self._owned_fleet = self._owned_fleet, None
+        if fleet is not None:
+            release_fleet(fleet)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._release()  # also when something is still out: leaving the block must stop the motors
+        if error is None:
+            self._manager.check_all_returned()
+
+    # Resource knowledge.
+
+    def get_resource_list(self) -> list[str]:
+        """Return the names of the resources (Source: thesis B.2.2.1)."""
+        return self._manager.names()
+
+    def find_resource(self, name: str) -> int:
+        """Return the id of a resource, valid in this connection only (Source: thesis B.2.2.2).
+
+        Raises:
+            ResourceNotFoundError: there is none of that name.
+        """
+        return self._manager.find(name)
+
+    def resource_info(self, resource_id: int) -> ResourceInfo:
+        """Return what a resource says of itself (Source: thesis B.2.2.3)."""
+        return self._manager.get(resource_id).info
+
+    def resource_info_by_name(self, name: str) -> ResourceInfo:
+        """Return what a named resource says of itself (Source: thesis B.2.2.4)."""
+        return self._manager.get(self._manager.find(name)).info
+
+    def get_status(self, resource_id: int, *, timeout_s: float | None = None) -> int:
+        """Return a resource's status; its meaning is the resource's own (Source: thesis B.2.2.5)."""
+        return self._wait(self._manager.get(resource_id).get_status(timeout_s=timeout_s))
+
+    # Structured resource access.
+
+    def get_value(self, resource_id: int, *, timeout_s: float | None = None) -> EALData:
+        """Return a resource's value (Source: thesis B.2.3.1)."""
+        return self._wait(self._manager.get(resource_id).get_value(timeout_s=timeout_s))
+
+    def set_value(self, resource_id: int, value: Any, *, timeout_s: float | None = None) -> int:
+        """Set a resource's value; return its status int (Source: thesis B.2.3.2)."""
+        return self._wait(self._manager.get(resource_id).set_value(value, timeout_s=timeout_s))
+
+    def send_req(self, resource_id: int, req: str, *, timeout_s: float | None = None) -> EALData:
+        """Return what a resource answers to a request (Source: thesis B.2.3.3)."""
+        return self._wait(self._manager.get(resource_id).send_req(req, timeout_s=timeout_s))
+
+    def send_cmd(self, resource_id: int, cmd: str, data: Any = None, *, timeout_s: float | None = None) -> int:
+        """Carry out a command and wait for its end; return its status int (Source: thesis B.2.3.4)."""
+        return self._wait(self._manager.get(resource_id).send_cmd(cmd, data, timeout_s=timeout_s))
+
+    def read_comm(self, resource_id: int, length: int, *, timeout_s: float | None = None) -> EALData:
+        """Return up to `length` bytes read (Source: thesis B.2.3.5)."""
+        return self._wait(self._manager.get(resource_id).read_comm(length, timeout_s=timeout_s))
+
+    def write_comm(
+        self, resource_id: int, data: Any, length: int | None = None, *, timeout_s: float | None = None
+    ) -> int:
+        """Write the first `length` bytes; return how many were written (Source: thesis B.2.3.6)."""
+        return self._wait(self._manager.get(resource_id).write_comm(data, length, timeout_s=timeout_s))
+
+    def get_config(self, resource_id: int, key: str, *, timeout_s: float | None = None) -> EALData:
+        """Return a configuration value (Source: thesis B.2.3.7)."""
+        return self._wait(self._manager.get(resource_id).get_config(key, timeout_s=timeout_s))
+
+    def set_config(self, resource_id: int, key: str, value: Any = None, *, timeout_s: float | None = None) -> int:
+        """Set a configuration value; return a status int (Source: thesis B.2.3.8)."""
+        return self._wait(self._manager.get(resource_id).set_config(key, value, timeout_s=timeout_s))
+
+    @staticmethod
+    def _wait(future: Future[T]) -> T:
+        try:
+            return future.get()
+        except KeyboardInterrupt:
+            future.cancel()  # nobody waits for it any more: stop what it moves
+            raise
+
+    # Direct resource access.
+
+    def get_resource(self, name: str) -> Resource:
+        """Check out the resource object itself (Source: thesis B.2.4.1).
+
+        For debugging: its actor goes on using it, and nothing keeps the two of you apart. Each one checked out must
+        be returned before `disconnect`.
+        """
+        resource = self._manager.check_out(name).resource()
+        self._lent.append((name, resource))
+        return resource
+
+    def return_resource(self, resource: Resource) -> int:
+        """Return a resource object; answers 1 (Source: thesis B.2.4.2).
+
+        Raises:
+            ResourceInUseError: it is not checked out.
+        """
+        for entry in self._lent:
+            if entry[1] is resource:
+                self._lent.remove(entry)
+                self._manager.check_in(entry[0])
+                return 1
+        raise ResourceInUseError(f"{resource!r} is not checked out, or was returned already")
+
+    @contextmanager
+    def borrowed(self, name: str) -> Iterator[Resource]:
+        """Check out a resource object for the length of a `with` block."""
+        resource = self.get_resource(name)
+        try:
+            yield resource
+        finally:
+            self.return_resource(resource)

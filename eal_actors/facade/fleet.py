@@ -1,0 +1,206 @@
+"""Fleet: the concurrent way in. Robots by name, tag or type; every call returns a future at once."""
+
+from __future__ import annotations
+
+import atexit
+import weakref
+from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from eal_actors.actors.combine import gather
+from eal_actors.actors.future import Future
+from eal_actors.actors.handles import CLOSE_TIMEOUT_S, RobotHandle
+from eal_actors.actors.robot_actor import RobotSpec, start_robot
+from eal_actors.actors.supervision import Restart
+from eal_actors.clock import REAL_TIME, Clock, ScaledClock
+from eal_actors.errors import ConfigError, EALError, Problem, RobotNotFoundError
+from eal_actors.info import unknown_name
+from eal_actors.log import get_logger
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
+from eal_actors.managers.plugins import EALPluginManager
+from eal_actors.plugin import FleetServices
+
+START_TIMEOUT_S: Final = 30.0
+"""How long (real time) `connect` waits for the robots to start."""
+
+_open_fleets: weakref.WeakSet[Fleet] = weakref.WeakSet()
+
+
+class Fleet(Mapping[str, RobotHandle]):
+    """The robots of one fleet file.
+
+        with Fleet.load("fleets/sim.yaml") as fleet:
+            gather(robot["Base"].send_cmd("r45") for robot in fleet.values()).get()
+
+    Any number of threads and controllers may use one fleet at once.
+
+    Args:
+        config: the fleet, as EALConfigManager read it.
+        clock: the fleet's clock; made from the file's rate if None.
+    """
+
+    def __init__(self, config: FleetConfig, clock: Clock | None = None) -> None:
+        self.config = config
+        self.clock: Clock = clock if clock is not None else ScaledClock(config.rate)
+        self.services = FleetServices(self.clock, config.seed, config.world)
+        self._plugins = EALPluginManager(config.plugin_dirs)
+        self._robots: dict[str, RobotHandle] = {}
+
+    @classmethod
+    def load(cls, path: str | Path, *, environment: Mapping[str, str] | None = None) -> Fleet:
+        """Read a fleet file; nothing is connected yet.
+
+        Args:
+            path: the fleet file.
+            environment: what `${NAME}` in the file means; the process's environment if None.
+
+        Raises:
+            ConfigError: everything that is wrong with the file.
+        """
+        return cls(EALConfigManager.load(path, environment=environment).fleet)
+
+    # Connection.
+
+    def connect(self, timeout_s: float = START_TIMEOUT_S) -> Self:
+        """Connect every robot and wait until each is up or has failed.
+
+        One robot that fails does not keep the others: its `state` and `problems` tell, and the log does.
+
+        Args:
+            timeout_s: real seconds to wait at most; whoever is late is left starting.
+
+        Raises:
+            ConfigError: a plugin that does not exist, or settings that it refuses; nothing is connected then.
+
+        Thread: blocks the caller.
+        """
+        if self._robots:
+            return self
+        self._check_plugins()
+        _open_fleets.add(self)
+        self._robots = {name: self._start(robot) for name, robot in self.config.robots.items()}
+        end_s = REAL_TIME.now() + timeout_s
+        for robot in self._robots.values():
+            try:
+                robot.wait_started(max(0.0, end_s - REAL_TIME.now()))
+            except EALError as error:
+                get_logger(robot=robot.name).error("robot did not start", reason=error.message)
+            except BaseException:
+                self.close()
+                raise
+        return self
+
+    def _check_plugins(self) -> None:
+        problems: set[Problem] = set()
+        for robot in self.config.robots.values():
+            problems.update(self._plugins.check(robot)[0])
+        if problems:
+            raise ConfigError(sorted(problems))
+
+    def _start(self, robot: RobotConfig) -> RobotHandle:
+        spec = RobotSpec(
+            name=robot.name,
+            clock=self.clock,
+            open_plugins=partial(self._plugins.connect, robot, self.services),
+            timeout_s=robot.timeout_s,
+            mailbox=robot.mailbox,
+            restart=Restart(robot.restart),
+            max_restarts=robot.max_restarts,
+            restart_window_s=robot.restart_window_s,
+        )
+        return RobotHandle(partial(start_robot, spec), robot.name, robot.types, robot.tags)
+
+    def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
+        """Halt everything that moves, disconnect every robot and end its threads. Calling it twice is harmless.
+
+        Args:
+            timeout_s: real seconds for each robot to stop by itself; what is stuck is abandoned then.
+
+        Thread: blocks the caller.
+        """
+        _open_fleets.discard(self)
+        robots, self._robots = self._robots, {}
+        for robot in robots.values():
+            robot.begin_close()
+        for robot in robots.values():
+            robot.close(timeout_s)
+
+    def __enter__(self) -> Self:
+        return self.connect()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # Robots.
+
+    @property
+    def name(self) -> str:
+        """The fleet's name."""
+        return self.config.name
+
+    def __repr__(self) -> str:
+        return f"<Fleet {self.name}: {len(self.config.robots)} robots, {'open' if self._robots else 'closed'}>"
+
+    def __getitem__(self, name: str) -> RobotHandle:
+        """Return a robot.
+
+        Raises:
+            RobotNotFoundError: the fleet has no such robot, or is not connected.
+        """
+        try:
+            return self._robots[name]
+        except KeyError:
+            if not self._robots:
+                raise RobotNotFoundError(f"fleet {self.name!r} is not connected, so it has no robot {name!r}") from None
+            raise RobotNotFoundError(unknown_name("robot", name, self._robots)) from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._robots)
+
+    def __len__(self) -> int:
+        return len(self._robots)
+
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__  # a fleet is itself, not what it holds
+
+    def select(
+        self,
+        names: Iterable[str] | None = None,
+        *,
+        tags: Iterable[str] | None = None,
+        types: Iterable[str] | None = None,
+    ) -> list[RobotHandle]:
+        """Return the robots that fit everything given, in the order of the fleet file.
+
+        Args:
+            names: one of these names.
+            tags: all of these tags.
+            types: one of these types, or a type that builds on one.
+
+        Raises:
+            RobotNotFoundError: a name, tag or type that the fleet does not know.
+        """
+        chosen = EALConfigManager(self.config).select(names, tags=tags, types=types)
+        return [self[robot.name] for robot in chosen]
+
+    @property
+    def problems(self) -> list[EALError]:
+        """What went wrong with robots and plugins so far."""
+        return [problem.at(robot.name) for robot in self._robots.values() for problem in robot.problems]
+
+    def halt(self, *, timeout_s: float | None = None) -> Future[list[list[int]]]:
+        """Stop whatever moves on every robot, at once. Thread: any; does not block."""
+        return gather([robot.halt(timeout_s=timeout_s) for robot in self._robots.values()])
+
+
+@atexit.register
+def _close_open_fleets() -> None:
+    """Stop the motors of fleets that a program forgot to close."""
+    for fleet in list(_open_fleets):
+        fleet.close()

@@ -1,0 +1,47 @@
+"""Fleets that several EAL connections of one process share: three connects to one simulation must meet in it."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+from eal_actors.facade.fleet import Fleet
+
+
+@dataclass
+class _Shared:
+    fleet: Fleet
+    users: int = 0
+
+
+_lock = threading.Lock()
+_fleets: dict[Path, _Shared] = {}
+
+
+def acquire_fleet(path: Path) -> Fleet:
+    """Return the process's fleet of that file, connected; each call wants one `release_fleet`.
+
+    Raises:
+        ConfigError: what is wrong with the file.
+
+    Thread: any; blocks while the fleet connects.
+    """
+    key = path.resolve()
+    with _lock:
+        if key not in _fleets:
+            _fleets[key] = _Shared(Fleet.load(path).connect())
+        shared = _fleets[key]
+        shared.users += 1
+        return shared.fleet
+
+
+def release_fleet(fleet: Fleet) -> None:
+    """Give back one `acquire_fleet`; the last one closes the fleet. Thread: any; may block while it closes."""
+    with _lock:
+        for key, shared in list(_fleets.items()):
+            if shared.fleet is fleet:
+                shared.users -= 1
+                if shared.users == 0:
+                    del _fleets[key]
+                    fleet.close()

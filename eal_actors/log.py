@@ -1,0 +1,52 @@
+"""Logging: one structlog configuration, bound to robot, resource and call id.
+
+People get coloured lines on stderr, programs get JSON lines. A library must not write where nobody asked, so
+that without `configure_logging` only warnings and errors are shown.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+from typing import Literal, TextIO, cast
+
+import structlog
+
+LogFormat = Literal["human", "json"]
+
+
+def configure_logging(format: LogFormat = "human", level: str = "info", stream: TextIO | None = None) -> None:  # noqa: A002
+    """Choose how log lines look and which are shown.
+
+    Args:
+        format: `human` for coloured lines (plain where the stream is no terminal), `json` for one object a line.
+        level: the least level shown: debug, info, warning or error.
+        stream: where the lines go; stderr if None.
+    """
+    out = stream or sys.stderr
+    renderer: structlog.typing.Processor
+    if format == "json":
+        renderer = structlog.processors.JSONRenderer(default=str)
+    else:
+        renderer = structlog.dev.ConsoleRenderer(colors=out.isatty())
+    shared: list[structlog.typing.Processor] = [
+        structlog.contextvars.merge_contextvars,
+        structlog.processors.add_log_level,
+        structlog.processors.TimeStamper(fmt="iso" if format == "json" else "%H:%M:%S"),
+    ]
+    if format == "json":
+        shared.append(structlog.processors.format_exc_info)
+    structlog.configure(
+        processors=[*shared, renderer],
+        wrapper_class=structlog.make_filtering_bound_logger(logging.getLevelNamesMapping()[level.upper()]),
+        logger_factory=structlog.PrintLoggerFactory(out),
+        cache_logger_on_first_use=False,
+    )
+    logging.getLogger("pykka").setLevel(logging.CRITICAL)  # every failure it would print is reported by our actors
+
+
+def get_logger(**bound: object) -> structlog.typing.FilteringBoundLogger:
+    """Return a logger whose every line carries the given keys."""
+    if not structlog.is_configured():
+        configure_logging(level="warning")
+    return cast("structlog.typing.FilteringBoundLogger", structlog.get_logger(**bound))

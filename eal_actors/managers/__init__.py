@@ -1,0 +1,1 @@
+"""The managers of configuration, plugins and resources: plain objects without threads."""

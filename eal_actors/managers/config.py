@@ -1,0 +1,124 @@
+"""The configuration of a fleet, read from files and checked before anything starts."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from eal_actors.errors import ConfigError, Problem, RobotNotFoundError
+from eal_actors.managers.fleet_loader import load_fleet
+from eal_actors.managers.fleet_model import FleetConfig, FleetFile, RobotConfig
+from eal_actors.strict_model import StrictModel, did_you_mean
+from eal_actors.world import WorldModel, load_world
+
+
+class EALConfigManager:
+    """Reads the configuration and hands it to all other parts.
+
+    Source: thesis §4.3.1 gives the manager this purpose, but leaves it an interface that returns hard-coded values.
+    Departs from §4.3.1: the configuration does not change while a fleet runs, so nobody has to follow changes.
+
+    Attributes:
+        fleet: the whole fleet.
+    """
+
+    def __init__(self, fleet: FleetConfig) -> None:
+        self.fleet = fleet
+
+    @classmethod
+    def load(cls, path: str | Path, *, environment: Mapping[str, str] | None = None) -> EALConfigManager:
+        """Read a fleet file and what it refers to.
+
+        Args:
+            path: the fleet file.
+            environment: what `${NAME}` in fleet files stands for; the process's environment if None.
+
+        Raises:
+            ConfigError: with every problem of all the files.
+        """
+        return cls(load_fleet(path, os.environ if environment is None else environment))
+
+    def robot(self, name: str) -> RobotConfig:
+        """Return a robot by name.
+
+        Raises:
+            RobotNotFoundError: the fleet has no robot of that name.
+        """
+        self._require("robot", [name], self.fleet.robots)
+        return self.fleet.robots[name]
+
+    def select(
+        self,
+        names: Iterable[str] | None = None,
+        tags: Iterable[str] | None = None,
+        types: Iterable[str] | None = None,
+    ) -> tuple[RobotConfig, ...]:
+        """Return the robots that match, in the order of the fleet.
+
+        Args:
+            names: match robots of one of these names.
+            tags: match robots with one of these tags.
+            types: match robots whose type is, or builds on, one of these.
+
+        Returns:
+            The robots that match everything that is given; all of them if nothing is. May be empty if each of the
+            names, tags and types exists, but not together.
+
+        Raises:
+            RobotNotFoundError: no robot of the fleet has one of the names, tags or types.
+        """
+        chosen = list(self.fleet.robots.values())
+        if names is not None:
+            wanted = self._require("robot", names, self.fleet.robots)
+            chosen = [robot for robot in chosen if robot.name in wanted]
+        if tags is not None:
+            wanted = self._require("tag", tags, (tag for robot in self.fleet.robots.values() for tag in robot.tags))
+            chosen = [robot for robot in chosen if wanted.intersection(robot.tags)]
+        if types is not None:
+            wanted = self._require(
+                "type", types, (name for robot in self.fleet.robots.values() for name in robot.types)
+            )
+            chosen = [robot for robot in chosen if wanted.intersection(robot.types)]
+        return tuple(chosen)
+
+    def _require(self, what: str, wanted: Iterable[str], known: Iterable[str]) -> set[str]:
+        asked, existing = set(wanted), set(known)
+        for name in sorted(asked - existing):
+            owner = f"the fleet '{self.fleet.name}' has no robot"
+            message = f"{owner} '{name}'" if what == "robot" else f"{owner} of {what} '{name}'"
+            raise RobotNotFoundError(message + did_you_mean(name, existing))
+        return asked
+
+
+def check_fleet(path: str | Path, *, environment: Mapping[str, str] | None = None) -> tuple[Problem, ...]:
+    """Return every problem of a fleet file and of the files it refers to; see EALConfigManager.load."""
+    try:
+        EALConfigManager.load(path, environment=environment)
+    except ConfigError as error:
+        return error.problems
+    return ()
+
+
+def check_world(path: str | Path) -> tuple[Problem, ...]:
+    """Return every problem of a world file."""
+    try:
+        load_world(path)
+    except ConfigError as error:
+        return error.problems
+    return ()
+
+
+def fleet_schema() -> dict[str, Any]:
+    """Return the JSON Schema of fleet files, for editors that complete and check while one types."""
+    return _schema(FleetFile)
+
+
+def world_schema() -> dict[str, Any]:
+    """Return the JSON Schema of world files."""
+    return _schema(WorldModel)
+
+
+def _schema(model: type[StrictModel]) -> dict[str, Any]:
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}

@@ -1,0 +1,276 @@
+"""From fleet files to a FleetConfig: includes, levels, numbered robots, and all that can be wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from eal_actors.bundled import bundled_path
+from eal_actors.errors import ConfigError, Problem
+from eal_actors.managers.fleet_model import (
+    MAX_ROBOTS_OF_ONE_ENTRY,
+    FleetConfig,
+    FleetFile,
+    robot_config,
+)
+from eal_actors.strict_model import did_you_mean, problems_from
+from eal_actors.world import WorldModel, load_world
+from eal_actors.yaml_source import load_yaml
+from eal_actors.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, YamlTree, merge, replace_text
+
+
+def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:
+    """Read a fleet file and what it refers to.
+
+    Args:
+        path: the fleet file.
+        environment: what `${NAME}` in the files stands for.
+
+    Raises:
+        ConfigError: with every problem of all the files.
+    """
+    reader = _Reader(environment)
+    source = Path(path)
+    root = reader.read(source, ())
+    if root is None:
+        raise ConfigError(reader.problems)
+    resolver = _Resolver(YamlTree(root), sound=reader.sound)
+    merged = resolver.robots()
+    world = resolver.world()
+    plugin_dirs = resolver.plugin_dirs()
+    problems = {*reader.problems, *resolver.problems}  # numbered robots may all repeat one
+    if problems:
+        raise ConfigError(tuple(problems))
+    fleet = FleetFile.model_validate(root)
+    return FleetConfig(
+        name=fleet.name or source.stem,
+        source=source,
+        rate=fleet.clock.rate,
+        seed=fleet.seed,
+        world=world,
+        plugin_dirs=plugin_dirs,
+        robots={name: robot_config(name, levels, types) for name, levels, types in merged},
+    )
+
+
+class _Reader:
+    """Reads a fleet file merged over the files it includes, and checks each file by itself.
+
+    Attributes:
+        problems: what was found wrong.
+        sound: every file was found and every section is a mapping, so what is missing now is really missing.
+    """
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        self.problems: list[Problem] = []
+        self.sound = True
+        self._environment = environment
+        self._read: dict[Path, MarkedDict | None] = {}
+
+    def read(self, path: Path, including: tuple[Path, ...]) -> MarkedDict | None:
+        """Return the merged content, or None for a file that cannot be read."""
+        identity = path.resolve()
+        if identity not in self._read:
+            self._read[identity] = self._read_new(path, (*including, path))
+        return self._read[identity]
+
+    def _read_new(self, path: Path, chain: tuple[Path, ...]) -> MarkedDict | None:
+        try:
+            tree = load_yaml(path, environment=self._environment)
+        except ConfigError as error:
+            self.problems += error.problems
+            self.sound = False
+            return None
+        try:
+            FleetFile.model_validate(tree.root)
+        except ValidationError as error:
+            self.problems += problems_from(error, tree, FleetFile)
+        sections = (tree.root.get(key, tree.root) for key in ("defaults", "types", "robots"))
+        self.sound = self.sound and all(isinstance(section, MarkedDict) for section in sections)
+        merged = MarkedDict(tree.root.mark)
+        for index, target in enumerate(_texts(tree.root.get("include"))):
+            part = self._include(tree, ("include", index), target, chain)
+            merged = merge(merged, part) if part is not None else merged
+        return merge(merged, tree.root)
+
+    def _include(self, tree: YamlTree, at: YamlPath, target: str, chain: tuple[Path, ...]) -> MarkedDict | None:
+        path = _beside(tree.mark_at(at), target)
+        identities = [file.resolve() for file in chain]
+        if path.resolve() in identities:
+            loop = [*chain[identities.index(path.resolve()) :], path]
+            self.problems.append(tree.problem(at, f"include loop: {' -> '.join(str(file) for file in loop)}"))
+            return None
+        if not path.is_file():
+            self.problems.append(tree.problem(at, _no_such_file(path)))
+            self.sound = False
+            return None
+        return self.read(path, chain)
+
+
+class _Resolver:
+    """Applies types and defaults to the robots of a merged fleet.
+
+    It works on the files' own values, which a model may have refused, so that one pass reports everything: what has
+    the wrong form is passed over here.
+    """
+
+    def __init__(self, tree: YamlTree, *, sound: bool) -> None:
+        self.problems: list[Problem] = []
+        self._tree = tree
+        self._sound = sound
+        self._types = _section(tree.root, "types")
+        self._robots = _section(tree.root, "robots")
+
+    def robots(self) -> list[tuple[str, MarkedDict, tuple[str, ...]]]:
+        """Return each robot's name, its levels merged into one, and the chain of its types."""
+        self._check_types()
+        if not self._robots and self._sound:
+            self._report(("robots",), "the fleet has no robots; name at least one under 'robots'")
+        made: dict[str, Mark] = {}
+        merged: list[tuple[str, MarkedDict, tuple[str, ...]]] = []
+        for key, entry in self._robots.items():
+            if not isinstance(entry, MarkedDict):
+                continue
+            mark = self._robots.key_marks[key]
+            for name, own in self._numbered(key, entry):
+                if name in made:
+                    earlier = made[name]
+                    place = f"{earlier.file}:{earlier.line}"
+                    self._report(("robots", key), f"the robot '{name}' is there already, from {place}", key=True)
+                    continue
+                made[name] = mark
+                merged.append((name, *self._levels(key, own)))
+        return merged
+
+    def world(self) -> WorldModel | None:
+        """Return the world, or None if the fleet has none or it is not right."""
+        target = self._tree.root.get("world")
+        if not isinstance(target, str):
+            return None
+        path = _beside(self._tree.mark_at(("world",)), target)
+        if not path.is_file():
+            self._report(("world",), _no_such_file(path))
+            return None
+        try:
+            return load_world(path)
+        except ConfigError as error:
+            self.problems += error.problems
+            return None
+
+    def plugin_dirs(self) -> tuple[Path, ...]:
+        """Return the folders to search for plugins."""
+        folders: list[Path] = []
+        for index, target in enumerate(_texts(self._tree.root.get("plugin_dirs"))):
+            folder = _beside(self._tree.mark_at(("plugin_dirs", index)), target)
+            if not folder.is_dir():
+                self._report(("plugin_dirs", index), f"no such folder: {folder}")
+            folders.append(folder.resolve())
+        return tuple(dict.fromkeys((*folders, bundled_path("plugins").resolve())))
+
+    def _report(self, path: YamlPath, message: str, *, key: bool = False) -> None:
+        self.problems.append(self._tree.problem(path, message, key=key))
+
+    def _check_types(self) -> None:
+        looped: set[str] = set()
+        for name, entry in self._types.items():
+            parent = _section_text(entry, "type")
+            if parent is not None and parent not in self._types:
+                self._report_unknown_type(("types", name, "type"), parent)
+            chain = [name]
+            while (parent := _section_text(self._types.get(chain[-1]), "type")) in self._types and parent is not None:
+                chain.append(parent)
+                if parent in chain[:-1]:
+                    break
+            if len(chain) > 1 and chain[-1] == name and name not in looped:
+                looped.update(chain)
+                self._report(("types", name, "type"), f"type loop: {' -> '.join(chain)}")
+
+    def _report_unknown_type(self, path: YamlPath, name: str) -> None:
+        if self._sound:
+            self._report(path, f"unknown type '{name}'{did_you_mean(name, self._types)}")
+
+    def _numbered(self, key: str, entry: MarkedDict) -> list[tuple[str, MarkedDict]]:
+        """Return the robots that an entry makes, with `{n}` replaced."""
+        if entry.get("count") is None and entry.get("range") is None:
+            if "{n}" in key:
+                self._report(("robots", key), "the name holds {n}, but neither 'count' nor 'range' is given", key=True)
+                return []
+            return [(key, entry)]
+        numbers = self._numbers(key, entry)
+        if "{n}" not in key:
+            message = f"several robots need {{n}} in their name; write '{key}{{n}}'"
+            self._report(("robots", key), message, key=True)
+            return []
+        return [(key.replace("{n}", str(number)), _with_number(entry, number)) for number in numbers]
+
+    def _numbers(self, key: str, entry: MarkedDict) -> range:
+        """Return the numbers of an entry's robots; none if what it says about them is wrong."""
+        nothing = range(0)
+        count, span = entry.get("count"), entry.get("range")
+        if count is not None and span is not None:
+            self._report(("robots", key, "range"), "give either 'count' or 'range', not both", key=True)
+            return nothing
+        if span is None:
+            return range(1, count + 1) if isinstance(count, int) and count <= MAX_ROBOTS_OF_ONE_ENTRY else nothing
+        if not (isinstance(span, MarkedList) and len(span) == 2 and all(isinstance(number, int) for number in span)):
+            return nothing
+        first, last = span
+        if first > last:
+            self._report(("robots", key, "range"), f"runs backwards; write [{last}, {first}]")
+            return nothing
+        if last - first >= MAX_ROBOTS_OF_ONE_ENTRY:
+            self._report(("robots", key, "range"), f"makes more than {MAX_ROBOTS_OF_ONE_ENTRY} robots")
+            return nothing
+        return range(first, last + 1)
+
+    def _levels(self, key: str, robot: MarkedDict) -> tuple[MarkedDict, tuple[str, ...]]:
+        """Return a robot merged over its types and the defaults, and the chain of its types."""
+        own_type = _section_text(robot, "type")
+        chain: list[str] = []
+        step = own_type
+        while step in self._types and step is not None and step not in chain:
+            chain.append(step)
+            step = _section_text(self._types[step], "type")
+        if own_type is not None and not chain:
+            self._report_unknown_type(("robots", key, "type"), own_type)
+        entries = [_section(self._tree.root, "defaults"), *(self._types[name] for name in reversed(chain)), robot]
+        sections = [entry for entry in entries if isinstance(entry, MarkedDict)]
+        merged = sections[0]
+        for section in sections[1:]:
+            merged = merge(merged, section)
+        is_complete = step is None and len(sections) == len(entries) and self._sound
+        if is_complete and merged.get("plugins", {}) == {}:
+            message = "the robot has no plugins; give it one under 'plugins', or a type that has one"
+            self._report(("robots", key), message, key=True)
+        return merged, tuple(chain)
+
+
+def _with_number(entry: MarkedDict, number: int) -> MarkedDict:
+    numbered: MarkedDict = replace_text(entry, lambda text: text.replace("{n}", str(number)))
+    return numbered
+
+
+def _section(root: MarkedDict, key: str) -> MarkedDict:
+    section = root.get(key)
+    return section if isinstance(section, MarkedDict) else MarkedDict(root.mark)
+
+
+def _section_text(section: object, key: str) -> str | None:
+    text = section.get(key) if isinstance(section, MarkedDict) else None
+    return text if isinstance(text, str) else None
+
+
+def _texts(value: object) -> list[str]:
+    return [item if isinstance(item, str) else "" for item in value] if isinstance(value, MarkedList) else []
+
+
+def _beside(mark: Mark, target: str) -> Path:
+    """Return a path that is relative to the file in which it is written."""
+    return Path(mark.file).parent / target
+
+
+def _no_such_file(path: Path) -> str:
+    siblings = [file.name for file in path.parent.glob("*.yaml")] if path.parent.is_dir() else []
+    return f"no such file: {path}{did_you_mean(path.name, siblings)}"

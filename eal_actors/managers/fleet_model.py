@@ -1,0 +1,203 @@
+"""What a fleet file may say, and the fleet that comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
+
+from eal_actors.errors import Problem
+from eal_actors.strict_model import NAMES_ONLY, Name, NameTemplate, StrictModel, Version1, problems_from
+from eal_actors.world import WorldModel
+from eal_actors.yaml_tree import MarkedDict, YamlPath, YamlTree
+
+MAX_ROBOTS_OF_ONE_ENTRY = 10_000
+
+Restart = Literal["permanent", "transient", "temporary"]
+Text = Annotated[str, Field(min_length=1)]
+
+
+class ClockSection(StrictModel):
+    """How fast the fleet's time runs."""
+
+    rate: PositiveFloat = 1.0
+    """Seconds of fleet time in one real second."""
+
+
+class PluginSection(StrictModel):
+    """A plugin instance of a robot; all keys but `plugin` are the plugin's own settings."""
+
+    model_config = ConfigDict(extra="allow")
+
+    plugin: Text | None = None
+    """The plugin's name, where it is not the name of the instance."""
+
+
+class Level(StrictModel):
+    """What defaults, types and robots may all say. A level replaces what the levels below it say, key by key."""
+
+    tags: tuple[Text, ...] = Field(default=(), strict=False)
+    """Words to select robots by. As every list, tags replace those of lower levels."""
+    timeout_s: PositiveFloat = 10.0
+    """Deadline of a call that gives none, in seconds of the fleet's clock."""
+    mailbox: PositiveInt = 256
+    """How many calls may wait in an actor's mailbox."""
+    restart: Restart = "permanent"
+    """When an actor that ended is started again: always, after a crash, or never."""
+    max_restarts: NonNegativeInt = 3
+    """How many restarts within `restart_window_s` are borne before the robot is given up."""
+    restart_window_s: PositiveFloat = 5.0
+    """In seconds of the fleet's clock."""
+    plugins: dict[Name, PluginSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    """Name of the instance to its settings."""
+
+
+class TypeSection(Level):
+    """A kind of robot."""
+
+    type: Text | None = None
+    """The type to build on."""
+
+
+class RobotSection(TypeSection):
+    """One robot, or several alike whose name holds `{n}`; `{n}` in its texts becomes the number as well."""
+
+    count: int | None = Field(default=None, ge=1, le=MAX_ROBOTS_OF_ONE_ENTRY)
+    """Make robots 1 to `count`."""
+    range: tuple[NonNegativeInt, NonNegativeInt] | None = Field(default=None, strict=False)
+    """Make robots from the first number to the last, both included."""
+
+
+class FleetFile(StrictModel):
+    """A fleet file, or a part of one that other files include."""
+
+    version: Version1
+    name: Name | None = None
+    """The fleet's name; the file's name without its ending if left out."""
+    clock: ClockSection = ClockSection()
+    seed: NonNegativeInt = 0
+    """Where all randomness of the fleet starts from."""
+    world: Text | None = None
+    """World file of the simulated robots, relative to this file."""
+    plugin_dirs: tuple[Text, ...] = Field(default=(), strict=False)
+    """Folders of plugins, relative to this file; the bundled plugins are always found."""
+    include: tuple[Text, ...] = Field(default=(), strict=False)
+    """Fleet files to build on, relative to this file; later ones override earlier ones, and this file all of them."""
+    defaults: Level = Level()
+    types: dict[Name, TypeSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    robots: dict[NameTemplate, RobotSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
+
+
+@dataclass(frozen=True, slots=True)
+class PluginSettings:
+    """The settings of one plugin instance, which the plugin's own model has yet to check.
+
+    Attributes:
+        instance: name of the instance, unique in its robot.
+        plugin: name of the plugin.
+        tree: the settings with their places in the file; errors about no setting in particular point to where
+            the plugin is named.
+    """
+
+    instance: str
+    plugin: str
+    tree: YamlTree
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """What the plugin is configured with."""
+        return self.tree.root
+
+    def problem(self, path: YamlPath, message: str) -> Problem:
+        """Return a problem with a setting; the empty path means the plugin itself."""
+        return self.tree.problem(path, message)
+
+    def problems_from(self, error: ValidationError, model: type[BaseModel]) -> list[Problem]:
+        """Return what the plugin's model found wrong with the settings."""
+        return problems_from(error, self.tree, model)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotConfig:
+    """A robot with everything that defaults and types say about it.
+
+    Attributes:
+        name: unique in the fleet.
+        type: its own type.
+        types: its type, the type that builds on, and so on.
+        tags: words to select it by.
+        timeout_s: deadline of a call that gives none, in seconds of the fleet's clock.
+        mailbox: how many calls may wait in an actor's mailbox.
+        restart: `permanent`, `transient` (after a crash only) or `temporary` (never).
+        max_restarts: restarts within the window that are borne.
+        restart_window_s: the window, in seconds of the fleet's clock.
+        plugins: by name of the instance; never empty.
+    """
+
+    name: str
+    type: str | None
+    types: tuple[str, ...]
+    tags: tuple[str, ...]
+    timeout_s: float
+    mailbox: int
+    restart: Restart
+    max_restarts: int
+    restart_window_s: float
+    plugins: dict[str, PluginSettings]
+
+
+@dataclass(frozen=True, slots=True)
+class FleetConfig:
+    """A fleet, checked and resolved.
+
+    Attributes:
+        name: the fleet's name.
+        source: the file it was read from, as the user gave it.
+        rate: seconds of fleet time in one real second.
+        seed: where all randomness of the fleet starts from.
+        world: the arena of the simulated robots, if there is one.
+        plugin_dirs: folders to search for plugins, in this order; the bundled ones come last.
+        robots: by name, in the order of the file; never empty.
+    """
+
+    name: str
+    source: Path
+    rate: float
+    seed: int
+    world: WorldModel | None
+    plugin_dirs: tuple[Path, ...]
+    robots: dict[str, RobotConfig]
+
+
+def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> RobotConfig:
+    """Make a robot of its merged levels, which the models have accepted one by one."""
+    section = RobotSection.model_validate(merged)
+    plugins = {
+        instance: _plugin_settings(name, instance, merged["plugins"], section.plugins[instance].plugin)
+        for instance in section.plugins
+    }
+    return RobotConfig(
+        name=name,
+        type=section.type,
+        types=types,
+        tags=section.tags,
+        timeout_s=section.timeout_s,
+        mailbox=section.mailbox,
+        restart=section.restart,
+        max_restarts=section.max_restarts,
+        restart_window_s=section.restart_window_s,
+        plugins=plugins,
+    )
+
+
+def _plugin_settings(robot: str, instance: str, plugins: MarkedDict, plugin: str | None) -> PluginSettings:
+    entry: MarkedDict = plugins[instance]
+    named_at = plugins.key_marks[instance] if plugin is None else entry.value_marks["plugin"]
+    settings = MarkedDict(named_at)
+    for key, value, key_mark, value_mark in entry.marked_items():
+        if key != "plugin":
+            settings.put(key, value, key_mark, value_mark)
+    return PluginSettings(instance, plugin or instance, YamlTree(settings, ("robots", robot, "plugins", instance)))

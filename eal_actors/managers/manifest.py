@@ -1,0 +1,113 @@
+"""Plugin manifests: what `plugin.yaml` says, read before any code of the plugin runs."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Final
+
+from pydantic import Field, ValidationError
+
+from eal_actors.bundled import bundled_path
+from eal_actors.errors import ConfigError, EALError, PluginError
+from eal_actors.strict_model import Name, StrictModel, Version1, problems_from
+from eal_actors.yaml_source import load_yaml
+
+ENTRY_POINTS: Final = "eal_actors.plugins"
+"""The entry-point group of installed packages: a name, and the package whose folder holds the plugin."""
+
+MANIFEST: Final = "plugin.yaml"
+
+
+class ManifestFile(StrictModel):
+    """What a plugin says of itself before it is imported."""
+
+    version: Version1
+    name: Name
+    """The plugin's name, by which fleet files ask for it."""
+    description: Annotated[str, Field(min_length=1)]
+    """One line for people."""
+    plugin_version: str
+    """The plugin's own version."""
+    resources: tuple[Name, ...] = Field(min_length=1, strict=False)
+    """The resources that its `connect` names."""
+    requires: tuple[str, ...] = Field(default=(), strict=False)
+    """Python modules that it imports beyond the framework's core."""
+    extra: str | None = None
+    """The extra of this distribution that installs them."""
+
+
+@dataclass(frozen=True, slots=True)
+class PluginManifest:
+    """A plugin that was found.
+
+    Attributes:
+        folder: where it is.
+        file: what its `plugin.yaml` says.
+    """
+
+    folder: Path
+    file: ManifestFile
+
+    @property
+    def name(self) -> str:
+        """The plugin's name."""
+        return self.file.name
+
+    def missing_modules(self) -> tuple[str, ...]:
+        """Return which of the modules it requires are not installed."""
+        return tuple(module for module in self.file.requires if importlib.util.find_spec(module) is None)
+
+
+def read_manifest(folder: Path) -> PluginManifest:
+    """Read the manifest in a plugin's folder.
+
+    Raises:
+        ConfigError: what is wrong with it.
+    """
+    tree = load_yaml(folder / MANIFEST)
+    try:
+        return PluginManifest(folder, ManifestFile.model_validate(tree.root))
+    except ValidationError as error:
+        raise ConfigError(problems_from(error, tree, ManifestFile)) from None
+
+
+def discover(plugin_dirs: Iterable[Path]) -> tuple[dict[str, PluginManifest], tuple[EALError, ...]]:
+    """Find every plugin, importing none.
+
+    Args:
+        plugin_dirs: folders of plugin folders; an earlier one hides a plugin of the same name in a later one. The
+            bundled plugins and those of installed packages come after them.
+
+    Returns:
+        The manifests by name, and what is wrong with the broken ones.
+    """
+    found: dict[str, PluginManifest] = {}
+    errors: list[EALError] = []
+    for folder in _plugin_folders(plugin_dirs, errors):
+        try:
+            manifest = read_manifest(folder)
+        except ConfigError as error:
+            errors.append(error)
+            continue
+        found.setdefault(manifest.name, manifest)
+    return dict(sorted(found.items())), tuple(errors)
+
+
+def _plugin_folders(plugin_dirs: Iterable[Path], errors: list[EALError]) -> Iterable[Path]:
+    for directory in [*plugin_dirs, bundled_path("plugins")]:
+        if directory.is_dir():
+            yield from sorted(manifest.parent for manifest in directory.glob(f"*/{MANIFEST}"))
+        else:
+            errors.append(PluginError(f"there is no folder of plugins at {directory}"))
+    for entry in sorted(importlib.metadata.entry_points(group=ENTRY_POINTS), key=lambda entry: entry.name):
+        spec = importlib.util.find_spec(entry.module.partition(".")[0])
+        root = Path(spec.origin).parent if spec is not None and spec.origin is not None else None
+        folder = root.joinpath(*entry.module.split(".")[1:]) if root is not None else None
+        if folder is not None and (folder / MANIFEST).is_file():
+            yield folder
+        else:
+            errors.append(PluginError(f"entry point {entry.name!r} names {entry.value!r}, which holds no {MANIFEST}"))

@@ -1,0 +1,241 @@
+"""EALPluginManager: imports the plugins that a robot names, connects them, and hands out their resources."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import sys
+import threading
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from eal_actors.errors import ConfigError, EALError, PluginError, Problem
+from eal_actors.info import unknown_name
+from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
+from eal_actors.managers.manifest import PluginManifest, discover
+from eal_actors.plugin import EALPlugin, FleetServices, PluginContext, PluginSettingsModel, Resource
+
+_PACKAGE: Final = "eal_plugins"
+_import_lock = threading.RLock()
+
+
+def import_plugin(manifest: PluginManifest) -> ModuleType:
+    """Import a plugin's `plugin.py`, as a module of a package of its own so that it can import its neighbours.
+
+    Raises:
+        PluginError: a module that it requires is missing, or its code raised.
+
+    Thread: any; one import at a time.
+    """
+    missing = manifest.missing_modules()
+    if missing:
+        extra = manifest.file.extra
+        remedy = f"pip install 'eal-actors[{extra}]'" if extra else f"pip install {' '.join(missing)}"
+        raise PluginError(f"plugin {manifest.name!r} needs {', '.join(missing)}: {remedy}")
+    path = manifest.folder / "plugin.py"
+    if not path.is_file():
+        raise PluginError(f"plugin {manifest.name!r} has no plugin.py in {manifest.folder}")
+    with _import_lock:
+        package = _package_for(manifest.folder.resolve(), manifest.name)
+        try:
+            return importlib.import_module(f"{package}.plugin")
+        except (Exception, SystemExit) as error:
+            raise PluginError(f"plugin {manifest.name!r} fails to import: {type(error).__name__}: {error}") from error
+
+
+def _package_for(folder: Path, name: str) -> str:
+    """Return the package name under which the folder is importable; another folder of that name gets its own."""
+    root = sys.modules.setdefault(_PACKAGE, ModuleType(_PACKAGE))
+    root.__path__ = []
+    for package in (f"{_PACKAGE}.{name}", f"{_PACKAGE}.{name}_{zlib.crc32(str(folder).encode()):08x}"):
+        module = sys.modules.get(package)
+        if module is None:
+            module = sys.modules[package] = ModuleType(package)
+            module.__path__ = [str(folder)]
+        if list(module.__path__) == [str(folder)]:
+            return package
+    raise PluginError(f"plugin {name!r} cannot be told from another plugin of that name")
+
+
+def forget_plugin(manifest: PluginManifest) -> None:
+    """Unload a plugin's modules, so that the next import reads its files again."""
+    folder = str(manifest.folder.resolve())
+    with _import_lock:
+        packages = [n for n, m in sys.modules.items() if n.startswith(f"{_PACKAGE}.") and folder in getattr(m, "__path__", [])]
+        for name in [n for n in sys.modules if any(n == p or n.startswith(f"{p}.") for p in packages)]:
+            del sys.modules[name]
+        importlib.invalidate_caches()
+
+
+@dataclass(frozen=True)
+class PluginResource:
+    """One resource that a connected plugin offers: makes and unmakes it."""
+
+    create_function: Callable[..., Any]
+    destroy_function: Callable[..., Any]
+    context: PluginContext
+
+    def create(self) -> Resource:
+        """Return a new resource. Thread: the resource's actor."""
+        resource = _with_context(self.create_function, self.context)
+        if not isinstance(resource, Resource):
+            raise PluginError(f"{self.create_function.__name__} returned {resource!r}, which is no Resource")
+        return resource
+
+    def destroy(self, resource: Resource) -> None:
+        """Let go of a resource. Thread: the resource's actor."""
+        self.destroy_function(resource)
+
+
+@dataclass(frozen=True)
+class ConnectedPlugins:
+    """A robot's connected plugins.
+
+    Attributes:
+        resources: by final name.
+        errors: what kept plugins out.
+    """
+
+    resources: Mapping[str, PluginResource]
+    errors: tuple[EALError, ...]
+    _connected: tuple[tuple[str, ModuleType, EALPlugin], ...]
+
+    def close(self) -> None:
+        """Disconnect every plugin; one that fails does not keep the others.
+
+        Raises:
+            PluginError: which plugins failed, and how.
+        """
+        failed = []
+        for name, module, plugin in reversed(self._connected):
+            try:
+                module.disconnect(plugin)
+            except Exception as error:  # noqa: BLE001  # reported below, when the others are disconnected
+                failed.append(f"{name}: {type(error).__name__}: {error}")
+        if failed:
+            raise PluginError(f"disconnect failed in {'; '.join(failed)}")
+
+
+class EALPluginManager:
+    """Finds plugins by their manifests, and imports only what a robot names (Source: thesis §4.3.2).
+
+    Args:
+        plugin_dirs: folders of plugin folders, searched before the bundled plugins and the installed packages.
+
+    Attributes:
+        manifests: the plugins found, by name.
+        errors: what is wrong with those that could not be read.
+    """
+
+    def __init__(self, plugin_dirs: Iterable[Path] = ()) -> None:
+        self.manifests, self.errors = discover(plugin_dirs)
+
+    def check(self, robot: RobotConfig) -> tuple[list[Problem], list[PluginError]]:
+        """Return what the file says wrongly of a robot's plugins, and which of those it names do not import."""
+        problems: list[Problem] = []
+        broken: list[PluginError] = []
+        for settings in robot.plugins.values():
+            try:
+                self._checked_settings(settings)
+            except ConfigError as error:
+                problems.extend(error.problems)
+            except PluginError as error:
+                broken.append(error.at(robot.name))
+        return problems, broken
+
+    def connect(self, robot: RobotConfig, services: FleetServices) -> ConnectedPlugins:
+        """Connect a robot's plugins. One that fails leaves an error, and the others go on.
+
+        Resources of the same name in two plugins are both renamed to `<Plugin>.<Resource>`, whatever the order in
+        which they are found.
+
+        Thread: the robot's actor; a plugin may take its time.
+        """
+        errors: list[EALError] = []
+        connected: list[tuple[str, ModuleType, EALPlugin]] = []
+        offers: list[tuple[str, str, PluginResource]] = []
+        for settings in robot.plugins.values():
+            try:
+                module, context = self._connect_one(robot.name, settings, services)
+                connected.append((settings.instance, module, context.plugin))
+                for name in context.plugin.list_resources():
+                    offers.append((settings.instance, name, _resource_of(module, name, context)))
+            except EALError as error:
+                errors.append(error.at(robot.name))
+                offers = [offer for offer in offers if offer[0] != settings.instance]
+        return ConnectedPlugins(_with_unique_names(offers), tuple(errors), tuple(connected))
+
+    def _connect_one(
+        self, robot: str, settings: PluginSettings, services: FleetServices
+    ) -> tuple[ModuleType, PluginContext]:
+        manifest, module, checked = self._checked_settings(settings)
+        for function in ("connect", "disconnect"):
+            if not callable(getattr(module, function, None)):
+                raise PluginError(f"plugin {manifest.name!r} lacks the function {function}()")
+        context = PluginContext(robot, settings.instance, checked, services)
+        try:
+            plugin = _with_context(module.connect, context)
+        except (Exception, SystemExit) as error:
+            raise PluginError(
+                f"plugin {manifest.name!r}: connect raised {type(error).__name__}: {error}"
+            ) from error
+        if not isinstance(plugin, EALPlugin):
+            raise PluginError(f"plugin {manifest.name!r}: connect returned {plugin!r}, which is no EALPlugin")
+        promised, named = set(manifest.file.resources), set(plugin.list_resources())
+        if promised != named:
+            raise PluginError(
+                f"plugin {manifest.name!r}: its manifest names {', '.join(sorted(promised))}, "
+                f"but connect names {', '.join(sorted(named))}"
+            )
+        return module, replace(context, plugin=plugin)
+
+    def _checked_settings(self, settings: PluginSettings) -> tuple[PluginManifest, ModuleType, Any]:
+        manifest = self.manifests.get(settings.plugin)
+        if manifest is None:
+            unread = f" (could not be read: {'; '.join(map(str, self.errors))})" if self.errors else ""
+            message = unknown_name("plugin", settings.plugin, self.manifests) + unread
+            raise ConfigError([settings.problem((), message)])
+        module = import_plugin(manifest)
+        model = getattr(module, "Settings", None)
+        if model is None:
+            if settings.settings:
+                raise ConfigError(
+                    [settings.problem((key,), f"plugin {manifest.name!r} has no settings") for key in settings.settings]
+                )
+            return manifest, module, None
+        if not (isinstance(model, type) and issubclass(model, PluginSettingsModel)):
+            raise PluginError(f"plugin {manifest.name!r}: Settings must extend PluginSettingsModel")
+        try:
+            return manifest, module, model.model_validate(settings.settings)
+        except ValidationError as error:
+            raise ConfigError(settings.problems_from(error, model)) from None
+
+
+def _with_context(function: Callable[..., Any], context: PluginContext) -> Any:
+    """Call a plugin's function, with the context if it takes one."""
+    return function(context) if inspect.signature(function).parameters else function()
+
+
+def _resource_of(module: ModuleType, name: str, context: PluginContext) -> PluginResource:
+    functions = []
+    for function in (f"create_{name}", f"destroy_{name}"):
+        found = getattr(module, function, None)
+        if not callable(found):
+            raise PluginError(
+                f"plugin {context.instance!r} names the resource {name!r}, but lacks the function {function}()"
+            )
+        functions.append(found)
+    return PluginResource(functions[0], functions[1], context)
+
+
+def _with_unique_names(offers: list[tuple[str, str, PluginResource]]) -> dict[str, PluginResource]:
+    names = [name for _, name, _ in offers]
+    return {
+        f"{instance}.{name}" if names.count(name) > 1 else name: resource for instance, name, resource in offers
+    }

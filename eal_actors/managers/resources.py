@@ -1,0 +1,95 @@
+"""EALResourceManager: numeric ids, look-up by name, and the librarian of resources that are checked out."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections import Counter
+from collections.abc import Mapping
+from typing import Generic, TypeVar
+
+from eal_actors.errors import ResourceInUseError, ResourceNotFoundError
+from eal_actors.info import unknown_name
+
+T = TypeVar("T")
+
+
+class EALResourceManager(Generic[T]):
+    """Knows one connection's resources (Source: thesis §4.3.3).
+
+    Ids are handed out when a resource is first asked for, so that they differ between connections (§4.4).
+
+    Args:
+        resources: what stands behind each name.
+
+    Thread: any.
+    """
+
+    def __init__(self, resources: Mapping[str, T]) -> None:
+        self._resources = dict(resources)
+        self._lock = threading.Lock()
+        self._numbers = itertools.count()
+        self._id_by_name: dict[str, int] = {}
+        self._by_id: dict[int, T] = {}
+        self._lent: Counter[str] = Counter()
+
+    def names(self) -> list[str]:
+        """Return the resources' names."""
+        return list(self._resources)
+
+    def find(self, name: str) -> int:
+        """Return the id of a resource.
+
+        Raises:
+            ResourceNotFoundError: there is none of that name.
+        """
+        with self._lock:
+            if name not in self._resources:
+                raise ResourceNotFoundError(unknown_name("resource", name, self._resources))
+            if name not in self._id_by_name:
+                number = self._id_by_name[name] = next(self._numbers)
+                self._by_id[number] = self._resources[name]
+            return self._id_by_name[name]
+
+    def get(self, resource_id: int) -> T:
+        """Return what stands behind an id that `find` gave.
+
+        Raises:
+            ResourceNotFoundError: no resource has that id in this connection.
+        """
+        try:
+            return self._by_id[resource_id]
+        except KeyError:
+            raise ResourceNotFoundError(
+                f"no resource has the id {resource_id!r} in this connection; find_resource gives ids"
+            ) from None
+
+    def check_out(self, name: str) -> T:
+        """Lend a resource; each lending must be returned (Source: thesis B.2.4.1).
+
+        Raises:
+            ResourceNotFoundError: there is none of that name.
+        """
+        found = self.get(self.find(name))
+        with self._lock:
+            self._lent[name] += 1
+        return found
+
+    def check_in(self, name: str) -> None:
+        """Take back one lending (Source: thesis B.2.4.2).
+
+        Raises:
+            ResourceInUseError: it is not lent.
+        """
+        with self._lock:
+            if not self._lent[name]:
+                raise ResourceInUseError(f"resource {name!r} is not checked out, or was returned already")
+            self._lent[name] -= 1
+
+    def check_all_returned(self) -> None:
+        """Raise ResourceInUseError, naming them, if resources are still lent (Source: thesis B.2.4.1)."""
+        with self._lock:
+            out = {name: n for name, n in self._lent.items() if n}
+        if out:
+            listed = ", ".join(f"{name} ({n} times)" if n > 1 else name for name, n in sorted(out.items()))
+            raise ResourceInUseError(f"cannot disconnect: {listed} still checked out; return_resource each of them")

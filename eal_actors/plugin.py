@@ -1,0 +1,153 @@
+"""The plugin API: the one module of the framework that plugins import.
+
+A plugin is a folder with a `plugin.yaml` (its manifest) and a `plugin.py`, which holds
+
+- `connect()` or `connect(context)`, returning `EALPlugin("ResourceA", ...)`;
+- `disconnect(plugin)`;
+- for each resource named there, `create_ResourceA()` or `create_ResourceA(context)` returning a Resource, and
+  `destroy_ResourceA(resource)`.
+
+A plugin with settings also holds a class `Settings(PluginSettingsModel)`; the fleet file's settings are checked
+against it and arrive as `context.settings` (Source: thesis §4.2.2, B.3).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from pydantic import Field
+
+from eal_actors.clock import Clock
+from eal_actors.data import DataType, EALData
+from eal_actors.errors import (
+    ArgumentError,
+    DataError,
+    EALError,
+    PluginError,
+    ResourceFaultError,
+    UnavailableError,
+    UnsupportedError,
+)
+from eal_actors.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
+from eal_actors.log import get_logger
+from eal_actors.resource import Activity, Resource, command, config, config_setter, request
+from eal_actors.strict_model import StrictModel
+from eal_actors.world import WorldModel
+
+__all__ = [
+    "Activity",
+    "ArgumentError",
+    "Clock",
+    "CommandInfo",
+    "ConfigInfo",
+    "DataError",
+    "DataType",
+    "EALData",
+    "EALError",
+    "EALPlugin",
+    "Field",
+    "FleetServices",
+    "PluginContext",
+    "PluginError",
+    "PluginSettingsModel",
+    "Resource",
+    "ResourceFaultError",
+    "ResourceInfo",
+    "ResourceType",
+    "UnavailableError",
+    "UnsupportedError",
+    "ValueInfo",
+    "WorldModel",
+    "command",
+    "config",
+    "config_setter",
+    "get_logger",
+    "request",
+]
+
+_T = TypeVar("_T")
+
+
+class PluginSettingsModel(StrictModel):
+    """Base of a plugin's `Settings`: strict types, unknown keys refused, immutable."""
+
+
+class EALPlugin:
+    """What `connect` returns: the names of the resources that the plugin offers (Source: thesis B.3.2).
+
+    Either `EALPlugin("A", "B")`, or with the count first, `EALPlugin(2, "A", "B")`, where names beyond the count are
+    ignored and too few are an error. Subclass it to keep what the resources share, such as an open port.
+
+    Raises:
+        PluginError: no name, a name twice, or fewer names than the count.
+    """
+
+    def __init__(self, *names: str | int) -> None:
+        count, named = len(names), list(names)
+        if named and isinstance(named[0], int):
+            count = int(named.pop(0))
+            if count > len(named):
+                raise PluginError(f"EALPlugin was promised {count} resources, but only {len(named)} are named")
+        resources = [str(name) for name in named[:count]]
+        if not resources:
+            raise PluginError("EALPlugin names no resource")
+        twice = sorted({name for name in resources if resources.count(name) > 1})
+        if twice:
+            raise PluginError(f"EALPlugin names {', '.join(twice)} twice")
+        self._resources = tuple(resources)
+
+    def list_resources(self) -> tuple[str, ...]:
+        """Return the resources' names (Source: thesis §4.2.2.1, listResources)."""
+        return self._resources
+
+
+class FleetServices:
+    """What the plugins of one fleet share: its clock, its world, and objects made once, such as a simulation.
+
+    Args:
+        clock: the fleet's clock.
+        seed: the fleet's seed, from which every random generator of a plugin must come.
+        world: the fleet file's world, or None.
+    """
+
+    def __init__(self, clock: Clock, seed: int = 0, world: WorldModel | None = None) -> None:
+        self.clock = clock
+        self.seed = seed
+        self.world = world
+        self._lock = threading.Lock()
+        self._shared: dict[Hashable, Any] = {}
+
+    def shared(self, key: Hashable, make: Callable[[], _T]) -> _T:
+        """Return the fleet's one object under the key, made by the first who asks. Thread: any."""
+        with self._lock:
+            if key not in self._shared:
+                self._shared[key] = make()
+            found: _T = self._shared[key]
+            return found
+
+
+@dataclass(frozen=True)
+class PluginContext:
+    """What a plugin may know of where it runs.
+
+    Attributes:
+        robot: the robot's name.
+        instance: the plugin's instance name on that robot.
+        settings: the plugin's checked `Settings`, or None if it has no such class.
+        services: what the fleet's plugins share.
+        plugin: what `connect` returned; None while `connect` itself runs.
+    """
+
+    robot: str
+    instance: str
+    settings: Any
+    services: FleetServices
+    plugin: Any = field(default=None)
+
+    @property
+    def clock(self) -> Clock:
+        """The fleet's clock."""
+        return self.services.clock

@@ -1,0 +1,237 @@
+"""The Resource base class that plugin authors extend.
+
+A quick sensor is a class with a `get_value`. Commands, requests and configuration keys are ordinary methods under
+a decorator, which is also where the resource's information comes from. A command that takes time is a generator, an
+*activity*: it starts the motion, yields the seconds until it wants to look again, and returns the result;
+its `finally` stops the motors. One thread runs everything of one resource, so an author needs no locks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import Any, ClassVar, Final, TypeAlias, TypeVar
+
+from eal_actors.data import EALData
+from eal_actors.errors import ArgumentError, UnsupportedError
+from eal_actors.info import METHODS, CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
+
+Activity: TypeAlias = Generator[float, None, Any]
+"""Long work: yields seconds until its next step, returns the result, stops what moves in its `finally`."""
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+_MARK: Final = "_eal_mark"
+
+
+def command(
+    name: str, argument: ValueInfo | None = None, *, urgent: bool = False, description: str = ""
+) -> Callable[[_F], _F]:
+    """Make a method a command of send_cmd.
+
+    The method gets the argument's Python value, if there is an argument, and returns a status int, None (which
+    counts as 1, success), or a generator, see Activity. A newer command, a set_value or a halt closes a running one.
+
+    Args:
+        name: the command's text; `r<degrees>` takes the argument from the text, as in `r45`.
+        argument: its type, unit and range.
+        urgent: overtake what waits in the mailbox, and drop the commands that wait there. For stops.
+        description: one line for people; the method's docstring's first line if empty.
+    """
+    return _marker("command", name, argument=argument, urgent=urgent, description=description)
+
+
+def request(
+    name: str, returns: ValueInfo | None = None, argument: ValueInfo | None = None, *, description: str = ""
+) -> Callable[[_F], _F]:
+    """Make a method a request of send_req; like `command`, but it answers data and disturbs no running command."""
+    return _marker("request", name, argument=argument, returns=returns, description=description)
+
+
+def config(name: str, value: ValueInfo, *, description: str = "") -> Callable[[_F], _F]:
+    """Make a method the getter of a configuration key; without a `config_setter` the key is read-only."""
+    return _marker("config", name, value=value, description=description)
+
+
+def config_setter(name: str) -> Callable[[_F], _F]:
+    """Make a method the setter of a configuration key; it gets the checked Python value."""
+    return _marker("config_setter", name)
+
+
+def _marker(kind: str, name: str, **fields: Any) -> Callable[[_F], _F]:
+    def mark(method: _F) -> _F:
+        if not fields.get("description"):
+            fields["description"] = (method.__doc__ or "").strip().partition("\n")[0]
+        setattr(method, _MARK, (kind, name, fields))
+        return method
+
+    return mark
+
+
+class Resource:
+    """A sensor, actuator, communication line or anything else behind the nine methods (Source: thesis §4.2.1).
+
+    Override what makes sense for the hardware: each method not overridden raises UnsupportedError. Values may be
+    returned as Python values, numpy arrays or EALData.
+
+    Attributes:
+        types: the types it combines; every author sets it.
+        value: type, unit and range of get_value and set_value, checked on every call where it is given.
+        description: one line for people; the class's docstring's first line if empty.
+        name: the resource's name on its robot, set by the framework before `open`.
+
+    Thread: every method runs in the resource's own actor; none may block long.
+    """
+
+    types: ClassVar[ResourceType] = ResourceType.OTHER
+    value: ClassVar[ValueInfo | None] = None
+    description: ClassVar[str] = ""
+    name: str = ""
+
+    _handlers: ClassVar[dict[tuple[str, str], str]] = {}
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        cls._handlers = dict(cls._handlers)
+        for attribute, member in vars(cls).items():
+            if mark := getattr(member, _MARK, None):
+                cls._handlers[mark[0], mark[1]] = attribute
+
+    # The nine methods.
+
+    def get_status(self) -> int:
+        """Return the status; its meaning is the resource's own (Source: thesis B.2.2.5)."""
+        raise self._unsupported("get_status")
+
+    def get_value(self) -> Any:
+        """Return the sensor's value (Source: thesis B.2.3.1)."""
+        raise self._unsupported("get_value")
+
+    def set_value(self, data: EALData) -> Any:
+        """Take a value; return a status int, None for success, or an activity (Source: thesis B.2.3.2)."""
+        raise self._unsupported("set_value")
+
+    def send_req(self, req: str) -> Any:
+        """Answer a request (Source: thesis B.2.3.3). The default serves the methods under `@request`.
+
+        Raises:
+            ArgumentError: no such request, or a bad argument.
+            UnsupportedError: the resource has no requests.
+        """
+        if not self.info().requests:
+            raise self._unsupported("send_req")
+        info, argument = self.info().parse_request(req)
+        handler = self._handler("request", info.name)
+        return handler() if argument is None else handler(argument.value)
+
+    def send_cmd(self, cmd: str, data: EALData | None = None) -> Any:
+        """Carry out a command (Source: thesis B.2.3.4). The default serves the methods under `@command`.
+
+        Raises:
+            ArgumentError: no such command, or a bad argument.
+            UnsupportedError: the resource has no commands.
+        """
+        if not self.info().commands:
+            raise self._unsupported("send_cmd")
+        info, argument = self.info().parse_command(cmd, data)
+        handler = self._handler("command", info.name)
+        return handler() if argument is None else handler(argument.value)
+
+    def read_comm(self, length: int) -> Any:
+        """Return up to `length` bytes (Source: thesis B.2.3.5)."""
+        raise self._unsupported("read_comm")
+
+    def write_comm(self, data: EALData, length: int) -> int:
+        """Write the first `length` bytes; return how many were written (Source: thesis B.2.3.6)."""
+        raise self._unsupported("write_comm")
+
+    def get_config(self, key: str) -> Any:
+        """Return a configuration value (Source: thesis B.2.3.7). The default serves the methods under `@config`.
+
+        Raises:
+            ArgumentError: no such key.
+            UnsupportedError: the resource has no configuration.
+        """
+        if not self.info().configs:
+            raise self._unsupported("get_config")
+        return self._handler("config", self.info().config(key).name)()
+
+    def set_config(self, key: str, data: EALData | None = None) -> Any:
+        """Set a configuration value (Source: thesis B.2.3.8). The default serves the `@config_setter` methods.
+
+        Raises:
+            ArgumentError: no such key, a read-only key, or a value outside its type or range.
+            UnsupportedError: the resource has no configuration.
+        """
+        if not self.info().configs:
+            raise self._unsupported("set_config")
+        info = self.info().config(key)
+        if not info.writable:
+            raise ArgumentError(f"configuration key {key!r} is read-only")
+        if data is None:
+            raise ArgumentError(f"configuration key {key!r} needs a value: {info.value.describe()}")
+        info.value.check(data, f"configuration key {key!r}")
+        return self._handler("config_setter", key)(data.value)
+
+    # Its life.
+
+    def open(self) -> None:
+        """Take hold of the hardware; called once before the first call. An error here means: not available."""
+
+    def close(self) -> None:
+        """Let go of the hardware; called once after the last call, after `halt`."""
+
+    def halt(self) -> None:
+        """Bring everything that moves to a stop at once, and leave it so until a new command.
+
+        Called on a halt, a missed deadline, a crash and before `close`. Every actuator overrides it.
+        """
+
+    def background(self) -> Activity | None:
+        """Return an activity that runs as long as the resource does, such as a poller; None for none.
+
+        It runs between calls, in the same thread; an error in it restarts the resource.
+        """
+        return None
+
+    # What it says of itself.
+
+    def info(self) -> ResourceInfo:
+        """Return what the resource says of itself; made once."""
+        info: ResourceInfo | None = self.__dict__.get("_info")
+        if info is None or info.name != (self.name or type(self).__name__):
+            info = self.__dict__["_info"] = self._make_info()
+        return info
+
+    def _make_info(self) -> ResourceInfo:
+        cls = type(self)
+        commands, requests, configs = [], [], []
+        for (kind, name), attribute in self._handlers.items():
+            fields = getattr(getattr(cls, attribute), _MARK)[2]
+            if kind == "command":
+                commands.append(CommandInfo(name=name, **fields))
+            elif kind == "request":
+                requests.append(CommandInfo(name=name, **fields))
+            elif kind == "config":
+                configs.append(ConfigInfo(name=name, writable=("config_setter", name) in self._handlers, **fields))
+        methods = {method for method in METHODS if getattr(cls, method) is not getattr(Resource, method)}
+        methods |= {method for method, served in (("send_cmd", commands), ("send_req", requests)) if served}
+        if configs:
+            methods |= {"get_config"} | ({"set_config"} if any(c.writable for c in configs) else set())
+        return ResourceInfo(
+            name=self.name or cls.__name__,
+            types=self.types,
+            methods=frozenset(methods),
+            value=self.value,
+            commands=tuple(commands),
+            requests=tuple(requests),
+            configs=tuple(configs),
+            description=self.description or (cls.__doc__ or "").strip().partition("\n")[0],
+        )
+
+    def _handler(self, kind: str, name: str) -> Callable[..., Any]:
+        handler: Callable[..., Any] = getattr(self, self._handlers[kind, name])
+        return handler
+
+    def _unsupported(self, method: str) -> UnsupportedError:
+        name = self.name or type(self).__name__
+        supported = ", ".join(m for m in METHODS if m in self.info().methods) or "nothing"
+        return UnsupportedError(f"{name} does not support {method}; it supports {supported}")

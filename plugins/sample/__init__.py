@@ -1,0 +1,1 @@
+"""The shortest plugin: one resource that keeps an int."""

@@ -1,0 +1,40 @@
+"""The sample plugin (Source: thesis §4.7.1-4.7.3)."""
+
+from eal_actors.plugin import DataType, EALData, EALPlugin, Resource, ResourceType, ValueInfo
+
+
+class SampleResource(Resource):
+    """An int that can be read and written."""
+
+    types = ResourceType.SENSOR | ResourceType.ACTUATOR
+    value = ValueInfo(DataType.INT)  # so the framework answers anything but an int with an ArgumentError
+
+    def __init__(self) -> None:
+        self._number = 0
+
+    def get_value(self) -> int:
+        """Return the int; 0 at first."""
+        return self._number
+
+    def set_value(self, data: EALData) -> int:
+        """Keep the int; return 1."""
+        self._number = data.value
+        return 1
+
+
+def connect() -> EALPlugin:
+    """Name the plugin's resources."""
+    return EALPlugin("SampleResource")
+
+
+def disconnect(plugin: EALPlugin) -> None:
+    """Let go of what `connect` took: nothing here."""
+
+
+def create_SampleResource() -> SampleResource:  # noqa: N802
+    """Make the resource."""
+    return SampleResource()
+
+
+def destroy_SampleResource(resource: SampleResource) -> None:  # noqa: N802
+    """Let go of what `create_SampleResource` took: nothing here."""

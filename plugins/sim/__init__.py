@@ -1,0 +1,1 @@
+"""Simulated robots in one common world."""
