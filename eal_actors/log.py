@@ -6,6 +6,7 @@ that without `configure_logging` only warnings and errors are shown.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import sys
 from typing import Literal, TextIO, cast
@@ -13,6 +14,29 @@ from typing import Literal, TextIO, cast
 import structlog
 
 LogFormat = Literal["human", "json"]
+
+
+class _Stream:
+    """A stream that is looked up at each line, and whose failures stay its own: a log line must never stop a motor's
+    actor because somebody closed the terminal.
+    """
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        try:
+            return (self._stream or sys.stderr).write(text)
+        except (OSError, ValueError, AttributeError):  # a closed pipe, a closed file, no stderr at all
+            return 0
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            (self._stream or sys.stderr).flush()
+
+    def isatty(self) -> bool:
+        stream = self._stream or sys.stderr
+        return stream is not None and stream.isatty()
 
 
 def configure_logging(format: LogFormat = "human", level: str = "info", stream: TextIO | None = None) -> None:  # noqa: A002
@@ -23,7 +47,7 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
         level: the least level shown: debug, info, warning or error.
         stream: where the lines go; stderr if None.
     """
-    out = stream or sys.stderr
+    out = _Stream(stream)
     renderer: structlog.typing.Processor
     if format == "json":
         renderer = structlog.processors.JSONRenderer(default=str)
@@ -39,7 +63,7 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
     structlog.configure(
         processors=[*shared, renderer],
         wrapper_class=structlog.make_filtering_bound_logger(logging.getLevelNamesMapping()[level.upper()]),
-        logger_factory=structlog.PrintLoggerFactory(out),
+        logger_factory=structlog.PrintLoggerFactory(cast("TextIO", out)),
         cache_logger_on_first_use=False,
     )
     logging.getLogger("pykka").setLevel(logging.CRITICAL)  # every failure it would print is reported by our actors

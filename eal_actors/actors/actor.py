@@ -35,7 +35,7 @@ class EALActor(pykka.ThreadingActor):
     # A stuck handler must not keep the process alive; whoever starts actors stops and joins them.
     use_daemon_thread: ClassVar[bool] = True
 
-    actor_inbox: Inbox
+    actor_inbox: Inbox  # type: ignore[assignment]  # Pykka's protocol names its own envelope class
 
     def __init__(self, name: str, clock: Clock, capacity: int = 256) -> None:
         self.name = name

@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Generator
 from types import TracebackType
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 import pykka
 
@@ -17,6 +17,7 @@ from eal_actors.errors import CallCancelledError, DeadlineError, WaitTimeoutErro
 from eal_actors.log import get_logger
 
 T = TypeVar("T")
+OptExcInfo: TypeAlias = tuple[type[BaseException] | None, BaseException | None, TracebackType | None]
 
 
 class Alarm(Protocol):
@@ -63,7 +64,8 @@ class Future(pykka.Future[T]):
         self._callbacks: list[Callable[[Future[T]], None]] | None = None
         self._alarm: Alarm | None = None
 
-    _get_hook = None  # Pykka sets it in __init__, where it would cost every call; see set_get_hook
+    _get_hook: Callable[[float | None], T] | None = None
+    # Pykka sets it in __init__, which would cost every call: ours waits until set_get_hook.
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.describe()}: {'done' if self._done else 'pending'}>"
@@ -86,11 +88,11 @@ class Future(pykka.Future[T]):
         """Set the result, unless there is an outcome already. Thread: any."""
         self._finish(value, None)
 
-    def set_exception(self, exc_info: BaseException | Any = None) -> None:
+    def set_exception(self, exc_info: BaseException | OptExcInfo | None = None) -> None:
         """Set the failure: an exception, Pykka's triple, or the exception being handled. Thread: any."""
-        if exc_info is None:
-            exc_info = sys.exc_info()
-        error = exc_info if isinstance(exc_info, BaseException) else exc_info[1] or exc_info[0]()
+        error = exc_info if isinstance(exc_info, BaseException) else (exc_info or sys.exc_info())[1]
+        if error is None:
+            raise TypeError("set_exception needs an exception where none is being handled")
         self._finish(None, error)
 
     def _finish(self, value: Any, error: BaseException | None) -> bool:

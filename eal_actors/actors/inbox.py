@@ -184,9 +184,12 @@ class Inbox:
             # After a time-out a writer may still believe that we wait: its release only makes one wait too short.
 
     def close(self, error: EALError) -> list[Envelope]:
-        """Refuse everything from now on with the error; returns what was waiting. Thread: any."""
+        """Refuse everything from now on with the error; returns what was waiting.
+
+        The first reason stands. Thread: any.
+        """
         with self._lock:
-            self._closed_by = error
+            self._closed_by = self._closed_by or error
             waiting = [*self._urgent, *self._normal]
             self._urgent.clear()
             self._normal.clear()

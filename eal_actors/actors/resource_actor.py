@@ -91,6 +91,7 @@ class ResourceActor(EALActor):
         """When what runs now must be over; None while the actor is idle. Read by the robot."""
         self._factory = factory
         self._observer = observer
+        self._current: Call[Any] | None = None
         self._motion: _Running | None = None
         self._background: _Running | None = None
         self._log = get_logger(robot=cell.robot, resource=cell.name)
@@ -152,6 +153,14 @@ class ResourceActor(EALActor):
         self._end(PreemptedError(f"the resource crashed: {error!r}"))
         self._observer.resource_down(self, error)
 
+    def abandon(self, error: EALError) -> None:
+        """Fail the calls under way too; see EALActor."""
+        under_way = [self._current, self._motion.call if self._motion is not None else None]
+        super().abandon(error)
+        for call in under_way:
+            if call is not None:
+                self._refuse_call(call, error)
+
     def on_abandoned(self) -> None:
         """Stop what moves after all, now that the stuck code is unwound. Thread: the actor's own."""
         self._end(PreemptedError("the resource was stuck and has been abandoned"))
@@ -191,7 +200,7 @@ class ResourceActor(EALActor):
         if deadline_s <= self.clock.now():
             call.fail(DeadlineError(f"{call.method} waited in the mailbox until its deadline; it was not executed"))
             return
-        self.busy_until_s = deadline_s
+        self.busy_until_s, self._current = deadline_s, call
         try:
             result = self._methods[call.method](*call.arguments)
             if type(result) is types.GeneratorType:
@@ -207,7 +216,7 @@ class ResourceActor(EALActor):
             call.fail(self._explained(call, error))
             raise
         finally:
-            self.busy_until_s = None
+            self.busy_until_s = self._current = None
 
     def _explained(self, call: Call[Any], error: BaseException) -> EALError:
         """Return an error that names the call, and has the plugin's own error as its cause."""
@@ -282,7 +291,7 @@ class ResourceActor(EALActor):
             return
         self.busy_until_s = now_s + self.cell.timeout_s if call is None else call.deadline_s
         try:
-            delay_s = next(running.activity)
+            delay_s: object = next(running.activity)  # typed as float, but written by a plugin's author
             if not isinstance(delay_s, int | float) or not delay_s >= 0:
                 raise ReturnTypeError(f"yielded {delay_s!r} where seconds until its next step are wanted")
         except AbandonedThread:

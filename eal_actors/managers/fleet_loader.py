@@ -7,7 +7,6 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from eal_actors.bundled import bundled_path
 from eal_actors.errors import ConfigError, Problem
 from eal_actors.managers.fleet_model import (
     MAX_ROBOTS_OF_ONE_ENTRY,
@@ -160,14 +159,14 @@ class _Resolver:
             return None
 
     def plugin_dirs(self) -> tuple[Path, ...]:
-        """Return the folders to search for plugins."""
+        """Return the folders to search for plugins, each once."""
         folders: list[Path] = []
         for index, target in enumerate(_texts(self._tree.root.get("plugin_dirs"))):
             folder = _beside(self._tree.mark_at(("plugin_dirs", index)), target)
             if not folder.is_dir():
                 self._report(("plugin_dirs", index), f"no such folder: {folder}")
             folders.append(folder.resolve())
-        return tuple(dict.fromkeys((*folders, bundled_path("plugins").resolve())))
+        return tuple(dict.fromkeys(folders))
 
     def _report(self, path: YamlPath, message: str, *, key: bool = False) -> None:
         self.problems.append(self._tree.problem(path, message, key=key))

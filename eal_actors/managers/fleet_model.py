@@ -159,7 +159,7 @@ class FleetConfig:
         rate: seconds of fleet time in one real second.
         seed: where all randomness of the fleet starts from.
         world: the arena of the simulated robots, if there is one.
-        plugin_dirs: folders to search for plugins, in this order; the bundled ones come last.
+        plugin_dirs: folders to search for plugins before the bundled ones, in this order.
         robots: by name, in the order of the file; never empty.
     """
 

@@ -14,8 +14,11 @@ from eal_actors.plugin import UnavailableError
 from .models import NO_ERRORS, Make
 from .motion import Motion, Wheels
 
-_FORCE_MARGIN: Final = 2.0
-"""Greatest drive force over what the accelerations need: little enough that a robot does not sink into a wall."""
+SUBSTEPS: Final = 4
+"""Physics steps in a tick, so that a robot that runs into a wall sinks in by a quarter of its travel in a tick."""
+
+_FORCE_MARGIN: Final = 2.0 * SUBSTEPS
+"""Greatest drive force over what the accelerations need: a tick's change of speed happens in its first step."""
 
 _FRICTION: Final = 0.3
 

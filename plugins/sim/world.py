@@ -15,7 +15,7 @@ from eal_actors.plugin import Clock, PluginError, WorldModel
 
 from .models import Make
 from .motion import Motion
-from .robot import SimRobot
+from .robot import SUBSTEPS, SimRobot
 
 EMPTY_ROOM: Final = WorldModel(version=1, name="empty-room", size_m=(6.0, 4.0))
 
@@ -127,7 +127,8 @@ class SimWorld:
     def _run_tick(self) -> None:
         for robot in self._driven:
             robot.drive_tick()
-        self._space.step(self.tick_s)
+        for _ in range(SUBSTEPS):
+            self._space.step(self.tick_s / SUBSTEPS)
         for robot in [robot for robot in self._driven if robot.motion and robot.motion.is_over]:
             self.stop(robot)
 

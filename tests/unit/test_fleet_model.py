@@ -49,7 +49,7 @@ class TestResolving:
 
         assert (fleet.name, fleet.rate, fleet.seed, fleet.world) == ("f", 1.0, 0, None)
         assert fleet.source == Path("f.yaml")
-        assert [folder.name for folder in fleet.plugin_dirs] == ["plugins"]
+        assert fleet.plugin_dirs == ()
         assert (robot.name, robot.type, robot.types, robot.tags) == ("r", None, (), ())
         assert (robot.timeout_s, robot.mailbox) == (10.0, 256)
         assert (robot.restart, robot.max_restarts, robot.restart_window_s) == ("permanent", 3, 5.0)
@@ -110,7 +110,7 @@ robots:
 
     def test_paths_are_relative_to_the_file_that_names_them(self, fleets: Fleets) -> None:
         fleets.write("parts/room.yaml", "version: 1\nname: room\nsize_m: [1, 2]\n")
-        fleets.write("parts/p.yaml", "version: 1\nworld: room.yaml\nplugin_dirs: [extra, ../own]\n")
+        fleets.write("parts/p.yaml", "version: 1\nworld: room.yaml\nplugin_dirs: [extra, ../own, extra/]\n")
         (fleets.folder / "parts/extra").mkdir()
         (fleets.folder / "own").mkdir()
 
@@ -118,7 +118,7 @@ robots:
 
         assert fleet.world is not None
         assert fleet.world.size_m == (1.0, 2.0)
-        assert fleet.plugin_dirs[:2] == (fleets.folder / "parts/extra", fleets.folder / "own")
+        assert fleet.plugin_dirs == (fleets.folder / "parts/extra", fleets.folder / "own")
 
     def test_values_may_come_from_the_environment(self, fleets: Fleets) -> None:
         fleets.environment = {"BOX": "7", "PORT": "50000"}

@@ -1,0 +1,79 @@
+"""The program `eal`: its global options, its commands, and what it does about errors and signals."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from types import FrameType
+from typing import Annotated, Any, NoReturn
+
+import typer
+from typer.core import TyperGroup
+
+from eal_actors import __version__
+from eal_actors.cli import call, check, plugin, resources, run, schema
+from eal_actors.cli.exit_codes import EPILOG, ExitCode, report
+from eal_actors.cli.options import GlobalOptions, LogLevel
+from eal_actors.errors import EALError
+from eal_actors.log import LogFormat, configure_logging
+
+
+class _Program(TyperGroup):
+    """The one place where an error becomes a message and an exit code."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except EALError as error:
+            options = ctx.find_object(GlobalOptions) or GlobalOptions()
+            raise typer.Exit(report(error, options)) from error
+        except KeyboardInterrupt:
+            raise typer.Exit(ExitCode.INTERRUPTED) from None
+
+
+app = typer.Typer(
+    name="eal",
+    cls=_Program,
+    help="Run one scenario across a fleet of different robots.",
+    epilog=EPILOG,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+
+
+def _show_version(value: bool) -> None:
+    if value:
+        sys.stdout.write(f"eal {__version__}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def _global_options(
+    context: typer.Context,
+    log_format: Annotated[LogFormat, typer.Option(help="How log lines on stderr look.")] = "human",
+    log_level: Annotated[LogLevel, typer.Option(help="The least level shown; debug shows tracebacks.")] = "warning",
+    version: Annotated[  # noqa: ARG001  # its callback does the work
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    context.obj = GlobalOptions(log_format, log_level)
+    configure_logging(log_format, log_level)
+
+
+app.command("run")(run.run_scenario)
+app.command("check")(check.check_files)
+app.command("schema")(schema.print_schema)
+app.command("resources")(resources.list_resources)
+app.command("call", context_settings={"ignore_unknown_options": True})(call.call_method)  # so that -5 is a number
+app.add_typer(plugin.app, name="plugin")
+
+
+def main() -> None:
+    """Run the program and exit. A SIGTERM counts as Ctrl-C, so that every `finally` stops its motors."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    app()
+
+
+def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt

@@ -1,0 +1,128 @@
+"""`eal check`: what is wrong with fleet, scenario and world files, without touching a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+from rich.text import Text
+
+from eal_actors.cli.exit_codes import ExitCode
+from eal_actors.cli.options import JsonOption
+from eal_actors.cli.output import counted, stderr, stdout, write_json
+from eal_actors.errors import ConfigError, Problem
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.plugins import EALPluginManager
+from eal_actors.scenario import check_scenario
+from eal_actors.world import load_world
+from eal_actors.yaml_source import load_yaml
+
+_FLEET_KEYS: Final = frozenset({"robots", "types", "defaults", "plugin_dirs", "include"})
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """What came of a file.
+
+    Attributes:
+        file: the file, as it was named.
+        kind: `fleet`, `scenario` or `world`; `unknown` where the content does not tell.
+        summary: what a good file holds, in few words.
+        problems: what is wrong.
+        warnings: what may be wrong only on this machine: plugins that cannot be imported.
+    """
+
+    file: str
+    kind: str
+    summary: str = ""
+    problems: tuple[Problem, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def check_files(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Fleet, scenario and world files.", show_default=False)],
+    as_json: JsonOption = False,
+) -> None:
+    """Check files, and print each problem as `file:line:column: path: message`.
+
+    Their content tells what they are. Of a fleet the plugins' settings are checked too, for which the plugins are
+    imported, but nothing is connected. Ends with 2 if there are problems.
+    """
+    results = [check_file(file) for file in files]
+    problems = sorted({problem for result in results for problem in result.problems})
+    if as_json:
+        write_json({"files": [asdict(result) for result in results]})
+    else:
+        _print(results, problems)
+    if problems:
+        raise typer.Exit(ExitCode.BAD_INPUT)
+
+
+def _print(results: list[Checked], problems: list[Problem]) -> None:
+    out, err = stdout(), stderr()
+    for warning in dict.fromkeys(warning for result in results for warning in result.warnings):
+        err.print(Text.assemble(("warning: ", "yellow"), warning), soft_wrap=True)
+    for result in results:
+        if not result.problems:
+            out.print(Text.assemble(f"{result.file}: ", ("ok", "green"), f" ({result.summary})"), soft_wrap=True)
+    for problem in problems:
+        out.print(Text(str(problem)), soft_wrap=True)
+    if problems:
+        files = {problem.file for problem in problems}
+        err.print(f"{counted(len(problems), 'problem')} in {counted(len(files), 'file')}", style="bold red")
+
+
+def check_file(file: Path) -> Checked:
+    """Check one file, of whatever kind it is."""
+    name = str(file)
+    try:
+        keys = set(load_yaml(file).root)
+        for belongs, check in _KINDS:
+            if belongs(keys):
+                return check(name)
+    except ConfigError as error:
+        return Checked(name, "unknown", problems=error.problems)
+    hint = "a fleet has robots, a scenario has steps, a world has size_m"
+    return Checked(name, "unknown", problems=(Problem(name, 0, 0, "", f"cannot tell what it is: {hint}"),))
+
+
+def _check_fleet(name: str) -> Checked:
+    try:
+        config = EALConfigManager.load(name).fleet
+    except ConfigError as error:
+        return Checked(name, "fleet", problems=error.problems)
+    problems, warnings = _check_plugins(config)
+    return Checked(name, "fleet", f"fleet, {counted(len(config.robots), 'robot')}", problems, warnings)
+
+
+def _check_plugins(config: FleetConfig) -> tuple[tuple[Problem, ...], tuple[str, ...]]:
+    manager = EALPluginManager(config.plugin_dirs)
+    problems: set[Problem] = set()
+    warnings = [str(error) for error in manager.errors]
+    for robot in config.robots.values():
+        wrong, broken = manager.check(robot)
+        problems.update(wrong)
+        warnings += [error.message for error in broken]
+    return tuple(sorted(problems)), tuple(dict.fromkeys(warnings))
+
+
+def _check_scenario(name: str) -> Checked:
+    return Checked(name, "scenario", "scenario", check_scenario(name))
+
+
+def _check_world(name: str) -> Checked:
+    world = load_world(name)
+    width_m, height_m = world.size_m
+    what = f"world, {width_m:g} x {height_m:g} m, {counted(len(world.obstacles), 'obstacle')}"
+    return Checked(name, "world", what)
+
+
+_KINDS: Final[tuple[tuple[Callable[[set[str]], bool], Callable[[str], Checked]], ...]] = (
+    (lambda keys: "steps" in keys, _check_scenario),
+    (lambda keys: "size_m" in keys, _check_world),
+    (lambda keys: bool(keys & _FLEET_KEYS), _check_fleet),
+)

@@ -1,0 +1,123 @@
+"""`eal resources`: the robots of a fleet, and what each of them can do."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.robot_actor import RobotState
+from eal_actors.cli.exit_codes import ExitCode
+from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.options import FleetOption, JsonOption
+from eal_actors.cli.output import counted, new_table, stdout, write_json
+from eal_actors.errors import EALError
+from eal_actors.facade.fleet import Fleet
+from eal_actors.info import METHODS, CommandInfo, ResourceInfo
+
+_NAMES_SHOWN = 4
+
+
+def list_resources(
+    fleet: FleetOption,
+    robot: Annotated[
+        list[str] | None, typer.Option("--robot", "-r", show_default=False, help="Only this robot; may be repeated.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Connect the robots and show their resources, with methods, commands, types, units and ranges.
+
+    Robots that offer the same are shown together. Ends with 3 if a robot could not be reached.
+    """
+    with Fleet(read_fleet(fleet, robot or ())) as opened:
+        robots = [_described(handle) for handle in opened.values()]
+    if as_json:
+        write_json({"fleet": opened.name, "robots": robots})
+    else:
+        _print_groups(robots)
+    if any(entry["state"] != RobotState.READY.value or entry["problems"] for entry in robots):
+        raise typer.Exit(ExitCode.UNREACHABLE)
+
+
+def _described(robot: RobotHandle) -> dict[str, Any]:
+    infos = []
+    missing = []
+    for name, handle in robot.items():
+        try:
+            infos.append(handle.info.to_dict())
+        except EALError as error:
+            missing.append(f"{name}: {error.message}")
+    return {
+        "name": robot.name,
+        "type": robot.type,
+        "tags": list(robot.tags),
+        "state": robot.state.value,
+        "problems": [*(problem.message for problem in robot.problems), *missing],
+        "resources": infos,
+    }
+
+
+def _print_groups(robots: list[dict[str, Any]]) -> None:
+    """Print robots that offer the same as one."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for robot in robots:
+        same = {key: value for key, value in robot.items() if key != "name"}
+        groups.setdefault(json.dumps(same), []).append(robot)
+    console = stdout()
+    for number, group in enumerate(groups.values()):
+        if number:
+            console.print()
+        console.print(_heading(group))
+        for problem in group[0]["problems"]:
+            console.print(Text(f"  {problem}", style="red"))
+        if group[0]["resources"]:
+            console.print()
+            console.print(_table([ResourceInfo.from_dict(info) for info in group[0]["resources"]]))
+
+
+def _heading(group: list[dict[str, Any]]) -> Text:
+    robot, names = group[0], [entry["name"] for entry in group]
+    listed = ", ".join(names) if len(names) <= _NAMES_SHOWN else f"{names[0]} to {names[-1]}, {counted(len(names), 'robot')}"
+    ready = robot["state"] == RobotState.READY.value and not robot["problems"]
+    notes = [f"type {robot['type']}"] if robot["type"] else []
+    notes += [f"tags {', '.join(robot['tags'])}"] if robot["tags"] else []
+    return Text.assemble(
+        (listed, "bold"), "  ", (robot["state"], "green" if ready else "bold red"), ("".join(f"  {note}" for note in notes), "dim")
+    )
+
+
+def _table(infos: list[ResourceInfo]) -> Table:
+    table = new_table("resource", "types", "methods", "takes and answers")
+    for info in infos:
+        types = "\n".join(name.lower() for name in info.types.names)
+        methods = "\n".join(method for method in METHODS if method in info.methods)
+        table.add_row(Text(info.name, style="cyan"), types, methods, _offers(info))
+        table.add_section()
+    return table
+
+
+def _offers(info: ResourceInfo) -> Text:
+    lines = [Text(info.description, style="italic")]
+    if info.value is not None:
+        note = f", {info.value.description}" if info.value.description else ""
+        lines.append(_offer("value", f"{info.value.describe()}{note}"))
+    bare = [f"{command.name}{' (stop)' if command.urgent else ''}" for command in info.commands if not command.argument]
+    if bare:
+        lines.append(_offer("command", ", ".join(bare)))
+    lines += [_offer("command", command.describe()) for command in info.commands if command.argument]
+    lines += [_offer("request", _request(request)) for request in info.requests]
+    for key in info.configs:
+        lines.append(_offer("config", f"{key.name} ({key.value.describe()}){'' if key.writable else ' read-only'}"))
+    return Text("\n").join(lines)
+
+
+def _request(request: CommandInfo) -> str:
+    return f"{request.describe()}: {request.returns.describe()}" if request.returns else request.describe()
+
+
+def _offer(kind: str, what: str) -> Text:
+    return Text.assemble((f"{kind} ", "dim"), what)

@@ -1,0 +1,165 @@
+"""The bench: a plugin in a fleet of its own, and a notebook for what is found wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from eal_actors.actors.future import Future
+from eal_actors.actors.handles import ResourceHandle, RobotHandle
+from eal_actors.errors import EALError, PluginError
+from eal_actors.facade.fleet import Fleet
+from eal_actors.info import ResourceType
+from eal_actors.managers.fleet_model import FleetConfig, PluginSettings, RobotConfig
+from eal_actors.managers.manifest import PluginManifest, read_manifest
+from eal_actors.world import WorldModel
+from eal_actors.yaml_tree import Mark, MarkedDict, YamlTree
+
+T = TypeVar("T")
+
+ROBOTS: Final = ("first", "second")
+"""The robots on the bench."""
+
+_ARENA: Final = WorldModel(version=1, name="bench", size_m=(12.0, 8.0))
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A plugin's folder, and how to set the plugin up.
+
+    Attributes:
+        folder: the plugin's folder.
+        settings: what a fleet file would say under the plugin's name; see `settings_of`.
+        timeout_s: deadline of each call.
+    """
+
+    folder: Path
+    settings: YamlTree
+    timeout_s: float = 5.0
+
+    def manifest(self) -> PluginManifest:
+        """Read the plugin's manifest, or raise ConfigError."""
+        return read_manifest(self.folder)
+
+    def config(self, robots: int = 1) -> FleetConfig:
+        """Return a fleet whose every robot has the plugin, alone."""
+        manifest = self.manifest()
+        settings = PluginSettings(manifest.name, manifest.name, self.settings)
+        return FleetConfig(
+            name="bench",
+            source=self.folder,
+            rate=1.0,
+            seed=0,
+            world=_ARENA,
+            plugin_dirs=(self.folder.resolve().parent,),
+            robots={name: self._robot(name, settings) for name in ROBOTS[:robots]},
+        )
+
+    def _robot(self, name: str, settings: PluginSettings) -> RobotConfig:
+        return RobotConfig(
+            name=name,
+            type=None,
+            types=(),
+            tags=(),
+            timeout_s=self.timeout_s,
+            mailbox=256,
+            restart="temporary",  # so that a crash shows
+            max_restarts=0,
+            restart_window_s=5.0,
+            plugins={settings.instance: settings},
+        )
+
+    @contextmanager
+    def robot(self) -> Iterator[RobotHandle]:
+        """Connect one robot for the length of a `with` block.
+
+        Raises:
+            ConfigError: the manifest or the settings are wrong.
+            PluginError: the plugin, or one of its resources, did not come up.
+
+        Thread: blocks while the robot connects.
+        """
+        with self.robots(1) as (robot,):
+            yield robot
+
+    @contextmanager
+    def robots(self, count: int) -> Iterator[tuple[RobotHandle, ...]]:
+        """Connect several robots, each with its own instance of the plugin; see `robot`."""
+        with Fleet(self.config(count)) as fleet:
+            robots = tuple(fleet.values())
+            for robot in robots:
+                _require_up(robot)
+            yield robots
+
+
+def _require_up(robot: RobotHandle) -> None:
+    if robot.problems:
+        raise PluginError("; ".join(dict.fromkeys(problem.message for problem in robot.problems)))
+    robot.wait_started(0.0)
+    for name, handle in robot.items():
+        try:
+            handle.info  # noqa: B018  # reading it tells whether the resource has come up
+        except EALError as error:
+            raise PluginError(f"{name} did not come up: {error.message}") from error
+
+
+def settings_of(settings: Mapping[str, Any]) -> YamlTree:
+    """Return settings as if a file said so, in which problems are named `settings`."""
+    mark = Mark("settings", 0, 0)
+    root = MarkedDict(mark)
+    for key, value in settings.items():
+        root.put(key, value, mark, mark)
+    return YamlTree(root)
+
+
+@dataclass
+class Findings:
+    """What a check found.
+
+    Attributes:
+        problems: what is wrong, each with the resource's name.
+        tried: how much was looked at; a check that found nothing to look at was skipped.
+    """
+
+    problems: list[str] = field(default_factory=list)
+    tried: int = 0
+
+    def expect(self, *, holds: bool, problem: str) -> bool:
+        """Note a problem unless something holds; returns whether it does."""
+        self.tried += 1
+        if not holds:
+            self.problems.append(problem)
+        return holds
+
+    def answer(self, future: Future[T]) -> T | None:
+        """Wait for a call that must succeed; returns None, and notes why, if it does not."""
+        self.tried += 1
+        try:
+            return future.get()
+        except EALError as error:
+            self.problems.append(f"{future.describe().partition('/')[2]} failed: {error.code}: {error.message}")
+            return None
+
+    def refusal(self, future: Future[Any], wanted: type[EALError]) -> EALError | None:
+        """Wait for a call that must fail with a certain error; returns that error."""
+        self.tried += 1
+        what = future.describe().partition("/")[2]
+        error = future.exception()
+        if isinstance(error, wanted):
+            return error
+        outcome = "succeeded" if error is None else f"failed with {type(error).__name__}: {getattr(error, 'message', error)}"
+        self.problems.append(f"{what} must fail with {wanted.__name__}, but {outcome}")
+        return None
+
+
+def settle(handle: ResourceHandle) -> None:
+    """Wait until the resource has begun with whatever was sent to it before. Thread: blocks the caller."""
+    handle.get_config("eal-conformance-settle").exception()  # refused, but only when its turn has come
+
+
+def actuators(robot: RobotHandle) -> list[ResourceHandle]:
+    """Return the robot's actuators."""
+    return [handle for handle in robot.values() if ResourceType.ACTUATOR in handle.info.types]

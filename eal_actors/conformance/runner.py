@@ -1,0 +1,100 @@
+"""The list of checks, and how they are run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from eal_actors.conformance import answering, describing, living, moving
+from eal_actors.conformance.bench import Bench, Findings
+from eal_actors.errors import ConfigError, EALError
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One check.
+
+    Attributes:
+        run: looks at the plugin and notes what it finds; its docstring says what must hold.
+        nothing: why there may be nothing to look at, for the record of a check that was skipped.
+    """
+
+    run: Callable[[Bench, Findings], None]
+    nothing: str = ""
+
+    @property
+    def name(self) -> str:
+        """The check's name, such as `comes up`."""
+        return self.run.__name__.replace("_", " ")
+
+    @property
+    def description(self) -> str:
+        """What must hold."""
+        return (self.run.__doc__ or "").strip()
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """What came of one check.
+
+    Attributes:
+        check: the check.
+        outcome: `ok`, `failed` or `skipped`.
+        problems: what is wrong, or why it was skipped.
+    """
+
+    check: Check
+    outcome: Literal["ok", "failed", "skipped"]
+    problems: tuple[str, ...] = ()
+
+
+CHECKS: Final = (
+    Check(describing.comes_up),
+    Check(describing.describes_itself),
+    Check(describing.survives_json),
+    Check(answering.says_what_it_lacks, "every resource supports all nine methods"),
+    Check(answering.answers, "nothing can be asked without an argument"),
+    Check(answering.keeps_configuration, "no configuration key is writable"),
+    Check(answering.refuses_unknown_names, "no commands, requests or configuration keys are listed"),
+    Check(answering.refuses_bad_arguments, "no argument has a type"),
+    Check(moving.can_be_halted, "it has no actuator"),
+    Check(moving.stops_what_runs, "no command of an actuator takes time"),
+    Check(living.shares_nothing, "two of it do not come up side by side"),
+    Check(living.leaves_no_thread),
+    Check(living.comes_back),
+)
+"""Every check, in the order in which an author wants to hear of them."""
+
+
+def run_check(check: Check, bench: Bench) -> CheckResult:
+    """Run one check in a fleet of its own.
+
+    Raises:
+        ConfigError: the plugin's manifest or the settings are wrong.
+
+    Thread: blocks the caller; what can move will move, for a moment.
+    """
+    findings = Findings()
+    try:
+        check.run(bench, findings)
+    except ConfigError:
+        raise
+    except EALError as error:
+        findings.problems.append(str(error))
+    if findings.problems:
+        return CheckResult(check, "failed", tuple(dict.fromkeys(findings.problems)))
+    if not findings.tried:
+        return CheckResult(check, "skipped", (check.nothing,))
+    return CheckResult(check, "ok")
+
+
+def run_checks(bench: Bench) -> Iterator[CheckResult]:
+    """Run every check, and yield each result as it is there; see run_check.
+
+    A plugin that does not come up fails the first check, and the others are skipped.
+    """
+    first = run_check(CHECKS[0], bench)
+    yield first
+    for check in CHECKS[1:]:
+        yield run_check(check, bench) if first.outcome == "ok" else CheckResult(check, "skipped", ("it did not come up",))

@@ -1,0 +1,6 @@
+"""Records of a run beyond its summary: the robots' paths, as a table and as a picture."""
+
+from eal_actors.recording.picture import draw_trajectory
+from eal_actors.recording.poses import PoseRecorder, PoseSample
+
+__all__ = ["PoseRecorder", "PoseSample", "draw_trajectory"]

@@ -1,0 +1,96 @@
+"""Record where robots are while they work, through the resource API, so that it works for any robot with a Pose."""
+
+from __future__ import annotations
+
+import csv
+import threading
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Final, NamedTuple, Self
+
+from eal_actors.actors.future import Future
+from eal_actors.actors.handles import ResourceHandle
+from eal_actors.clock import new_waiter, wake
+from eal_actors.data import EALData
+from eal_actors.facade.fleet import Fleet
+
+POSE_RESOURCE: Final = "Pose"
+"""The resource that is asked: its value is [x m, y m, yaw rad] in the world frame."""
+
+
+class PoseSample(NamedTuple):
+    """A pose in the world frame, and when it was so in the fleet's clock."""
+
+    time_s: float
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+
+class PoseRecorder:
+    """Asks every robot for its pose, period after period, between `with` and its end.
+
+    A robot that does not answer within the period is passed over until the next: recording never holds up a run.
+
+    Args:
+        fleet: a connected fleet.
+        robots: the names of the robots; those without a Pose are left out.
+        period_s: seconds of the fleet's clock between two samples.
+
+    Attributes:
+        paths: the samples by robot, in the order of time.
+    """
+
+    def __init__(self, fleet: Fleet, robots: Iterable[str], period_s: float = 0.1) -> None:
+        self.paths: dict[str, list[PoseSample]] = {}
+        self._period_s = period_s
+        self._clock = fleet.clock
+        self._poses: dict[str, ResourceHandle] = {}
+        for name in robots:
+            if POSE_RESOURCE in fleet[name]:
+                self._poses[name] = fleet[name][POSE_RESOURCE]
+                self.paths[name] = []
+        self._stop = new_waiter()
+        self._thread = threading.Thread(target=self._record, name="pose recorder", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        wake(self._stop)
+        self._thread.join()
+
+    def _record(self) -> None:
+        if not self._poses:
+            return
+        stopped = False
+        while not stopped:
+            asked = self._ask()
+            stopped = self._clock.wait(self._stop, self._period_s)
+            self._note(asked)
+        self._note(self._ask(), wait=True)  # where everybody ended up
+
+    def _ask(self) -> dict[str, Future[EALData]]:
+        return {name: pose.get_value(timeout_s=max(self._period_s, 1.0)) for name, pose in self._poses.items()}
+
+    def _note(self, asked: Mapping[str, Future[EALData]], *, wait: bool = False) -> None:
+        for name, future in asked.items():
+            if (future.done() or wait) and future.exception() is None:
+                data = future.get()
+                x_m, y_m, yaw_rad = (float(number) for number in data.value)
+                stamp_s = data.stamp_s if data.stamp_s is not None else self._clock.now()
+                path = self.paths[name]
+                if not path or path[-1].time_s < stamp_s:
+                    path.append(PoseSample(stamp_s, x_m, y_m, yaw_rad))
+
+    def write_csv(self, path: Path) -> None:
+        """Write the samples as a table: robot, time_s, x_m, y_m, yaw_rad."""
+        with path.open("w", newline="") as file:
+            table = csv.writer(file)
+            table.writerow(["robot", *PoseSample._fields])
+            for name, samples in self.paths.items():
+                table.writerows([name, *(repr(number) for number in sample)] for sample in samples)

@@ -1,0 +1,93 @@
+"""Tells listeners what happens, and writes it down as it happens, so that a crash loses nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import IO, Final
+
+from eal_actors.errors import ScenarioError
+from eal_actors.log import get_logger
+from eal_actors.scenario.events import Event
+from eal_actors.scenario.report import Report
+
+EVENTS: Final = "events.jsonl"
+SUMMARY: Final = "summary.json"
+
+Listener = Callable[[Event], None]
+
+
+class Journal:
+    """The events of one run.
+
+    Args:
+        directory: the run's folder, made if it is not there; None writes nothing.
+        listeners: called with each event, in the thread of the run. One that raises is logged and called no more.
+
+    Raises:
+        ScenarioError: the folder cannot be written, or holds a run already.
+    """
+
+    def __init__(self, directory: Path | None, listeners: Sequence[Listener]) -> None:
+        self._directory = directory
+        self._listeners = list(listeners)
+        self._stream: IO[str] | None = None
+        if directory is None:
+            return
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            self._stream = (directory / EVENTS).open("x", encoding="utf-8", buffering=1)  # each line is flushed
+        except FileExistsError:
+            raise ScenarioError(f"{directory} holds the record of a run already") from None
+        except OSError as error:
+            raise ScenarioError(f"the run's folder {directory} cannot be written: {error}") from error
+
+    def tell(self, event: Event) -> None:
+        """Write an event down, then tell the listeners.
+
+        Raises:
+            OSError: it could not be written; nothing is written any more after that.
+        """
+        try:
+            if self._stream is not None:
+                try:
+                    self._stream.write(json.dumps(event.to_dict()) + "\n")
+                except OSError:
+                    self.close()
+                    raise
+        finally:
+            for listener in list(self._listeners):
+                self._call(listener, event)
+
+    def _call(self, listener: Listener, event: Event) -> None:
+        try:
+            listener(event)
+        except Exception:
+            self._listeners.remove(listener)
+            get_logger().exception("a listener raised; it is told no more", listener=repr(listener))
+
+    def write_summary(self, report: Report) -> None:
+        """Write the summary, whole or not at all.
+
+        Raises:
+            OSError: it could not be written.
+        """
+        if self._directory is None:
+            return
+        unfinished = self._directory / f"{SUMMARY}.tmp"
+        with unfinished.open("w", encoding="utf-8") as stream:
+            stream.write(report.model_dump_json(indent=2) + "\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+        unfinished.replace(self._directory / SUMMARY)
+
+    def close(self) -> None:
+        """Close the file of events. Calling it twice is harmless."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            try:
+                stream.close()
+            except OSError:
+                get_logger().exception("closing the file of events failed")

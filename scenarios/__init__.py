@@ -1,0 +1,1 @@
+"""Choreographies, in YAML and in Python."""

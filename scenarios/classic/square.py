@@ -1,0 +1,35 @@
+"""Drive a robot in a square, forward and then backward (Source: thesis table 6.1).
+
+Run it with EAL_FLEET naming a fleet file; the argument names the robot, where the fleet has several.
+"""
+
+import sys
+
+from eal_actors.classic import EALconnect, EALdisconnect
+
+
+def main(argv: list[str]) -> int:
+    """Return 0, or 1 when there is no connection."""
+    client = EALconnect(*argv[1:2])
+    if client is None:
+        print("Error connecting to EAL")
+        return 1
+
+    id = client.findResource("Base")  # noqa: A001
+
+    for _ in range(4):
+        client.sendCmd(id, "g", None)
+        client.sendCmd(id, "r", None)
+    client.sendCmd(id, "s", None)
+
+    for _ in range(4):
+        client.sendCmd(id, "l", None)
+        client.sendCmd(id, "b", None)
+    client.sendCmd(id, "s", None)
+
+    EALdisconnect(client)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

@@ -1,0 +1,230 @@
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import threading
+
+import pykka
+import pytest
+
+from eal_actors.actors.combine import as_completed, first, gather
+from eal_actors.actors.future import Future
+from eal_actors.actors.inbox import Inbox
+from eal_actors.clock import ManualClock, SystemClock
+from eal_actors.errors import CallCancelledError, CallError, DeadlineError, UnavailableError, WaitTimeoutError
+from tests.robots import WAIT_S
+
+
+def done(value: int) -> Future[int]:
+    future: Future[int] = Future()
+    future.set(value)
+    return future
+
+
+def test_get_waits_for_a_result_from_another_thread() -> None:
+    future: Future[int] = Future(deadline_s=SystemClock().now() + 1e9)
+    setter = threading.Thread(target=lambda: future.set(42))
+    setter.start()
+    assert future.get(timeout=WAIT_S) == 42
+    setter.join()
+
+
+def test_the_first_outcome_stands() -> None:
+    future = done(1)
+    future.set(2)
+    future.set_exception(UnavailableError("late"))
+    assert future.get() == 1
+    assert future.cancel() is False
+
+
+def test_a_failure_is_raised_each_time_with_its_own_traceback() -> None:
+    future: Future[int] = Future()
+    future.set_exception(UnavailableError("no"))
+    lengths = []
+    for _ in range(3):
+        with pytest.raises(UnavailableError) as caught:
+            future.get()
+        lengths.append(len(caught.traceback))
+    assert len(set(lengths)) == 1
+
+
+def test_get_fails_at_the_deadline_of_its_clock() -> None:
+    clock = ManualClock()
+    future: Future[int] = Future(clock, deadline_s=2.0)
+    raised = threading.Event()
+
+    def wait() -> None:
+        with pytest.raises(DeadlineError):
+            future.get()
+        raised.set()
+
+    waiter = threading.Thread(target=wait)
+    waiter.start()
+    clock.advance(1.9)
+    assert not raised.wait(0.02)
+    clock.advance(0.2)
+    assert raised.wait(WAIT_S)
+    waiter.join()
+    future.set(1)
+    assert isinstance(future.exception(), DeadlineError)
+
+
+def test_a_short_wait_leaves_the_call_running() -> None:
+    future: Future[int] = Future(SystemClock(), deadline_s=1e9)
+    with pytest.raises(WaitTimeoutError, match="goes on"):
+        future.get(timeout=0.001)
+    future.set(3)
+    assert future.get() == 3
+
+
+def test_callbacks_run_once_at_once_when_done_and_errors_do_not_spread(capsys: pytest.CaptureFixture[str]) -> None:
+    future: Future[int] = Future()
+    seen: list[int] = []
+
+    def broken(_: Future[int]) -> None:
+        raise ValueError("my mistake")
+
+    future.add_done_callback(broken)
+    future.add_done_callback(lambda f: seen.append(f.get()))
+    future.set(5)
+    future.add_done_callback(lambda f: seen.append(f.get() + 1))
+    assert seen == [5, 6]
+    assert "my mistake" in capsys.readouterr().err
+
+
+def test_a_callback_hears_of_the_deadline_from_the_timekeeper() -> None:
+    clock = ManualClock()
+    keeper = Inbox(clock)
+    future: Future[int] = Future(clock, deadline_s=2.0, timekeeper=keeper)
+    errors: list[BaseException | None] = []
+    future.add_done_callback(lambda f: errors.append(f.exception()))
+    clock.advance(2.0)
+    timer = keeper.get().message
+    timer.action()
+    assert [type(error) for error in errors] == [DeadlineError]
+
+
+def test_a_result_calls_the_alarm_off() -> None:
+    keeper = Inbox(ManualClock())
+    future: Future[int] = Future(keeper.clock, deadline_s=2.0, timekeeper=keeper)
+    future.add_done_callback(lambda _: None)
+    timer = keeper._timers[0][2]
+    future.set(1)
+    assert timer.action is None
+
+
+def test_gather_keeps_the_order_and_waits_for_all() -> None:
+    parts: list[Future[int]] = [Future() for _ in range(3)]
+    together = gather(parts)
+    parts[2].set(2)
+    parts[0].set(0)
+    assert not together.done()
+    parts[1].set(1)
+    assert together.get() == [0, 1, 2]
+    assert gather([]).get() == []
+
+
+def test_gather_fails_when_all_are_done_or_returns_failures() -> None:
+    failed: Future[int] = Future()
+    pending: Future[int] = Future()
+    together, listed = gather([failed, pending]), gather([failed, pending], return_exceptions=True)
+    failed.set_exception(UnavailableError("no"))
+    assert not together.done()
+    pending.set(1)
+    with pytest.raises(UnavailableError):
+        together.get()
+    assert [str(item) for item in listed.get()] == ["no", "1"]
+
+
+def test_gather_expires_its_parts_at_the_latest_deadline() -> None:
+    clock = ManualClock()
+    parts: list[Future[int]] = [Future(clock, deadline_s=t) for t in (1.0, 2.0)]
+    together = gather(parts, return_exceptions=True)
+    clock.advance(2.0)
+    assert [type(item) for item in together.get()] == [DeadlineError, DeadlineError]
+
+
+def test_cancelling_a_gather_cancels_its_parts() -> None:
+    parts: list[Future[int]] = [Future(), Future()]
+    assert gather(parts).cancel()
+    assert all(part.cancelled() for part in parts)
+
+
+def test_first_takes_the_first_success_and_cancels_the_rest() -> None:
+    parts: list[Future[int]] = [Future(), Future(), Future()]
+    fastest = first(parts)
+    parts[0].set_exception(UnavailableError("no"))
+    assert not fastest.done()
+    parts[2].set(7)
+    assert fastest.get() == 7
+    assert parts[1].cancelled()
+
+
+def test_first_fails_when_all_have_failed_and_refuses_nothing() -> None:
+    parts: list[Future[int]] = [Future(), Future()]
+    fastest = first(parts)
+    for part in parts:
+        part.set_exception(UnavailableError("no"))
+    with pytest.raises(UnavailableError):
+        fastest.get()
+    with pytest.raises(CallError):
+        first([])
+
+
+def test_as_completed_yields_in_the_order_of_completion() -> None:
+    parts: list[Future[int]] = [Future() for _ in range(3)]
+    iterator = as_completed(parts)
+    parts[1].set(1)
+    assert next(iterator) is parts[1]
+    parts[2].set(2)
+    parts[0].set(0)
+    assert [part.get() for part in iterator] == [2, 0]
+
+
+def test_conversion_to_the_standard_library_and_back_cancellation() -> None:
+    future: Future[int] = Future()
+    standard = future.to_concurrent()
+    future.set(4)
+    assert standard.result(WAIT_S) == 4
+    failed: Future[int] = Future()
+    mirror = failed.to_concurrent()
+    failed.set_exception(UnavailableError("no"))
+    with pytest.raises(UnavailableError):
+        mirror.result(WAIT_S)
+    cancelled: Future[int] = Future()
+    assert cancelled.to_concurrent().cancel()
+    assert cancelled.cancelled()
+    with pytest.raises(concurrent.futures.CancelledError):
+        cancelled.get()
+
+
+def test_await_in_asyncio_and_cancelling_the_task_cancels_the_call() -> None:
+    async def use() -> tuple[int, bool]:
+        future: Future[int] = Future()
+        threading.Thread(target=lambda: future.set(9)).start()
+        value = await future
+        hanging: Future[int] = Future()
+
+        async def wait() -> int:
+            return await hanging
+
+        task = asyncio.create_task(wait())
+        await asyncio.sleep(0)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        return value, hanging.cancelled()
+
+    assert asyncio.run(use()) == (9, True)
+
+
+def test_pykkas_own_combinators_still_work() -> None:
+    assert done(20).map(lambda value: value + 1).get() == 21
+    assert done(1).join(done(2)).get() == [1, 2]
+    future: Future[list[int]] = Future()
+    future.set([1, 2, 3])
+    assert list(future.filter(lambda value: value > 1).get()) == [2, 3]
+    assert isinstance(future, pykka.Future)
+
+
+def test_cancelled_error_is_the_standard_one() -> None:
+    assert issubclass(CallCancelledError, concurrent.futures.CancelledError)

@@ -1,0 +1,268 @@
+"""Crashes, hangs and bad starts: each is named, stops what moves, and leaves nothing hanging."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import threading
+from functools import partial
+from typing import Any
+
+import pytest
+
+from eal_actors.actors.handles import ResourceHandle, RobotHandle
+from eal_actors.actors.robot_actor import RobotSpec, RobotState, start_robot
+from eal_actors.actors.supervision import Restart
+from eal_actors.clock import REAL_TIME, ManualClock, ScaledClock
+from eal_actors.errors import (
+    DeadlineError,
+    PreemptedError,
+    ResourceFaultError,
+    ResourceNotFoundError,
+    RobotFailedError,
+    UnavailableError,
+)
+from eal_actors.resource import Activity, Resource, command
+from tests.robots import WAIT_S, InlinePlugins, running_robot
+
+
+class Motor(Resource):
+    """A motor that can be made to fail; all of its lives share one list of notes."""
+
+    def __init__(self, notes: list[str]) -> None:
+        self.notes = notes
+        self.notes.append("new")
+
+    def get_value(self) -> int:
+        return self.notes.count("new")
+
+    def halt(self) -> None:
+        self.notes.append("halt")
+
+    @command("exit")
+    def exit(self) -> None:
+        sys.exit(3)
+
+    @command("drive")
+    def drive(self) -> Activity:
+        try:
+            while True:
+                yield 1.0
+        finally:
+            self.notes.append("motors off")
+
+    @command("spin")
+    def spin(self) -> None:
+        pause = threading.Event()
+        try:
+            while True:
+                pause.wait(0.001)
+        finally:
+            self.notes.append("unwound")
+
+
+def call_until_up(handle: ResourceHandle, clock: ManualClock | None = None) -> Any:
+    """Ask until the restarted resource answers."""
+    end_s = REAL_TIME.now() + WAIT_S
+    while True:
+        if clock is not None:
+            clock.advance(0.1)
+        call = handle.get_value()
+        try:
+            return call.get(timeout=1.0).value
+        except UnavailableError:
+            assert REAL_TIME.now() < end_s, "it was never restarted"
+
+
+def test_system_exit_is_a_crash_of_that_resource_alone() -> None:
+    notes: list[str] = []
+    clock = ManualClock()
+    with running_robot({"Motor": partial(Motor, notes), "Other": partial(Motor, [])}, clock=clock) as robot:
+        with pytest.raises(ResourceFaultError, match="robot/Motor: send_cmd 'exit' raised SystemExit: 3"):
+            robot["Motor"].send_cmd("exit").get()
+        assert robot["Other"].get_value().get().value == 1
+        assert call_until_up(robot["Motor"], clock) == 2
+        assert notes == ["new", "halt", "new"]
+        assert robot.restarts == {"Motor": 1}
+        assert robot.state is RobotState.READY
+
+
+def test_callers_that_wait_when_it_crashes_hear_of_it() -> None:
+    entered, gate = threading.Event(), threading.Event()
+
+    class Fragile(Resource):
+        """Breaks while others wait."""
+
+        @command("break")
+        def break_(self) -> None:
+            entered.set()
+            gate.wait(WAIT_S)
+            sys.exit(1)
+
+    with running_robot({"Fragile": Fragile}) as robot:
+        handle = robot["Fragile"]
+        handle.send_cmd("break")
+        assert entered.wait(WAIT_S)
+        waiting = [handle.send_cmd("break") for _ in range(3)]
+        gate.set()
+        for call in waiting:
+            with pytest.raises(UnavailableError, match="robot/Fragile: it crashed: SystemExit"):
+                call.get()
+
+
+def test_more_than_three_crashes_in_the_window_stop_the_whole_robot_safely() -> None:
+    notes: list[str] = []
+    other: list[str] = []
+    clock = ManualClock()
+    resources = {"Motor": partial(Motor, notes), "Other": partial(Motor, other)}
+    with running_robot(resources, clock=clock, restart_window_s=1e6) as robot:  # the clock is moved in leaps
+        drive = robot["Other"].send_cmd("drive", timeout_s=1e9)
+        robot["Other"].get_value().get()
+        for life in itertools.count(1):
+            with pytest.raises(ResourceFaultError):
+                robot["Motor"].send_cmd("exit").get()
+            if life == 4:
+                break
+            assert call_until_up(robot["Motor"], clock) == life + 1
+        with pytest.raises(PreemptedError, match="being stopped"):
+            drive.get(timeout=WAIT_S)
+        assert robot.state is RobotState.FAILED
+        with pytest.raises(RobotFailedError, match=r"robot/Other: stopped safely after more than 3 restarts.*SystemExit"):
+            robot["Other"].get_value().get()
+        assert other == ["new", "motors off", "halt"]
+
+
+def test_a_temporary_resource_is_not_restarted() -> None:
+    with running_robot({"Motor": partial(Motor, [])}, restart=Restart.TEMPORARY) as robot:
+        with pytest.raises(ResourceFaultError):
+            robot["Motor"].send_cmd("exit").get()
+        with pytest.raises(UnavailableError, match=r"not restarted \(temporary\)|it crashed"):
+            robot["Motor"].get_value().get()
+        assert robot.state is RobotState.READY
+
+
+def test_an_error_in_a_background_activity_restarts_the_resource() -> None:
+    lives = itertools.count(1)
+
+    class Poller(Resource):
+        """Its first life loses its device."""
+
+        def __init__(self) -> None:
+            self.life = next(lives)
+
+        def background(self) -> Activity:
+            yield 0.0
+            if self.life == 1:
+                raise OSError("unplugged")
+
+        def get_value(self) -> int:
+            return self.life
+
+    clock = ScaledClock(50)
+    with running_robot({"Poller": Poller}, clock=clock) as robot:
+        end_s = REAL_TIME.now() + WAIT_S
+        while call_until_up(robot["Poller"]) != 2:
+            assert REAL_TIME.now() < end_s
+
+
+def test_a_call_that_hangs_fails_at_its_deadline_and_the_resource_is_replaced() -> None:
+    notes: list[str] = []
+    clock = ScaledClock(20)
+    with running_robot({"Motor": partial(Motor, notes), "Other": partial(Motor, [])}, clock=clock) as robot:
+        hung = robot["Motor"].send_cmd("spin", timeout_s=1.0)
+        behind = robot["Motor"].get_value(timeout_s=100.0)
+        with pytest.raises(DeadlineError, match="robot/Motor: send_cmd 'spin'"):
+            hung.get()
+        with pytest.raises(UnavailableError, match="stuck"):
+            behind.get()
+        assert robot["Other"].get_value().get().value == 1
+        assert call_until_up(robot["Motor"]) == 2
+    assert "unwound" in notes
+    assert notes.index("unwound") < notes.index("halt", notes.index("unwound"))
+
+
+def test_a_hang_is_noticed_through_callbacks_too() -> None:
+    clock = ScaledClock(20)
+    heard = threading.Event()
+    with running_robot({"Motor": partial(Motor, [])}, clock=clock) as robot:
+        robot["Motor"].send_cmd("spin", timeout_s=1.0).add_done_callback(lambda _: heard.set())
+        assert heard.wait(WAIT_S)
+        assert call_until_up(robot["Motor"]) == 2
+
+
+def test_a_thread_blocked_for_ever_is_left_behind_halted_and_named(capsys: pytest.CaptureFixture[str]) -> None:
+    release, halted = threading.Event(), threading.Event()
+
+    class Deaf(Resource):
+        """Blocks inside the operating system, where no exception reaches it."""
+
+        @command("block")
+        def block(self) -> None:
+            release.wait()
+
+        def halt(self) -> None:
+            halted.set()
+
+    clock = ScaledClock(20)
+    with running_robot({"Deaf": Deaf}, clock=clock, close_timeout_s=0.2, max_restarts=0) as robot:
+        with pytest.raises(DeadlineError):
+            robot["Deaf"].send_cmd("block", timeout_s=0.5).get()
+        assert halted.wait(WAIT_S)
+    assert "robot/Deaf" in capsys.readouterr().err
+    release.set()  # so that this test leaves no thread behind
+
+
+def test_closing_does_not_wait_for_what_is_stuck() -> None:
+    notes: list[str] = []
+    start_s = REAL_TIME.now()
+    with running_robot({"Motor": partial(Motor, notes)}, close_timeout_s=0.3) as robot:
+        call = robot["Motor"].send_cmd("spin", timeout_s=1000.0)
+    assert REAL_TIME.now() - start_s < WAIT_S
+    with pytest.raises(UnavailableError, match="did not stop in time"):
+        call.get()
+    assert notes[-2:] == ["unwound", "halt"]
+
+
+def test_a_resource_that_cannot_be_made_is_tried_again_and_then_fails_the_robot() -> None:
+    tries: list[int] = []
+
+    def make() -> Resource:
+        tries.append(1)
+        raise OSError("no such device")
+
+    with running_robot({"Motor": make}, clock=ScaledClock(50), wait=False) as robot:
+        with pytest.raises(RobotFailedError, match=r"more than 3 restarts.*OSError: no such device"):
+            robot.wait_started(WAIT_S * 50)
+        assert len(tries) == 4
+        with pytest.raises(RobotFailedError):
+            robot["Motor"].get_value().get()
+
+
+def test_plugins_that_cannot_connect_fail_the_robot_with_their_reason() -> None:
+    def open_plugins() -> InlinePlugins:
+        raise OSError("the bus is down")
+
+    robot = RobotHandle(partial(start_robot, RobotSpec("robot", REAL_TIME, open_plugins)), "robot")
+    with pytest.raises(RobotFailedError, match="robot: could not connect its plugins: the bus is down"):
+        robot.wait_started(WAIT_S)
+    with pytest.raises(RobotFailedError):
+        robot["Base"]
+    robot.close()
+
+
+def test_unknown_resources_are_named_with_the_nearest() -> None:
+    with (
+        running_robot({"Motor": partial(Motor, [])}) as robot,
+        pytest.raises(ResourceNotFoundError, match="robot: unknown resource 'Moter'; did you mean 'Motor'?"),
+    ):
+        robot["Moter"]
+
+
+def test_handles_survive_a_restart_of_what_they_name() -> None:
+    clock = ManualClock()
+    with running_robot({"Motor": partial(Motor, [])}, clock=clock) as robot:
+        handle = robot["Motor"]
+        info = handle.info
+        handle.send_cmd("exit").exception()
+        assert call_until_up(handle, clock) == 2
+        assert handle.info == info
