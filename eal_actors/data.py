@@ -21,7 +21,7 @@ import reprlib
 import struct
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, final
 
 from eal_actors.errors import DataError
 
@@ -510,13 +510,17 @@ def _store_scalar(form: _Form, value: Any) -> _Stored:
         if value is not None:
             raise DataError(f"void: {_shown(value)} is not None; bytes need is_ptr=True")
         return None, b"", 0, None
+    if _is_numpy(value, "generic"):
+        value = value.item()
     if form.code == "c":
         code = ord(value) if isinstance(value, str) and len(value) == 1 else value
         if isinstance(code, bool) or not isinstance(code, int) or not 0 <= code < 128:
             hint = "; more characters need is_ptr=True" if isinstance(value, str) and len(value) > 1 else ""
             raise DataError(f"char: {_shown(value)} is not {form.takes}{hint}")
         return chr(code), None, form.width, None
-    packed = _pack_elements(form, _without_numpy((value,)))
+    packed = _pack_element(form, value)
+    if packed is None:
+        raise DataError(f"{form.name}: {_shown(value)} is not {form.takes}")
     return struct.unpack(f"<{form.code}", packed)[0], packed, form.width, None
 
 
@@ -539,7 +543,7 @@ def _store_array(form: _Form, array: np.ndarray[Any, Any]) -> _Stored:
     if not form.is_ptr or form.dtype != array.dtype.str:
         allowed = f"an array of dtype {form.dtype}" if form.is_ptr and form.dtype else "no numpy array"
         hint = "; arrays need is_ptr=True" if not form.is_ptr else ""
-        name = f"{form.name}[]" if form.is_ptr else form.name
+        name = f"{form.name}{'[]' * form.is_ptr}"
         raise DataError(f"{name}: given a numpy array of dtype {array.dtype.str}, takes {allowed}{hint}")
     view = array.view()
     view.flags.writeable = False
@@ -552,20 +556,22 @@ def _pack_elements(form: _Form, values: Sequence[Any]) -> bytes:
             return struct.pack(f"<{len(values)}{form.code}", *values)
         except (struct.error, OverflowError):
             pass
-    index = next(index for index, value in enumerate(values) if not _fits(form, value))
-    place = f"[{index}]" if form.is_ptr else ""
-    raise DataError(f"{form.name}{place}: {_shown(values[index])} is not {form.takes}")
+    index = next(index for index, value in enumerate(values) if _pack_element(form, value) is None)
+    raise DataError(f"{form.name}[{index}]: {_shown(values[index])} is not {form.takes}")
 
 
 def _is_element(form: _Form, kind: type) -> bool:
     return kind is bool if form.type is DataType.BOOL else kind is not bool and issubclass(kind, _NUMBERS[form.type])
 
 
-def _fits(form: _Form, value: object) -> bool:
+def _pack_element(form: _Form, value: object) -> bytes | None:
+    """Pack one number, or return None if it does not fit."""
+    if not _is_element(form, type(value)):
+        return None
     try:
-        return _is_element(form, type(value)) and bool(struct.pack(f"<{form.code}", value))
+        return struct.pack(f"<{form.code}", value)
     except (struct.error, OverflowError):
-        return False
+        return None
 
 
 def _as_bytes(payload: bytes | bytearray | memoryview) -> Payload:
@@ -603,10 +609,8 @@ def _checked_shape(form: _Form, length: int, shape: Sequence[int] | None, dtype:
     if shape is None or dtype is None:
         raise DataError(f"shape {_shown(shape)} and dtype {_shown(dtype)} must be given together")
     if not form.is_ptr or form.dtype is None or dtype != form.dtype:
-        name = f"{form.name} array" if form.is_ptr else form.name
-        raise DataError(
-            f"dtype: {_shown(dtype)} does not fit a {name}, which takes {form.dtype if form.is_ptr else None}"
-        )
+        takes = form.dtype if form.is_ptr and form.dtype else "no numpy array"
+        raise DataError(f"dtype: {_shown(dtype)} does not fit {form.name}{'[]' * form.is_ptr}, which takes {takes}")
     if not isinstance(shape, (list, tuple)) or len(shape) > _MOST_DIMENSIONS:
         raise DataError(f"shape: {_shown(shape)} is no list of at most {_MOST_DIMENSIONS} sizes")
     if any(type(size) is not int or size < 0 for size in shape):

@@ -5,7 +5,7 @@
     ├── ConfigError             (ValueError)        what is wrong with a file, every problem at once
     ├── PluginError             (RuntimeError)      a plugin that cannot be loaded, or breaks its promise
     ├── ResourceError
-    │   ├── ResourceNotFoundError (LookupError)     no resource of that name or id
+    │   ├── ResourceNotFoundError (KeyError)        no resource of that name or id
     │   ├── UnsupportedError    (NotImplementedError) the resource lacks that method
     │   ├── ArgumentError       (ValueError)        unknown command, or an argument outside its type or range
     │   ├── ReturnTypeError     (TypeError)         the resource returned what it may not return
@@ -19,7 +19,7 @@
     │   ├── PreemptedError      (RuntimeError)      a newer command or a halt took over
     │   └── UnavailableError    (ConnectionError)   the resource is restarting, stopped or gone
     ├── RobotError
-    │   ├── RobotNotFoundError  (LookupError)       no robot of that name, tag or type
+    │   ├── RobotNotFoundError  (KeyError)          no robot of that name, tag or type
     │   ├── RobotFailedError    (ConnectionError)   the robot gave up and was stopped safely
     │   └── RemoteError         (ConnectionError)   not possible through a network connection
     └── ScenarioError           (RuntimeError)      a scenario that cannot run on this fleet
@@ -120,7 +120,7 @@ class ResourceError(EALError):
     code = "resource"
 
 
-class ResourceNotFoundError(ResourceError, LookupError):
+class ResourceNotFoundError(ResourceError, KeyError):
     """No resource has that name or id."""
 
     code = "resource_not_found"
@@ -204,7 +204,7 @@ class RobotError(EALError):
     code = "robot"
 
 
-class RobotNotFoundError(RobotError, LookupError):
+class RobotNotFoundError(RobotError, KeyError):
     """The fleet has no robot of that name, tag or type."""
 
     code = "robot_not_found"

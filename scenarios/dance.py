@@ -16,7 +16,7 @@ def dance(robots: list[RobotHandle]) -> list[str]:
         for robot, outcome in zip(list(dancers), outcomes, strict=True):
             if isinstance(outcome, EALError):
                 print(f"{robot.name} leaves the dance at {move}: {outcome}")
-                robot.halt().get()
+                robot.halt().exception()  # as far as it still can
                 dancers.remove(robot)
     return [robot.name for robot in dancers]
 

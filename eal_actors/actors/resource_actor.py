@@ -12,7 +12,7 @@ from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Timer
 from eal_actors.data import EALData
-from eal_actors.errors import DeadlineError, EALError, PreemptedError, ResourceFaultError, ReturnTypeError
+from eal_actors.errors import DeadlineError, EALError, PreemptedError, ResourceFaultError, ReturnTypeError, UnavailableError
 from eal_actors.info import ResourceInfo, ValueInfo
 from eal_actors.log import get_logger
 from eal_actors.resource import Activity, Resource
@@ -144,6 +144,7 @@ class ResourceActor(EALActor):
 
     def _shut_down(self) -> None:
         self.actor_stopped.set()
+        self._refuse(UnavailableError("the robot is being stopped"))
         self._end(PreemptedError("the robot is being stopped"))
         self._stop()
         self._observer.resource_down(self, None)

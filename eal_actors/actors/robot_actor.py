@@ -213,7 +213,10 @@ class RobotActor(EALActor):
 
     def _restart(self, name: str, error: BaseException | None) -> None:
         cell, spec = self.view.cells[name], self._specs[name]
-        reason = f"crashed with {type(error).__name__}: {error}" if error is not None else "ended"
+        if isinstance(error, UnavailableError):
+            reason = error.message
+        else:
+            reason = f"crashed with {type(error).__name__}: {error}" if error is not None else "ended"
         if not wants_restart(spec.restart, crashed=error is not None):
             cell.error = UnavailableError(f"{reason}; it is not restarted ({spec.restart.value})")
             self._log.error("resource is gone", resource=name, reason=reason)

@@ -72,7 +72,7 @@ app.add_typer(plugin.app, name="plugin")
 def main() -> None:
     """Run the program and exit. A SIGTERM counts as Ctrl-C, so that every `finally` stops its motors."""
     signal.signal(signal.SIGTERM, _interrupt)
-    app()
+    app(prog_name="eal")
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:

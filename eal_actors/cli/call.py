@@ -39,8 +39,8 @@ def _length(text: str) -> int:
 
 # Method to its arguments as people write them, how many it needs, and the call.
 _METHODS: Final[dict[str, tuple[str, int, _Call]]] = {
-    "get_status": ("", 0, lambda r, a, t: r.get_status(timeout_s=t)),
-    "get_value": ("", 0, lambda r, a, t: r.get_value(timeout_s=t)),
+    "get_status": ("", 0, lambda r, _, t: r.get_status(timeout_s=t)),
+    "get_value": ("", 0, lambda r, _, t: r.get_value(timeout_s=t)),
     "set_value": ("VALUE", 1, lambda r, a, t: r.set_value(_value(a[0]), timeout_s=t)),
     "send_req": ("REQUEST", 1, lambda r, a, t: r.send_req(a[0], timeout_s=t)),
     "send_cmd": ("COMMAND [DATA]", 1, lambda r, a, t: r.send_cmd(a[0], *map(_value, a[1:]), timeout_s=t)),
@@ -52,16 +52,17 @@ _METHODS: Final[dict[str, tuple[str, int, _Call]]] = {
 
 
 def call_method(
-    robot: Annotated[str, typer.Argument(help="The robot's name.", show_default=False)],
-    resource: Annotated[str, typer.Argument(help="The resource's name.", show_default=False)],
-    method: Annotated[str, typer.Argument(help=f"One of {', '.join(_METHODS)}.", show_default=False)],
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="The robot's name.", show_default=False)],
+    resource: Annotated[str, typer.Argument(metavar="RESOURCE", help="The resource's name.", show_default=False)],
+    method: Annotated[str, typer.Argument(metavar="METHOD", help=f"One of {', '.join(_METHODS)}.", show_default=False)],
     fleet: FleetOption,
     arguments: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[ARGUMENT]...", help="The method's arguments: numbers, true, false, text."),
+        typer.Argument(metavar="ARGUMENT", help="The method's arguments: numbers, true, false, text."),
     ] = None,
     timeout_s: Annotated[
-        float | None, typer.Option(min=0.0, help="Seconds of the fleet's clock to wait; the file's timeout_s if left out.")
+        float | None,
+        typer.Option(min=0.0, help="Seconds of the fleet's clock to wait; the file's timeout_s if left out."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -90,7 +91,9 @@ def _checked(method: str, arguments: list[str]) -> tuple[_Call, list[str]]:
             raise typer.BadParameter(f"no such option: {text}")
     usage, least, call = _METHODS[method]
     if not least <= len(arguments) <= len(usage.split()):
-        raise typer.BadParameter(f"{method} takes {usage or 'no argument'}, but was given {' '.join(arguments) or 'none'}")
+        raise typer.BadParameter(
+            f"{method} takes {usage or 'no argument'}, but was given {' '.join(arguments) or 'none'}"
+        )
     return call, arguments
 
 

@@ -44,7 +44,9 @@ class Checked:
 
 
 def check_files(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Fleet, scenario and world files.", show_default=False)],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE", help="Fleet, scenario and world files.", show_default=False)
+    ],
     as_json: JsonOption = False,
 ) -> None:
     """Check files, and print each problem as `file:line:column: path: message`.

@@ -38,12 +38,9 @@ class ExitCode(enum.IntEnum):
     INTERRUPTED = 130
 
 
-EPILOG: Final = "\n\n".join(
-    (
-        "Exit codes:",
-        "0 done; 1 the scenario, call or plugin check failed; 2 wrong input: a file, a name, an argument;",
-        "3 a robot could not be reached; 130 interrupted.",
-    )
+EPILOG: Final = (
+    "Exit codes: 0 done; 1 the scenario, call or plugin check failed; 2 wrong input: a file, a name, an argument; "
+    "3 a robot could not be reached; 130 interrupted."
 )
 
 _RESOURCES: Final = "`eal resources --fleet FLEET --robot ROBOT` shows what there is."
@@ -58,7 +55,11 @@ _TABLE: Final[tuple[tuple[type[EALError], ExitCode, str], ...]] = (
     (UnavailableError, ExitCode.UNREACHABLE, "See that it is switched on and connected, then try again."),
     (RemoteError, ExitCode.UNREACHABLE, ""),
     (PluginError, ExitCode.UNREACHABLE, "`eal plugin list` shows which plugins there are and what they lack."),
-    (DeadlineError, ExitCode.FAILED, "If it just takes long, give it more time: --timeout-s, or timeout_s in the file."),
+    (
+        DeadlineError,
+        ExitCode.FAILED,
+        "If it just takes long, give it more time: --timeout-s, or timeout_s in the file.",
+    ),
     (BusyError, ExitCode.FAILED, "Wait until the robot has caught up, then try again."),
     (EALError, ExitCode.FAILED, ""),
 )

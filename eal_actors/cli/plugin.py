@@ -69,7 +69,9 @@ def _print_list(found: Sequence[dict[str, Any]]) -> None:
 
 @app.command("new")
 def new_plugin(
-    name: Annotated[str, typer.Argument(help="Lower-case letters, digits and '_'.", show_default=False)],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Lower-case letters, digits and '_'.", show_default=False)
+    ],
     directory: Annotated[Path, typer.Option("--dir", help="Where the plugin's folder is made.")] = Path("plugins"),
 ) -> None:
     """Write a plugin that works, with its test, to begin from."""
@@ -82,7 +84,7 @@ def new_plugin(
 
 @app.command("check")
 def check_plugin(
-    folder: Annotated[Path, typer.Argument(help="The plugin's folder.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The plugin's folder.", show_default=False)],
     setting: Annotated[
         list[str] | None,
         typer.Option(metavar="KEY=VALUE", show_default=False, help="A setting, as YAML; may be repeated."),

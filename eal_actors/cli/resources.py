@@ -62,16 +62,14 @@ def _described(robot: RobotHandle) -> dict[str, Any]:
 
 
 def _print_groups(robots: list[dict[str, Any]]) -> None:
-    """Print robots that offer the same as one."""
-    groups: dict[str, list[dict[str, Any]]] = {}
-    for robot in robots:
-        same = {key: value for key, value in robot.items() if key != "name"}
-        groups.setdefault(json.dumps(same), []).append(robot)
+    """Print robots that offer the same, and fare the same, under one heading."""
+    groups = _grouped(robots, ("state", "problems", "resources"))
     console = stdout()
-    for number, group in enumerate(groups.values()):
+    for number, group in enumerate(groups):
         if number:
             console.print()
-        console.print(_heading(group))
+        for alike in _grouped(group, ("type", "tags")):
+            console.print(_heading(alike), soft_wrap=True)
         for problem in group[0]["problems"]:
             console.print(Text(f"  {problem}", style="red"))
         if group[0]["resources"]:
@@ -79,15 +77,21 @@ def _print_groups(robots: list[dict[str, Any]]) -> None:
             console.print(_table([ResourceInfo.from_dict(info) for info in group[0]["resources"]]))
 
 
-def _heading(group: list[dict[str, Any]]) -> Text:
-    robot, names = group[0], [entry["name"] for entry in group]
-    listed = ", ".join(names) if len(names) <= _NAMES_SHOWN else f"{names[0]} to {names[-1]}, {counted(len(names), 'robot')}"
+def _grouped(robots: list[dict[str, Any]], keys: tuple[str, ...]) -> list[list[dict[str, Any]]]:
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for robot in robots:
+        groups.setdefault(json.dumps([robot[key] for key in keys]), []).append(robot)
+    return list(groups.values())
+
+
+def _heading(alike: list[dict[str, Any]]) -> Text:
+    robot, names = alike[0], [entry["name"] for entry in alike]
+    few = len(names) <= _NAMES_SHOWN
+    listed = ", ".join(names) if few else f"{names[0]} to {names[-1]} ({counted(len(names), 'robot')})"
     ready = robot["state"] == RobotState.READY.value and not robot["problems"]
-    notes = [f"type {robot['type']}"] if robot["type"] else []
-    notes += [f"tags {', '.join(robot['tags'])}"] if robot["tags"] else []
-    return Text.assemble(
-        (listed, "bold"), "  ", (robot["state"], "green" if ready else "bold red"), ("".join(f"  {note}" for note in notes), "dim")
-    )
+    notes = f"  type {robot['type']}" if robot["type"] else ""
+    notes += f"  tags {', '.join(robot['tags'])}" if robot["tags"] else ""
+    return Text.assemble((listed, "bold"), "  ", (robot["state"], "green" if ready else "bold red"), (notes, "dim"))
 
 
 def _table(infos: list[ResourceInfo]) -> Table:

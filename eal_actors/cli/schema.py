@@ -12,7 +12,9 @@ from eal_actors.scenario import scenario_schema
 
 
 def print_schema(
-    kind: Annotated[Literal["fleet", "scenario", "world"], typer.Argument(help="The kind of file.", show_default=False)],
+    kind: Annotated[
+        Literal["fleet", "scenario", "world"], typer.Argument(help="The kind of file.", show_default=False)
+    ],
 ) -> None:
     """Print the JSON Schema of a kind of file."""
     makers = {"fleet": fleet_schema, "scenario": scenario_schema, "world": world_schema}

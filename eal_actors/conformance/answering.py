@@ -81,7 +81,9 @@ def keeps_configuration(bench: Bench, findings: Findings) -> None:
                     continue
                 after = findings.answer(handle.get_config(key.name))
                 same = after is not None and (after.type, after.payload) == (before.type, before.payload)
-                findings.expect(holds=same, problem=f"{name}: {key.name} was {before!r}, but set to it, it is {after!r}")
+                findings.expect(
+                    holds=same, problem=f"{name}: {key.name} was {before!r}, but set to it, it is {after!r}"
+                )
 
 
 def refuses_unknown_names(bench: Bench, findings: Findings) -> None:

@@ -150,7 +150,9 @@ class Findings:
         error = future.exception()
         if isinstance(error, wanted):
             return error
-        outcome = "succeeded" if error is None else f"failed with {type(error).__name__}: {getattr(error, 'message', error)}"
+        outcome = (
+            "succeeded" if error is None else f"failed with {type(error).__name__}: {getattr(error, 'message', error)}"
+        )
         self.problems.append(f"{what} must fail with {wanted.__name__}, but {outcome}")
         return None
 

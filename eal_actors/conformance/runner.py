@@ -97,4 +97,6 @@ def run_checks(bench: Bench) -> Iterator[CheckResult]:
     first = run_check(CHECKS[0], bench)
     yield first
     for check in CHECKS[1:]:
-        yield run_check(check, bench) if first.outcome == "ok" else CheckResult(check, "skipped", ("it did not come up",))
+        yield (
+            run_check(check, bench) if first.outcome == "ok" else CheckResult(check, "skipped", ("it did not come up",))
+        )

@@ -199,7 +199,8 @@ class EAL:
         For debugging: its actor goes on using it, and nothing keeps the two of you apart. Each one checked out must
         be returned before `disconnect`.
         """
-        resource = self._manager.check_out(name).resource()
+        resource = self._manager.get(self._manager.find(name)).resource()
+        self._manager.check_out(name)
         self._lent.append((name, resource))
         return resource
 

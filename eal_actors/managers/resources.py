@@ -64,16 +64,15 @@ class EALResourceManager(Generic[T]):
                 f"no resource has the id {resource_id!r} in this connection; find_resource gives ids"
             ) from None
 
-    def check_out(self, name: str) -> T:
-        """Lend a resource; each lending must be returned (Source: thesis B.2.4.1).
+    def check_out(self, name: str) -> None:
+        """Note that a resource is lent; each lending must be returned (Source: thesis B.2.4.1).
 
         Raises:
             ResourceNotFoundError: there is none of that name.
         """
-        found = self.get(self.find(name))
+        self.find(name)
         with self._lock:
             self._lent[name] += 1
-        return found
 
     def check_in(self, name: str) -> None:
         """Take back one lending (Source: thesis B.2.4.2).

@@ -23,7 +23,7 @@ def check_file_name(name: str) -> None:
         raise ScenarioError(f"{name!r} is no name of a file inside the run's folder")
 
 
-def save_answer(value: object, folder: Path, name: str) -> tuple[Path, str | None]:
+def save_answer(value: object, folder: Path, name: str) -> str | None:
     """Write an answer to a file; one that is there is replaced.
 
     Args:
@@ -33,7 +33,7 @@ def save_answer(value: object, folder: Path, name: str) -> tuple[Path, str | Non
         name: the file's name, which may lead into folders below.
 
     Returns:
-        The file, and what its user should know, or None.
+        What its user should know, or None.
 
     Raises:
         ScenarioError: the name leads elsewhere, or the value and the name do not go together.
@@ -48,7 +48,7 @@ def save_answer(value: object, folder: Path, name: str) -> tuple[Path, str | Non
     if isinstance(value, EALData) and value.shape is not None:
         is_image = value.dtype == "|u1" and len(value.shape) == 3 and value.shape[2] == 3
         if is_image and path.suffix == ".png":
-            path, note = _save_image(path, plain)
+            note = _save_image(path, plain)
         elif path.suffix == ".npy":
             _save_array(path, plain)
         else:
@@ -58,7 +58,7 @@ def save_answer(value: object, folder: Path, name: str) -> tuple[Path, str | Non
         path.write_bytes(plain)
     else:
         _save_text(path, plain if isinstance(plain, str) else json.dumps(plain))
-    return path, note
+    return note
 
 
 @cache
@@ -79,14 +79,14 @@ def image_writer() -> _ImageWriter | None:
     return None
 
 
-def _save_image(path: Path, image: Any) -> tuple[Path, str | None]:
+def _save_image(path: Path, image: Any) -> str | None:
     write = image_writer()
     if write is not None:
         write(path, image)
-        return path, None
+        return None
     path = path.with_suffix(".npy")
     _save_array(path, image)
-    return path, f"saved {path.name} in place of a PNG, which needs OpenCV or matplotlib: pip install 'eal-actors[sim]'"
+    return f"saved {path.name} in place of a PNG, which needs OpenCV or matplotlib: pip install 'eal-actors[sim]'"
 
 
 def _save_array(path: Path, array: Any) -> None:
@@ -102,4 +102,6 @@ def _save_text(path: Path, text: str) -> None:
 
 def _refuse_image_name(path: Path) -> None:
     if path.suffix in (".png", ".npy"):
-        raise ScenarioError(f"{path.name} cannot hold this value: it is no {'image' if path.suffix == '.png' else 'array'}")
+        raise ScenarioError(
+            f"{path.name} cannot hold this value: it is no {'image' if path.suffix == '.png' else 'array'}"
+        )

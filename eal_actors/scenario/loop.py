@@ -15,6 +15,8 @@ Branch: TypeAlias = Generator[Future[Any], None, None]
 """Yields futures, and goes on when they are done, whatever their outcome."""
 
 _SWEEP_AT: Final = 1024
+_ROUNDING_S: Final = 1e-9
+"""An alarm this close is due: now + (time - now) is not always time."""
 
 
 class _Alarm:
@@ -104,12 +106,12 @@ class Loop:
     def _wait(self) -> None:
         while self._actions.empty():
             timeout_s = self._alarms[0][0] - self.clock.now() if self._alarms else None
-            if timeout_s is not None and timeout_s <= 0:
+            if timeout_s is not None and timeout_s <= _ROUNDING_S:
                 return
             self.clock.wait(self._wakeup, timeout_s)
 
     def _run_due(self) -> None:
-        now_s = self.clock.now()
+        now_s = self.clock.now() + _ROUNDING_S
         while self._alarms and self._alarms[0][0] <= now_s:
             action = heapq.heappop(self._alarms)[2].action
             if action is not None:

@@ -310,7 +310,9 @@ def _check_kind(value: object) -> object:
     if isinstance(value, Mapping):
         kinds = [key for key in value if key in _STEPS]
         if len(kinds) > 1:
-            raise ValueError(f"is {' and '.join(repr(kind) for kind in kinds)} at once; begin each step with its own '-'")
+            raise ValueError(
+                f"is {' and '.join(repr(kind) for kind in kinds)} at once; begin each step with its own '-'"
+            )
         if not kinds:
             keys = [key for key in value if key not in ("do", "timeout_s", "on_failure", "save", "save_as")]
             hint = did_you_mean(str(keys[0]), _STEPS) if keys else ""

@@ -12,7 +12,16 @@ from eal_actors.data import EALData
 from eal_actors.errors import ArgumentError, EALError, Problem
 from eal_actors.info import METHODS, ResourceInfo, unknown_name
 from eal_actors.scenario.files import check_file_name
-from eal_actors.scenario.model import (AnswerStep, CallStep, ForStep, OnStep, RepeatStep, StrictModel, call_fields, resolved_fields)
+from eal_actors.scenario.model import (
+    AnswerStep,
+    CallStep,
+    ForStep,
+    OnStep,
+    RepeatStep,
+    StrictModel,
+    call_fields,
+    resolved_fields,
+)
 from eal_actors.scenario.scenario import Scenario
 from eal_actors.scenario.variables import names_in, substitute_text
 from eal_actors.yaml_tree import YamlPath

@@ -84,7 +84,9 @@ class _Checker:
         if step.on not in self._file.roles:
             self._report((*path, "on"), f"unknown role '{step.on}'{did_you_mean(step.on, self._file.roles)}")
         if scope.role is not None:
-            self._report((*path, "on"), f"stands inside 'on: {scope.role}'; a robot goes through one 'on' at a time", key=True)
+            self._report(
+                (*path, "on"), f"stands inside 'on: {scope.role}'; a robot goes through one 'on' at a time", key=True
+            )
         self.visit_all(step.do, (*path, "do"), replace(scope, role=scope.role or step.on))
 
     def _for(self, step: ForStep, path: YamlPath, scope: _Scope) -> None:
@@ -99,7 +101,9 @@ class _Checker:
 
     def _call(self, step: CallStep, path: YamlPath, scope: _Scope) -> None:
         if scope.role is None:
-            self._report((*path, step.method), f"which robot? '{step.method}' must stand in the 'do' of an 'on'", key=True)
+            self._report(
+                (*path, step.method), f"which robot? '{step.method}' must stand in the 'do' of an 'on'", key=True
+            )
         if scope.is_finally and step.on_failure is not None:
             message = "has no effect in 'finally': a failure there is recorded, and the next step runs"
             self._report((*path, "on_failure"), message, key=True)

@@ -111,12 +111,17 @@ def test_a_closed_inbox_returns_what_waited_and_refuses_with_its_reason() -> Non
 
 def test_many_writers_lose_nothing() -> None:
     inbox = Inbox(SystemClock(), capacity=100_000)
-    writers = [
-        threading.Thread(target=lambda w=w: [inbox.put(Letter((w, n))) for n in range(2000)])  # type: ignore[misc]
-        for w in range(4)
-    ]
     got: list[tuple[int, int]] = []
-    reader = threading.Thread(target=lambda: [got.append(inbox.get().message) for _ in range(8000)])  # type: ignore[func-returns-value]
+
+    def write(writer: int) -> None:
+        for number in range(2000):
+            inbox.put(Letter((writer, number)))
+
+    def read() -> None:
+        got.extend(inbox.get().message for _ in range(8000))
+
+    writers = [threading.Thread(target=write, args=(w,)) for w in range(4)]
+    reader = threading.Thread(target=read)
     for thread in [reader, *writers]:
         thread.start()
     for thread in [*writers, reader]:

@@ -32,6 +32,7 @@ class Motor(Resource):
     def __init__(self, notes: list[str]) -> None:
         self.notes = notes
         self.notes.append("new")
+        self.spinning = threading.Event()
 
     def get_value(self) -> int:
         return self.notes.count("new")
@@ -54,6 +55,7 @@ class Motor(Resource):
     @command("spin")
     def spin(self) -> None:
         pause = threading.Event()
+        self.spinning.set()
         try:
             while True:
                 pause.wait(0.001)
@@ -69,7 +71,7 @@ def call_until_up(handle: ResourceHandle, clock: ManualClock | None = None) -> A
             clock.advance(0.1)
         call = handle.get_value()
         try:
-            return call.get(timeout=1.0).value
+            return call.get().value
         except UnavailableError:
             assert REAL_TIME.now() < end_s, "it was never restarted"
 
@@ -215,8 +217,10 @@ def test_a_thread_blocked_for_ever_is_left_behind_halted_and_named(capsys: pytes
 def test_closing_does_not_wait_for_what_is_stuck() -> None:
     notes: list[str] = []
     start_s = REAL_TIME.now()
-    with running_robot({"Motor": partial(Motor, notes)}, close_timeout_s=0.3) as robot:
+    motor = Motor(notes)
+    with running_robot({"Motor": lambda: motor}, close_timeout_s=0.3) as robot:
         call = robot["Motor"].send_cmd("spin", timeout_s=1000.0)
+        assert motor.spinning.wait(WAIT_S)
     assert REAL_TIME.now() - start_s < WAIT_S
     with pytest.raises(UnavailableError, match="did not stop in time"):
         call.get()

@@ -1,0 +1,119 @@
+"""`eal run`: carry out a scenario on a fleet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+from rich.text import Text
+
+from eal_actors.cli.exit_codes import ExitCode
+from eal_actors.cli.interrupts import Interrupts
+from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.options import FleetOption, GlobalOptions, JsonOption
+from eal_actors.cli.output import stderr, stdout, write_json
+from eal_actors.cli.progress import new_progress
+from eal_actors.cli.run_summary import print_summary
+from eal_actors.clock import wall_time
+from eal_actors.errors import ConfigError, Problem
+from eal_actors.facade.fleet import Fleet
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.recording import PoseRecorder, draw_trajectory
+from eal_actors.scenario import Report, Run, Scenario, load_scenario, make_plan
+
+T = TypeVar("T")
+
+
+def run_scenario(
+    context: typer.Context,
+    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="The scenario file.", show_default=False)],
+    fleet: FleetOption,
+    runs_dir: Annotated[Path, typer.Option(help="Where the run's folder is made.")] = Path("runs"),
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of all randomness, in place of the fleet file's.")
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=0.001, help="Fleet seconds in one real second, in place of the fleet file's.")
+    ] = None,
+    as_json: JsonOption = False,
+    no_plot: Annotated[bool, typer.Option("--no-plot", help="Draw no picture of the paths.")] = False,
+) -> None:
+    """Run a scenario on a fleet.
+
+    Everything is checked before anything moves. Ctrl-C stops the run: the scenario's `finally` is carried out and
+    every robot is halted; a second Ctrl-C halts at once. The run's folder keeps summary.json, events.jsonl,
+    trajectory.csv and trajectory.png.
+    """
+    wanted, config = _read_both(scenario, fleet, rate, seed)
+    console = stderr() if as_json else stdout()
+    options = context.find_object(GlobalOptions) or GlobalOptions()
+    with Fleet(config) as opened:
+        plan = make_plan(wanted, opened)
+        directory = _new_directory(runs_dir, wanted.name)
+        progress = new_progress(console, opened, options)
+        run = Run(plan, opened, directory, listeners=[progress.hear])
+        taking_part = [name for name in plan.robots if name not in plan.lost]
+        with progress, PoseRecorder(opened, taking_part) as recorder, Interrupts(run) as interrupts:
+            report = interrupts.wait(run.start())
+    kept = _keep_paths(recorder, config, directory, report, draw=not no_plot)
+    if as_json:
+        write_json(report.model_dump(mode="json"))
+    else:
+        print_summary(console, report)
+    for file in (directory, *kept):
+        console.print(Text(f"{'run' if file == directory else file.suffix[1:]}: {file}", style="dim"), soft_wrap=True)
+    if interrupts.count:
+        raise typer.Exit(ExitCode.INTERRUPTED)
+    if report.outcome != "done":
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _read_both(scenario: Path, fleet: Path, rate: float | None, seed: int | None) -> tuple[Scenario, FleetConfig]:
+    """Read both files, and raise ConfigError with the problems of both."""
+    problems: list[Problem] = []
+    wanted = _noting(problems, lambda: load_scenario(scenario))
+    config = _noting(problems, lambda: read_fleet(fleet, rate=rate, seed=seed))
+    if wanted is None or config is None:
+        raise ConfigError(problems)
+    return wanted, config
+
+
+def _noting(problems: list[Problem], read: Callable[[], T]) -> T | None:
+    try:
+        return read()
+    except ConfigError as error:
+        problems += error.problems
+        return None
+
+
+def _new_directory(runs_dir: Path, scenario: str) -> Path:
+    """Make the run's folder; one that is there already is left alone."""
+    name = f"{scenario}-{wall_time():%Y%m%dT%H%M%SZ}"
+    number = 1
+    while True:
+        directory = runs_dir / (name if number == 1 else f"{name}-{number}")
+        try:
+            directory.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        except OSError as error:
+            raise ConfigError([Problem(str(directory), 0, 0, "", f"cannot be made: {error.strerror}")]) from error
+        else:
+            return directory
+
+
+def _keep_paths(
+    recorder: PoseRecorder, config: FleetConfig, directory: Path, report: Report, *, draw: bool
+) -> list[Path]:
+    """Write where the robots were, if any of them knew; return the files."""
+    if not any(recorder.paths.values()):
+        return []
+    table = directory / "trajectory.csv"
+    recorder.write_csv(table)
+    picture = None
+    if draw:
+        title = f"{report.scenario} on {report.fleet}: {report.outcome}"
+        picture = draw_trajectory(recorder.paths, config.world, directory / "trajectory.png", title)
+    return [table, *([picture] if picture is not None else [])]

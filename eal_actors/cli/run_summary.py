@@ -1,0 +1,96 @@
+"""What is shown of a run when it is over."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Final
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from eal_actors.cli.output import counted, new_table
+from eal_actors.cli.progress import STYLES
+from eal_actors.scenario import Report, StepRecord
+
+_MOST_ROWS: Final = 30
+"""A longer table says less than a shorter one."""
+
+
+def print_summary(console: Console, report: Report) -> None:
+    """Print how every call went; in a long run, how every robot fared, and every failure."""
+    failures = [step for step in report.steps if step.outcome != "done"]
+    console.print()
+    if len(report.steps) <= _MOST_ROWS:
+        console.print(_step_table(report.steps))
+    else:
+        console.print(_robot_table(report))
+        if failures:
+            console.print()
+            console.print(_step_table(failures))
+    for line in _errors(report, failures):
+        console.print(line, soft_wrap=True)
+    console.print()
+    console.print(_verdict(report), soft_wrap=True)
+
+
+def _styled(outcome: str) -> Text:
+    return Text(outcome, style=STYLES[outcome])
+
+
+def _step_table(steps: tuple[StepRecord, ...] | list[StepRecord]) -> Table:
+    table = new_table("robot", "step", "result", "duration")
+    table.columns[-1].justify = "right"
+    for step in steps:
+        result = _styled(step.outcome)
+        if step.attempts > 1:
+            result.append(f" at attempt {step.attempts}", style="dim")
+        if step.error is not None:
+            result.append(f"\n{step.error.message}", style="none")
+        table.add_row(step.robot, step.label, result, f"{step.end_s - step.start_s:.2f} s")
+    return table
+
+
+def _robot_table(report: Report) -> Table:
+    """Return a row for each robot; where they are too many, for each that is not done, and one for the others."""
+    table = new_table("robot", "result", "calls", "failed", "duration")
+    for column in table.columns[2:]:
+        column.justify = "right"
+    calls = Counter(step.robot for step in report.steps)
+    failed = Counter(step.robot for step in report.steps if step.outcome != "done")
+    ends_s = {step.robot: step.end_s for step in report.steps}
+    all_shown = len(report.robots) <= _MOST_ROWS
+    silent = []
+    for name, robot in report.robots.items():
+        if all_shown or robot.outcome != "done":
+            row = (str(calls[name]), str(failed[name] or ""), f"{ends_s.get(name, 0.0):.2f} s")
+            table.add_row(name, _styled(robot.outcome), *row)
+        else:
+            silent.append(name)
+    if silent:
+        count, last_s = sum(calls[name] for name in silent), max(ends_s.get(name, 0.0) for name in silent)
+        what = counted(len(silent), "robot" if len(silent) == len(report.robots) else "other robot")
+        table.add_row(what, _styled("done"), str(count), "", f"{last_s:.2f} s")
+    return table
+
+
+def _errors(report: Report, failures: list[StepRecord]) -> list[Text]:
+    """Return what went wrong beyond the failed calls in the tables."""
+    told = {step.error.message for step in failures if step.error is not None}
+    lines = []
+    for name, robot in report.robots.items():
+        if robot.error is not None and robot.error.message not in told:
+            lines.append(Text.assemble((f"{name} {robot.outcome}: ", STYLES[robot.outcome]), robot.error.message))
+            told.add(robot.error.message)
+    if report.error is not None and report.error.message not in told:
+        lines.append(Text(report.error.message, style=STYLES[report.outcome]))
+    return lines
+
+
+def _verdict(report: Report) -> Text:
+    robots, calls = counted(len(report.robots), "robot"), counted(len(report.steps), "call")
+    return Text.assemble(
+        f"{report.scenario} on {report.fleet}: ",
+        (report.outcome, STYLES[report.outcome]),
+        f", {robots}, {calls}, {report.duration_s:.2f} s",
+    )

@@ -1,0 +1,129 @@
+"""Every scenario written in Python runs on the simulated fleet, and does what it says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eal_actors import Fleet
+from eal_actors.facade import shared
+from eal_actors.managers.config import EALConfigManager
+from scenarios import dance, panorama, square, wander
+from scenarios.classic import camera as classic_camera
+from scenarios.classic import dance as classic_dance
+from scenarios.classic import sample_user_code
+from scenarios.classic import square as classic_square
+
+SIM = Path(__file__).parents[2] / "fleets" / "sim.yaml"
+
+
+def fast_fleet(rate: float = 40.0) -> Fleet:
+    """The simulated fleet, faster than its file says."""
+    return Fleet(replace(EALConfigManager.load(SIM).fleet, rate=rate))
+
+
+def pose(fleet: Fleet, name: str) -> tuple[float, float, float]:
+    x_m, y_m, yaw_rad = fleet[name]["Pose"].get_value().get().value
+    return float(x_m), float(y_m), float(yaw_rad)
+
+
+def test_square_comes_back_near_its_start() -> None:
+    with fast_fleet() as fleet:
+        before = pose(fleet, "evbot3-1")
+        square.drive_square(fleet["evbot3-1"])
+        after = pose(fleet, "evbot3-1")
+    assert 0 < math.dist(before[:2], after[:2]) < 0.3  # as in the thesis, the square is not perfect
+
+
+def test_dance_turns_every_robot_by_what_its_steps_add_up_to() -> None:
+    with fast_fleet() as fleet:
+        before = {name: pose(fleet, name) for name in fleet}
+        assert dance.dance(list(fleet.values())) == list(fleet)
+        after = {name: pose(fleet, name) for name in fleet}
+    right_deg = 45 - 90 + 90 - 10 + 10 - 10 + 360
+    for name in before:
+        turned = (before[name][2] - after[name][2] - math.radians(right_deg) + math.pi) % (2 * math.pi) - math.pi
+        assert abs(turned) < math.radians(45)
+        assert math.dist(before[name][:2], after[name][:2]) < 0.1
+
+
+def test_a_dancer_that_fails_leaves_and_the_others_dance_on(capsys: pytest.CaptureFixture[str]) -> None:
+    with fast_fleet() as fleet:
+        name = next(iter(fleet))
+        fleet[name].close()
+        assert dance.dance(list(fleet.values())) == [other for other in fleet if other != name]
+    assert f"{name} leaves the dance at r45" in capsys.readouterr().out
+
+
+def test_panorama_takes_eight_different_pictures_of_every_robot() -> None:
+    with fast_fleet() as fleet:
+        frames = panorama.take_panorama(list(fleet.values()))
+    for taken in frames.values():
+        assert len(taken) == 8
+        assert len({frame.value.tobytes() for frame in taken}) == 8
+
+
+def test_wander_keeps_off_the_walls_and_ends_in_time() -> None:
+    with fast_fleet() as fleet:
+        turns, reason = wander.wander(fleet, fleet["roomba-1"], 25.0)
+        x_m, y_m, _ = pose(fleet, "roomba-1")
+        assert fleet["roomba-1"]["Base"].get_status().get() == 0
+    assert reason in ("the time is over", "it touched something")
+    assert turns != 0
+    assert abs(x_m) < 3.0
+    assert abs(y_m) < 2.0
+
+
+@pytest.fixture
+def classic_fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A fast simulated fleet for programs that only know host names."""
+    fleet = tmp_path / "fast.yaml"
+    fleet.write_text(f"version: 1\ninclude: ['{SIM}']\nclock: {{rate: 40}}\n")
+    monkeypatch.setenv("EAL_FLEET", str(fleet))
+    return fleet
+
+
+def test_classic_sample_user_code(capsys: pytest.CaptureFixture[str]) -> None:
+    assert sample_user_code.main() == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "Available resource: SampleResource",
+        "SampleResource value = 0",
+        "SampleResource value is now = 42",
+    ]
+
+
+def test_classic_square(classic_fleet: Path) -> None:
+    fleet = shared.acquire_fleet(classic_fleet)
+    try:
+        before = pose(fleet, "roomba-1")
+        assert classic_square.main(["square.py", "roomba-1"]) == 0
+        after = pose(fleet, "roomba-1")
+    finally:
+        shared.release_fleet(fleet)
+    assert 0 < math.dist(before[:2], after[:2]) < 0.3
+
+
+def test_classic_square_without_a_connection(classic_fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert classic_square.main(["square.py", "nobody"]) == 1
+    assert "Error connecting to EAL" in capsys.readouterr().out
+
+
+def test_classic_camera(classic_fleet: Path, tmp_path: Path) -> None:
+    assert classic_camera.main(["camera.py", "evbot2-1", "50000", str(tmp_path)]) == 0
+    pictures = sorted(tmp_path.glob("frame.*"))
+    assert len(pictures) == 7
+
+
+def test_classic_dance(classic_fleet: Path) -> None:
+    fleet = shared.acquire_fleet(classic_fleet)
+    try:
+        before = {name: pose(fleet, name) for name in fleet}
+        assert classic_dance.main(["dance.py", *fleet, "nobody"]) == 0
+        after = {name: pose(fleet, name) for name in fleet}
+    finally:
+        shared.release_fleet(fleet)
+    assert all(not np.isclose(before[name][2], after[name][2], atol=0.1) for name in before)
