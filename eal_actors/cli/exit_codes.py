@@ -85,7 +85,7 @@ def report(error: EALError, options: GlobalOptions) -> ExitCode:
     if isinstance(error, ConfigError):
         for problem in error.problems:
             console.print(str(problem), soft_wrap=True)
-        advice = f"{len(error.problems)} problem{'s' * (len(error.problems) != 1)}; nothing was started."
+        advice = f"{len(error.problems)} problem{'s' * (len(error.problems) != 1)}; nothing was done."
     else:
         console.print(Text.assemble(("Error: ", "bold red"), str(error)), soft_wrap=True)
     if advice:

@@ -5,19 +5,21 @@ from __future__ import annotations
 import enum
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import wall_time
+from eal_actors.clock import ScaledClock, wall_time
 from eal_actors.errors import ScenarioError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.log import get_logger
+from eal_actors.scenario.calls import AnswerStep
 from eal_actors.scenario.events import Event, RobotDropped, RunEnded, RunStarted
 from eal_actors.scenario.files import image_writer
 from eal_actors.scenario.journal import Journal, Listener
 from eal_actors.scenario.loop import Branch, Loop
-from eal_actors.scenario.model import AnswerStep, ForStep, OnStep, RepeatStep, StrictModel
+from eal_actors.scenario.model import ForStep, OnStep, RepeatStep, Step
 from eal_actors.scenario.performer import HALT_TIMEOUT_S, Performer, RobotRun
 from eal_actors.scenario.plan import Plan, make_plan
 from eal_actors.scenario.report import ErrorReport, Report, RunOutcome
@@ -79,7 +81,7 @@ class Run:
             plan,
             self._robots,
             self._loop,
-            HALT_TIMEOUT_S * max(1.0, fleet.config.rate),
+            HALT_TIMEOUT_S * max(1.0, _rate(fleet)),
             directory,
             self._tell,
             self._fail,
@@ -88,6 +90,7 @@ class Run:
         self._phase = _Phase.STEPS
         self._abort_reasons: list[str] = []
         self._error: BaseException | None = None
+        self._is_aborted = False
         self._is_started = False
 
     def start(self) -> Future[Report]:
@@ -162,8 +165,7 @@ class Run:
         self._tell(lambda time_s: RunStarted(time_s, plan.scenario.name, self._fleet.name, plan.robots, plan.calls))
         for name, error in plan.lost.items():
             self._robots[name].end("dropped", error)
-            described = ErrorReport.of(error)
-            self._tell(lambda time_s, name=name, described=described: RobotDropped(time_s, name, described))
+            self._tell(partial(_dropped, name, ErrorReport.of(error)))
         yield from ()
 
     def _tell(self, make_event: Callable[[float], Event]) -> float:
@@ -184,7 +186,7 @@ class Run:
         """Return the report, after writing it down."""
         duration_s = self._fleet.clock.now() - self._start_s
         try:
-            self._tell(lambda time_s: RunEnded(time_s, self._report(time_s)))
+            self._tell(lambda time_s: RunEnded(time_s, self._report(duration_s)))
         except OSError as error:
             self._fail(error)
         report = self._report(duration_s)
@@ -205,7 +207,7 @@ class Run:
             fleet=config.name,
             fleet_file=str(config.source),
             seed=config.seed,
-            rate=config.rate,
+            rate=_rate(self._fleet),
             started=self._started.isoformat(),
             duration_s=duration_s,
             outcome=outcome,
@@ -218,7 +220,7 @@ class Run:
         culprits = [robot.error for robot in self._robots.values() if robot.outcome in ("failed", "dropped")]
         if self._error is not None or culprits:
             return "failed", self._error or culprits[0]
-        if self._abort_reasons and self._is_aborted:
+        if self._is_aborted:
             return "aborted", ScenarioError(f"aborted: {self._abort_reasons[0]}")
         return "done", None
 
@@ -256,7 +258,16 @@ def run_scenario(
     return report.get()
 
 
-def _saves(steps: Sequence[StrictModel]) -> bool:
+def _rate(fleet: Fleet) -> float:
+    """Return how fast the fleet's clock runs; what the file says of a clock that stands still by itself."""
+    return fleet.clock.rate if isinstance(fleet.clock, ScaledClock) else fleet.config.rate
+
+
+def _dropped(robot: str, error: ErrorReport, time_s: float) -> RobotDropped:
+    return RobotDropped(time_s, robot, error)
+
+
+def _saves(steps: Sequence[Step]) -> bool:
     return any(
         (isinstance(step, AnswerStep) and step.save is not None)
         or (isinstance(step, OnStep | ForStep | RepeatStep) and _saves(step.do))

@@ -44,7 +44,7 @@ def save_answer(value: object, folder: Path, name: str) -> str | None:
     check_file_name(name)
     path, note = folder / name, None
     path.parent.mkdir(parents=True, exist_ok=True)
-    plain = value.value if isinstance(value, EALData) else value
+    plain: Any = value.value if isinstance(value, EALData) else value
     if isinstance(value, EALData) and value.shape is not None:
         is_image = value.dtype == "|u1" and len(value.shape) == 3 and value.shape[2] == 3
         if is_image and path.suffix == ".png":

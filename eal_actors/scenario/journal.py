@@ -64,7 +64,7 @@ class Journal:
     def _call(self, listener: Listener, event: Event) -> None:
         try:
             listener(event)
-        except Exception:
+        except BaseException:  # noqa: BLE001  # it is a guest, and the robots are moving
             self._listeners.remove(listener)
             get_logger().exception("a listener raised; it is told no more", listener=repr(listener))
 

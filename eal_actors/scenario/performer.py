@@ -12,25 +12,20 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.errors import CallCancelledError, EALError, ScenarioError, UnavailableError
 from eal_actors.info import ResourceType
 from eal_actors.log import get_logger
-from eal_actors.scenario.events import Event, LogLine, RobotDropped, StepEnded, StepStarted
-from eal_actors.scenario.files import save_answer
-from eal_actors.scenario.loop import Branch, Loop
-from eal_actors.scenario.model import (
+from eal_actors.scenario.calls import (
     TEXT_FIELDS,
     Action,
     AnswerStep,
     CallStep,
-    ForStep,
-    LogStep,
-    OnStep,
-    RepeatStep,
     RetryPolicy,
-    StrictModel,
-    WaitStep,
     call_fields,
     final_action,
     resolved_fields,
 )
+from eal_actors.scenario.events import Event, LogLine, RobotDropped, StepEnded, StepStarted
+from eal_actors.scenario.files import save_answer
+from eal_actors.scenario.loop import Branch, Loop
+from eal_actors.scenario.model import ForStep, LogStep, OnStep, RepeatStep, Step, WaitStep
 from eal_actors.scenario.plan import Plan
 from eal_actors.scenario.report import ErrorReport, RobotOutcome, RobotReport, StepOutcome, StepRecord
 from eal_actors.scenario.variables import substitute_text
@@ -166,14 +161,14 @@ class Performer:
         return not self.is_stopping and (robot is None or self._is_finally or robot.outcome is None)
 
     def _sequence(
-        self, steps: Sequence[StrictModel], path: str, robot: RobotRun | None, loops: Mapping[str, object]
+        self, steps: Sequence[Step], path: str, robot: RobotRun | None, loops: Mapping[str, object]
     ) -> Branch:
         for index, step in enumerate(steps):
             if not self._goes_on(robot):
                 return
             yield from self._perform(step, f"{path}[{index}]", robot, loops)
 
-    def _perform(self, step: StrictModel, path: str, robot: RobotRun | None, loops: Mapping[str, object]) -> Branch:
+    def _perform(self, step: Step, path: str, robot: RobotRun | None, loops: Mapping[str, object]) -> Branch:
         if isinstance(step, CallStep) and robot is not None:
             yield from self._call(step, path, robot, loops)
         elif isinstance(step, OnStep):

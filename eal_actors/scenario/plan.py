@@ -11,7 +11,8 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.info import ResourceInfo
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.scenario.model import CallStep, ForStep, OnStep, RepeatStep, RoleSection, StrictModel, final_action
+from eal_actors.scenario.calls import CallStep, final_action
+from eal_actors.scenario.model import ForStep, OnStep, RepeatStep, RoleSection, Step
 from eal_actors.scenario.robot_check import RobotFacts, check_on_robots
 from eal_actors.scenario.scenario import Scenario
 from eal_actors.yaml_tree import YamlTree
@@ -131,7 +132,7 @@ def _facts(robot: RobotHandle) -> RobotFacts:
     return RobotFacts(resources, "".join(f"; left out: {reason}" for reason in left_out))
 
 
-def _count(steps: Sequence[StrictModel], robots: int, live: Mapping[str, int]) -> int:
+def _count(steps: Sequence[Step], robots: int, live: Mapping[str, int]) -> int:
     count = 0
     for step in steps:
         if isinstance(step, CallStep):

@@ -11,17 +11,9 @@ from typing import Any, Final
 from eal_actors.data import EALData
 from eal_actors.errors import ArgumentError, EALError, Problem
 from eal_actors.info import METHODS, ResourceInfo, unknown_name
+from eal_actors.scenario.calls import AnswerStep, CallStep, call_fields, resolved_fields
 from eal_actors.scenario.files import check_file_name
-from eal_actors.scenario.model import (
-    AnswerStep,
-    CallStep,
-    ForStep,
-    OnStep,
-    RepeatStep,
-    StrictModel,
-    call_fields,
-    resolved_fields,
-)
+from eal_actors.scenario.model import ForStep, OnStep, RepeatStep, Step
 from eal_actors.scenario.scenario import Scenario
 from eal_actors.scenario.variables import names_in, substitute_text
 from eal_actors.yaml_tree import YamlPath
@@ -80,7 +72,7 @@ class _Checker:
             for (path, message), robots in self._found.items()
         ]
 
-    def visit_all(self, steps: Sequence[StrictModel], path: YamlPath, robots: Sequence[str], loops: Loops) -> None:
+    def visit_all(self, steps: Sequence[Step], path: YamlPath, robots: Sequence[str], loops: Loops) -> None:
         """Check steps for these robots, within these loops."""
         for index, step in enumerate(steps):
             here = (*path, index)

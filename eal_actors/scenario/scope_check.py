@@ -6,18 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from eal_actors.errors import Problem, ScenarioError
-from eal_actors.scenario.model import (
-    INDEX,
-    AnswerStep,
-    CallStep,
-    ForStep,
-    LogStep,
-    OnStep,
-    RepeatStep,
-    ScenarioFile,
-    StrictModel,
-    call_fields,
-)
+from eal_actors.scenario.calls import AnswerStep, CallStep, call_fields
+from eal_actors.scenario.model import INDEX, ForStep, LogStep, OnStep, RepeatStep, ScenarioFile, Step
 from eal_actors.scenario.variables import names_in, unknown_variable
 from eal_actors.strict_model import did_you_mean
 from eal_actors.yaml_tree import YamlPath, YamlTree
@@ -60,12 +50,12 @@ class _Checker:
         self._file = file
         self._tree = tree
 
-    def visit_all(self, steps: Sequence[StrictModel], path: YamlPath, scope: _Scope) -> None:
+    def visit_all(self, steps: Sequence[Step], path: YamlPath, scope: _Scope) -> None:
         """Check steps that follow each other."""
         for index, step in enumerate(steps):
             self._visit(step, (*path, index), scope)
 
-    def _visit(self, step: StrictModel, path: YamlPath, scope: _Scope) -> None:
+    def _visit(self, step: Step, path: YamlPath, scope: _Scope) -> None:
         if isinstance(step, CallStep):
             self._call(step, path, scope)
         elif isinstance(step, OnStep):
