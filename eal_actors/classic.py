@@ -81,9 +81,7 @@ class EALDataInfo_t:
 
     @classmethod
     def _from(cls, data: EALData) -> EALDataInfo_t:
-        return cls(
-            data.type, data.value, data.length, data.is_ptr, data.is_unsigned, data.is_short, data.is_long
-        )
+        return cls(data.type, data.value, data.length, data.is_ptr, data.is_unsigned, data.is_short, data.is_long)
 
     def _pack(self) -> EALData:
         return EALData(
@@ -108,7 +106,7 @@ def EALconnect(host: str | None = None, port: int = facade.DEFAULT_PORT) -> EAL 
 
 def EALdisconnect(eal: EAL) -> None:
     """Close a connection; refused, with a log line, while resources are checked out (Source: thesis B.2.1.2)."""
-    eal._attempt(eal._eal.disconnect, None)  # noqa: SLF001  # the two are one API
+    eal._attempt(eal._eal.disconnect, None)  # the two are one API
 
 
 class EAL:

@@ -9,6 +9,7 @@ one thread that waits. It is what `threading.Condition` is made of, and several 
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 import itertools
 import threading
@@ -26,10 +27,8 @@ def new_waiter() -> threading.Lock:
 
 def wake(waiter: threading.Lock) -> None:
     """Wake the thread that waits on the waiter; harmless if it was woken already."""
-    try:
+    with contextlib.suppress(RuntimeError):  # already released: the wake-up is on its way
         waiter.release()
-    except RuntimeError:  # already released: the wake-up is on its way
-        pass
 
 
 class Clock(Protocol):

@@ -17,8 +17,9 @@ LogFormat = Literal["human", "json"]
 
 
 class _Stream:
-    """A stream that is looked up at each line, and whose failures stay its own: a log line must never stop a motor's
-    actor because somebody closed the terminal.
+    """A stream that is looked up at each line, and whose failures stay its own.
+
+    A log line must never stop a motor's actor because somebody closed the terminal.
     """
 
     def __init__(self, stream: TextIO | None) -> None:

@@ -1,4 +1,4 @@
-"""Two controllers share one robot: one wanders and keeps off the walls, the other stops it when it bumps into something.
+"""Two controllers share one robot: one wanders and keeps off the walls, one stops it when it bumps into something.
 
 Each runs in its own thread and knows nothing of the other: the robot's actors keep them apart.
 """

@@ -97,7 +97,7 @@ class EALActor(pykka.ThreadingActor):
         self._refuse(UnavailableError(f"it crashed: {error!r}"))
         try:
             self.on_crash(error)
-        except Exception:
+        except Exception:  # noqa: BLE001  # the crash is reported all the same
             get_logger().exception("cleaning up after a crash failed", actor=self.name)
 
     def on_crash(self, error: BaseException) -> None:

@@ -59,8 +59,11 @@ class Call(Future[T]):
 
     def describe(self) -> str:
         """Return the call as `robot/resource: method 'argument'`."""
-        shown = " ".join(repr(argument) for argument in self.arguments if argument is not None)
-        return f"{self.cell.robot}/{self.cell.name}: {self.method}{' ' + shown if shown else ''}"
+        return f"{self.cell.robot}/{self.cell.name}: {self.shown()}"
+
+    def shown(self) -> str:
+        """Return the call as `method 'argument'`."""
+        return " ".join([self.method, *(repr(argument) for argument in self.arguments if argument is not None)])
 
     def fail(self, error: BaseException) -> None:
         """Set the failure, naming the resource."""
@@ -136,7 +139,7 @@ class ResourceCell:
             call.fail(error)
             return
         for waiting in dropped:
-            waiting.message.fail(PreemptedError(f"dropped by {call.method} {' '.join(map(str, call.arguments))}".strip()))
+            waiting.message.fail(PreemptedError(f"dropped by {call.shown()}"))
 
     def abandoned(self, call: Call[Any]) -> None:
         """Tell the actor that nobody waits for the call, and the robot to look whether the actor is stuck."""

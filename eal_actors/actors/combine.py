@@ -64,15 +64,15 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
             left -= 1
             if left:
                 return
-        errors = [part._error for part in parts]  # noqa: SLF001  # one family of classes
+        errors = [part._error for part in parts]  # one family of classes
         first = next((error for error in errors if error is not None), None)
         if first is not None and not return_exceptions:
             combined.set_exception(first)
         else:
-            combined.set([error or part._value for part, error in zip(parts, errors, strict=True)])  # noqa: SLF001
+            combined.set([error or part._value for part, error in zip(parts, errors, strict=True)])
 
     for part in parts:
-        part._link(count)  # noqa: SLF001  # one alarm for all of them: the combined future's
+        part._link(count)  # one alarm for all of them: the combined future's
     return combined
 
 
@@ -96,15 +96,15 @@ def first(futures: Iterable[Future[T]]) -> Future[T]:
         with lock:
             left -= 1
             last = left == 0
-        error = part._error  # noqa: SLF001  # one family of classes
+        error = part._error  # one family of classes
         if error is None:
-            if combined._finish(part._value, None):  # noqa: SLF001
-                combined._abandoned()  # noqa: SLF001
+            if combined._finish(part._value, None):
+                combined._abandoned()
         elif last:
             combined.set_exception(error)
 
     for part in parts:
-        part._link(look)  # noqa: SLF001
+        part._link(look)
     return combined
 
 

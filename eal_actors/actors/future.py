@@ -119,7 +119,7 @@ class Future(pykka.Future[T]):
     def _run(self, callback: Callable[[Future[T]], None]) -> None:
         try:
             callback(self)
-        except Exception:
+        except Exception:  # noqa: BLE001  # another's callback must not break the thread that finishes the call
             get_logger().exception("a future's done-callback raised", future=self.describe())
 
     def cancel(self) -> bool:

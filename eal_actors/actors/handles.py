@@ -68,7 +68,7 @@ class ResourceHandle:
             UnavailableError: it has never been up.
         """
         if self._cell.info is None:
-            raise self._cell._unavailable()  # noqa: SLF001  # a handle is the cell's public face
+            raise self._cell._unavailable()  # a handle is the cell's public face
         return self._cell.info
 
     def _call(self, method: str, arguments: tuple[Any, ...], timeout_s: float | None) -> Call[Any]:
@@ -142,7 +142,7 @@ class ResourceHandle:
         """
         actor = self._cell.actor
         if actor is None or actor.resource is None:
-            raise self._cell._unavailable()  # noqa: SLF001  # a handle is the cell's public face
+            raise self._cell._unavailable()  # a handle is the cell's public face
         return actor.resource
 
 

@@ -12,7 +12,6 @@ from typing import Any, Final, Protocol
 from eal_actors.clock import Clock, new_waiter, wake
 from eal_actors.errors import BusyError, EALError
 
-
 _ROUNDING_S: Final = 1e-9
 """A timer this close is due: now + (time - now) is not always time."""
 
@@ -52,7 +51,7 @@ class Timer:
         """Call it off; harmless when it has rung. Thread: any."""
         if self.action is not None:
             self.action = None
-            self._inbox._timer_cancelled()  # noqa: SLF001  # they are one thing in two classes
+            self._inbox._timer_cancelled()  # they are one thing in two classes
 
 
 class Inbox:

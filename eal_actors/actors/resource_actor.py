@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +13,14 @@ from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Timer
 from eal_actors.data import EALData
-from eal_actors.errors import DeadlineError, EALError, PreemptedError, ResourceFaultError, ReturnTypeError, UnavailableError
+from eal_actors.errors import (
+    DeadlineError,
+    EALError,
+    PreemptedError,
+    ResourceFaultError,
+    ReturnTypeError,
+    UnavailableError,
+)
 from eal_actors.info import ResourceInfo, ValueInfo
 from eal_actors.log import get_logger
 from eal_actors.resource import Activity, Resource
@@ -81,9 +89,7 @@ class ResourceActor(EALActor):
         capacity: the most calls that may wait.
     """
 
-    def __init__(
-        self, cell: ResourceCell, factory: ResourceFactory, observer: ResourceObserver, capacity: int
-    ) -> None:
+    def __init__(self, cell: ResourceCell, factory: ResourceFactory, observer: ResourceObserver, capacity: int) -> None:
         super().__init__(f"{cell.robot}/{cell.name}", cell.clock, capacity)
         self.cell = cell
         self.resource: Resource | None = None
@@ -137,10 +143,8 @@ class ResourceActor(EALActor):
 
     def shut_down(self) -> None:
         """Halt, close and stop, before anything that waits. Thread: any; does not block."""
-        try:
+        with contextlib.suppress(EALError):  # it has ended already
             self.actor_inbox.put_urgent(Timer(0.0, self._shut_down, self.actor_inbox), bounded=False)
-        except EALError:  # it has ended already
-            pass
 
     def _shut_down(self) -> None:
         self.actor_stopped.set()
@@ -195,7 +199,7 @@ class ResourceActor(EALActor):
         return super().on_receive(message)
 
     def _execute(self, call: Call[Any]) -> None:
-        if call._done:  # noqa: SLF001  # the hot path: it was given up while it waited
+        if call._done:  # the hot path: it was given up while it waited
             return
         deadline_s = call.deadline_s or 0.0
         if deadline_s <= self.clock.now():
@@ -271,10 +275,8 @@ class ResourceActor(EALActor):
         """Stop the activity that answers a call nobody waits for any more. Thread: any; does not block."""
         if call.method in MOTION_METHODS:
             stop = Timer(0.0, lambda: self._give_up(call), self.actor_inbox)
-            try:
+            with contextlib.suppress(EALError):  # it has ended, and has stopped everything on its way out
                 self.actor_inbox.put_urgent(stop, bounded=False)
-            except EALError:  # it has ended, and has stopped everything on its way out
-                pass
 
     def _give_up(self, call: Call[Any]) -> None:
         if self._motion is not None and self._motion.call is call:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import threading
 from collections.abc import Callable, Mapping
@@ -138,7 +139,9 @@ class RobotActor(EALActor):
         for problem in self._plugins.errors:
             self._log.error("plugin left out", error=problem.message)
         cells = {
-            name: ResourceCell(self.spec.name, name, self.clock, self.actor_inbox, self.spec.timeout_s, self._check_soon)
+            name: ResourceCell(
+                self.spec.name, name, self.clock, self.actor_inbox, self.spec.timeout_s, self._check_soon
+            )
             for name in self._plugins.resources
         }
         for name, factory in self._plugins.resources.items():
@@ -153,7 +156,7 @@ class RobotActor(EALActor):
         def start() -> ResourceActor:
             actor = ResourceActor(cell, factory, self, self.spec.mailbox)
             pykka.ActorRegistry.register(actor.actor_ref)
-            actor._start_actor_loop()  # noqa: SLF001  # Actor.start() hides the actor, whose thread we must join
+            actor._start_actor_loop()  # Actor.start() hides the actor, whose thread we must join
             return actor
 
         return start
@@ -177,10 +180,8 @@ class RobotActor(EALActor):
         self._later(lambda: self._on_down(actor, error))
 
     def _later(self, action: Callable[[], None]) -> None:
-        try:
+        with contextlib.suppress(EALError):  # the robot has ended: nobody is left to be told
             self.actor_inbox.put_urgent(Timer(0.0, action, self.actor_inbox), bounded=False)
-        except EALError:  # the robot has ended: nobody is left to be told
-            pass
 
     def _on_up(self, actor: ResourceActor, info: ResourceInfo) -> None:
         name = actor.cell.name
@@ -303,7 +304,7 @@ class RobotActor(EALActor):
         if self._plugins is not None:
             try:
                 self._plugins.close()
-            except Exception:
+            except Exception:  # noqa: BLE001  # a plugin may raise anything, and the robot must end
                 self._log.exception("disconnecting the plugins failed")
         if self.view.state is not RobotState.FAILED:
             self.view.state = RobotState.STOPPED
@@ -332,7 +333,7 @@ def _halt_if_still_stuck(actor: ResourceActor, halt: Callable[[], Any]) -> None:
         if actor.thread.is_alive():
             try:
                 halt()
-            except Exception:
+            except Exception:  # noqa: BLE001  # a plugin may raise anything
                 get_logger(robot=actor.cell.robot, resource=actor.cell.name).exception("last-resort halt failed")
 
 
@@ -341,5 +342,5 @@ def start_robot(spec: RobotSpec) -> tuple[RobotActor, RobotView]:
     view = RobotView(spec)
     actor = RobotActor(spec, view)
     pykka.ActorRegistry.register(actor.actor_ref)
-    actor._start_actor_loop()  # noqa: SLF001  # Actor.start() hides the actor, whose thread we must join
+    actor._start_actor_loop()  # Actor.start() hides the actor, whose thread we must join
     return actor, view

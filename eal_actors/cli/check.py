@@ -11,17 +11,14 @@ import typer
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
+from eal_actors.cli.opening import check_plugins
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, stderr, stdout, write_json
 from eal_actors.errors import ConfigError, Problem
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.managers.plugins import EALPluginManager
-from eal_actors.scenario import check_scenario
+from eal_actors.scenario import load_scenario
 from eal_actors.world import load_world
 from eal_actors.yaml_source import load_yaml
-
-_FLEET_KEYS: Final = frozenset({"robots", "types", "defaults", "plugin_dirs", "include"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,48 +80,41 @@ def check_file(file: Path) -> Checked:
     name = str(file)
     try:
         keys = set(load_yaml(file).root)
-        for belongs, check in _KINDS:
-            if belongs(keys):
-                return check(name)
     except ConfigError as error:
         return Checked(name, "unknown", problems=error.problems)
+    for kind, tell_tale, check in _KINDS:
+        if keys & tell_tale:
+            try:
+                return check(name)
+            except ConfigError as error:
+                return Checked(name, kind, problems=error.problems)
     hint = "a fleet has robots, a scenario has steps, a world has size_m"
     return Checked(name, "unknown", problems=(Problem(name, 0, 0, "", f"cannot tell what it is: {hint}"),))
 
 
 def _check_fleet(name: str) -> Checked:
-    try:
-        config = EALConfigManager.load(name).fleet
-    except ConfigError as error:
-        return Checked(name, "fleet", problems=error.problems)
-    problems, warnings = _check_plugins(config)
-    return Checked(name, "fleet", f"fleet, {counted(len(config.robots), 'robot')}", problems, warnings)
-
-
-def _check_plugins(config: FleetConfig) -> tuple[tuple[Problem, ...], tuple[str, ...]]:
-    manager = EALPluginManager(config.plugin_dirs)
-    problems: set[Problem] = set()
-    warnings = [str(error) for error in manager.errors]
-    for robot in config.robots.values():
-        wrong, broken = manager.check(robot)
-        problems.update(wrong)
-        warnings += [error.message for error in broken]
-    return tuple(sorted(problems)), tuple(dict.fromkeys(warnings))
+    config = EALConfigManager.load(name).fleet
+    problems, warnings = check_plugins(config)
+    summary = f"fleet, {counted(len(config.robots), 'robot')}"
+    return Checked(name, "fleet", summary, tuple(sorted(problems)), tuple(warnings))
 
 
 def _check_scenario(name: str) -> Checked:
-    return Checked(name, "scenario", "scenario", check_scenario(name))
+    file = load_scenario(name).file
+    return Checked(
+        name, "scenario", f"scenario, {counted(len(file.roles), 'role')}, {counted(len(file.steps), 'step')}"
+    )
 
 
 def _check_world(name: str) -> Checked:
     world = load_world(name)
     width_m, height_m = world.size_m
-    what = f"world, {width_m:g} x {height_m:g} m, {counted(len(world.obstacles), 'obstacle')}"
-    return Checked(name, "world", what)
+    return Checked(name, "world", f"world, {width_m:g} x {height_m:g} m, {counted(len(world.obstacles), 'obstacle')}")
 
 
-_KINDS: Final[tuple[tuple[Callable[[set[str]], bool], Callable[[str], Checked]], ...]] = (
-    (lambda keys: "steps" in keys, _check_scenario),
-    (lambda keys: "size_m" in keys, _check_world),
-    (lambda keys: bool(keys & _FLEET_KEYS), _check_fleet),
+# Kind, the keys that only files of that kind have, and the check.
+_KINDS: Final[tuple[tuple[str, frozenset[str], Callable[[str], Checked]], ...]] = (
+    ("scenario", frozenset({"steps", "roles"}), _check_scenario),
+    ("world", frozenset({"size_m"}), _check_world),
+    ("fleet", frozenset({"robots", "types", "defaults", "plugin_dirs", "include"}), _check_fleet),
 )

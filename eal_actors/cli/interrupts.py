@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM during a run: the first stops it in good order, the second at once."""
+"""SIGINT and SIGTERM during a run: the first stops it in good order, the second hurries, the third leaves."""
 
 from __future__ import annotations
 
@@ -7,10 +7,15 @@ from types import FrameType, TracebackType
 from typing import Any, Final, Self, TypeVar
 
 from eal_actors.actors.future import Future
+from eal_actors.cli.output import stderr
 from eal_actors.scenario import Run
 
 T = TypeVar("T")
 
+_SAID: Final = (
+    "Stopping: the robots halt, then the steps of `finally` follow; Ctrl-C skips those.",
+    "Stopping at once; Ctrl-C again leaves everything as it is.",
+)
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -18,7 +23,8 @@ class Interrupts:
     """Handles both signals for the length of a `with` block, in the main thread.
 
     Args:
-        run: the run that is aborted by the first signal. The second raises KeyboardInterrupt, which leaves the block.
+        run: the run that is aborted: the first signal halts the robots and lets `finally` go on, the second skips
+            that. A third raises KeyboardInterrupt, which leaves the block.
 
     Attributes:
         count: how many signals came.
@@ -42,15 +48,16 @@ class Interrupts:
 
     def _handle(self, number: int, _frame: FrameType | None) -> None:
         self.count += 1
-        if self.count > 1:
+        if self.count > 2:
             raise KeyboardInterrupt
+        stderr().print(_SAID[self.count - 1], style="yellow")
         self._run.abort(f"interrupted by {signal.Signals(number).name}")
 
     def wait(self, future: Future[T]) -> T:
         """Return what the run comes to.
 
         Raises:
-            KeyboardInterrupt: at the second signal.
+            KeyboardInterrupt: at the third signal.
 
         Thread: blocks the main thread.
         """

@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.errors import PluginError
+from eal_actors.errors import PluginError, Problem
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.plugins import EALPluginManager
 
 
 def read_fleet(
@@ -37,6 +38,18 @@ def read_fleet(
     if seed is not None:
         config = replace(config, seed=seed)
     return config
+
+
+def check_plugins(config: FleetConfig) -> tuple[set[Problem], list[str]]:
+    """Return what the file says wrongly of its plugins, and which plugins cannot be read or imported here."""
+    manager = EALPluginManager(config.plugin_dirs)
+    problems: set[Problem] = set()
+    broken = [str(error) for error in manager.errors]
+    for robot in config.robots.values():
+        wrong, unimportable = manager.check(robot)
+        problems.update(wrong)
+        broken += [error.message for error in unimportable]
+    return problems, list(dict.fromkeys(broken))
 
 
 def find_resource(fleet: Fleet, robot: str, resource: str) -> ResourceHandle:

@@ -174,7 +174,7 @@ class LiveProgress:
         line = Table.grid(padding=(0, 2))
         line.add_row(
             Text(self._title, style="bold"),
-            ProgressBar(total=max(self._calls, done, 1), completed=done, width=24),
+            ProgressBar(total=max(self._calls, done, 1), completed=done, width=24, complete_style="cyan"),
             f"{done}/{max(self._calls, done)} calls",
             Text(f"{now_s:.1f} s", style="dim"),
         )

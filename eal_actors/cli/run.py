@@ -11,7 +11,7 @@ from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.interrupts import Interrupts
-from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.opening import check_plugins, read_fleet
 from eal_actors.cli.options import FleetOption, GlobalOptions, JsonOption
 from eal_actors.cli.output import stderr, stdout, write_json
 from eal_actors.cli.progress import new_progress
@@ -43,8 +43,8 @@ def run_scenario(
     """Run a scenario on a fleet.
 
     Everything is checked before anything moves. Ctrl-C stops the run: the scenario's `finally` is carried out and
-    every robot is halted; a second Ctrl-C halts at once. The run's folder keeps summary.json, events.jsonl,
-    trajectory.csv and trajectory.png.
+    every robot is halted; a second Ctrl-C skips what is left of `finally`.
+    The run's folder keeps summary.json, events.jsonl, trajectory.csv and trajectory.png.
     """
     wanted, config = _read_both(scenario, fleet, rate, seed)
     console = stderr() if as_json else stdout()
@@ -76,6 +76,8 @@ def _read_both(scenario: Path, fleet: Path, rate: float | None, seed: int | None
     wanted = _noting(problems, lambda: load_scenario(scenario))
     config = _noting(problems, lambda: read_fleet(fleet, rate=rate, seed=seed))
     if wanted is None or config is None:
+        if config is not None:
+            problems += check_plugins(config)[0]  # else found while it connects
         raise ConfigError(problems)
     return wanted, config
 

@@ -28,10 +28,10 @@ def print_summary(console: Console, report: Report) -> None:
         if failures:
             console.print()
             console.print(_step_table(failures))
-    for line in _errors(report, failures):
-        console.print(line, soft_wrap=True)
     console.print()
     console.print(_verdict(report), soft_wrap=True)
+    for line in _errors(report, failures):
+        console.print(line, soft_wrap=True)
 
 
 def _styled(outcome: str) -> Text:
@@ -44,9 +44,9 @@ def _step_table(steps: tuple[StepRecord, ...] | list[StepRecord]) -> Table:
     for step in steps:
         result = _styled(step.outcome)
         if step.attempts > 1:
-            result.append(f" at attempt {step.attempts}", style="dim")
-        if step.error is not None:
-            result.append(f"\n{step.error.message}", style="none")
+            result.append_text(Text(f" at attempt {step.attempts}"))
+        if step.outcome == "failed" and step.error is not None:
+            result = Text("\n").join([result, Text(step.error.message)])
         table.add_row(step.robot, step.label, result, f"{step.end_s - step.start_s:.2f} s")
     return table
 
@@ -83,7 +83,7 @@ def _errors(report: Report, failures: list[StepRecord]) -> list[Text]:
             lines.append(Text.assemble((f"{name} {robot.outcome}: ", STYLES[robot.outcome]), robot.error.message))
             told.add(robot.error.message)
     if report.error is not None and report.error.message not in told:
-        lines.append(Text(report.error.message, style=STYLES[report.outcome]))
+        lines.append(Text(report.error.message))
     return lines
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from eal_actors.conformance.bench import Bench, Findings
 from eal_actors.data import DataType
 from eal_actors.info import ResourceInfo, ValueInfo
+from eal_actors.managers.plugins import EALPluginManager
 
 _MEASURED = (DataType.FLOAT, DataType.DOUBLE)
 
@@ -17,6 +18,11 @@ def comes_up(bench: Bench, findings: Findings) -> None:
     manifest = bench.manifest()
     missing = manifest.missing_modules()
     findings.expect(holds=not missing, problem=f"required modules are not installed: {', '.join(missing)}")
+    found = EALPluginManager([bench.folder.resolve().parent]).manifests[manifest.name].folder
+    findings.expect(
+        holds=found.resolve() == bench.folder.resolve(),
+        problem=f"the plugin in {found} has the same name, and hides it",
+    )
     with bench.robot() as robot:
         promised, there = set(manifest.file.resources), set(robot)
         findings.expect(

@@ -67,9 +67,10 @@ def forget_plugin(manifest: PluginManifest) -> None:
     """Unload a plugin's modules, so that the next import reads its files again."""
     folder = str(manifest.folder.resolve())
     with _import_lock:
-        packages = [n for n, m in sys.modules.items() if n.startswith(f"{_PACKAGE}.") and folder in getattr(m, "__path__", [])]
-        for name in [n for n in sys.modules if any(n == p or n.startswith(f"{p}.") for p in packages)]:
-            del sys.modules[name]
+        for name, module in list(sys.modules.items()):
+            if name.startswith(f"{_PACKAGE}.") and folder in getattr(module, "__path__", []):
+                for part in [part for part in sys.modules if part == name or part.startswith(f"{name}.")]:
+                    del sys.modules[part]
         importlib.invalidate_caches()
 
 
@@ -164,11 +165,10 @@ class EALPluginManager:
             try:
                 module, context = self._connect_one(robot.name, settings, services)
                 connected.append((settings.instance, module, context.plugin))
-                for name in context.plugin.list_resources():
-                    offers.append((settings.instance, name, _resource_of(module, name, context)))
+                names = context.plugin.list_resources()
+                offers += [(settings.instance, name, _resource_of(module, name, context)) for name in names]
             except EALError as error:
                 errors.append(error.at(robot.name))
-                offers = [offer for offer in offers if offer[0] != settings.instance]
         return ConnectedPlugins(_with_unique_names(offers), tuple(errors), tuple(connected))
 
     def _connect_one(
@@ -182,9 +182,7 @@ class EALPluginManager:
         try:
             plugin = _with_context(module.connect, context)
         except (Exception, SystemExit) as error:
-            raise PluginError(
-                f"plugin {manifest.name!r}: connect raised {type(error).__name__}: {error}"
-            ) from error
+            raise PluginError(f"plugin {manifest.name!r}: connect raised {type(error).__name__}: {error}") from error
         if not isinstance(plugin, EALPlugin):
             raise PluginError(f"plugin {manifest.name!r}: connect returned {plugin!r}, which is no EALPlugin")
         promised, named = set(manifest.file.resources), set(plugin.list_resources())
@@ -236,6 +234,4 @@ def _resource_of(module: ModuleType, name: str, context: PluginContext) -> Plugi
 
 def _with_unique_names(offers: list[tuple[str, str, PluginResource]]) -> dict[str, PluginResource]:
     names = [name for _, name, _ in offers]
-    return {
-        f"{instance}.{name}" if names.count(name) > 1 else name: resource for instance, name, resource in offers
-    }
+    return {f"{instance}.{name}" if names.count(name) > 1 else name: resource for instance, name, resource in offers}

@@ -237,9 +237,7 @@ def test_a_full_mailbox_answers_busy_at_once(base: Base) -> None:
 
 def test_what_the_resource_raises_is_named_and_halts_a_motion(base: Base) -> None:
     with running_robot({"Base": lambda: base}) as robot:
-        with pytest.raises(
-            ResourceFaultError, match="robot/Base: send_cmd 'fall' raised OSError: cable off"
-        ) as caught:
+        with pytest.raises(ResourceFaultError, match="robot/Base: send_cmd 'fall' raised OSError: cable off") as caught:
             robot["Base"].send_cmd("fall").get()
         assert isinstance(caught.value.__cause__, OSError)
         assert base.notes == ["halt"]

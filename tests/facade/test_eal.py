@@ -204,7 +204,7 @@ def test_an_open_fleet_can_be_used_and_stays_open(line_fleet: Path) -> None:
 
 
 def test_a_missing_fleet_file_is_named() -> None:
-    with pytest.raises(ConfigError, match="nowhere.yaml"):
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml"):
         connect(fleet="nowhere.yaml")
 
 

@@ -129,7 +129,7 @@ def test_more_than_three_crashes_in_the_window_stop_the_whole_robot_safely() -> 
         with pytest.raises(PreemptedError, match="being stopped"):
             drive.get(timeout=WAIT_S)
         assert robot.state is RobotState.FAILED
-        with pytest.raises(RobotFailedError, match=r"robot/Other: stopped safely after more than 3 restarts.*SystemExit"):
+        with pytest.raises(RobotFailedError, match=r"robot/Other: stopped safely after more than 3.*SystemExit"):
             robot["Other"].get_value().get()
         assert other == ["new", "motors off", "halt"]
 
@@ -257,7 +257,7 @@ def test_plugins_that_cannot_connect_fail_the_robot_with_their_reason() -> None:
 def test_unknown_resources_are_named_with_the_nearest() -> None:
     with (
         running_robot({"Motor": partial(Motor, [])}) as robot,
-        pytest.raises(ResourceNotFoundError, match="robot: unknown resource 'Moter'; did you mean 'Motor'?"),
+        pytest.raises(ResourceNotFoundError, match="unknown resource 'Moter'; did you mean 'Motor'"),
     ):
         robot["Moter"]
 

@@ -1,0 +1,44 @@
+"""Run the benchmarks, print their table, and write it into the documentation."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from tests.benchmarks import crowd, engine, hop
+
+HEADINGS = ("what", "ours", "reference, same run", "figure", "limit", "")
+PAGE = Path(__file__).parents[2] / "docs" / "benchmarks.md"
+
+
+def main() -> int:
+    """Return 1 if a figure missed its limit."""
+    console = Console()
+    results = []
+    for benchmark in (hop, crowd, engine):
+        with console.status(f"measuring: {benchmark.__doc__}"):
+            results += benchmark.run()
+    table = Table(*HEADINGS)
+    for result in results:
+        table.add_row(*result.row(), style=None if result.holds else "bold red")
+    console.print(table)
+    machine = f"{platform.machine()}, Python {platform.python_version()}, Pykka {version('pykka')}"
+    rows = [HEADINGS, ("---",) * len(HEADINGS), *(result.row() for result in results)]
+    PAGE.parent.mkdir(exist_ok=True)
+    PAGE.write_text(
+        "# Benchmarks\n\nWritten by `make bench`. A ratio compares with a reference that runs in turn with ours in the "
+        "same process.\n\n"
+        + "\n".join("| " + " | ".join(row) + " |" for row in rows)
+        + f"\n\n{datetime.now(UTC):%Y-%m-%d}, {machine}.\n"
+    )
+    return 0 if all(result.holds for result in results) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

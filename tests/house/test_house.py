@@ -1,0 +1,47 @@
+"""The rules of the house: format, lint, types, layers. The same commands as `make check`."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SCRIPTS = Path(sysconfig.get_path("scripts"))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(["ruff", "format", "--check", "."], id="format"),
+        pytest.param(["ruff", "check", "."], id="lint"),
+        pytest.param(["mypy"], id="types", marks=pytest.mark.timeout(600)),
+        pytest.param(["lint-imports"], id="layers"),
+    ],
+)
+def test_the_house_is_in_order(command: list[str]) -> None:
+    done = subprocess.run([SCRIPTS / command[0], *command[1:]], cwd=ROOT, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_plugins_import_nothing_of_the_framework_but_the_plugin_api() -> None:
+    pattern = re.compile(r"^\s*(?:from|import)\s+(eal_actors[.\w]*)", re.MULTILINE)
+    for file in (ROOT / "plugins").rglob("*.py"):
+        if not file.name.startswith("test_"):
+            assert set(pattern.findall(file.read_text())) <= {"eal_actors.plugin"}, file
+
+
+def test_the_core_imports_without_its_extras() -> None:
+    program = (
+        "import sys\n"
+        "for name in ('numpy', 'cv2', 'pymunk', 'matplotlib'): sys.modules[name] = None\n"
+        "import eal_actors\n"
+        "with eal_actors.connect() as eal:\n"
+        "    print(eal.get_value(eal.find_resource('SampleResource')).value)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("0\n", "")
