@@ -54,7 +54,11 @@ _TABLE: Final[tuple[tuple[type[EALError], ExitCode, str], ...]] = (
     (RobotFailedError, ExitCode.UNREACHABLE, "See that it is switched on and connected, then try again."),
     (UnavailableError, ExitCode.UNREACHABLE, "See that it is switched on and connected, then try again."),
     (RemoteError, ExitCode.UNREACHABLE, ""),
-    (PluginError, ExitCode.UNREACHABLE, "`eal plugin list` shows which plugins there are and what they lack."),
+    (
+        PluginError,
+        ExitCode.UNREACHABLE,
+        "See that its hardware is connected; `eal plugin list` shows what plugins lack.",
+    ),
     (
         DeadlineError,
         ExitCode.FAILED,
@@ -81,7 +85,7 @@ def report(error: EALError, options: GlobalOptions) -> ExitCode:
         return code
     console = stderr()
     if options.log_level == "debug":
-        console.print("".join(traceback.format_exception(error)), end="")
+        console.print("".join(traceback.format_exception(error)), end="", soft_wrap=True)
     if isinstance(error, ConfigError):
         for problem in error.problems:
             console.print(str(problem), soft_wrap=True)

@@ -79,7 +79,7 @@ def event_line(event: Event) -> Text | None:
         case StepStarted():
             return Text(f"{event.robot}  {event.label}")
         case StepEnded(record=record):
-            why = f": {record.error.message}" if record.error else ""
+            why = f": {record.error.message}" if record.error and record.outcome == "failed" else ""
             return Text.assemble(
                 f"{record.robot}  {record.label}  ",
                 (record.outcome, STYLES[record.outcome]),
@@ -98,7 +98,7 @@ def event_line(event: Event) -> Text | None:
 class _Row:
     """What the live table shows of a robot."""
 
-    state: str = "waits"
+    state: str = "waiting"
     label: str = ""
     since_s: float | None = None
     calls: int = 0
@@ -154,7 +154,7 @@ class LiveProgress:
                 row.state, row.label, row.since_s = "running", event.label, event.time_s
             case StepEnded(record=record):
                 row = self._rows[record.robot]
-                row.state = "waits" if record.outcome == "done" else record.outcome
+                row.state = "waiting" if record.outcome == "done" else record.outcome
                 row.since_s = None
                 row.calls += 1
             case RobotDropped():

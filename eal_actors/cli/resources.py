@@ -88,10 +88,12 @@ def _heading(alike: list[dict[str, Any]]) -> Text:
     robot, names = alike[0], [entry["name"] for entry in alike]
     few = len(names) <= _NAMES_SHOWN
     listed = ", ".join(names) if few else f"{names[0]} to {names[-1]} ({counted(len(names), 'robot')})"
-    ready = robot["state"] == RobotState.READY.value and not robot["problems"]
+    state, style = robot["state"], "green" if robot["state"] == RobotState.READY.value else "bold red"
+    if state == RobotState.READY.value and robot["problems"]:
+        state, style = "incomplete", "yellow"
     notes = f"  type {robot['type']}" if robot["type"] else ""
     notes += f"  tags {', '.join(robot['tags'])}" if robot["tags"] else ""
-    return Text.assemble((listed, "bold"), "  ", (robot["state"], "green" if ready else "bold red"), (notes, "dim"))
+    return Text.assemble((listed, "bold"), "  ", (state, style), (notes, "dim"))
 
 
 def _table(infos: list[ResourceInfo]) -> Table:

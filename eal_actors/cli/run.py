@@ -17,11 +17,12 @@ from eal_actors.cli.output import stderr, stdout, write_json
 from eal_actors.cli.progress import new_progress
 from eal_actors.cli.run_summary import print_summary
 from eal_actors.clock import wall_time
-from eal_actors.errors import ConfigError, Problem
+from eal_actors.errors import ConfigError, PluginError, Problem
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.recording import PoseRecorder, draw_trajectory
-from eal_actors.scenario import Report, Run, Scenario, load_scenario, make_plan
+from eal_actors.scenario import Plan, Report, Run, Scenario, load_scenario, make_plan
+from eal_actors.scenario.plan import bind_roles
 
 T = TypeVar("T")
 
@@ -50,14 +51,14 @@ def run_scenario(
     console = stderr() if as_json else stdout()
     options = context.find_object(GlobalOptions) or GlobalOptions()
     with Fleet(config) as opened:
-        plan = make_plan(wanted, opened)
+        plan = _plan(wanted, opened)
         directory = _new_directory(runs_dir, wanted.name)
         progress = new_progress(console, opened, options)
         run = Run(plan, opened, directory, listeners=[progress.hear])
         taking_part = [name for name in plan.robots if name not in plan.lost]
         with progress, PoseRecorder(opened, taking_part) as recorder, Interrupts(run) as interrupts:
             report = interrupts.wait(run.start())
-    kept = _keep_paths(recorder, config, directory, report, draw=not no_plot)
+    kept = _keep_paths(recorder, config, directory, report, draw=not no_plot and interrupts.count < 2)
     if as_json:
         write_json(report.model_dump(mode="json"))
     else:
@@ -88,6 +89,18 @@ def _noting(problems: list[Problem], read: Callable[[], T]) -> T | None:
     except ConfigError as error:
         problems += error.problems
         return None
+
+
+def _plan(scenario: Scenario, fleet: Fleet) -> Plan:
+    """Make the plan; what the robots lack because a plugin did not connect is that plugin's fault, not the file's."""
+    try:
+        return make_plan(scenario, fleet)
+    except ConfigError as error:
+        bound = {name for names in bind_roles(scenario, fleet.config).values() for name in names}
+        left_out = [str(problem) for name in sorted(bound) for problem in fleet[name].problems]
+        if not left_out:
+            raise
+        raise PluginError(f"{'; '.join(left_out)}. So the scenario cannot run:\n{error}") from error
 
 
 def _new_directory(runs_dir: Path, scenario: str) -> Path:

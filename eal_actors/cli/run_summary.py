@@ -11,26 +11,19 @@ from rich.text import Text
 
 from eal_actors.cli.output import counted, new_table
 from eal_actors.cli.progress import STYLES
-from eal_actors.scenario import Report, StepRecord
+from eal_actors.scenario import Report
 
 _MOST_ROWS: Final = 30
 """A longer table says less than a shorter one."""
 
 
 def print_summary(console: Console, report: Report) -> None:
-    """Print how every call went; in a long run, how every robot fared, and every failure."""
-    failures = [step for step in report.steps if step.outcome != "done"]
+    """Print how every call went; of a long run, how every robot fared. What failed is always told in full."""
     console.print()
-    if len(report.steps) <= _MOST_ROWS:
-        console.print(_step_table(report.steps))
-    else:
-        console.print(_robot_table(report))
-        if failures:
-            console.print()
-            console.print(_step_table(failures))
+    console.print(_step_table(report) if len(report.steps) <= _MOST_ROWS else _robot_table(report))
     console.print()
     console.print(_verdict(report), soft_wrap=True)
-    for line in _errors(report, failures):
+    for line in _errors(report):
         console.print(line, soft_wrap=True)
 
 
@@ -38,15 +31,13 @@ def _styled(outcome: str) -> Text:
     return Text(outcome, style=STYLES[outcome])
 
 
-def _step_table(steps: tuple[StepRecord, ...] | list[StepRecord]) -> Table:
+def _step_table(report: Report) -> Table:
     table = new_table("robot", "step", "result", "duration")
     table.columns[-1].justify = "right"
-    for step in steps:
+    for step in report.steps:
         result = _styled(step.outcome)
         if step.attempts > 1:
             result.append_text(Text(f" at attempt {step.attempts}"))
-        if step.outcome == "failed" and step.error is not None:
-            result = Text("\n").join([result, Text(step.error.message)])
         table.add_row(step.robot, step.label, result, f"{step.end_s - step.start_s:.2f} s")
     return table
 
@@ -74,17 +65,25 @@ def _robot_table(report: Report) -> Table:
     return table
 
 
-def _errors(report: Report, failures: list[StepRecord]) -> list[Text]:
-    """Return what went wrong beyond the failed calls in the tables."""
-    told = {step.error.message for step in failures if step.error is not None}
-    lines = []
+def _errors(report: Report) -> list[Text]:
+    """Return every failed call with its reason, and what went wrong beside the calls."""
+    told: set[str] = set()
+    lines: list[Text] = []
+    for step in report.steps:
+        if step.outcome == "failed" and step.error is not None:
+            lines.append(_reason(f"{step.robot}  {step.label}", step.outcome, step.error.message))
+            told.add(step.error.message)
     for name, robot in report.robots.items():
         if robot.error is not None and robot.error.message not in told:
-            lines.append(Text.assemble((f"{name} {robot.outcome}: ", STYLES[robot.outcome]), robot.error.message))
+            lines.append(_reason(name, robot.outcome, robot.error.message))
             told.add(robot.error.message)
     if report.error is not None and report.error.message not in told:
         lines.append(Text(report.error.message))
     return lines
+
+
+def _reason(what: str, outcome: str, why: str) -> Text:
+    return Text.assemble(f"{what}  ", (outcome, STYLES[outcome]), f": {why}")
 
 
 def _verdict(report: Report) -> Text:

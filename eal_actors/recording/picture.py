@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -25,7 +25,9 @@ _ARROW_M: Final = 0.28
 def draw_trajectory(
     paths: Mapping[str, Sequence[PoseSample]], world: WorldModel | None, out: Path, title: str
 ) -> Path | None:
-    """Draw each robot's path: start (hollow), end (filled, with its heading), and the way between.
+    """Draw each robot's path, from its start (hollow) to its end (filled, with its heading), and its heading over time.
+
+    The second part shows what the first cannot: a robot that turns in place.
 
     Args:
         paths: samples by robot.
@@ -42,22 +44,25 @@ def draw_trajectory(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9, 6), dpi=120, layout="constrained")
+    figure = Figure(figsize=(9, 8), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
+    arena, headings = figure.subplots(2, 1, height_ratios=(3, 1))
     if world is not None:
-        _draw_world(axes, world)
+        _draw_world(arena, world)
+    start_s = min((path[0].time_s for path in paths.values() if path), default=0.0)
     for number, (name, path) in enumerate(paths.items()):
         if path:
-            _draw_path(axes, name, path, _COLOURS[number % len(_COLOURS)], _MARKERS[number % len(_MARKERS)])
-    axes.set_title(title, loc="left", fontsize=12)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.set_aspect("equal")
-    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
-    axes.set_axisbelow(True)
+            colour, marker = _COLOURS[number % len(_COLOURS)], _MARKERS[number % len(_MARKERS)]
+            _draw_path(arena, name, path, colour, marker)
+            _draw_heading(headings, path, start_s, colour, marker)
+    arena.set_title(title, loc="left", fontsize=12)
+    arena.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    headings.set(xlabel="time [s]", ylabel="heading [°]")
+    for axes in (arena, headings):
+        axes.grid(visible=True, color="#dddddd", linewidth=0.6)
+        axes.set_axisbelow(True)
     if 0 < len(paths) <= _MOST_IN_LEGEND:
-        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+        arena.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     figure.savefig(out)
     return out
 
@@ -100,3 +105,21 @@ def _draw_path(axes: Axes, name: str, path: Sequence[PoseSample], colour: str, m
         xytext=(end.x_m, end.y_m),
         arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 1.8},
     )
+
+
+def _draw_heading(axes: Axes, path: Sequence[PoseSample], start_s: float, colour: str, marker: str) -> None:
+    times_s = [sample.time_s - start_s for sample in path]
+    headings_deg = [math.degrees(yaw_rad) for yaw_rad in _unwrapped(sample.yaw_rad for sample in path)]
+    axes.plot(times_s, headings_deg, color=colour, linewidth=1.5)
+    axes.plot(times_s[-1:], headings_deg[-1:], marker, color=colour, markersize=6)
+
+
+def _unwrapped(angles_rad: Iterable[float]) -> Iterator[float]:
+    """Yield the angles without the jumps between -π and π."""
+    previous: float | None = None
+    for angle_rad in angles_rad:
+        if previous is None:
+            previous = angle_rad
+        else:
+            previous += (angle_rad - previous + math.pi) % (2 * math.pi) - math.pi
+        yield previous

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from functools import cache
 from pathlib import Path, PurePosixPath
@@ -64,19 +63,24 @@ def save_answer(value: object, folder: Path, name: str) -> str | None:
 @cache
 def image_writer() -> _ImageWriter | None:
     """Return what writes a PNG, or None where neither OpenCV nor matplotlib is installed. The first call is slow."""
-    if importlib.util.find_spec("cv2") is not None:
+    try:
         import cv2
+    except ImportError:
+        return _matplotlib_writer()
 
-        def write_with_opencv(path: Path, image: Any) -> None:
-            if not cv2.imwrite(str(path), image[..., ::-1]):  # OpenCV wants blue first
-                raise OSError(f"OpenCV could not write {path}")
+    def write(path: Path, image: Any) -> None:
+        if not cv2.imwrite(str(path), image[..., ::-1]):  # OpenCV wants blue first
+            raise OSError(f"OpenCV could not write {path}")
 
-        return write_with_opencv
-    if importlib.util.find_spec("matplotlib") is not None:
+    return write
+
+
+def _matplotlib_writer() -> _ImageWriter | None:
+    try:
         from matplotlib.image import imsave
-
-        return lambda path, image: imsave(path, image)
-    return None
+    except ImportError:
+        return None
+    return lambda path, image: imsave(path, image)
 
 
 def _save_image(path: Path, image: Any) -> str | None:

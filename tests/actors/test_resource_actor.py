@@ -202,7 +202,7 @@ def test_an_urgent_command_overtakes_and_drops_too(base: Base) -> None:
         stopped = handle.send_cmd("s")
         base.gate.set()
         assert stopped.get() == 1
-        with pytest.raises(PreemptedError, match="dropped by send_cmd s"):
+        with pytest.raises(PreemptedError, match="dropped by send_cmd 's'"):
             waiting.get()
         assert base.notes == ["stop"]
 

@@ -155,7 +155,7 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         ),
         (
             in_role("get_value: {resource: Eye}\n    save_as: a") + "finally: [{on: r, do: [{log: '${a}'}]}]",
-            "10:29: finally[0].do[0].log: unknown variable 'a'; no variable is known here",
+            "10:30: finally[0].do[0].log: unknown variable 'a'; no variable is known here",
         ),
         (
             in_role("log: x") + "finally: [{on: r, do: [{halt: {resource: B}, on_failure: drop}]}]",
