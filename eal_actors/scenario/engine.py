@@ -175,10 +175,11 @@ class Run:
         return time_s
 
     def _fail(self, error: BaseException) -> None:
-        """Note an error of the engine itself: the run is stopped."""
+        """Note an error of the engine itself: the steps are stopped, but never what makes the robots safe."""
         get_logger(scenario=self._plan.scenario.name).error("the run had an internal error", exc_info=error)
         self._error = self._error or error
-        self._performer.stop()
+        if self._phase is _Phase.STEPS:
+            self._performer.stop()
 
     # The report.
 

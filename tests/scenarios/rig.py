@@ -24,7 +24,7 @@ plugin_version: "1"
 resources: [Base, Eye]
 """
 
-PLUGIN = '''\
+PLUGIN = """\
 import threading
 
 import numpy as np
@@ -39,6 +39,7 @@ class Settings(PluginSettingsModel):
     failures: int = 0
     slowness: float = 1.0
     is_broken: bool = False
+    fails_to_open: bool = False
     refuses_halt: bool = False
 
 
@@ -51,6 +52,10 @@ class Base(Resource):
         self.counts = {"halts": 0, "tries": 0, "stops": 0}
         self.gain_value = 1.0
         self.number = 0
+
+    def open(self):
+        if self.settings.fails_to_open:
+            raise OSError("no such port")
 
     def halt(self):
         self.counts["halts"] += 1
@@ -171,7 +176,7 @@ def create_Eye():
 
 def destroy_Eye(resource):
     pass
-'''
+"""
 
 HEAD = """\
 version: 1

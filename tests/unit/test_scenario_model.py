@@ -79,7 +79,10 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         ("", "1:1: steps: is missing"),
         ("steps: [5]", "5:9: steps[0]: must be a mapping, not 5"),
         ("steps: [{wait: 5}]", "5:9: steps[0]: unknown step 'wait'; did you mean 'wait_s'?"),
-        ("steps: [{on: r, do: [{send_cdm: {}}]}]", "5:22: steps[0].do[0]: unknown step 'send_cdm'; did you mean 'send_cmd'?"),
+        (
+            "steps: [{on: r, do: [{send_cdm: {}}]}]",
+            "5:22: steps[0].do[0]: unknown step 'send_cdm'; did you mean 'send_cmd'?",
+        ),
         (
             "steps: [{log: x, wait_s: 1}]",
             "5:9: steps[0]: is 'log' and 'wait_s' at once; begin each step with its own '-'",

@@ -101,7 +101,8 @@ def test_a_scenario_that_fits_has_no_problems(tmp_path: Path) -> None:
         ),
         (
             "set_value: {resource: Free, value: [1, x]}",
-            "8:40: steps[0].do[0].set_value.value: a: no C type fits a list whose elements are of types int, str",
+            "8:40: steps[0].do[0].set_value.value: a: a list of int, str has no type; "
+            "all elements must be bools, or all must be ints and floats",
         ),
         (
             "get_config: {resource: Base, key: gane}",
@@ -145,7 +146,7 @@ def test_all_problems_come_at_once_and_name_their_robots(tmp_path: Path) -> None
     )
 
     assert problems(tmp_path, body) == [
-        "8:27: steps[0].do[0].get_value.resource: b: unknown resource 'Eye'; did you mean 'Free'?; left out: no camera",
+        "8:27: steps[0].do[0].get_value.resource: b: unknown resource 'Eye'; known: Base, Free; left out: no camera",
         "10:43: steps[0].do[1].do[0].send_cmd.cmd: a, b: "
         "command 'r361': its argument must be double 0..360 deg, not 361",
         "10:43: steps[0].do[1].do[0].send_cmd.cmd: a, b: "
@@ -167,9 +168,9 @@ def test_loops_inside_loops_are_tried_together(tmp_path: Path) -> None:
         "      do: [{send_cmd: {resource: Base, cmd: '${side}${i}'}}]\n"
     )
 
-    assert [problem.rpartition(": ")[2] for problem in problems(tmp_path, body)] == [
-        "unknown command 's0'; did you mean 'g'?",
-        "unknown command 's1'; did you mean 'g'?",
+    assert [problem.partition("a, b: ")[2] for problem in problems(tmp_path, body)] == [
+        "unknown command 's0'; known: g, r<degrees>, say",
+        "unknown command 's1'; known: g, r<degrees>, say",
     ]
 
 

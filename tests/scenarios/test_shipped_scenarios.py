@@ -1,0 +1,77 @@
+"""The shipped scenarios on the shipped simulated fleet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eal_actors.bundled import bundled_path
+from eal_actors.clock import ScaledClock
+from eal_actors.facade.fleet import Fleet
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.scenario import Report, run_scenario
+
+ROBOTS = ("evbot2-1", "evbot3-1", "roomba-1")
+DANCE = ("r45", "l90", "r90", "l10", "r10", "l10", "r360")
+
+
+@pytest.fixture
+def sim() -> Iterator[Fleet]:
+    config = EALConfigManager.load(bundled_path("fleets/sim.yaml"), environment={}).fleet
+    with Fleet(config, ScaledClock(50.0)) as fleet:
+        yield fleet
+
+
+def run(fleet: Fleet, name: str, directory: Path) -> Report:
+    report = run_scenario(bundled_path(f"scenarios/{name}.yaml"), fleet, directory=directory / name)
+
+    assert report.error is None
+    assert report.outcome == "done"
+    assert tuple(report.robots) == ROBOTS
+    return report
+
+
+def poses(fleet: Fleet) -> dict[str, tuple[float, float, float]]:
+    return {name: tuple(robot["Pose"].get_value().get().value) for name, robot in fleet.items()}
+
+
+def commands(report: Report, robot: str) -> list[str | None]:
+    return [step.command for step in report.steps if step.robot == robot and step.method == "send_cmd"]
+
+
+def test_square_ends_where_it_began(sim: Fleet, tmp_path: Path) -> None:
+    before = poses(sim)
+    report = run(sim, "square", tmp_path)
+    after = poses(sim)
+
+    for robot in ROBOTS:
+        assert commands(report, robot) == [*["g", "r"] * 4, "s", *["l", "b"] * 4, "s", "s"]
+        assert math.dist(before[robot][:2], after[robot][:2]) < 0.25, "half a side, for the wheels are not perfect"
+
+
+def test_dance_is_danced_step_by_step(sim: Fleet, tmp_path: Path) -> None:
+    report = run(sim, "dance", tmp_path)
+
+    for number, move in enumerate(DANCE):
+        steps = [step for step in report.steps if step.step.startswith("steps")][number * 3 : number * 3 + 3]
+        assert {(step.robot, step.command) for step in steps} == {(robot, move) for robot in ROBOTS}
+        assert max(step.start_s for step in steps) < min(step.end_s for step in steps), "they move at once"
+    for robot in ROBOTS:
+        assert commands(report, robot) == [*DANCE, "s"]
+
+
+def test_panorama_takes_eight_pictures(sim: Fleet, tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    run(sim, "panorama", tmp_path)
+
+    for robot in ROBOTS:
+        names = sorted(path.name for path in (tmp_path / "panorama" / robot).iterdir())
+        assert names == [f"frame.{number}.png" for number in range(8)]
+        pictures = [imread(tmp_path / "panorama" / robot / name) for name in names]
+        assert all(picture.shape[:2] == (240, 320) for picture in pictures)
+        assert not any(np.array_equal(one, next_one) for one, next_one in zip(pictures, pictures[1:], strict=False))
