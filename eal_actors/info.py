@@ -5,7 +5,6 @@ Tools list it, and a scenario is checked against it before anything moves. Every
 
 from __future__ import annotations
 
-import difflib
 import enum
 import re
 from collections.abc import Iterable, Mapping
@@ -14,6 +13,7 @@ from typing import Any, Final, Protocol, TypeVar
 
 from eal_actors.data import DataType, EALData
 from eal_actors.errors import ArgumentError
+from eal_actors.strict_model import did_you_mean
 
 
 class ResourceType(enum.Flag):
@@ -182,10 +182,7 @@ _N = TypeVar("_N", bound=_Named)
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
     """Return the message for a name that is none of the known ones, with the nearest as a hint."""
-    names = sorted(known)
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(names) or 'none'}"
-    return f"unknown {kind} {name!r}{hint}"
+    return f"unknown {kind} {name!r}{did_you_mean(name, known)}"
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,9 @@
 
 People get coloured lines on stderr, programs get JSON lines. A library must not write where nobody asked, so
 that without `configure_logging` only warnings and errors are shown.
+
+A resource's actor notes in its thread what it works for, so that every line written there, by the framework or by a
+plugin, says which robot, resource and call it belongs to.
 """
 
 from __future__ import annotations
@@ -9,11 +12,40 @@ from __future__ import annotations
 import contextlib
 import logging
 import sys
-from typing import Literal, TextIO, cast
+from collections.abc import Mapping
+from contextvars import ContextVar
+from types import MappingProxyType
+from typing import Final, Literal, TextIO, cast
 
 import structlog
 
 LogFormat = Literal["human", "json"]
+
+_work_place: ContextVar[Mapping[str, str]] = ContextVar("work place", default=MappingProxyType({}))
+_call_id: ContextVar[int | None] = ContextVar("call id", default=None)
+_least_level = logging.WARNING
+
+
+def bind_work_place(robot: str, resource: str) -> None:
+    """Name the robot and resource in every line of this thread from now on."""
+    _work_place.set({"robot": robot, "resource": resource})
+
+
+set_call: Final = _call_id.set
+"""Name the call in every line of this thread from now on; None for no call. Cheap: it is done for every call."""
+
+
+def is_debugging() -> bool:
+    """Return whether debug lines are shown: for what is too costly to say otherwise."""
+    return _least_level <= logging.DEBUG
+
+
+def _add_context(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
+    for key, value in _work_place.get().items():
+        event.setdefault(key, value)
+    if (call_id := _call_id.get()) is not None:
+        event.setdefault("call", call_id)
+    return event
 
 
 class _Stream:
@@ -48,6 +80,8 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
         level: the least level shown: debug, info, warning or error.
         stream: where the lines go; stderr if None.
     """
+    global _least_level  # one process, one configuration
+    _least_level = logging.getLevelNamesMapping()[level.upper()]
     out = _Stream(stream)
     renderer: structlog.typing.Processor
     if format == "json":
@@ -55,7 +89,7 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
     else:
         renderer = structlog.dev.ConsoleRenderer(colors=out.isatty())
     shared: list[structlog.typing.Processor] = [
-        structlog.contextvars.merge_contextvars,
+        _add_context,
         structlog.processors.add_log_level,
         structlog.processors.TimeStamper(fmt="iso" if format == "json" else "%H:%M:%S"),
     ]
@@ -63,7 +97,7 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
         shared.append(structlog.processors.format_exc_info)
     structlog.configure(
         processors=[*shared, renderer],
-        wrapper_class=structlog.make_filtering_bound_logger(logging.getLevelNamesMapping()[level.upper()]),
+        wrapper_class=structlog.make_filtering_bound_logger(_least_level),
         logger_factory=structlog.PrintLoggerFactory(cast("TextIO", out)),
         cache_logger_on_first_use=False,
     )

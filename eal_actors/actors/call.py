@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Envelope, Inbox
 from eal_actors.clock import Clock
 from eal_actors.errors import EALError, PreemptedError, UnavailableError
 from eal_actors.info import ResourceInfo
-
-if TYPE_CHECKING:
-    from eal_actors.actors.resource_actor import ResourceActor
+from eal_actors.resource import Resource
 
 T = TypeVar("T")
 
@@ -78,6 +76,24 @@ def _is_motion(envelope: Envelope) -> bool:
     return isinstance(message, Call) and message.method in MOTION_METHODS
 
 
+class Server(Protocol):
+    """Who serves a resource's calls: its actor."""
+
+    @property
+    def actor_inbox(self) -> Inbox:
+        """Where calls are put."""
+        ...
+
+    @property
+    def resource(self) -> Resource | None:
+        """The resource itself, while it is open."""
+        ...
+
+    def stop_activity_of(self, call: Call[Any]) -> None:
+        """Stop the activity that answers a call nobody waits for any more. Thread: any; does not block."""
+        ...
+
+
 class ResourceCell:
     """The named slot of a resource on its robot: handles and callers keep it, restarts change what is in it.
 
@@ -105,7 +121,7 @@ class ResourceCell:
         self.timekeeper = timekeeper
         self.timeout_s = timeout_s
         self.on_overdue = on_overdue
-        self.actor: ResourceActor | None = None
+        self.actor: Server | None = None
         self.info: ResourceInfo | None = None
         self.error: EALError = UnavailableError("it has not started yet")
 

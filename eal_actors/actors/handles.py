@@ -218,6 +218,9 @@ class RobotHandle(Mapping[str, ResourceHandle]):
     def wait_started(self, timeout_s: float) -> None:
         """Wait until every resource is up.
 
+        Args:
+            timeout_s: real seconds to wait at most.
+
         Raises:
             RobotFailedError: it could not start.
             UnavailableError: it did not start in time.

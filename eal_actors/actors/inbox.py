@@ -100,9 +100,7 @@ class Inbox:
             if len(self._normal) >= self.capacity:
                 raise BusyError(f"its mailbox is full ({self.capacity} calls wait)")
             self._normal.append(envelope)
-            if self._reader_waits:
-                self._reader_waits = False
-                wake(self._wakeup)
+            self._wake_reader()
 
     def put_urgent(
         self, envelope: Envelope, *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
@@ -134,9 +132,7 @@ class Inbox:
                 if dropped:
                     self._normal = deque(waiting for waiting in self._normal if not drop(waiting))
             self._urgent.append(envelope)
-            if self._reader_waits:
-                self._reader_waits = False
-                wake(self._wakeup)
+            self._wake_reader()
         return dropped
 
     def call_at(self, time_s: float, action: Callable[[], None]) -> Timer:
@@ -144,9 +140,8 @@ class Inbox:
         timer = Timer(time_s, action, self)
         with self._lock:
             heapq.heappush(self._timers, (time_s, next(self._order), timer))
-            if self._reader_waits and self._timers[0][2] is timer:
-                self._reader_waits = False
-                wake(self._wakeup)
+            if self._timers[0][2] is timer:
+                self._wake_reader()
         return timer
 
     def call_later(self, delay_s: float, action: Callable[[], None]) -> Timer:
@@ -193,7 +188,10 @@ class Inbox:
             self._urgent.clear()
             self._normal.clear()
             self._timers.clear()
-            if self._reader_waits:
-                self._reader_waits = False
-                wake(self._wakeup)
+            self._wake_reader()
         return waiting
+
+    def _wake_reader(self) -> None:
+        if self._reader_waits:
+            self._reader_waits = False
+            wake(self._wakeup)

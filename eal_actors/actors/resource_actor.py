@@ -22,7 +22,7 @@ from eal_actors.errors import (
     UnavailableError,
 )
 from eal_actors.info import ResourceInfo, ValueInfo
-from eal_actors.log import get_logger
+from eal_actors.log import bind_work_place, get_logger, is_debugging, set_call
 from eal_actors.resource import Activity, Resource
 
 
@@ -106,6 +106,7 @@ class ResourceActor(EALActor):
 
     def on_start(self) -> None:
         """Make and open the resource. Thread: the actor's own."""
+        bind_work_place(self.cell.robot, self.cell.name)
         self.busy_until_s = self.clock.now() + self.cell.timeout_s
         try:
             self.resource = resource = self._factory.create()
@@ -206,6 +207,9 @@ class ResourceActor(EALActor):
             call.fail(DeadlineError(f"{call.method} waited in the mailbox until its deadline; it was not executed"))
             return
         self.busy_until_s, self._current = deadline_s, call
+        set_call(call.call_id)
+        if is_debugging():
+            self._log.debug("call", method=call.shown())
         try:
             result = self._methods[call.method](*call.arguments)
             if type(result) is types.GeneratorType:
@@ -222,10 +226,11 @@ class ResourceActor(EALActor):
             raise
         finally:
             self.busy_until_s = self._current = None
+            set_call(None)
 
     def _explained(self, call: Call[Any], error: BaseException) -> EALError:
         """Return an error that names the call, and has the plugin's own error as its cause."""
-        self._log.debug("call failed", call=call.call_id, method=call.method, error=repr(error))
+        self._log.debug("call failed", call=call.call_id, method=call.shown(), error=repr(error))
         if isinstance(error, EALError) and not isinstance(error, ReturnTypeError):
             return error
         what = f"{call.method} {call.arguments[0]!r}" if call.arguments else call.method
@@ -293,6 +298,7 @@ class ResourceActor(EALActor):
             self._give_up(call)
             return
         self.busy_until_s = now_s + self.cell.timeout_s if call is None else call.deadline_s
+        set_call(call.call_id if call is not None else None)
         try:
             delay_s: object = next(running.activity)  # typed as float, but written by a plugin's author
             if not isinstance(delay_s, int | float) or not delay_s >= 0:
@@ -310,6 +316,7 @@ class ResourceActor(EALActor):
             running.timer = self.actor_inbox.call_at(next_s, lambda: self._step(running))
         finally:
             self.busy_until_s = None
+            set_call(None)
 
     def _finished(self, running: _Running, result: Any) -> None:
         if running is self._background:

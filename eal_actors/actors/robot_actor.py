@@ -98,7 +98,7 @@ class RobotView:
         self.cells: dict[str, ResourceCell] = {}
         self.problems: tuple[EALError, ...] = ()
         self.restarts: dict[str, int] = {}
-        self.started: Future[None] = Future(spec.clock)
+        self.started: Future[None] = Future(REAL_TIME)
         self.stopped: Future[None] = Future(REAL_TIME)
 
 

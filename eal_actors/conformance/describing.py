@@ -75,5 +75,8 @@ def survives_json(bench: Bench, findings: Findings) -> None:
     with bench.robot() as robot:
         for name, handle in robot.items():
             info = handle.info
-            again = ResourceInfo.from_dict(json.loads(json.dumps(info.to_dict())))
+            try:
+                again: object = ResourceInfo.from_dict(json.loads(json.dumps(info.to_dict())))
+            except (TypeError, ValueError, LookupError) as error:
+                again = f"{type(error).__name__}: {error}"
             findings.expect(holds=again == info, problem=f"{name}: {info} came back as {again}")

@@ -86,14 +86,15 @@ def test_robots_move_at_once_and_wait_for_each_other(two: Fleet, tmp_path: Path)
     report = run(
         two,
         tmp_path,
-        f"{ON}  - send_cmd: {{resource: Base, cmd: go4}}\n- on: all\n  do:\n  - send_cmd: {{resource: Base, cmd: now}}\n",
+        f"{ON}  - send_cmd: {{resource: Base, cmd: go9}}\n"
+        "- on: all\n  do:\n  - send_cmd: {resource: Base, cmd: now}\n",
     )
     fast, slow = records(report, "fast"), records(report, "slow")
 
     assert (report.outcome, report.error) == ("done", None)
     assert outcomes(report) == {"fast": "done", "slow": "done"}
     assert slow[0].start_s < fast[0].end_s < slow[0].end_s
-    assert slow[0].end_s - slow[0].start_s >= 4.0
+    assert slow[0].end_s - slow[0].start_s >= 9.0
     assert fast[1].start_s >= slow[0].end_s, "the barrier"
 
 
@@ -220,7 +221,7 @@ def test_time_is_the_fleets(tmp_path: Path) -> None:
         future = Run(plan, fleet).start()
         advance_until_done(clock, future)
 
-    assert 5.0 <= future.get().duration_s < 6.0
+    assert future.get().duration_s >= 5.0
 
 
 # What is written down.
@@ -358,20 +359,23 @@ def test_without_any_robot_left_the_run_ends(tmp_path: Path) -> None:
 
 
 def test_a_failure_stops_the_others(tmp_path: Path) -> None:
-    with rigs(tmp_path, a={"failures": 1}, b={}) as fleet:
+    with rigs(tmp_path, a={"slowness": 0.01}, b={}) as fleet:
         report = run(
             fleet,
             tmp_path,
-            f"timeout_s: 500\n{ON}  - send_cmd: {{resource: Base, cmd: flaky}}\n"
-            "  - send_cmd: {resource: Base, cmd: go100}\n  - send_cmd: {resource: Base, cmd: now}\n"
+            f"timeout_s: 500\n{ON}  - send_cmd: {{resource: Base, cmd: go100}}\n"
+            "  - send_cmd: {resource: Base, cmd: fail}\n"
             "finally:\n- on: all\n  do: [{send_cmd: {resource: Base, cmd: s}}]\n",
         )
         halts = ask(fleet, "b", "halts")
 
     assert (report.outcome, outcomes(report)) == ("failed", {"a": "failed", "b": "aborted"})
-    assert brief(report, "a") == [("send_cmd Base flaky", "failed", 1), ("send_cmd Base s", "done", 1)]
-    assert brief(report, "b")[-1] == ("send_cmd Base s", "done", 1)
-    assert [record.outcome for record in records(report, "b")[:-1]][-1] == "aborted"
+    assert brief(report, "a") == [
+        ("send_cmd Base go100", "done", 1),
+        ("send_cmd Base fail", "failed", 1),
+        ("send_cmd Base s", "done", 1),
+    ]
+    assert brief(report, "b") == [("send_cmd Base go100", "aborted", 1), ("send_cmd Base s", "done", 1)]
     assert report.duration_s < 90
     assert halts >= 2, "when the run was stopped, and at its end"
 
@@ -389,14 +393,14 @@ def test_a_call_has_a_deadline(two: Fleet, tmp_path: Path) -> None:
     report = run(
         two,
         tmp_path,
-        f"timeout_s: 50\non_failure: drop\n{ON}  - send_cmd: {{resource: Base, cmd: go9}}\n    timeout_s: 2\n",
+        f"timeout_s: 500\non_failure: drop\n{ON}  - send_cmd: {{resource: Base, cmd: go30}}\n    timeout_s: 10\n",
     )
 
     assert outcomes(report) == {"fast": "done", "slow": "dropped"}
     (record,) = records(report, "slow")
     assert record.error is not None
     assert record.error.code == "deadline"
-    assert 2.0 <= record.end_s - record.start_s < 9.0
+    assert 10.0 <= record.end_s - record.start_s < 30.0
 
 
 def test_a_resource_that_hangs_holds_nobody_up(tmp_path: Path) -> None:
@@ -404,7 +408,7 @@ def test_a_resource_that_hangs_holds_nobody_up(tmp_path: Path) -> None:
         report = run(
             fleet,
             tmp_path,
-            f"timeout_s: 1\non_failure: drop\n{ON}  - send_cmd: {{resource: Base, cmd: hang}}\n"
+            f"timeout_s: 5\non_failure: drop\n{ON}  - send_cmd: {{resource: Base, cmd: hang}}\n"
             "- on: all\n  do:\n  - send_cmd: {resource: Base, cmd: now}\n",
         )
 
@@ -702,7 +706,8 @@ def test_nothing_moves_when_something_is_wrong(two: Fleet, tmp_path: Path) -> No
 
 def test_a_plan_counts_its_calls(two: Fleet, tmp_path: Path) -> None:
     step = "send_cmd: {resource: Base, cmd: now}"
-    body = f"steps:\n- repeat: 3\n  do:\n  - on: all\n    do:\n    - {step}\n    - for: {{a: [1, 2]}}\n      do: [{{{step}}}]\n"
+    loop = f"for: {{a: [1, 2]}}\n      do: [{{{step}}}]"
+    body = f"steps:\n- repeat: 3\n  do:\n  - on: all\n    do:\n    - {step}\n    - {loop}\n"
     plan = make_plan(scenario(tmp_path, body), two)
 
     assert (plan.roles, plan.robots, plan.calls) == ({"all": ("fast", "slow")}, ("fast", "slow"), 18)
@@ -711,9 +716,12 @@ def test_a_plan_counts_its_calls(two: Fleet, tmp_path: Path) -> None:
 @pytest.mark.parametrize(("trouble", "reason"), [("is_broken", "unplugged"), ("fails_to_open", "no such port")])
 def test_a_robot_that_did_not_start_keeps_the_scenario_from_starting(tmp_path: Path, trouble: str, reason: str) -> None:
     plain = scenario(tmp_path, f"{ON}  - log: x\n")
-    with rigs(tmp_path, head="defaults: {max_restarts: 0}", a={trouble: True}, b={}, c={trouble: True}) as fleet:
-        with pytest.raises(RobotFailedError) as caught:
-            make_plan(plain, fleet)
+    broken = {trouble: True}
+    with (
+        rigs(tmp_path, head="defaults: {max_restarts: 0}", a=broken, b={}, c=broken) as fleet,
+        pytest.raises(RobotFailedError) as caught,
+    ):
+        make_plan(plain, fleet)
 
     assert caught.value.robot == "a"
     assert reason in caught.value.message

@@ -101,8 +101,10 @@ def test_a_scenario_that_fits_has_no_problems(tmp_path: Path) -> None:
         ),
         (
             "set_value: {resource: Free, value: [1, x]}",
-            "8:40: steps[0].do[0].set_value.value: a: a list of int, str has no type; "
-            "all elements must be bools, or all must be ints and floats",
+            (
+                "8:40: steps[0].do[0].set_value.value: a: a list of int, str has no type; "
+                "all elements must be bools, or all must be ints and floats"
+            ),
         ),
         (
             "get_config: {resource: Base, key: gane}",
@@ -130,8 +132,10 @@ def test_a_scenario_that_fits_has_no_problems(tmp_path: Path) -> None:
         ),
         (
             "for: {n: [[1, 2]]}\n    do: [{send_cmd: {resource: Base, cmd: 'r${n}'}}]",
-            "9:43: steps[0].do[0].do[0].send_cmd.cmd: a: "
-            "the variable 'n' is of type tuple, which cannot stand in a text",
+            (
+                "9:43: steps[0].do[0].do[0].send_cmd.cmd: a: "
+                "the variable 'n' is of type tuple, which cannot stand in a text"
+            ),
         ),
     ],
 )
@@ -147,10 +151,14 @@ def test_all_problems_come_at_once_and_name_their_robots(tmp_path: Path) -> None
 
     assert problems(tmp_path, body) == [
         "8:27: steps[0].do[0].get_value.resource: b: unknown resource 'Eye'; known: Base, Free; left out: no camera",
-        "10:43: steps[0].do[1].do[0].send_cmd.cmd: a, b: "
-        "command 'r361': its argument must be double 0..360 deg, not 361",
-        "10:43: steps[0].do[1].do[0].send_cmd.cmd: a, b: "
-        "command 'r400': its argument must be double 0..360 deg, not 400",
+        (
+            "10:43: steps[0].do[1].do[0].send_cmd.cmd: a, b: "
+            "command 'r361': its argument must be double 0..360 deg, not 361"
+        ),
+        (
+            "10:43: steps[0].do[1].do[0].send_cmd.cmd: a, b: "
+            "command 'r400': its argument must be double 0..360 deg, not 400"
+        ),
     ]
 
 

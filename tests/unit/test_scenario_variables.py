@@ -64,7 +64,7 @@ def test_a_variable_without_value_is_named() -> None:
 
 @pytest.mark.parametrize("value", [(1, 2), EALData.of(np.zeros(2)), None])
 def test_what_is_no_text_cannot_stand_in_one(value: object) -> None:
-    with pytest.raises(ScenarioError, match="the variable 'v' is of type .*, which cannot stand in a text"):
+    with pytest.raises(ScenarioError, match=r"the variable 'v' is of type .*, which cannot stand in a text"):
         substitute("a${v}", {"v": value})
 
 

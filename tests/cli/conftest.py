@@ -1,0 +1,125 @@
+"""The program in this process and in one of its own, and a small world of files for it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from textwrap import dedent
+from typing import IO
+
+import pytest
+import structlog
+from click.testing import Result
+from typer.testing import CliRunner
+
+from eal_actors.bundled import bundled_path
+from eal_actors.cli import app
+from eal_actors.cli.new_plugin import write_plugin
+
+Program = Callable[..., Result]
+Write = Callable[[str, str], Path]
+
+FLEET = """\
+version: 1
+name: slides
+plugin_dirs: [plugins]
+robots:
+  one: {tags: [wide], plugins: {slide: {}}}
+  two: {plugins: {slide: {}}}
+"""
+
+MOVE = """\
+version: 1
+name: move
+description: Move a little.
+roles: {movers: {}}
+steps:
+  - on: movers
+    do:
+      - send_cmd: {resource: Slide, cmd: to0.02}
+      - get_value: {resource: Slide}
+"""
+
+
+@pytest.fixture
+def eal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Program]:
+    """Run the program in this process; an exception that it lets through fails the test."""
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.delenv("EAL_FLEET", raising=False)
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+
+    def run(*arguments: object) -> Result:
+        result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+        if result.exception is not None and not isinstance(result.exception, SystemExit):
+            raise result.exception
+        return result
+
+    yield run
+    structlog.reset_defaults()  # it still knows the captured stderr
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    """Write a text into a file, and return the file."""
+
+    def write_file(name: str, text: str) -> Path:
+        file = tmp_path / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(dedent(text), encoding="utf-8")
+        return file
+
+    return write_file
+
+
+@pytest.fixture
+def slides(tmp_path: Path, write: Write) -> Path:
+    """A fleet of two slides, which take 10 s for `to1`."""
+    write_plugin("slide", tmp_path / "plugins")
+    return write("slides.yaml", FLEET)
+
+
+@pytest.fixture
+def half_dead(slides: Path, write: Write) -> Path:
+    """A fleet whose robot `lost` has a plugin that cannot connect."""
+    plugin = slides.parent / "plugins" / "slide"
+    text = (plugin / "plugin.py").read_text(encoding="utf-8")
+    write("plugins/dead/plugin.yaml", (plugin / "plugin.yaml").read_text(encoding="utf-8").replace("slide", "dead", 1))
+    write(
+        "plugins/dead/plugin.py",
+        text.replace("return EALPlugin(", "raise OSError('no such port')\n    return EALPlugin("),
+    )
+    return write("half_dead.yaml", FLEET.replace("  two: {plugins: {slide: {}}}", "  lost: {plugins: {dead: {}}}"))
+
+
+@pytest.fixture
+def move(write: Write) -> Path:
+    return write("move.yaml", MOVE)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start the program in a process of its own, with pipes for its output."""
+    processes: list[subprocess.Popen[str]] = []
+
+    def start_program(*arguments: object, stdout: int | IO[str] = subprocess.PIPE) -> subprocess.Popen[str]:
+        unwanted = {"COLUMNS", "EAL_FLEET", "FORCE_COLOR"}
+        environment = {name: value for name, value in os.environ.items() if name not in unwanted}
+        environment["PYTHONPATH"] = str(bundled_path("."))
+        process = subprocess.Popen(
+            [sys.executable, "-m", "eal_actors", *map(str, arguments)],
+            cwd=tmp_path,
+            env=environment,
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        processes.append(process)
+        return process
+
+    yield start_program
+    for process in processes:
+        process.kill()
+        process.communicate()

@@ -1,0 +1,102 @@
+"""`eal check` and `eal schema`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from eal_actors.bundled import bundled_path
+from eal_actors.yaml_source import load_yaml
+
+
+def shipped(pattern: str) -> list[Path]:
+    root = bundled_path(".")
+    return sorted(root.glob(pattern))
+
+
+SHIPPED = {"fleet": "fleets/*.yaml", "scenario": "scenarios/*.yaml", "world": "fleets/worlds/*.yaml"}
+
+
+@pytest.mark.parametrize("kind", SHIPPED)
+def test_everything_shipped_is_right_and_told_by_its_content(eal: Any, kind: str) -> None:
+    files = shipped(SHIPPED[kind])
+    assert files
+    result = eal("check", *files)
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    for file, line in zip(files, result.stdout.splitlines(), strict=True):
+        assert line.startswith(f"{file}: ok ({kind}, ")
+
+
+@pytest.mark.parametrize("kind", SHIPPED)
+def test_the_schema_takes_what_is_shipped_and_refuses_unknown_keys(eal: Any, kind: str) -> None:
+    schema = json.loads(eal("schema", kind).stdout)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    for file in shipped(SHIPPED[kind]):
+        content = load_yaml(file).root
+        assert list(validator.iter_errors(content)) == []
+        assert list(validator.iter_errors({**content, "no_such_key": 1}))
+
+
+def test_the_summary_counts(eal: Any, slides: Path, move: Path) -> None:
+    lines = eal("check", slides, move, bundled_path("fleets/worlds/lab.yaml")).stdout.splitlines()
+    assert lines[0] == f"{slides}: ok (fleet, 2 robots)"
+    assert lines[1] == f"{move}: ok (scenario, 1 role, 1 step)"
+    assert lines[2].endswith("ok (world, 8 x 6 m, 5 obstacles)")
+
+
+def test_problems_are_sorted_and_good_files_are_still_told(eal: Any, write: Any, slides: Path) -> None:
+    world = write("b_world.yaml", "version: 1\nname: w\nsize_m: [1, -2]\n")
+    fleet = write(
+        "a_fleet.yaml",
+        "version: 1\nrobots:\n  a: {plugins: {sim: {model: rooomba, nix: 3}}}\n  b: {plugins: {sampel: {}}}\n",
+    )
+    nowhere = world.parent / "c.yaml"
+    result = eal("check", world, nowhere, fleet, slides)
+    assert result.exit_code == 2
+    lines = result.stdout.splitlines()
+    assert lines[0] == f"{slides}: ok (fleet, 2 robots)"
+    assert [line.split(": ")[:2] for line in lines[1:4]] == [
+        [f"{fleet}:3:30", "robots.a.plugins.sim.model"],
+        [f"{fleet}:3:39", "robots.a.plugins.sim.nix"],
+        [f"{fleet}:4:17", "robots.b.plugins.sampel"],
+    ]
+    assert lines[4:] == [f"{world}:3:13: size_m[1]: must be over 0, not -2", f"{nowhere}: no such file"]
+    assert result.stderr == "5 problems in 3 files\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("version: 1\nname: what\n", "cannot tell what it is: a fleet has robots"),
+        ("- a\n- b\n", "the top level must be a mapping"),
+        ("robots: {a: {plugins: {}}\n", ":"),
+    ],
+)
+def test_what_is_no_file_of_ours_is_a_problem(eal: Any, write: Any, text: str, words: str) -> None:
+    result = eal("check", write("x.yaml", text))
+    assert result.exit_code == 2
+    assert words in result.stdout
+
+
+def test_json_gives_every_part_of_a_problem(eal: Any, write: Any) -> None:
+    world = write("w.yaml", "version: 1\nname: w\nsize_m: [1, -2]\n")
+    result = eal("check", world, "--json")
+    assert result.exit_code == 2
+    (file,) = json.loads(result.stdout)["files"]
+    assert (file["file"], file["kind"]) == (str(world), "world")
+    assert file["problems"] == [
+        {"file": str(world), "line": 3, "column": 13, "path": "size_m[1]", "message": "must be over 0, not -2"}
+    ]
+
+
+def test_a_plugin_that_cannot_be_imported_here_is_a_warning(eal: Any, slides: Path) -> None:
+    manifest = slides.parent / "plugins" / "slide" / "plugin.yaml"
+    manifest.write_text(manifest.read_text(encoding="utf-8") + "requires: [no_such_module]\n", encoding="utf-8")
+    result = eal("check", slides)
+    assert result.exit_code == 0
+    assert result.stdout == f"{slides}: ok (fleet, 2 robots)\n"
+    assert result.stderr == "warning: plugin 'slide' needs no_such_module: pip install no_such_module\n"

@@ -1,0 +1,186 @@
+"""The program as a process: signals, exit codes, pipes, and the live display on a terminal."""
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Start = Callable[..., subprocess.Popen[str]]
+
+LONG = """\
+version: 1
+name: long
+description: Move for long, and back at the end.
+roles: {movers: {robots: [one]}}
+timeout_s: 100
+steps:
+  - on: movers
+    do:
+      - send_cmd: {resource: Slide, cmd: to1}
+finally:
+  - on: movers
+    do:
+      - set_config: {resource: Slide, key: speed_m_s, value: 0.01}
+      - send_cmd: {resource: Slide, cmd: "to${FINALLY}"}
+"""
+
+
+def lines_until(process: subprocess.Popen[str], words: str) -> list[str]:
+    """Read stdout up to a line that holds the words."""
+    assert process.stdout is not None
+    lines = []
+    for line in process.stdout:
+        lines.append(line)
+        if words in line:
+            return lines
+    raise AssertionError(f"{words!r} never came: {lines}, {process.communicate()[1]}")
+
+
+def summary(runs: Path) -> dict[str, Any]:
+    (directory,) = runs.iterdir()
+    found: dict[str, Any] = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+    return found
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_the_run_in_good_order(start: Start, slides: Path, write: Any, number: signal.Signals) -> None:
+    scenario = write("long.yaml", LONG.replace("to${FINALLY}", "s"))
+    process = start("run", scenario, "--fleet", slides)
+    lines_until(process, "send_cmd Slide to1")
+    process.send_signal(number)
+    out, err = process.communicate()
+    assert process.returncode == 130
+    assert "send_cmd Slide to1  aborted" in out
+    assert "send_cmd Slide s  done" in out
+    assert f"interrupted by {number.name}" in out
+    assert err.startswith("Stopping: ")
+    assert "Traceback" not in err
+    report = summary(slides.parent / "runs")
+    assert report["outcome"] == "aborted"
+    assert [step["outcome"] for step in report["steps"]] == ["aborted", "done", "done"]
+
+
+def test_a_second_signal_skips_the_rest_of_finally(start: Start, slides: Path, write: Any) -> None:
+    scenario = write("long.yaml", LONG.replace("to${FINALLY}", "to0.9"))
+    process = start("run", scenario, "--fleet", slides)
+    lines_until(process, "send_cmd Slide to1")
+    process.send_signal(signal.SIGINT)
+    lines_until(process, "send_cmd Slide to0.9")
+    process.send_signal(signal.SIGINT)
+    process.communicate()  # it would last 90 s
+    assert process.returncode == 130
+    assert [step["outcome"] for step in summary(slides.parent / "runs")["steps"]] == ["aborted", "done", "aborted"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_during_a_call_halts_what_moves(start: Start, slides: Path, number: signal.Signals) -> None:
+    plugin = slides.parent / "plugins" / "slide" / "plugin.py"
+    text = plugin.read_text(encoding="utf-8")
+    telling = text.replace(
+        "        self._moves = True\n", "        self._moves = True\n        print('moves', flush=True)\n"
+    )
+    telling = telling.replace(
+        "            self.halt()  #", "            print('stands', flush=True)\n            self.halt()  #"
+    )
+    plugin.write_text(telling, encoding="utf-8")
+    process = start("call", "one", "Slide", "send_cmd", "to1", "--timeout-s", 100, "--fleet", slides)
+    lines_until(process, "moves")
+    process.send_signal(number)
+    out, err = process.communicate()
+    assert (process.returncode, out, err) == (130, "stands\n", "")
+
+
+def test_the_exit_code_of_each_kind_reaches_the_shell(start: Start, slides: Path, half_dead: Path, move: Path) -> None:
+    cases = {
+        0: ("run", move, "--fleet", slides, "--rate", 10),
+        1: ("call", "one", "Slide", "send_cmd", "to1", "--timeout-s", 0.05, "--fleet", slides),
+        2: ("call", "one", "Slide", "send_cmd", "to5", "--fleet", slides),
+        3: ("resources", "--fleet", half_dead),
+    }
+    processes = {code: start(*arguments) for code, arguments in cases.items()}
+    for code, process in processes.items():
+        _, err = process.communicate()
+        assert (process.returncode, "Traceback" in err) == (code, False), err
+
+
+def test_a_pipe_gets_plain_text(start: Start, slides: Path, move: Path) -> None:
+    for arguments in (("run", move, "--fleet", slides, "--rate", 10), ("resources", "--fleet", slides), ("--help",)):
+        out, err = start(*arguments).communicate()
+        assert out
+        assert "\x1b" not in out + err
+
+
+def test_lines_in_a_pipe_stay_whole(start: Start, slides: Path, write: Any) -> None:
+    name = "a" * 150
+    slides.write_text(slides.read_text(encoding="utf-8").replace("  one:", f"  {name}:"), encoding="utf-8")
+    out, _ = start("call", name, "Slide", "get_valu", "--fleet", slides).communicate()
+    process = start("run", write("nothing.yaml", "version: 1\n"), "--fleet", slides)
+    _, err = process.communicate()
+    assert err.splitlines()[-1] == "4 problems; nothing was done."
+    assert out == ""
+    _, err = start("call", name, "Slid", "get_value", "--fleet", slides).communicate()
+    assert err.splitlines()[0] == f"Error: {name}: unknown resource 'Slid'; did you mean 'Slide'?"
+
+
+def on_a_terminal(start: Start, *arguments: object) -> tuple[int, str]:
+    """Run the program with its stdout on a terminal; return its exit code and what the terminal got."""
+    ours, theirs = pty.openpty()
+    got: list[bytes] = []
+
+    def read() -> None:
+        while True:
+            try:
+                got.append(os.read(ours, 65536))
+            except OSError:  # the other end is closed
+                return
+
+    process = start(*arguments, stdout=theirs)
+    os.close(theirs)
+    reader = threading.Thread(target=read)
+    reader.start()
+    _, err = process.communicate()
+    reader.join()
+    os.close(ours)
+    assert "Traceback" not in err
+    return process.returncode, b"".join(got).decode()
+
+
+def test_a_terminal_gets_a_live_table_that_is_gone_at_the_end(
+    start: Start, slides: Path, move: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    code, text = on_a_terminal(start, "run", move, "--fleet", slides, "--rate", "0.5")
+    assert code == 0
+    assert "\x1b[?25l" in text  # the cursor is hidden
+    assert "0/4 calls" in text
+    assert "running" in text
+    last = text.rindex("\x1b[?25h")  # and shown again
+    assert "running" not in text[last:]
+    assert "move on slides: \x1b[32mdone" in text[last:]
+
+
+def test_no_color_is_heeded(start: Start, slides: Path, move: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("NO_COLOR", "1")
+    code, text = on_a_terminal(start, "run", move, "--fleet", slides, "--rate", "10")
+    assert code == 0
+    assert "move on slides: done" in text
+    assert "\x1b[3" not in text
+
+
+def test_a_dumb_terminal_gets_plain_lines(
+    start: Start, slides: Path, move: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "dumb")
+    code, text = on_a_terminal(start, "run", move, "--fleet", slides, "--rate", "10")
+    assert code == 0
+    assert "one  send_cmd Slide to0.02" in text
+    assert "\x1b" not in text

@@ -1,0 +1,94 @@
+"""Global options, help, exit codes, and how errors are told."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import eal_actors
+from eal_actors import errors
+from eal_actors.cli.exit_codes import ExitCode, exit_code
+from eal_actors.errors import ConfigError, EALError, Problem
+
+
+def test_it_tells_its_version(eal: Any) -> None:
+    assert eal("--version").stdout == f"eal {eal_actors.__version__}\n"
+
+
+def test_the_help_lists_the_commands_and_exit_codes(eal: Any) -> None:
+    result = eal("--help")
+    assert result.exit_code == 0
+    for word in ("run", "check", "schema", "resources", "call", "plugin", "Exit codes: 0 done", "130 interrupted"):
+        assert word in " ".join(result.stdout.split())
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["no-such-command"], ["run"], ["run", "a.yaml"], ["--log-level", "loud", "plugin", "list"], ["schema", "robot"]],
+)
+def test_wrong_usage_is_bad_input(eal: Any, arguments: list[str]) -> None:
+    result = eal(*arguments)
+    assert result.exit_code == ExitCode.BAD_INPUT
+    assert "Usage: " in result.stderr
+    assert not result.stdout
+
+
+def all_errors(base: type[EALError] = EALError) -> list[type[EALError]]:
+    return [base, *(error for sub in base.__subclasses__() for error in all_errors(sub))]
+
+
+BAD_INPUT = {
+    "DataError",
+    "ConfigError",
+    "ResourceNotFoundError",
+    "UnsupportedError",
+    "ArgumentError",
+    "RobotNotFoundError",
+}
+UNREACHABLE = {"PluginError", "UnavailableError", "RobotFailedError", "RemoteError"}
+
+
+@pytest.mark.parametrize("kind", [kind for kind in all_errors() if kind.__module__ == errors.__name__])
+def test_every_error_has_its_exit_code(kind: type[EALError]) -> None:
+    error = ConfigError([Problem("f", 0, 0, "", "m")]) if kind is ConfigError else kind("m")
+    wanted = 2 if kind.__name__ in BAD_INPUT else 3 if kind.__name__ in UNREACHABLE else 1
+    assert exit_code(error) == wanted
+
+
+def test_an_error_goes_to_stderr_with_what_to_do_next_and_no_traceback(eal: Any, slides: Path) -> None:
+    result = eal("call", "one", "Slid", "get_value", "--fleet", slides)
+    assert result.exit_code == ExitCode.BAD_INPUT
+    assert result.stdout == ""
+    assert result.stderr.splitlines() == [
+        "Error: one: unknown resource 'Slid'; did you mean 'Slide'?",
+        "`eal resources --fleet FLEET --robot ROBOT` shows what there is.",
+    ]
+
+
+def test_debug_shows_the_traceback(eal: Any, slides: Path) -> None:
+    result = eal("--log-level", "debug", "call", "one", "Slid", "get_value", "--fleet", slides)
+    assert result.exit_code == ExitCode.BAD_INPUT
+    assert "Traceback (most recent call last)" in result.stderr
+
+
+def test_with_json_logs_an_error_is_one_object(eal: Any, slides: Path) -> None:
+    result = eal("--log-format", "json", "call", "one", "Slide", "send_cmd", "to2", "--fleet", slides)
+    (line,) = result.stderr.splitlines()
+    entry = json.loads(line)
+    assert (entry["level"], entry["code"], entry["exit_code"]) == ("error", "argument", 2)
+    assert entry["event"].startswith("one/Slide: command 'to2': its argument must be double 0..1 m")
+
+
+def test_every_problem_of_a_file_has_its_line(eal: Any, write: Any) -> None:
+    fleet = write("bad.yaml", "version: 1\nseed: x\nrobots:\n  a: {tags: 5}\n")
+    result = eal("resources", "--fleet", fleet)
+    assert result.exit_code == ExitCode.BAD_INPUT
+    lines = result.stderr.splitlines()
+    assert [line.removeprefix(f"{fleet}:").split(" ")[0] for line in lines[:-1]] == ["2:7:", "4:3:", "4:13:"]
+    assert lines[-1] == "3 problems; nothing was done."
+
+
+def test_the_fleet_may_come_from_the_environment(eal: Any, slides: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EAL_FLEET", str(slides))
+    assert eal("call", "one", "Slide", "get_value").stdout == "0.0\n"

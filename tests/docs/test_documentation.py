@@ -1,0 +1,106 @@
+"""What the documentation shows, works: its commands run, its code runs, its files are valid, its tables are true."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+from eal_actors.managers.config import check_fleet
+from eal_actors.scenario import check_scenario
+from tests.facade.test_eal import SEVENTEEN
+
+ROOT = Path(__file__).parents[2]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "DESIGN.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *ROOT.glob("plugins/*/README.md"),
+]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+pytestmark = pytest.mark.docs
+
+
+def blocks(language: str) -> list[tuple[str, str]]:
+    """Return the code blocks of a language, each with a name for the test."""
+    found = []
+    for page in PAGES:
+        for match in BLOCK.finditer(page.read_text()):
+            if match.group(1) == language:
+                line = page.read_text()[: match.start()].count("\n") + 1
+                found.append((f"{page.relative_to(ROOT)}:{line}", match.group(2)))
+    return found
+
+
+def commands() -> list[str]:
+    lines = [line.partition("#")[0].strip() for _, block in blocks("sh") for line in block.splitlines()]
+    return list(dict.fromkeys(line for line in lines if line))
+
+
+def environment() -> dict[str, str]:
+    scripts = sysconfig.get_path("scripts")
+    return {**os.environ, "PATH": f"{scripts}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "NO_COLOR": "1"}
+
+
+def named(found: list[tuple[str, str]]) -> list[object]:
+    return [pytest.param(block, id=name) for name, block in found]
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("command", commands())
+def test_every_command_runs(command: str, tmp_path: Path) -> None:
+    words = shlex.split(command)
+    if words[:2] == ["make", "test"]:
+        words.insert(1, "--dry-run")  # it is what runs this test
+    if words[:2] == ["eal", "run"]:
+        words += ["--rate", "40", "--runs-dir", str(tmp_path)]
+    done = subprocess.run(words, cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("code", named(blocks("python")))
+def test_every_python_block_runs(code: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("text", named(blocks("yaml")))
+def test_every_yaml_block_is_a_valid_file(text: str, tmp_path: Path) -> None:
+    if not text.startswith("version: 1"):
+        pytest.skip("a part of a file, not a whole one")
+    file = tmp_path / "example.yaml"
+    file.write_text(text)
+    (tmp_path / "worlds").mkdir()
+    (tmp_path / "worlds" / "lab.yaml").write_text((ROOT / "fleets/worlds/lab.yaml").read_text())
+    (tmp_path / "common.yaml").write_text("version: 1\n")
+    (tmp_path / "my_plugins").mkdir()
+    problems = check_scenario(file) if "\nsteps:" in text else check_fleet(file)
+    assert not problems, "\n".join(map(str, problems))
+
+
+def test_the_readme_shows_the_sample_plugin_as_it_is() -> None:
+    source = (ROOT / "plugins/sample/plugin.py").read_text()
+    assert source in (ROOT / "README.md").read_text()
+    assert len(source.splitlines()) <= 45
+
+
+def test_the_readme_lists_the_seventeen_calls() -> None:
+    text = (ROOT / "README.md").read_text()
+    for thesis, ours, section in SEVENTEEN:
+        name = ours if ours == "connect" else f"EAL.{ours}"
+        assert f"| `{thesis}` | `{name}` | {section} |" in text
+
+
+def test_every_link_between_pages_leads_somewhere() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\((?!https?://)([^)#]+)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.relative_to(ROOT)} links to {target}"
