@@ -37,6 +37,7 @@ app = typer.Typer(
     help="Run one scenario across a fleet of different robots.",
     epilog=EPILOG,
     no_args_is_help=True,
+    rich_markup_mode="markdown",  # which joins the lines of a paragraph
     pretty_exceptions_enable=False,
     add_completion=False,
 )

@@ -20,6 +20,17 @@ _WHOLE_ARRAY: Final = 32
 """Arrays of up to so many elements are printed whole."""
 
 
+class _Console(Console):
+    """A console whose reader may go away, as `head` does: the work goes on, and so does its exit code."""
+
+    def on_broken_pipe(self) -> None:
+        """Write to nowhere from now on; overrides Rich's method, which ends the program."""
+        self.quiet = True
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.file.fileno())
+        os.close(nowhere)
+
+
 def stdout() -> Console:
     """Return a console on stdout: the results."""
     return _console(sys.stdout)
@@ -32,7 +43,7 @@ def stderr() -> Console:
 
 def _console(file: TextIO) -> Console:
     piped = not file.isatty() and "COLUMNS" not in os.environ
-    return Console(file=file, width=_PIPE_WIDTH if piped else None, highlight=False, markup=False, emoji=False)
+    return _Console(file=file, width=_PIPE_WIDTH if piped else None, highlight=False, markup=False, emoji=False)
 
 
 def new_table(*columns: str) -> Table:

@@ -180,7 +180,7 @@ class Fleet(Mapping[str, RobotHandle]):
 
         Args:
             names: one of these names.
-            tags: all of these tags.
+            tags: one of these tags.
             types: one of these types, or a type that builds on one.
 
         Raises:

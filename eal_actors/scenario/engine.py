@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import enum
+import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Final
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import ScaledClock, wall_time
+from eal_actors.clock import REAL_TIME, ScaledClock, new_waiter, wake, wall_time
 from eal_actors.errors import ScenarioError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.log import get_logger
@@ -26,6 +28,8 @@ from eal_actors.scenario.report import ErrorReport, Report, RunOutcome
 from eal_actors.scenario.scenario import Scenario, load_scenario
 
 INTERRUPTED: Final = "interrupted from the keyboard"
+_LOOK_UP_S: Final = 0.2
+"""How often (real time) the waiting caller looks up: a signal on the brink of a wait is seen only after it."""
 
 
 class _Phase(enum.Enum):
@@ -246,17 +250,41 @@ def run_scenario(
     """
     loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     run = Run(make_plan(loaded, fleet), fleet, directory, listeners)
-    report = run.start()
-    interrupt: KeyboardInterrupt | None = None
-    while not report.done():
-        try:
-            report.exception()
-        except KeyboardInterrupt as error:
-            interrupt = error
-            run.abort(INTERRUPTED)
-    if interrupt is not None:
-        raise interrupt
+    interrupts: list[None] = []
+
+    def interrupt() -> None:
+        interrupts.append(None)
+        run.abort(INTERRUPTED)
+
+    with _ctrl_c_calls(interrupt):
+        report = run.start()
+        over = new_waiter()
+        report.add_done_callback(lambda _: wake(over))
+        while not report.done():
+            try:
+                REAL_TIME.wait(over, _LOOK_UP_S)
+            except KeyboardInterrupt:  # from a handler of the caller's own
+                interrupt()
+    if interrupts:
+        raise KeyboardInterrupt
     return report.get()
+
+
+@contextmanager
+def _ctrl_c_calls(action: Callable[[], None]) -> Iterator[None]:
+    """Have Ctrl-C call an action in place of raising KeyboardInterrupt, which may strike anywhere, such as in `start`.
+
+    Handlers that are not Python's own are left alone, and so are threads that never see Ctrl-C.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda *_: action())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _rate(fleet: Fleet) -> float:

@@ -129,6 +129,17 @@ def test_lines_in_a_pipe_stay_whole(start: Start, slides: Path, write: Any) -> N
     assert err.splitlines()[0] == f"Error: {name}: unknown resource 'Slid'; did you mean 'Slide'?"
 
 
+def test_a_reader_that_goes_away_stops_no_run(start: Start, slides: Path, move: Path) -> None:
+    process = start("run", move, "--fleet", slides)
+    lines_until(process, "move on slides")
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait() == 0
+    assert summary(slides.parent / "runs")["outcome"] == "done"
+
+
 def on_a_terminal(start: Start, *arguments: object) -> tuple[int, str]:
     """Run the program with its stdout on a terminal; return its exit code and what the terminal got."""
     ours, theirs = pty.openpty()

@@ -107,7 +107,20 @@ def test_what_the_fleet_cannot_do_is_told_before_anything_moves(
 def test_a_robot_that_did_not_connect_is_unreachable(eal: Any, half_dead: Path, move: Path, tmp_path: Path) -> None:
     result = eal("run", move, "--fleet", half_dead, "--runs-dir", tmp_path / "runs")
     assert result.exit_code == 3
-    assert "Error: lost: plugin 'dead': connect raised OSError: no such port" in result.stderr
+    assert "Error: lost: " in result.stderr
+    assert "plugin 'dead': connect raised OSError: no such port" in result.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_robot_that_lacks_what_is_needed_because_a_plugin_did_not_connect_is_unreachable(
+    eal: Any, half_dead: Path, move: Path, tmp_path: Path
+) -> None:
+    text = half_dead.read_text(encoding="utf-8").replace("{dead: {}}", "{dead: {}, sample: {}}")
+    half_dead.write_text(text, encoding="utf-8")
+    result = eal("run", move, "--fleet", half_dead, "--runs-dir", tmp_path / "runs")
+    assert result.exit_code == 3
+    assert "Error: lost: plugin 'dead': connect raised OSError: no such port. So the scenario" in result.stderr
+    assert f"{move}:8:" in result.stderr
 
 
 def test_a_robot_that_the_scenario_does_not_need_may_be_lost(

@@ -685,6 +685,15 @@ def test_ctrl_c_aborts_runs_finally_and_is_raised_again(two: Fleet, tmp_path: Pa
     assert (summary["outcome"], summary["error"]["message"]) == ("aborted", "aborted: interrupted from the keyboard")
 
 
+def test_ctrl_c_is_pythons_own_again_after_a_run(two: Fleet, tmp_path: Path) -> None:
+    during: list[object] = []
+    listener = Watch("send_cmd Base now", lambda: during.append(signal.getsignal(signal.SIGINT)))
+    run(two, tmp_path, f"{ON}  - send_cmd: {{resource: Base, cmd: now}}\n", listeners=[listener])
+
+    assert during[0] is not signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 # Plans.
 
 
