@@ -87,7 +87,7 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
     if format == "json":
         renderer = structlog.processors.JSONRenderer(default=str)
     else:
-        renderer = structlog.dev.ConsoleRenderer(colors=out.isatty())
+        renderer = structlog.dev.ConsoleRenderer(colors=out.isatty(), exception_formatter=structlog.dev.plain_traceback)
     shared: list[structlog.typing.Processor] = [
         _add_context,
         structlog.processors.add_log_level,

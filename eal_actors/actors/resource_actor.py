@@ -241,15 +241,17 @@ class ResourceActor(EALActor):
         return fault
 
     def _send_cmd(self, cmd: str, data: EALData | None) -> Any:
-        if self._motion is not None and self._info.commands:
-            self._info.parse_command(cmd, data)  # a command that is refused must not stop the one that runs
-        self._close_motion(PreemptedError(f"a newer command took over: {cmd!r}"))
+        if "send_cmd" in self._info.methods:  # else it raises UnsupportedError, and must not stop what runs
+            if self._motion is not None and self._info.commands:
+                self._info.parse_command(cmd, data)  # nor must a command that is refused
+            self._close_motion(PreemptedError(f"a newer command took over: {cmd!r}"))
         return self._started(self._opened.send_cmd(cmd, data))
 
     def _set_value(self, data: EALData) -> Any:
-        if self._info.value is not None:
-            self._info.value.check(data, "its value")
-        self._close_motion(PreemptedError("a newer set_value took over"))
+        if "set_value" in self._info.methods:  # else it raises UnsupportedError, and must not stop what runs
+            if self._info.value is not None:
+                self._info.value.check(data, "its value")
+            self._close_motion(PreemptedError("a newer set_value took over"))
         return self._started(self._opened.set_value(data))
 
     def _started(self, result: Any) -> Any:

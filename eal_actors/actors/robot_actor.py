@@ -136,8 +136,12 @@ class RobotActor(EALActor):
             self._fail(RobotFailedError(f"could not connect its plugins: {error}"))
             return
         self.view.problems = self._plugins.errors
+        if self._plugins.errors and not self._plugins.resources:
+            reasons = "; ".join(problem.message for problem in self._plugins.errors)
+            self._fail(RobotFailedError(f"none of its plugins connected: {reasons}", robot=self.spec.name))
+            return
         for problem in self._plugins.errors:
-            self._log.error("plugin left out", error=problem.message)
+            self._log.error("plugin left out", reason=problem.message)
         cells = {
             name: ResourceCell(
                 self.spec.name, name, self.clock, self.actor_inbox, self.spec.timeout_s, self._check_soon

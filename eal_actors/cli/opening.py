@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from eal_actors.actors.handles import ResourceHandle, RobotHandle
+from eal_actors.actors.handles import ResourceHandle
 from eal_actors.errors import PluginError, Problem
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.config import EALConfigManager
@@ -62,14 +62,7 @@ def find_resource(fleet: Fleet, robot: str, resource: str) -> ResourceHandle:
         ResourceNotFoundError: the robot has no such resource.
     """
     handle = fleet[robot]
-    require_started(handle)
+    handle.wait_started(0.0)
     if resource not in handle and handle.problems:
         raise PluginError("; ".join(problem.message for problem in handle.problems), robot=robot)
     return handle[resource]
-
-
-def require_started(robot: RobotHandle) -> None:
-    """Raise RobotFailedError or UnavailableError unless the robot is up, PluginError if it has nothing at all."""
-    robot.wait_started(0.0)
-    if not robot and robot.problems:
-        raise PluginError("; ".join(problem.message for problem in robot.problems), robot=robot.name)

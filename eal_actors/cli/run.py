@@ -50,7 +50,8 @@ def run_scenario(
     wanted, config = _read_both(scenario, fleet, rate, seed)
     console = stderr() if as_json else stdout()
     options = context.find_object(GlobalOptions) or GlobalOptions()
-    with Fleet(config) as opened:
+    bound = {name for names in bind_roles(wanted, config).values() for name in names}
+    with Fleet(config).connect(bound) as opened:
         plan = _plan(wanted, opened)
         directory = _new_directory(runs_dir, wanted.name)
         progress = new_progress(console, opened, options)
@@ -96,11 +97,9 @@ def _plan(scenario: Scenario, fleet: Fleet) -> Plan:
     try:
         return make_plan(scenario, fleet)
     except ConfigError as error:
-        bound = {name for names in bind_roles(scenario, fleet.config).values() for name in names}
-        left_out = [str(problem) for name in sorted(bound) for problem in fleet[name].problems]
-        if not left_out:
+        if not fleet.problems:
             raise
-        raise PluginError(f"{'; '.join(left_out)}. So the scenario cannot run:\n{error}") from error
+        raise PluginError(f"{'; '.join(map(str, fleet.problems))}. So the scenario cannot run:\n{error}") from error
 
 
 def _new_directory(runs_dir: Path, scenario: str) -> Path:

@@ -16,7 +16,14 @@ from eal_actors.actors.handles import CLOSE_TIMEOUT_S, RobotHandle
 from eal_actors.actors.robot_actor import RobotSpec, start_robot
 from eal_actors.actors.supervision import Restart
 from eal_actors.clock import REAL_TIME, Clock, ScaledClock
-from eal_actors.errors import ConfigError, EALError, Problem, RobotNotFoundError
+from eal_actors.errors import (
+    ConfigError,
+    EALError,
+    Problem,
+    RobotFailedError,
+    RobotNotFoundError,
+    UnavailableError,
+)
 from eal_actors.info import unknown_name
 from eal_actors.log import get_logger
 from eal_actors.managers.config import EALConfigManager
@@ -65,38 +72,43 @@ class Fleet(Mapping[str, RobotHandle]):
 
     # Connection.
 
-    def connect(self, timeout_s: float = START_TIMEOUT_S) -> Self:
-        """Connect every robot and wait until each is up or has failed.
+    def connect(self, robots: Iterable[str] | None = None, *, timeout_s: float = START_TIMEOUT_S) -> Self:
+        """Connect the robots and wait until each is up or has failed.
 
         One robot that fails does not keep the others: its `state` and `problems` tell, and the log does.
 
         Args:
+            robots: the names of those to connect; all if None. The others are not touched.
             timeout_s: real seconds to wait at most; whoever is late is left starting.
 
         Raises:
             ConfigError: a plugin that does not exist, or settings that it refuses; nothing is connected then.
+            RobotNotFoundError: the fleet has no robot of one of the names.
 
         Thread: blocks the caller.
         """
         if self._robots:
             return self
-        self._check_plugins()
+        wanted = EALConfigManager(self.config).select(robots)
+        self._check_plugins(wanted)
         _open_fleets.add(self)
-        self._robots = {name: self._start(robot) for name, robot in self.config.robots.items()}
+        self._robots = {robot.name: self._start(robot) for robot in wanted}
         end_s = REAL_TIME.now() + timeout_s
         for robot in self._robots.values():
             try:
                 robot.wait_started(max(0.0, end_s - REAL_TIME.now()))
-            except EALError as error:
-                get_logger(robot=robot.name).error("robot did not start", reason=error.message)
+            except RobotFailedError:  # its own actor has logged why
+                pass
+            except UnavailableError as error:
+                get_logger(robot=robot.name).error("robot is late", reason=error.message)
             except BaseException:
                 self.close()
                 raise
         return self
 
-    def _check_plugins(self) -> None:
+    def _check_plugins(self, robots: Iterable[RobotConfig]) -> None:
         problems: set[Problem] = set()
-        for robot in self.config.robots.values():
+        for robot in robots:
             problems.update(self._plugins.check(robot)[0])
         if problems:
             raise ConfigError(sorted(problems))

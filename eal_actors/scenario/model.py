@@ -191,7 +191,7 @@ class ScenarioFile(StrictModel):
 
     version: Version1
     name: Name
-    description: Text
+    description: str = ""
     """One line for people."""
     roles: dict[Name, RoleSection] = Field(min_length=1, json_schema_extra=NAMES_ONLY)
     timeout_s: PositiveFloat | None = None

@@ -27,7 +27,7 @@ from eal_actors.scenario.files import save_answer
 from eal_actors.scenario.loop import Branch, Loop
 from eal_actors.scenario.model import ForStep, LogStep, OnStep, RepeatStep, Step, WaitStep
 from eal_actors.scenario.plan import Plan
-from eal_actors.scenario.report import ErrorReport, RobotOutcome, RobotReport, StepOutcome, StepRecord
+from eal_actors.scenario.report import ErrorReport, Outcome, RobotReport, StepRecord
 from eal_actors.scenario.variables import substitute_text
 
 HALT_TIMEOUT_S: Final = 2.0
@@ -46,7 +46,7 @@ class RobotRun:
     """
 
     handle: RobotHandle
-    outcome: RobotOutcome | None = None
+    outcome: Outcome | None = None
     error: BaseException | None = None
     saved: dict[str, object] = field(default_factory=dict)
 
@@ -55,7 +55,7 @@ class RobotRun:
         """The robot's name."""
         return self.handle.name
 
-    def end(self, outcome: RobotOutcome, error: BaseException | None = None) -> None:
+    def end(self, outcome: Outcome, error: BaseException | None = None) -> None:
         """Take no part any more."""
         self.outcome = outcome
         self.error = self.error or error
@@ -227,11 +227,13 @@ class Performer:
                 yield from self._until_done(self._loop.sleep(policy.back_off_s))
                 if self.is_stopping:
                     break
-        outcome: StepOutcome = "done" if error is None else "failed"
+        outcome: Outcome = "done" if error is None else "failed"
         if self.is_stopping and error is not None and (attempts <= retries or isinstance(error, CallCancelledError)):
             outcome = "aborted"
+        elif error is not None and not self._is_finally and final_action(policy) == "drop":
+            outcome = "dropped"
         self._record(step, path, robot, call, start_s, outcome, attempts, error)
-        if outcome == "failed" and error is not None:
+        if outcome in ("failed", "dropped") and error is not None:
             yield from self._give_up(robot, policy, error)
 
     def _attempt(
@@ -269,7 +271,7 @@ class Performer:
         robot: RobotRun,
         call: _Call,
         start_s: float,
-        outcome: StepOutcome,
+        outcome: Outcome,
         attempts: int,
         error: EALError | None,
     ) -> None:

@@ -105,8 +105,6 @@ def _not_started(robot: RobotHandle) -> EALError | None:
         robot.wait_started(0.0)
     except (RobotFailedError, UnavailableError) as error:
         return RobotFailedError(error.message, robot=robot.name)
-    if not robot and robot.problems:
-        return RobotFailedError(f"all its plugins were left out: {robot.problems[-1].message}", robot=robot.name)
     return None
 
 

@@ -16,7 +16,8 @@
       ]
     }
 
-A step is `done`, `failed` (its last attempt failed) or `aborted` (the run was stopped while it was under way). A
+A step is `done`, `failed` (its last attempt failed), `dropped` (it failed, and cost the robot its part in the run) or
+`aborted` (the run was stopped while it was under way). A
 robot is `done` if it went through all of its steps, `failed` if a step of its ended the run, if one of its steps in
 `finally` failed or if it could not be halted, `dropped` if it left the run, and `aborted` if the run was stopped
 around it. The run is `done` only if every robot is; it is `failed` if a robot failed or was dropped or the engine
@@ -32,8 +33,7 @@ from pydantic import Field
 from eal_actors.errors import EALError
 from eal_actors.strict_model import StrictModel
 
-StepOutcome = Literal["done", "failed", "aborted"]
-RobotOutcome = Literal["done", "failed", "dropped", "aborted"]
+Outcome = Literal["done", "failed", "dropped", "aborted"]
 RunOutcome = Literal["done", "failed", "aborted"]
 
 
@@ -55,7 +55,7 @@ class ErrorReport(StrictModel):
 class RobotReport(StrictModel):
     """How a robot fared."""
 
-    outcome: RobotOutcome
+    outcome: Outcome
     error: ErrorReport | None = None
 
 
@@ -74,7 +74,7 @@ class StepRecord(StrictModel):
     start_s: float
     """Since the run's start, in seconds of the fleet's clock."""
     end_s: float
-    outcome: StepOutcome
+    outcome: Outcome
     attempts: int = Field(ge=0)
     """0 if it failed before anything was sent."""
     error: ErrorReport | None = None

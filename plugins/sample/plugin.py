@@ -21,6 +21,9 @@ class SampleResource(Resource):
         self._number = data.value
         return 1
 
+    def halt(self) -> None:
+        """Do nothing: an int does not move."""
+
 
 def connect() -> EALPlugin:
     """Name the plugin's resources."""

@@ -10,7 +10,7 @@ from eal_actors.classic import EALconnect, EALdisconnect
 
 def main(argv: list[str]) -> int:
     """Return 0, or 1 when there is no connection."""
-    client = EALconnect(*argv[1:2])
+    client = EALconnect(argv[1] if len(argv) > 1 else None)
     if client is None:
         print("Error connecting to EAL")
         return 1

@@ -348,3 +348,31 @@ def test_a_background_activity_runs_between_calls() -> None:
             clock.advance(0.25)
             assert clock.now() < 60
         assert robot["Poller"].get_value().get().value >= 3
+
+
+def test_an_unsupported_call_stops_nothing() -> None:
+    class Driver(Resource):
+        """Takes its commands by itself, and no values."""
+
+        types = ResourceType.ACTUATOR
+
+        def send_cmd(self, cmd: str, data: EALData | None = None) -> Activity:
+            yield 1.0
+
+    class Dial(Resource):
+        """Takes values over time, and no commands."""
+
+        types = ResourceType.ACTUATOR
+
+        def set_value(self, data: EALData) -> Activity:
+            yield 1.0
+
+    clock = ManualClock()
+    with running_robot({"Driver": Driver, "Dial": Dial}, clock=clock) as robot:
+        drive, turn = robot["Driver"].send_cmd("go"), robot["Dial"].set_value(3)
+        for refused in (robot["Driver"].set_value(1), robot["Dial"].send_cmd("go")):
+            with pytest.raises(UnsupportedError):
+                refused.get()
+        for motion in (drive, turn):
+            advance_until_done(clock, motion, 0.5)
+            assert motion.get() == 1

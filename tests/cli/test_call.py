@@ -88,4 +88,5 @@ def test_only_the_wanted_robot_is_connected(eal: Any, half_dead: Path) -> None:
     assert (result.exit_code, result.stderr) == (0, "")
     lost = eal("call", "lost", "Slide", "get_value", "--fleet", half_dead)
     assert lost.exit_code == 3
-    assert "Error: lost: plugin 'dead': connect raised OSError: no such port" in lost.stderr
+    assert "Error: lost: none of its plugins connected" in lost.stderr
+    assert "plugin 'dead': connect raised OSError: no such port" in lost.stderr

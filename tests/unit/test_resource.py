@@ -164,9 +164,7 @@ def test_a_resource_takes_its_name_from_the_framework() -> None:
     arm = Arm()
     arm.name = "Left.Arm"
     assert arm.info().name == "Left.Arm"
-    with pytest.raises(
-        UnsupportedError, match=r"Left\.Arm does not support read_comm; it supports get_value,"
-    ):
+    with pytest.raises(UnsupportedError, match=r"Left\.Arm does not support read_comm; it supports get_value,"):
         arm.read_comm(1)
 
 
