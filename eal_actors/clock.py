@@ -31,6 +31,11 @@ def wake(waiter: threading.Lock) -> None:
         waiter.release()
 
 
+_MAIN_THREAD: Final = threading.main_thread().ident
+_LOOK_UP_S: Final = 0.2
+"""How often (real time) the main thread, where signals are handled, looks up from a wait."""
+
+
 class Clock(Protocol):
     """What the framework needs to know of time. All durations are in seconds of this clock."""
 
@@ -77,13 +82,25 @@ class ScaledClock:
 
     def wait(self, waiter: threading.Lock, timeout_s: float | None) -> bool:
         """See Clock."""
-        if timeout_s is None:
-            return waiter.acquire()
-        return waiter.acquire(timeout=min(max(timeout_s, 0.0) / self.rate, threading.TIMEOUT_MAX))
+        real_s = threading.TIMEOUT_MAX if timeout_s is None else max(timeout_s, 0.0) / self.rate
+        if threading.get_ident() == _MAIN_THREAD:
+            return self._wait_alert(waiter, real_s)
+        return waiter.acquire(timeout=min(real_s, threading.TIMEOUT_MAX))
+
+    @staticmethod
+    def _wait_alert(waiter: threading.Lock, real_s: float) -> bool:
+        """Wait, looking up for signals: one that comes on the brink of a wait is handled only after it."""
+        end_s = time.monotonic() + real_s
+        while True:
+            left_s = end_s - time.monotonic()
+            if left_s <= _LOOK_UP_S:
+                return waiter.acquire(timeout=max(left_s, 0.0))
+            if waiter.acquire(timeout=_LOOK_UP_S):
+                return True
 
     def sleep(self, duration_s: float) -> None:
         """See Clock."""
-        time.sleep(max(duration_s, 0.0) / self.rate)
+        self.wait(new_waiter(), duration_s)
 
 
 class SystemClock(ScaledClock):

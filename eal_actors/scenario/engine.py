@@ -28,8 +28,6 @@ from eal_actors.scenario.report import ErrorReport, Report, RunOutcome
 from eal_actors.scenario.scenario import Scenario, load_scenario
 
 INTERRUPTED: Final = "interrupted from the keyboard"
-_LOOK_UP_S: Final = 0.2
-"""How often (real time) the waiting caller looks up: a signal on the brink of a wait is seen only after it."""
 
 
 class _Phase(enum.Enum):
@@ -262,7 +260,7 @@ def run_scenario(
         report.add_done_callback(lambda _: wake(over))
         while not report.done():
             try:
-                REAL_TIME.wait(over, _LOOK_UP_S)
+                REAL_TIME.wait(over, None)
             except KeyboardInterrupt:  # from a handler of the caller's own
                 interrupt()
     if interrupts:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import signal
 import threading
 
 import pytest
@@ -64,3 +65,15 @@ def test_wall_time_is_in_utc() -> None:
     offset = wall_time().utcoffset()
     assert offset is not None
     assert offset.total_seconds() == 0
+
+
+def test_a_signal_that_does_not_wake_the_main_thread_is_handled_all_the_same() -> None:
+    waiter = new_waiter()
+    before = signal.signal(signal.SIGUSR1, lambda *_: wake(waiter))
+    elsewhere = threading.Thread(target=lambda: signal.pthread_kill(threading.get_ident(), signal.SIGUSR1))
+    try:
+        elsewhere.start()
+        assert REAL_TIME.wait(waiter, 30.0)
+    finally:
+        elsewhere.join()
+        signal.signal(signal.SIGUSR1, before)
