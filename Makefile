@@ -5,6 +5,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
+# Debian and Ubuntu keep venv in a package of its own.
+SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
+INSTALL_VENV := { echo "Installing python3-venv, which $(PYTHON) -m venv needs"; $(SUDO) apt-get update -qq && $(SUDO) DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv >/dev/null; }
+
 .PHONY: demo test check bench format clean help
 
 help:  ## show this list
@@ -12,13 +16,14 @@ help:  ## show this list
 
 $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or later is needed; name it with: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { echo "python3 -m venv failed; on Debian or Ubuntu: apt-get install python3-venv"; rm -rf $(VENV); exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || $(INSTALL_VENV)
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --editable '.[sim,vision]' --group dev
 	@touch $(STAMP)
 
 demo: $(STAMP)  ## run the dance on the simulated fleet and show where its picture is
-	$(BIN)/eal run scenarios/dance.yaml --fleet fleets/sim.yaml
+	$(BIN)/eal run scenarios/dance.yaml --fleet fleets/sim.yaml --show
 
 test: $(STAMP)  ## run every test
 	$(BIN)/python -m pytest -n auto --dist loadfile

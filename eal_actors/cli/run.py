@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Final, TypeVar
 
 import typer
 from rich.text import Text
@@ -26,6 +27,9 @@ from eal_actors.scenario.plan import bind_roles
 
 T = TypeVar("T")
 
+_DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
+"""One of these is set where windows can be opened."""
+
 
 def run_scenario(
     context: typer.Context,
@@ -40,6 +44,7 @@ def run_scenario(
     ] = None,
     as_json: JsonOption = False,
     no_plot: Annotated[bool, typer.Option("--no-plot", help="Draw no picture of the paths.")] = False,
+    show: Annotated[bool, typer.Option("--show", help="Open the picture, where there is a desktop.")] = False,
 ) -> None:
     """Run a scenario on a fleet.
 
@@ -66,6 +71,8 @@ def run_scenario(
         print_summary(console, report)
     for file in (directory, *kept):
         console.print(Text(f"{'run' if file == directory else file.suffix[1:]}: {file}", style="dim"), soft_wrap=True)
+    if show and kept and kept[-1].suffix == ".png" and any(map(os.environ.get, _DESKTOPS)):
+        typer.launch(str(kept[-1]))
     if interrupts.count:
         raise typer.Exit(ExitCode.INTERRUPTED)
     if report.outcome != "done":
