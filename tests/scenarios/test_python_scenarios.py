@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,19 +10,19 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.facade import shared
-from eal_actors.managers.config import EALConfigManager
 from scenarios import dance, panorama, square, wander
 from scenarios.classic import camera as classic_camera
 from scenarios.classic import dance as classic_dance
 from scenarios.classic import sample_user_code
 from scenarios.classic import square as classic_square
+from tests.patience import patient_fleet
 
 SIM = Path(__file__).parents[2] / "fleets" / "sim.yaml"
 
 
-def fast_fleet(rate: float = 40.0) -> Fleet:
+def fast_fleet() -> Fleet:
     """The simulated fleet, faster than its file says."""
-    return Fleet(replace(EALConfigManager.load(SIM).fleet, rate=rate))
+    return patient_fleet(SIM, rate=40)
 
 
 def pose(fleet: Fleet, name: str) -> tuple[float, float, float]:
@@ -82,7 +81,7 @@ def test_wander_keeps_off_the_walls_and_ends_in_time() -> None:
 def classic_fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A fast simulated fleet for programs that only know host names."""
     fleet = tmp_path / "fast.yaml"
-    fleet.write_text(f"version: 1\ninclude: ['{SIM}']\nclock: {{rate: 40}}\n")
+    fleet.write_text(f"version: 1\ninclude: ['{SIM}']\nclock: {{rate: 40}}\ndefaults: {{timeout_s: 10000}}\n")
     monkeypatch.setenv("EAL_FLEET", str(fleet))
     return fleet
 

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from eal_actors import Fleet
-from eal_actors.managers.config import EALConfigManager
-from eal_actors.scenario import load_scenario, run_scenario
+from eal_actors.scenario import run_scenario
+from tests.patience import patient_fleet, patient_scenario
 
 ROOT = Path(__file__).parents[2]
 
 
 def poses_after(scenario: str, rate: float, seed: int) -> dict[str, list[str]]:
     """Run a scenario; return where each robot ended up, to the last bit."""
-    config = replace(EALConfigManager.load(ROOT / "fleets/sim.yaml").fleet, rate=rate, seed=seed)
-    with Fleet(config) as fleet:
-        report = run_scenario(load_scenario(ROOT / "scenarios" / scenario), fleet)
+    with patient_fleet(ROOT / "fleets/sim.yaml", rate, seed) as fleet:
+        report = run_scenario(patient_scenario(ROOT / "scenarios" / scenario), fleet)
         assert report.outcome == "done", report.error
         return {
             name: [float(number).hex() for number in robot["Pose"].get_value().get().value]
