@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from eal_actors.bundled import bundled_path
-from eal_actors.clock import ScaledClock
 from eal_actors.facade.fleet import Fleet
-from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Report, run_scenario
+from tests.patience import patient_fleet, patient_scenario
 
 ROBOTS = ("evbot2-1", "evbot3-1", "roomba-1")
 DANCE = ("r45", "l90", "r90", "l10", "r10", "l10", "r360")
@@ -22,13 +21,12 @@ DANCE = ("r45", "l90", "r90", "l10", "r10", "l10", "r360")
 
 @pytest.fixture
 def sim() -> Iterator[Fleet]:
-    config = EALConfigManager.load(bundled_path("fleets/sim.yaml"), environment={}).fleet
-    with Fleet(config, ScaledClock(50.0)) as fleet:
+    with patient_fleet(bundled_path("fleets/sim.yaml"), rate=50) as fleet:
         yield fleet
 
 
 def run(fleet: Fleet, name: str, directory: Path) -> Report:
-    report = run_scenario(bundled_path(f"scenarios/{name}.yaml"), fleet, directory=directory / name)
+    report = run_scenario(patient_scenario(bundled_path(f"scenarios/{name}.yaml")), fleet, directory=directory / name)
 
     assert report.error is None
     assert report.outcome == "done"
