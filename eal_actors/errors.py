@@ -60,6 +60,10 @@ class EALError(Exception):
             self.resource = resource
         return self
 
+    def copy(self) -> Self:
+        """Return the same error anew: each caller raises its own, with its own traceback."""
+        return type(self)(self.message, robot=self.robot, resource=self.resource)
+
     def __str__(self) -> str:
         where = "/".join(part for part in (self.robot, self.resource) if part)
         return f"{where}: {self.message}" if where else self.message

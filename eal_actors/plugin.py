@@ -101,7 +101,12 @@ class EALPlugin:
 
     def list_resources(self) -> tuple[str, ...]:
         """Return the resources' names (Source: thesis §4.2.2.1, listResources)."""
-        return self._resources
+        try:
+            return self._resources
+        except AttributeError:
+            raise PluginError(
+                f"{type(self).__name__} does not call super().__init__ with its resources' names"
+            ) from None
 
 
 class FleetServices:
@@ -117,7 +122,7 @@ class FleetServices:
         self.clock = clock
         self.seed = seed
         self.world = world
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._shared: dict[Hashable, Any] = {}
 
     def shared(self, key: Hashable, make: Callable[[], _T]) -> _T:

@@ -87,13 +87,16 @@ class Resource:
     name: str = ""
 
     _handlers: ClassVar[dict[tuple[str, str], str]] = {}
+    _fields: ClassVar[dict[tuple[str, str], dict[str, Any]]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        cls._handlers = dict(cls._handlers)
-        for attribute, member in vars(cls).items():
-            if mark := getattr(member, _MARK, None):
-                cls._handlers[mark[0], mark[1]] = attribute
+        cls._handlers, cls._fields = {}, {}
+        for base in reversed(cls.__mro__):  # mixins and several bases too
+            for attribute, member in vars(base).items():
+                if mark := getattr(member, _MARK, None):
+                    cls._handlers[mark[0], mark[1]] = attribute
+                    cls._fields[mark[0], mark[1]] = mark[2]
 
     # The nine methods.
 
@@ -204,8 +207,8 @@ class Resource:
     def _make_info(self) -> ResourceInfo:
         cls = type(self)
         commands, requests, configs = [], [], []
-        for (kind, name), attribute in self._handlers.items():
-            fields = getattr(getattr(cls, attribute), _MARK)[2]
+        for kind, name in self._handlers:
+            fields = self._fields[kind, name]  # from the decorator, also where a subclass overrides without one
             if kind == "command":
                 commands.append(CommandInfo(name=name, **fields))
             elif kind == "request":

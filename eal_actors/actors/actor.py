@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import threading
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import pykka
 from pykka.messages import _ActorStop
 
+from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Inbox, Timer
 from eal_actors.clock import Clock
@@ -42,6 +44,7 @@ class EALActor(pykka.ThreadingActor):
         self.clock = clock
         self._capacity = capacity
         self.thread: threading.Thread | None = None
+        self._is_abandoned = False
         super().__init__()
 
     def _create_actor_inbox(self) -> Inbox:  # type: ignore[override]  # Pykka's is static, but called on the instance
@@ -51,14 +54,20 @@ class EALActor(pykka.ThreadingActor):
     def _create_future() -> Future[Any]:
         return Future()
 
+    def launch(self) -> Self:
+        """Register the actor and start its thread: Pykka's `start` would hide the actor, whose thread we must join."""
+        pykka.ActorRegistry.register(self.actor_ref)
+        self._start_actor_loop()
+        return self
+
     def _start_actor_loop(self) -> None:
         self.thread = threading.Thread(target=self._actor_loop, name=self.name, daemon=self.use_daemon_thread)
         self.thread.start()
 
     def _actor_loop(self) -> None:
-        try:
+        with contextlib.suppress(AbandonedThread):
             super()._actor_loop()
-        except AbandonedThread:
+        if self._is_abandoned:  # also where a plugin swallowed the exception
             self.on_abandoned()
 
     def _actor_loop_teardown(self) -> None:
@@ -110,15 +119,12 @@ class EALActor(pykka.ThreadingActor):
         """Close the mailbox and fail whatever waits in it."""
         for envelope in self.actor_inbox.close(error):
             message = envelope.message
-            if isinstance(message, Future):
-                self._refuse_call(message, error)
+            if isinstance(message, Call):
+                message.fail(error.copy())
             elif isinstance(message, _ActorStop):
                 envelope.reply_to.set(None)
             elif envelope.reply_to is not None:
                 envelope.reply_to.set_exception(pykka.ActorDeadError(f"{self} stopped before handling the message"))
-
-    def _refuse_call(self, call: Future[Any], error: EALError) -> None:
-        call.set_exception(type(error)(error.message))  # each caller raises its own
 
     def abandon(self, error: EALError) -> None:
         """Give up an actor that is stuck: fail its callers and raise AbandonedThread in its thread.
@@ -129,6 +135,7 @@ class EALActor(pykka.ThreadingActor):
         Thread: any but its own; does not block.
         """
         pykka.ActorRegistry.unregister(self.actor_ref)
+        self._is_abandoned = True
         self.actor_stopped.set()
         self._refuse(error)
         if self.thread is not None and self.thread.ident is not None and self.thread.is_alive():

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from typing import Any, Final, Protocol, TypeVar
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Envelope, Inbox
 from eal_actors.clock import Clock
-from eal_actors.errors import EALError, PreemptedError, UnavailableError
+from eal_actors.errors import (
+    ArgumentError,
+    CallCancelledError,
+    DeadlineError,
+    EALError,
+    PreemptedError,
+    UnavailableError,
+)
 from eal_actors.info import ResourceInfo
 from eal_actors.resource import Resource
 
@@ -25,7 +31,7 @@ class Call(Future[T]):
     """A call under way: its own future, and its own envelope and message in the mailbox.
 
     Args:
-        cell: the slot of the resource that is called; None only where Pykka makes futures of futures.
+        cell: the slot of the resource that is called.
         method: one of the nine methods, or `halt`.
         arguments: the method's arguments.
         timeout_s: seconds until the deadline.
@@ -33,22 +39,17 @@ class Call(Future[T]):
 
     reply_to = None
 
-    def __init__(
-        self,
-        cell: ResourceCell | None = None,
-        method: str = "",
-        arguments: tuple[Any, ...] = (),
-        timeout_s: float = 0.0,
-    ) -> None:
-        if cell is None:
-            super().__init__()
-            return
+    def __init__(self, cell: ResourceCell, method: str, arguments: tuple[Any, ...], timeout_s: float) -> None:
+        if timeout_s != timeout_s:  # not a number: it would never be over
+            raise ArgumentError(f"timeout_s must be seconds, not {timeout_s!r}", robot=cell.robot, resource=cell.name)
         clock = cell.clock
         super().__init__(clock, clock.now() + timeout_s, cell.timekeeper)
         self.cell = cell
         self.method = method
         self.arguments = arguments
+        self.timeout_s = timeout_s
         self.call_id = next(_call_ids)
+        self.stops = False
 
     @property
     def message(self) -> Call[T]:
@@ -67,8 +68,15 @@ class Call(Future[T]):
         """Set the failure, naming the resource."""
         self._finish(None, error.at(self.cell.robot, self.cell.name) if isinstance(error, EALError) else error)
 
-    def _abandoned(self) -> None:
-        self.cell.abandoned(self)
+    def _cancelled(self) -> EALError:
+        return CallCancelledError(f"{self.shown()} was cancelled").at(self.cell.robot, self.cell.name)
+
+    def _expired(self) -> EALError:
+        message = f"{self.shown()} had no answer within its {self.timeout_s:g} s"
+        return DeadlineError(message).at(self.cell.robot, self.cell.name)
+
+    def _given_up(self) -> None:
+        self.cell.give_up(self)
 
 
 def _is_motion(envelope: Envelope) -> bool:
@@ -76,7 +84,7 @@ def _is_motion(envelope: Envelope) -> bool:
     return isinstance(message, Call) and message.method in MOTION_METHODS
 
 
-class Server(Protocol):
+class CallTarget(Protocol):
     """Who serves a resource's calls: its actor."""
 
     @property
@@ -103,25 +111,15 @@ class ResourceCell:
         actor: the actor that serves the resource now, or None.
         info: what the resource last said of itself; None before its first start.
         error: why calls fail while there is no actor.
-        on_overdue: called with the cell when a call was given up while the actor may be stuck.
     """
 
-    def __init__(
-        self,
-        robot: str,
-        name: str,
-        clock: Clock,
-        timekeeper: Inbox,
-        timeout_s: float,
-        on_overdue: Callable[[ResourceCell], None],
-    ) -> None:
+    def __init__(self, robot: str, name: str, clock: Clock, timekeeper: Inbox, timeout_s: float) -> None:
         self.robot = robot
         self.name = name
         self.clock = clock
         self.timekeeper = timekeeper
         self.timeout_s = timeout_s
-        self.on_overdue = on_overdue
-        self.actor: Server | None = None
+        self.actor: CallTarget | None = None
         self.info: ResourceInfo | None = None
         self.error: EALError = UnavailableError("it has not started yet")
 
@@ -145,6 +143,7 @@ class ResourceCell:
 
         Thread: any; never blocks.
         """
+        call.stops = stops
         actor = self.actor
         if actor is None:
             call.fail(self._unavailable())
@@ -157,13 +156,10 @@ class ResourceCell:
         for waiting in dropped:
             waiting.message.fail(PreemptedError(f"dropped by {call.shown()}"))
 
-    def abandoned(self, call: Call[Any]) -> None:
-        """Tell the actor that nobody waits for the call, and the robot to look whether the actor is stuck."""
-        actor = self.actor
-        if actor is not None:
-            actor.stop_activity_of(call)
-            self.on_overdue(self)
+    def give_up(self, call: Call[Any]) -> None:
+        """Tell the actor that nobody waits for the call any more. Thread: any; never blocks."""
+        if self.actor is not None:
+            self.actor.stop_activity_of(call)
 
     def _unavailable(self) -> EALError:
-        error = type(self.error)(self.error.message)  # each caller raises its own
-        return error.at(self.robot, self.name)
+        return self.error.copy().at(self.robot, self.name)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import queue
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import REAL_TIME
+from eal_actors.clock import REAL_TIME, new_waiter, wake
 from eal_actors.errors import CallError
 
 T = TypeVar("T")
@@ -18,8 +18,9 @@ class _Combined(Future[T]):
     """A future made of others: giving it up gives up all of them."""
 
     def __init__(self, parts: list[Future[Any]], what: str) -> None:
-        slowest = max(parts, key=lambda part: part.deadline_s or 0.0, default=None)
-        endless = any(part.deadline_s is None for part in parts)
+        pending = [part for part in parts if not part.done()]
+        slowest = max(pending, key=lambda part: part.deadline_s or 0.0, default=None)
+        endless = any(part.deadline_s is None for part in pending) or len({id(part.clock) for part in pending}) > 1
         super().__init__(
             clock=slowest.clock if slowest else REAL_TIME,
             deadline_s=slowest.deadline_s if slowest and not endless else None,
@@ -27,6 +28,8 @@ class _Combined(Future[T]):
         )
         self._parts = parts
         self._what = what
+        keepers = {id(part.timekeeper) for part in pending}
+        self.link = Future.add_done_callback if endless or len(keepers) > 1 else Future._link
 
     def describe(self) -> str:
         return f"{self._what} of {len(self._parts)} calls"
@@ -37,9 +40,21 @@ class _Combined(Future[T]):
             part.expire()
         super().expire()
 
-    def _abandoned(self) -> None:
+    def _given_up(self) -> None:
         for part in self._parts:
             part.cancel()
+
+
+def _all_or_none(futures: Iterable[Future[T]]) -> list[Future[T]]:
+    """Return the futures; if making one of them fails, give up those that are made."""
+    parts: list[Future[T]] = []
+    try:
+        parts.extend(futures)
+    except BaseException:
+        for part in parts:
+            part.cancel()
+        raise
+    return parts
 
 
 def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> Future[list[T]]:
@@ -50,7 +65,7 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
 
     Thread: any; does not block.
     """
-    parts = list(futures)
+    parts = _all_or_none(futures)
     combined: _Combined[list[T]] = _Combined(parts, "gather")
     if not parts:
         combined.set([])
@@ -65,14 +80,16 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
             if left:
                 return
         errors = [part._error for part in parts]  # one family of classes
-        first = next((error for error in errors if error is not None), None)
-        if first is not None and not return_exceptions:
-            combined.set_exception(first)
+        failure = next((error for error in errors if error is not None), None)
+        if failure is not None and not return_exceptions:
+            combined.set_exception(failure)
         else:
             combined.set([error or part._value for part, error in zip(parts, errors, strict=True)])
 
     for part in parts:
-        part._link(count)  # one alarm for all of them: the combined future's
+        combined.link(
+            part, count
+        )  # one alarm for all of them, the combined future's, where one clock and mailbox keep it
     return combined
 
 
@@ -99,12 +116,12 @@ def first(futures: Iterable[Future[T]]) -> Future[T]:
         error = part._error  # one family of classes
         if error is None:
             if combined._finish(part._value, None):
-                combined._abandoned()
+                combined._given_up()
         elif last:
             combined.set_exception(error)
 
     for part in parts:
-        part._link(look)
+        combined.link(part, look)
     return combined
 
 
@@ -113,10 +130,17 @@ def as_completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
 
     Thread: blocks the caller between futures, at most until the next deadline.
     """
-    parts = list(futures)
-    ready: queue.SimpleQueue[Future[T]] = queue.SimpleQueue()
-    put: Callable[[Future[T]], None] = ready.put
+    parts = _all_or_none(futures)
+    ready: deque[Future[T]] = deque()
+    waiter = new_waiter()
+
+    def note(part: Future[T]) -> None:
+        ready.append(part)
+        wake(waiter)
+
     for part in parts:
-        part.add_done_callback(put)
+        part.add_done_callback(note)
     for _ in parts:
-        yield ready.get()
+        while not ready:
+            REAL_TIME.wait(waiter, None)
+        yield ready.popleft()

@@ -13,10 +13,11 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 import pykka
 
 from eal_actors.clock import REAL_TIME, Clock, new_waiter, wake
-from eal_actors.errors import CallCancelledError, DeadlineError, WaitTimeoutError
+from eal_actors.errors import CallCancelledError, DeadlineError, EALError, WaitTimeoutError
 from eal_actors.log import get_logger
 
 T = TypeVar("T")
+M = TypeVar("M")
 OptExcInfo: TypeAlias = tuple[type[BaseException] | None, BaseException | None, TracebackType | None]
 
 
@@ -119,22 +120,28 @@ class Future(pykka.Future[T]):
     def _run(self, callback: Callable[[Future[T]], None]) -> None:
         try:
             callback(self)
-        except Exception:  # noqa: BLE001  # another's callback must not break the thread that finishes the call
+        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # another's callback must not break the thread that finishes the call
             get_logger().exception("a future's done-callback raised", future=self.describe())
 
     def cancel(self) -> bool:
         """Give up the call: what it started is stopped. Returns False if there was an outcome already. Thread: any."""
-        if self._finish(None, CallCancelledError(f"{self.describe()} was cancelled")):
-            self._abandoned()
+        if self._finish(None, self._cancelled()):
+            self._given_up()
             return True
         return False
 
     def expire(self) -> None:
         """Fail with DeadlineError, unless there is an outcome: the deadline has passed. Thread: any."""
-        if self._finish(None, DeadlineError(f"{self.describe()} had no answer before its deadline")):
-            self._abandoned()
+        if self._finish(None, self._expired()):
+            self._given_up()
 
-    def _abandoned(self) -> None:
+    def _cancelled(self) -> EALError:
+        return CallCancelledError(f"{self.describe()} was cancelled")
+
+    def _expired(self) -> EALError:
+        return DeadlineError(f"{self.describe()} had no answer before its deadline")
+
+    def _given_up(self) -> None:
         """Tell the other side that nobody waits any more."""
 
     # Waiting.
@@ -185,6 +192,9 @@ class Future(pykka.Future[T]):
             clock.wait(waiter, remaining)
         if self._done:
             return
+        with self._lock:
+            if self._waiters is not None:
+                self._waiters.remove(waiter)
         if limit == self.deadline_s:
             self.expire()
         else:
@@ -240,7 +250,43 @@ class Future(pykka.Future[T]):
         """Wait for the result in an asyncio program; cancelling the task cancels the call."""
         return asyncio.wrap_future(self.to_concurrent()).__await__()
 
+    def map(self, func: Callable[[T], M]) -> Future[M]:
+        """Return a future of what the function makes of the result.
+
+        Thread: the function runs in the thread that finishes this future, so it must not block.
+        """
+        mapped: _Mapped[M] = _Mapped(self)
+
+        def apply(_: Future[T]) -> None:
+            if self._error is not None:
+                mapped.set_exception(self._error)
+                return
+            try:
+                mapped.set(func(self._value))
+            except Exception as error:  # noqa: BLE001  # it is the outcome
+                mapped.set_exception(error)
+
+        self._link(apply)
+        return mapped
+
     def set_get_hook(self, func: Callable[[float | None], T]) -> None:
-        """See Pykka, whose map(), filter(), join() and reduce() are made of it."""
+        """See Pykka, whose ActorRef.stop() needs it. Hooked futures answer `get` alone; make others with `map`."""
         pykka.Future.__init__(self)
         super().set_get_hook(func)
+
+
+class _Mapped(Future[T]):
+    """What becomes of another future: given up together with it."""
+
+    def __init__(self, source: Future[Any]) -> None:
+        super().__init__(source.clock, source.deadline_s, source.timekeeper)
+        self._source = source
+
+    def describe(self) -> str:
+        return self._source.describe()
+
+    def expire(self) -> None:
+        self._source.expire()
+
+    def _given_up(self) -> None:
+        self._source.cancel()

@@ -202,6 +202,9 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         left_out = "".join(f"; left out: {problem.message}" for problem in self.problems)
         raise ResourceNotFoundError(unknown_name("resource", name, self._view.cells) + left_out, robot=self.name)
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._view.cells  # Mapping's own asks __getitem__, which raises where the robot has failed
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._view.cells)
 
@@ -250,6 +253,8 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         Thread: blocks the caller, at most about twice `timeout_s` of real time.
         """
         self.begin_close()
+        if self._actor.is_at_work():  # a done-callback: its thread is one of those that are to end
+            return
         try:
             self._view.stopped.get(timeout=timeout_s)
         except WaitTimeoutError:

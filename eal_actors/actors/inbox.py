@@ -57,8 +57,9 @@ class Timer:
 class Inbox:
     """A mailbox for one reading thread and any number of writing ones.
 
-    `put` never blocks: a full lane raises BusyError at once. What is urgent is read before everything else, then
-    timers that are due, then the normal lane; within each, first in, first out.
+    `put` never blocks: a full lane raises BusyError at once. What is urgent is read before everything else. Then come
+    timers that are due, and the normal lane; a timer that was set after the oldest waiting call lets that go first, so
+    that timers that are always due keep nothing out. Within each lane, first in, first out.
 
     Args:
         clock: the clock of its timers.
@@ -72,7 +73,7 @@ class Inbox:
         self._wakeup = new_waiter()
         self._reader_waits = False
         self._urgent: deque[Envelope] = deque()
-        self._normal: deque[Envelope] = deque()
+        self._normal: deque[tuple[int, Envelope]] = deque()
         self._timers: list[tuple[float, int, Timer]] = []
         self._cancelled_timers = 0
         self._order = itertools.count()
@@ -99,7 +100,7 @@ class Inbox:
                 raise self._closed_by
             if len(self._normal) >= self.capacity:
                 raise BusyError(f"its mailbox is full ({self.capacity} calls wait)")
-            self._normal.append(envelope)
+            self._normal.append((next(self._order), envelope))
             self._wake_reader()
 
     def put_urgent(
@@ -128,9 +129,9 @@ class Inbox:
                 raise BusyError(f"its mailbox is full ({self.capacity} urgent calls wait)")
             dropped: list[Envelope] = []
             if drop is not None and self._normal:
-                dropped = [waiting for waiting in self._normal if drop(waiting)]
+                dropped = [waiting for _, waiting in self._normal if drop(waiting)]
                 if dropped:
-                    self._normal = deque(waiting for waiting in self._normal if not drop(waiting))
+                    self._normal = deque(entry for entry in self._normal if not drop(entry[1]))
             self._urgent.append(envelope)
             self._wake_reader()
         return dropped
@@ -143,6 +144,16 @@ class Inbox:
             if self._timers[0][2] is timer:
                 self._wake_reader()
         return timer
+
+    def call_soon(self, action: Callable[[], None]) -> None:
+        """Run the action in the reading thread before everything that waits; never refused for a full lane.
+
+        Raises:
+            EALError: what the inbox was closed with.
+
+        Thread: any; never blocks.
+        """
+        self.put_urgent(Timer(0.0, action, self), bounded=False)
 
     def call_later(self, delay_s: float, action: Callable[[], None]) -> Timer:
         """Run the action in the reading thread after a delay. Thread: any; never blocks."""
@@ -165,14 +176,14 @@ class Inbox:
                 timeout_s = None
                 if self._timers:
                     timeout_s = self._timers[0][0] - self.clock.now()
-                    if timeout_s <= _ROUNDING_S:
+                    if timeout_s <= _ROUNDING_S and not self._is_older_than(self._timers[0][1]):
                         timer = heapq.heappop(self._timers)[2]
                         if timer.action is not None:
                             return timer
                         self._cancelled_timers -= 1
                         continue
                 if self._normal:
-                    return self._normal.popleft()
+                    return self._normal.popleft()[1]
                 self._reader_waits = True
             self.clock.wait(self._wakeup, timeout_s)
             # After a time-out a writer may still believe that we wait: its release only makes one wait too short.
@@ -184,14 +195,20 @@ class Inbox:
         """
         with self._lock:
             self._closed_by = self._closed_by or error
-            waiting = [*self._urgent, *self._normal]
+            waiting = [*self._urgent, *(envelope for _, envelope in self._normal)]
             self._urgent.clear()
             self._normal.clear()
             self._timers.clear()
             self._wake_reader()
         return waiting
 
+    def _is_older_than(self, order: int) -> bool:
+        """Return whether a call waited before the timer was set: timers that are always due must not keep it out."""
+        return bool(self._normal) and self._normal[0][0] < order
+
     def _wake_reader(self) -> None:
         if self._reader_waits:
+            wake(
+                self._wakeup
+            )  # first: Ctrl-C may strike after any of these lines, and one wake-up too many is harmless
             self._reader_waits = False
-            wake(self._wakeup)

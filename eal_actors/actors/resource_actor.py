@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import numbers
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +12,6 @@ from typing import Any, Protocol
 
 from eal_actors.actors.actor import AbandonedThread, EALActor
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
-from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Timer
 from eal_actors.data import EALData
 from eal_actors.errors import (
@@ -49,6 +50,10 @@ class ResourceObserver(Protocol):
         """The resource has ended: crashed with an error, or normally with None."""
         ...
 
+    def watch(self, actor: ResourceActor, until_s: float) -> None:
+        """Look at that time whether the actor is stuck in what it is doing now."""
+        ...
+
 
 @dataclass(eq=False)
 class _Running:
@@ -66,6 +71,14 @@ def _status(result: Any) -> int:
     if isinstance(result, int):
         return int(result)
     raise ReturnTypeError(f"returned {result!r} where a status int is wanted")
+
+
+def _seconds(delay_s: object) -> float:
+    """Return what an activity yielded as seconds."""
+    with contextlib.suppress(OverflowError):
+        if isinstance(delay_s, numbers.Real) and float(delay_s) >= 0:
+            return float(delay_s)
+    raise ReturnTypeError(f"yielded {delay_s!r} where seconds until its next step are wanted")
 
 
 def _data(result: Any, value: ValueInfo | None) -> EALData:
@@ -95,6 +108,8 @@ class ResourceActor(EALActor):
         self.resource: Resource | None = None
         self.busy_until_s: float | None = None
         """When what runs now must be over; None while the actor is idle. Read by the robot."""
+        self.watched_until_s = math.inf
+        """When the robot looks next whether the actor is stuck. Set to infinity by the robot before it looks."""
         self._factory = factory
         self._observer = observer
         self._current: Call[Any] | None = None
@@ -107,7 +122,7 @@ class ResourceActor(EALActor):
     def on_start(self) -> None:
         """Make and open the resource. Thread: the actor's own."""
         bind_work_place(self.cell.robot, self.cell.name)
-        self.busy_until_s = self.clock.now() + self.cell.timeout_s
+        self._busy(self.clock.now() + self.cell.timeout_s)
         try:
             self.resource = resource = self._factory.create()
             resource.name = self.cell.name
@@ -116,6 +131,8 @@ class ResourceActor(EALActor):
             self._info = info
             self._methods = self._make_methods(resource, info)
             background = resource.background()
+            if background is not None and type(background) is not types.GeneratorType:
+                raise ReturnTypeError(f"background returned {background!r}, which is no generator")
         except AbandonedThread:
             raise
         except BaseException as error:  # noqa: BLE001  # a plugin may raise anything; Pykka would hide it
@@ -145,19 +162,24 @@ class ResourceActor(EALActor):
     def shut_down(self) -> None:
         """Halt, close and stop, before anything that waits. Thread: any; does not block."""
         with contextlib.suppress(EALError):  # it has ended already
-            self.actor_inbox.put_urgent(Timer(0.0, self._shut_down, self.actor_inbox), bounded=False)
+            self.actor_inbox.call_soon(self._shut_down)
 
     def _shut_down(self) -> None:
         self.actor_stopped.set()
         self._refuse(UnavailableError("the robot is being stopped"))
-        self._end(PreemptedError("the robot is being stopped"))
         self._stop()
-        self._observer.resource_down(self, None)
 
     def on_crash(self, error: BaseException) -> None:
         """Stop what moves, let go, tell the robot. Thread: the actor's own."""
-        self._end(PreemptedError(f"the resource crashed: {error!r}"))
-        self._observer.resource_down(self, error)
+        try:
+            self._end(PreemptedError(f"the resource crashed: {error!r}"))
+        finally:
+            self._observer.resource_down(self, error)
+
+    def on_stop(self) -> None:
+        """Stop what moves, whoever stopped the actor, and tell the robot. Thread: the actor's own."""
+        self._end(PreemptedError("the resource is being stopped"))
+        self._observer.resource_down(self, None)
 
     def abandon(self, error: EALError) -> None:
         """Fail the calls under way too; see EALActor."""
@@ -165,7 +187,7 @@ class ResourceActor(EALActor):
         super().abandon(error)
         for call in under_way:
             if call is not None:
-                self._refuse_call(call, error)
+                call.fail(error.copy())
 
     def on_abandoned(self) -> None:
         """Stop what moves after all, now that the stuck code is unwound. Thread: the actor's own."""
@@ -190,6 +212,13 @@ class ResourceActor(EALActor):
         except BaseException:  # noqa: BLE001  # a plugin may raise anything
             self._log.exception("cleaning up failed", step=getattr(step, "__name__", "destroy"))
 
+    def _busy(self, until_s: float) -> None:
+        """Note when what begins now must be over, and see that the robot looks then: once, not for every call."""
+        self.busy_until_s = until_s
+        if until_s < self.watched_until_s:
+            self.watched_until_s = until_s
+            self._observer.watch(self, until_s)
+
     # Calls.
 
     def on_receive(self, message: Any) -> Any:
@@ -200,13 +229,16 @@ class ResourceActor(EALActor):
         return super().on_receive(message)
 
     def _execute(self, call: Call[Any]) -> None:
-        if call._done:  # the hot path: it was given up while it waited
+        if call._done and not call.stops:  # the hot path: it was given up while it waited
             return
         deadline_s = call.deadline_s or 0.0
-        if deadline_s <= self.clock.now():
+        if call.stops:  # a late stop is still a stop
+            deadline_s = max(deadline_s, self.clock.now() + self.cell.timeout_s)
+        elif deadline_s <= self.clock.now():
             call.fail(DeadlineError(f"{call.method} waited in the mailbox until its deadline; it was not executed"))
             return
-        self.busy_until_s, self._current = deadline_s, call
+        self._current = call
+        self._busy(deadline_s)
         set_call(call.call_id)
         if is_debugging():
             self._log.debug("call", method=call.shown())
@@ -215,11 +247,13 @@ class ResourceActor(EALActor):
             if type(result) is types.GeneratorType:
                 self._motion = _Running(result, call)
                 self._step(self._motion)
-            else:
-                call.set(result)
+            elif not call._finish(result, None) and call.method in MOTION_METHODS and not call.stops:
+                self._guarded(self._opened.halt)  # it was given up while it ran
         except AbandonedThread:
             raise
         except Exception as error:  # noqa: BLE001  # a plugin may raise anything; the caller gets it
+            if call.method in MOTION_METHODS and not isinstance(error, EALError):
+                self._guarded(self._opened.halt)  # it may have set something off before it failed
             call.fail(self._explained(call, error))
         except BaseException as error:
             call.fail(self._explained(call, error))
@@ -281,14 +315,17 @@ class ResourceActor(EALActor):
     def stop_activity_of(self, call: Call[Any]) -> None:
         """Stop the activity that answers a call nobody waits for any more. Thread: any; does not block."""
         if call.method in MOTION_METHODS:
-            stop = Timer(0.0, lambda: self._give_up(call), self.actor_inbox)
             with contextlib.suppress(EALError):  # it has ended, and has stopped everything on its way out
-                self.actor_inbox.put_urgent(stop, bounded=False)
+                self.actor_inbox.call_soon(lambda: self._give_up(call))
 
     def _give_up(self, call: Call[Any]) -> None:
         if self._motion is not None and self._motion.call is call:
-            self._close_motion(PreemptedError("nobody waits for it any more"))
-            self._guarded(self._opened.halt)
+            self._busy(self.clock.now())  # it is over its time already
+            try:
+                self._close_motion(PreemptedError("nobody waits for it any more"))
+                self._guarded(self._opened.halt)
+            finally:
+                self.busy_until_s = None
 
     def _step(self, running: _Running | None) -> None:
         """Run an activity up to its next yield."""
@@ -299,12 +336,11 @@ class ResourceActor(EALActor):
             call.expire()
             self._give_up(call)
             return
-        self.busy_until_s = now_s + self.cell.timeout_s if call is None else call.deadline_s
+        until_s = now_s + self.cell.timeout_s
+        self._busy(min(until_s, call.deadline_s) if call is not None and call.deadline_s is not None else until_s)
         set_call(call.call_id if call is not None else None)
         try:
-            delay_s: object = next(running.activity)  # typed as float, but written by a plugin's author
-            if not isinstance(delay_s, int | float) or not delay_s >= 0:
-                raise ReturnTypeError(f"yielded {delay_s!r} where seconds until its next step are wanted")
+            delay_s = _seconds(next(running.activity))
         except AbandonedThread:
             raise
         except StopIteration as end:
@@ -335,6 +371,7 @@ class ResourceActor(EALActor):
         if running.call is None:
             raise error  # a poller that fails leaves the resource blind: the supervisor restarts it
         self._motion = None
+        self._close_activity(running)
         self._guarded(self._opened.halt)
         running.call.fail(self._explained(running.call, error))
         if not isinstance(error, Exception):
@@ -350,10 +387,4 @@ class ResourceActor(EALActor):
     def _close_activity(self, running: _Running) -> None:
         if running.timer is not None:
             running.timer.cancel()
-        self._guarded(running.activity.close)
-
-    def _refuse_call(self, call: Future[Any], error: EALError) -> None:
-        if isinstance(call, Call):
-            call.fail(type(error)(error.message))
-        else:
-            super()._refuse_call(call, error)
+        self._guarded(lambda: running.activity.close())

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import math
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, Protocol
 
-import pykka
-
-from eal_actors.actors.actor import EALActor
+from eal_actors.actors.actor import AbandonedThread, EALActor
 from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.future import Future
-from eal_actors.actors.inbox import Timer
 from eal_actors.actors.resource_actor import ResourceActor, ResourceFactory
 from eal_actors.actors.supervision import ChildSpec, Restart, RestartIntensity, wants_restart
 from eal_actors.clock import REAL_TIME, Clock
@@ -23,7 +22,9 @@ from eal_actors.info import ResourceInfo
 from eal_actors.log import get_logger
 
 HANG_GRACE_S: Final = 1.0
-"""How long after its deadline a call may still run before its resource counts as stuck."""
+"""How long after its deadline a call may still run before its resource counts as stuck, in fleet time."""
+_ROUNDING_S: Final = 1e-6
+"""Of a difference of times."""
 _UNWIND_S: Final = 0.5
 """How long (real time) an abandoned thread has to unwind before somebody else halts its resource."""
 
@@ -131,10 +132,15 @@ class RobotActor(EALActor):
     def on_start(self) -> None:
         """Connect the plugins and start the resources. Thread: the robot's own; may take long."""
         try:
-            self._plugins = self.spec.open_plugins()
+            self._start()
+        except AbandonedThread:
+            raise
         except BaseException as error:  # noqa: BLE001  # whatever a plugin does: the robot fails, nothing else
-            self._fail(RobotFailedError(f"could not connect its plugins: {error}"))
-            return
+            reason = f"could not start: {type(error).__name__}: {error}"
+            self._fail(RobotFailedError(reason, robot=self.spec.name))
+
+    def _start(self) -> None:
+        self._plugins = self.spec.open_plugins()
         self.view.problems = self._plugins.errors
         if self._plugins.errors and not self._plugins.resources:
             reasons = "; ".join(problem.message for problem in self._plugins.errors)
@@ -143,35 +149,28 @@ class RobotActor(EALActor):
         for problem in self._plugins.errors:
             self._log.error("plugin left out", reason=problem.message)
         cells = {
-            name: ResourceCell(
-                self.spec.name, name, self.clock, self.actor_inbox, self.spec.timeout_s, self._check_soon
-            )
+            name: ResourceCell(self.spec.name, name, self.clock, self.actor_inbox, self.spec.timeout_s)
             for name in self._plugins.resources
         }
         for name, factory in self._plugins.resources.items():
-            self._specs[name] = ChildSpec(name, self._starter(cells[name], factory), self.spec.restart)
+            start = partial(self._launch, cells[name], factory)
+            self._specs[name] = ChildSpec(name, start, self.spec.restart)
         self.view.cells = cells  # whole, because others read it
         self._starting = set(self._specs)
         for name in list(self._specs):
             self._spawn(name)
         self._ready_if_all_up()
 
-    def _starter(self, cell: ResourceCell, factory: ResourceFactory) -> Callable[[], ResourceActor]:
-        def start() -> ResourceActor:
-            actor = ResourceActor(cell, factory, self, self.spec.mailbox)
-            pykka.ActorRegistry.register(actor.actor_ref)
-            actor._start_actor_loop()  # Actor.start() hides the actor, whose thread we must join
-            return actor
-
-        return start
+    def _launch(self, cell: ResourceCell, factory: ResourceFactory) -> ResourceActor:
+        return ResourceActor(cell, factory, self, self.spec.mailbox).launch()
 
     def _spawn(self, name: str) -> None:
         if self._stopping or self.view.state is RobotState.FAILED:
             return
         self._children[name] = actor = self._specs[name].start()
+        self._threads = [thread for thread in self._threads if thread.is_alive()]
         if actor.thread is not None:
             self._threads.append(actor.thread)
-        self._check_soon(self.view.cells[name], self.spec.timeout_s)
 
     # What the children tell, in their own threads.
 
@@ -185,7 +184,7 @@ class RobotActor(EALActor):
 
     def _later(self, action: Callable[[], None]) -> None:
         with contextlib.suppress(EALError):  # the robot has ended: nobody is left to be told
-            self.actor_inbox.put_urgent(Timer(0.0, action, self.actor_inbox), bounded=False)
+            self.actor_inbox.call_soon(action)
 
     def _on_up(self, actor: ResourceActor, info: ResourceInfo) -> None:
         name = actor.cell.name
@@ -210,7 +209,7 @@ class RobotActor(EALActor):
         actor.cell.actor = None
         if self._stopping:
             if not self._children:
-                self._finish()
+                self._stop()
             return
         if self.view.state is RobotState.FAILED:
             return
@@ -240,19 +239,23 @@ class RobotActor(EALActor):
 
     # Stuck resources.
 
-    def _check_soon(self, cell: ResourceCell, delay_s: float = 0.0) -> None:
-        """Look after the grace whether the resource's actor is stuck. Thread: any; does not block."""
-        name = cell.name
-        self.actor_inbox.call_later(delay_s + HANG_GRACE_S, lambda: self._abandon_if_stuck(name))
+    def watch(self, actor: ResourceActor, until_s: float) -> None:
+        """See ResourceObserver."""
+        self.actor_inbox.call_at(until_s + HANG_GRACE_S, lambda: self._abandon_if_stuck(actor))
 
-    def _abandon_if_stuck(self, name: str) -> None:
-        actor = self._children.get(name)
-        if actor is None or actor.busy_until_s is None:
+    def _abandon_if_stuck(self, actor: ResourceActor) -> None:
+        if self._children.get(actor.cell.name) is not actor:
             return
-        overdue_s = self.clock.now() - actor.busy_until_s
-        if overdue_s < HANG_GRACE_S * 0.9:  # within its time: whoever gives up later asks again
+        actor.watched_until_s = math.inf  # first, so that what begins from here on asks for another look
+        busy_until_s = actor.busy_until_s
+        if busy_until_s is None:
             return
-        self._abandon(actor, f"was stuck for {overdue_s:.1f} s beyond its deadline")
+        overdue_s = self.clock.now() - busy_until_s
+        if overdue_s < HANG_GRACE_S - _ROUNDING_S:  # within its time: look again when that is over
+            actor.watched_until_s = busy_until_s
+            self.watch(actor, busy_until_s)
+        else:
+            self._abandon(actor, f"was stuck for {overdue_s:.1f} s beyond its deadline")
 
     def _abandon(self, actor: ResourceActor, why: str) -> None:
         error = UnavailableError(f"{why}; it has been abandoned")
@@ -278,7 +281,7 @@ class RobotActor(EALActor):
 
     def _shut_down_children(self, error: EALError) -> None:
         for cell in self.view.cells.values():
-            cell.error = type(error)(error.message)
+            cell.error = error.copy()
             cell.actor = None
         for actor in self._children.values():
             actor.shut_down()
@@ -293,7 +296,7 @@ class RobotActor(EALActor):
         self._stopping = True
         self._shut_down_children(UnavailableError("the robot is disconnected"))
         if not self._children:
-            self._finish()
+            self._stop()
 
     def force_down(self) -> None:
         """Abandon whatever has not stopped by itself. Thread: any; does not block."""
@@ -304,27 +307,46 @@ class RobotActor(EALActor):
         for actor in list(self._children.values()):
             self._abandon(actor, "did not stop in time")
 
-    def _finish(self) -> None:
-        if self._plugins is not None:
-            try:
-                self._plugins.close()
-            except Exception:  # noqa: BLE001  # a plugin may raise anything, and the robot must end
-                self._log.exception("disconnecting the plugins failed")
+    def on_stop(self) -> None:
+        """Disconnect the plugins, and tell everybody. Thread: the robot's own."""
+        if self._children:  # stopped from outside, by Pykka
+            self._stopping = True
+            self._shut_down_children(UnavailableError("the robot was stopped"))
+            self.join(_UNWIND_S)
+        self._close_plugins()
         if self.view.state is not RobotState.FAILED:
             self.view.state = RobotState.STOPPED
-        self._stop()
         self.view.started.set(None)
         self.view.stopped.set(None)
+
+    def _close_plugins(self) -> None:
+        plugins, self._plugins = self._plugins, None
+        if plugins is not None:
+            try:
+                plugins.close()
+            except Exception:  # noqa: BLE001  # a plugin may raise anything, and the robot must end
+                self._log.exception("disconnecting the plugins failed")
+
+    def abandon(self, error: EALError) -> None:
+        """Stop the resources all the same; see EALActor."""
+        for actor in list(self._children.values()):
+            actor.shut_down()
+        super().abandon(error)
+
+    def is_at_work(self) -> bool:
+        """Return whether the caller runs in a thread of this robot, which cannot wait for its own end."""
+        return threading.current_thread() in (self.thread, *self._threads)
 
     def on_crash(self, error: BaseException) -> None:
         """Fail: a robot actor that crashes stops its resources. Thread: the robot's own."""
         self._fail(RobotFailedError(f"its own actor crashed: {error!r}", robot=self.spec.name))
-        self.view.stopped.set(None)
+        self.on_stop()
 
     def join(self, timeout_s: float) -> list[str]:
-        """Wait (real time) for the robot's threads; return the names of those still alive. Thread: not its own."""
+        """Wait (real time) for the robot's threads; return the names of those still alive. Thread: blocks it."""
         end_s = REAL_TIME.now() + timeout_s
         threads = [*self._threads, *([self.thread] if self.thread is not None else [])]
+        threads = [thread for thread in threads if thread is not threading.current_thread()]
         for thread in threads:
             thread.join(max(0.0, end_s - REAL_TIME.now()))
         return [thread.name for thread in threads if thread.is_alive()]
@@ -344,7 +366,4 @@ def _halt_if_still_stuck(actor: ResourceActor, halt: Callable[[], Any]) -> None:
 def start_robot(spec: RobotSpec) -> tuple[RobotActor, RobotView]:
     """Start a robot's actor; its view's `started` tells when it is up. Thread: any; does not block."""
     view = RobotView(spec)
-    actor = RobotActor(spec, view)
-    pykka.ActorRegistry.register(actor.actor_ref)
-    actor._start_actor_loop()  # Actor.start() hides the actor, whose thread we must join
-    return actor, view
+    return RobotActor(spec, view).launch(), view

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import atexit
-import weakref
+import threading
 from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -34,7 +34,7 @@ from eal_actors.plugin import FleetServices
 START_TIMEOUT_S: Final = 30.0
 """How long (real time) `connect` waits for the robots to start."""
 
-_open_fleets: weakref.WeakSet[Fleet] = weakref.WeakSet()
+_open_fleets: set[Fleet] = set()
 
 
 class Fleet(Mapping[str, RobotHandle]):
@@ -56,6 +56,7 @@ class Fleet(Mapping[str, RobotHandle]):
         self.services = FleetServices(self.clock, config.seed, config.world)
         self._plugins = EALPluginManager(config.plugin_dirs)
         self._robots: dict[str, RobotHandle] = {}
+        self._start_lock = threading.Lock()
 
     @classmethod
     def load(cls, path: str | Path, *, environment: Mapping[str, str] | None = None) -> Fleet:
@@ -87,14 +88,20 @@ class Fleet(Mapping[str, RobotHandle]):
 
         Thread: blocks the caller.
         """
-        if self._robots:
-            return self
         wanted = EALConfigManager(self.config).select(robots)
         self._check_plugins(wanted)
-        _open_fleets.add(self)
-        self._robots = {robot.name: self._start(robot) for robot in wanted}
+        try:
+            with self._start_lock:
+                if self._robots:
+                    return self
+                _open_fleets.add(self)
+                for chosen in wanted:
+                    self._robots[chosen.name] = self._start(chosen)
+        except BaseException:
+            self.close()
+            raise
         end_s = REAL_TIME.now() + timeout_s
-        for robot in self._robots.values():
+        for robot in list(self._robots.values()):
             try:
                 robot.wait_started(max(0.0, end_s - REAL_TIME.now()))
             except RobotFailedError:  # its own actor has logged why
@@ -134,12 +141,15 @@ class Fleet(Mapping[str, RobotHandle]):
 
         Thread: blocks the caller.
         """
-        _open_fleets.discard(self)
-        robots, self._robots = self._robots, {}
-        for robot in robots.values():
+        with self._start_lock:
+            robots = list(self._robots.values())
+        for robot in robots:
             robot.begin_close()
-        for robot in robots.values():
+        while self._robots:  # each stays known until it is closed, should Ctrl-C come between
+            name, robot = next(iter(self._robots.items()))
             robot.close(timeout_s)
+            self._robots.pop(name, None)
+        _open_fleets.discard(self)
 
     def __enter__(self) -> Self:
         return self.connect()

@@ -59,7 +59,14 @@ class PluginManifest:
 
     def missing_modules(self) -> tuple[str, ...]:
         """Return which of the modules it requires are not installed."""
-        return tuple(module for module in self.file.requires if importlib.util.find_spec(module) is None)
+        return tuple(module for module in self.file.requires if not _is_installed(module))
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError):  # a parent that is missing, or imports badly
+        return False
 
 
 def read_manifest(folder: Path) -> PluginManifest:

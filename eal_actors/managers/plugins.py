@@ -117,7 +117,7 @@ class ConnectedPlugins:
         for name, module, plugin in reversed(self._connected):
             try:
                 module.disconnect(plugin)
-            except Exception as error:  # noqa: BLE001  # reported below, when the others are disconnected
+            except (Exception, SystemExit, KeyboardInterrupt, GeneratorExit) as error:  # noqa: BLE001
                 failed.append(f"{name}: {type(error).__name__}: {error}")
         if failed:
             raise PluginError(f"disconnect failed in {'; '.join(failed)}")
@@ -161,19 +161,25 @@ class EALPluginManager:
         errors: list[EALError] = []
         connected: list[tuple[str, ModuleType, EALPlugin]] = []
         offers: list[tuple[str, str, PluginResource]] = []
-        for settings in robot.plugins.values():
-            try:
-                module, context = self._connect_one(robot.name, settings, services)
-                connected.append((settings.instance, module, context.plugin))
-                names = context.plugin.list_resources()
-                offers += [(settings.instance, name, _resource_of(module, name, context)) for name in names]
-            except EALError as error:
-                errors.append(error.at(robot.name))
+        try:
+            for settings in robot.plugins.values():
+                try:
+                    self._connect_one(robot.name, settings, services, connected, offers)
+                except EALError as error:
+                    errors.append(error.at(robot.name))
+        except BaseException:  # abandoned, or interrupted: what is connected must not stay so
+            ConnectedPlugins({}, (), tuple(connected)).close()
+            raise
         return ConnectedPlugins(_with_unique_names(offers), tuple(errors), tuple(connected))
 
     def _connect_one(
-        self, robot: str, settings: PluginSettings, services: FleetServices
-    ) -> tuple[ModuleType, PluginContext]:
+        self,
+        robot: str,
+        settings: PluginSettings,
+        services: FleetServices,
+        connected: list[tuple[str, ModuleType, EALPlugin]],
+        offers: list[tuple[str, str, PluginResource]],
+    ) -> None:
         manifest, module, checked = self._checked_settings(settings)
         for function in ("connect", "disconnect"):
             if not callable(getattr(module, function, None)):
@@ -181,17 +187,19 @@ class EALPluginManager:
         context = PluginContext(robot, settings.instance, checked, services)
         try:
             plugin = _with_context(module.connect, context)
-        except (Exception, SystemExit) as error:
+        except (Exception, SystemExit, KeyboardInterrupt, GeneratorExit) as error:
             raise PluginError(f"plugin {manifest.name!r}: connect raised {type(error).__name__}: {error}") from error
         if not isinstance(plugin, EALPlugin):
             raise PluginError(f"plugin {manifest.name!r}: connect returned {plugin!r}, which is no EALPlugin")
+        connected.append((settings.instance, module, plugin))  # from here on it is owed a disconnect
         promised, named = set(manifest.file.resources), set(plugin.list_resources())
         if promised != named:
             raise PluginError(
                 f"plugin {manifest.name!r}: its manifest names {', '.join(sorted(promised))}, "
                 f"but connect names {', '.join(sorted(named))}"
             )
-        return module, replace(context, plugin=plugin)
+        context = replace(context, plugin=plugin)
+        offers += [(settings.instance, name, _resource_of(module, name, context)) for name in plugin.list_resources()]
 
     def _checked_settings(self, settings: PluginSettings) -> tuple[PluginManifest, ModuleType, Any]:
         manifest = self.manifests.get(settings.plugin)

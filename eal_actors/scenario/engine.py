@@ -46,7 +46,7 @@ class _RunFuture(Future[Report]):
     def describe(self) -> str:
         return "a scenario's report"
 
-    def _abandoned(self) -> None:
+    def _given_up(self) -> None:
         self._run_of.abort("its future was cancelled")
 
 

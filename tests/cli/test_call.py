@@ -73,7 +73,7 @@ def test_arrays_are_printed_whole_while_they_are_short(eal: Any) -> None:
         (["three", "Slide", "get_value"], 2, "has no robot 'three'; known: one, two"),
         (["one", "Slide", "send_req", "x"], 2, "does not support send_req"),
         (["one", "Slide", "set_config", "speed_m_s", "-5"], 2, "double 0.01..0.5 m/s, not -5"),
-        (["one", "Slide", "send_cmd", "to1", "--timeout-s", "0.05"], 1, "no answer before its deadline"),
+        (["one", "Slide", "send_cmd", "to1", "--timeout-s", "0.05"], 1, "no answer within its 0.05 s"),
     ],
 )
 def test_what_cannot_be_called_is_told(eal: Any, slides: Path, call: list[str], code: int, words: str) -> None:

@@ -179,10 +179,10 @@ def test_a_bad_scenario_is_found_before_anything_moves(folder: Path, line: str, 
     ("cmd", "message"),
     [
         ("raise", "one/Base: send_cmd 'raise' raised OSError: cable off"),
-        ("hang", "one/Base: send_cmd 'hang' had no answer before its deadline"),
+        ("hang", "one/Base: send_cmd 'hang' had no answer within its 2 s"),
         ("lie", "one/Base: send_cmd 'lie' returned 'fine' where a status int is wanted"),
         ("exit", "one/Base: send_cmd 'exit' raised SystemExit: 7"),
-        ("go", "one/Base: send_cmd 'go' had no answer before its deadline"),
+        ("go", "one/Base: send_cmd 'go' had no answer within its 2 s"),
     ],
 )
 def test_a_resource_that_fails(folder: Path, cmd: str, message: str) -> None:

@@ -247,7 +247,7 @@ def test_plugins_that_cannot_connect_fail_the_robot_with_their_reason() -> None:
         raise OSError("the bus is down")
 
     robot = RobotHandle(partial(start_robot, RobotSpec("robot", REAL_TIME, open_plugins)), "robot")
-    with pytest.raises(RobotFailedError, match="robot: could not connect its plugins: the bus is down"):
+    with pytest.raises(RobotFailedError, match="robot: could not start: OSError: the bus is down"):
         robot.wait_started(WAIT_S)
     with pytest.raises(RobotFailedError):
         robot["Base"]

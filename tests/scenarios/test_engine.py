@@ -345,7 +345,7 @@ def test_a_robot_that_fails_is_dropped_and_the_others_go_on(tmp_path: Path) -> N
     assert report.outcome == "failed"
     assert brief(report, "a") == [("send_cmd Base flaky", "dropped", 1)]
     assert brief(report, "b") == [("send_cmd Base flaky", "done", 1), ("send_cmd Base now", "done", 1)]
-    assert halts == {"a": 2, "b": 1}, "at the drop, and at the end"
+    assert halts == {"a": 3, "b": 1}, "after the fault, at the drop, and at the end"
 
 
 def test_without_any_robot_left_the_run_ends(tmp_path: Path) -> None:
