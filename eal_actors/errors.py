@@ -75,6 +75,14 @@ class DataError(EALError, ValueError):
     code = "data"
 
 
+def shown(error: BaseException) -> str:
+    """Return an exception as `Type: message`; an exception whose message cannot be made must not hide another."""
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception:  # noqa: BLE001  # its __str__ may do anything
+        return type(error).__name__
+
+
 @dataclass(frozen=True, slots=True, order=True)
 class Problem:
     """One thing that is wrong with a file.

@@ -82,7 +82,7 @@ class ValueInfo:
         numeric = self.type in _NUMERIC and data.type in _NUMERIC
         whole = self.type is DataType.INT and data.type is not DataType.INT
         if (data.type is not self.type and not numeric) or whole:
-            return f"must be {self.describe()}, not {data!r}"
+            return f"must be {self.describe()}, not {_shown(data)}"
         if self.shape:
             return self._shape_problem(data)
         value = data.value
@@ -90,7 +90,7 @@ class ValueInfo:
             return f"must be one of {', '.join(map(str, self.choices))}, not {value!r}"
         if self.type in _NUMERIC:
             if not isinstance(value, int | float):
-                return f"must be {self.describe()}, not {data!r}"
+                return f"must be {self.describe()}, not {_shown(data)}"
             below = self.minimum is not None and not value >= self.minimum
             above = self.maximum is not None and not value <= self.maximum
             if below or above or value != value:  # the last: not a number
@@ -121,6 +121,12 @@ class ValueInfo:
         if self.unit:
             parts.append(self.unit)
         return " ".join(parts)
+
+
+def _shown(data: EALData) -> str:
+    """Return a value as its user wrote it, where it is short."""
+    value = data.value if data.shape is None else data
+    return repr(value if isinstance(value, int | float | str | None) else data)
 
 
 _PLACEHOLDER: Final = re.compile(r"<(\w+)>$")
@@ -275,7 +281,7 @@ def _parse(
         if info.name == text:
             if info.argument is None:
                 if data is not None:
-                    raise ArgumentError(f"{kind} {text!r} takes no argument, but was given {data!r}")
+                    raise ArgumentError(f"{kind} {text!r} takes no argument, but was given {_shown(data)}")
                 return info, None
             if data is None:
                 raise ArgumentError(f"{kind} {text!r} needs an argument: {info.argument.describe()}")
@@ -289,7 +295,9 @@ def _parse(
         if argument is not None:
             info.argument.check(argument, f"{kind} {text!r}: its argument")
             if data is not None:
-                raise ArgumentError(f"{kind} {text!r} carries its argument in the text, but was given {data!r} too")
+                raise ArgumentError(
+                    f"{kind} {text!r} carries its argument in the text, but was given {_shown(data)} too"
+                )
             return info, argument
     raise ArgumentError(unknown_name(kind, text, (c.name for c in known)))
 

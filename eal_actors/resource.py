@@ -57,6 +57,8 @@ def config_setter(name: str) -> Callable[[_F], _F]:
 
 
 def _marker(kind: str, name: str, **fields: Any) -> Callable[[_F], _F]:
+    _check_declaration(kind, name, fields)
+
     def mark(method: _F) -> _F:
         if not fields.get("description"):
             fields["description"] = (method.__doc__ or "").strip().partition("\n")[0]
@@ -64,6 +66,21 @@ def _marker(kind: str, name: str, **fields: Any) -> Callable[[_F], _F]:
         return method
 
     return mark
+
+
+def _check_declaration(kind: str, name: str, fields: dict[str, Any]) -> None:
+    """Raise ArgumentError for a command or request that could never be called as it is declared."""
+    if kind not in ("command", "request"):
+        return
+    has_argument, carries_it = fields.get("argument") is not None, CommandInfo(name).prefix is not None
+    if not carries_it and ("<" in name or ">" in name):
+        raise ArgumentError(f"{kind} {name!r}: an argument in the text stands at its end, as in 'r<degrees>'")
+    if carries_it and not has_argument:
+        raise ArgumentError(f"{kind} {name!r} needs a ValueInfo for its argument")
+    if kind == "request" and has_argument and not carries_it:
+        raise ArgumentError(f"request {name!r} has nothing but its text to carry an argument, as in 'joint<number>'")
+    if carries_it and fields.get("urgent"):
+        raise ArgumentError(f"command {name!r}: an urgent command must be known by its whole text, without an argument")
 
 
 class Resource:
@@ -95,8 +112,11 @@ class Resource:
         for base in reversed(cls.__mro__):  # mixins and several bases too
             for attribute, member in vars(base).items():
                 if mark := getattr(member, _MARK, None):
-                    cls._handlers[mark[0], mark[1]] = attribute
-                    cls._fields[mark[0], mark[1]] = mark[2]
+                    kind, name, fields = mark
+                    before = cls._handlers.get((kind, name), attribute)
+                    if before != attribute and before in vars(base):
+                        raise ArgumentError(f"{cls.__name__}: {before} and {attribute} are both {kind} {name!r}")
+                    cls._handlers[kind, name], cls._fields[kind, name] = attribute, fields
 
     # The nine methods.
 

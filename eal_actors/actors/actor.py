@@ -14,7 +14,7 @@ from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Inbox, Timer
 from eal_actors.clock import Clock
-from eal_actors.errors import EALError, UnavailableError
+from eal_actors.errors import EALError, UnavailableError, shown
 from eal_actors.log import get_logger
 
 
@@ -89,7 +89,7 @@ class EALActor(pykka.ThreadingActor):
                     reply_to.set_exception()
                     continue
                 if reply_to is not None:
-                    reply_to.set_exception(UnavailableError(f"it crashed: {error!r}"))
+                    reply_to.set_exception(UnavailableError(f"it crashed: {shown(error)}"))
                 self.crash(error)
 
     def _handle_receive(self, message: Any) -> Any:
@@ -103,7 +103,7 @@ class EALActor(pykka.ThreadingActor):
         """Stop this actor because of an error, and report it. Thread: the actor's own."""
         pykka.ActorRegistry.unregister(self.actor_ref)
         self.actor_stopped.set()
-        self._refuse(UnavailableError(f"it crashed: {error!r}"))
+        self._refuse(UnavailableError(f"it crashed: {shown(error)}"))
         try:
             self.on_crash(error)
         except Exception:  # noqa: BLE001  # the crash is reported all the same

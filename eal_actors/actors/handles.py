@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, TypeVar
 
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_actor import RobotActor, RobotState, RobotView
+from eal_actors.clock import REAL_TIME
 from eal_actors.data import EALData
 from eal_actors.errors import (
     EALError,
@@ -239,6 +240,18 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         if self.state is RobotState.FAILED:
             raise self._failed()
 
+    def require_started(self) -> None:
+        """Raise unless every resource has been up.
+
+        Raises:
+            RobotFailedError: it could not start, or has given up.
+            UnavailableError: it has not started yet.
+        """
+        if not self._view.started.done():
+            raise UnavailableError("has not started yet; see the log, or give connect more time", robot=self.name)
+        if self.state is RobotState.FAILED:
+            raise self._failed()
+
     def _failed(self) -> RobotFailedError:
         message = self.problems[-1].message if self.problems else "has failed"
         return RobotFailedError(message, robot=self.name)
@@ -248,21 +261,43 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         self._actor.shut_down()
 
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
-        """Halt every resource, disconnect the plugins, end every thread. What is stuck is abandoned and named.
+        """Halt every resource, disconnect the plugins, end every thread; see close_robots."""
+        close_robots([self], timeout_s)
 
-        Thread: blocks the caller, at most about twice `timeout_s` of real time.
-        """
-        self.begin_close()
-        if self._actor.is_at_work():  # a done-callback: its thread is one of those that are to end
-            return
+
+def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT_S) -> None:
+    """Halt every resource, disconnect the plugins, end every thread, of all robots at once.
+
+    What is stuck is abandoned, and named in the log.
+
+    Args:
+        robots: the robots.
+        timeout_s: real seconds for them to stop by themselves.
+
+    Thread: blocks the caller, at most about twice `timeout_s` however many robots there are. In a thread of one of the
+    robots, such as a done-callback's, it does not wait for that robot.
+    """
+    for robot in robots:
+        robot.begin_close()
+    waiting = [robot for robot in robots if not robot._actor.is_at_work()]
+    late = _not_stopped(waiting, timeout_s)
+    for robot in late:
+        robot._actor.force_down()
+    for robot in _not_stopped(late, timeout_s / 2):
+        robot._actor.abandon(UnavailableError("the robot was stuck while it was closed"))
+    end_s = REAL_TIME.now() + timeout_s / 2
+    for robot in waiting:
+        if alive := robot._actor.join(end_s - REAL_TIME.now()):
+            get_logger(robot=robot.name).error("threads are stuck and were left behind", threads=alive)
+
+
+def _not_stopped(robots: Sequence[RobotHandle], timeout_s: float) -> list[RobotHandle]:
+    """Wait for robots to stop; return those that have not."""
+    end_s = REAL_TIME.now() + timeout_s
+    late = []
+    for robot in robots:
         try:
-            self._view.stopped.get(timeout=timeout_s)
+            robot._view.stopped.get(timeout=max(0.0, end_s - REAL_TIME.now()))
         except WaitTimeoutError:
-            self._actor.force_down()
-            try:
-                self._view.stopped.get(timeout=timeout_s / 2)
-            except WaitTimeoutError:
-                self._actor.abandon(UnavailableError("the robot was stuck while it was closed"))
-        alive = self._actor.join(timeout_s / 2)
-        if alive:
-            get_logger(robot=self.name).error("threads are stuck and were left behind", threads=alive)
+            late.append(robot)
+    return late

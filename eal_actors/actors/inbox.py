@@ -97,7 +97,7 @@ class Inbox:
         """
         with self._lock:
             if self._closed_by is not None:
-                raise self._closed_by
+                raise self._closed_by.copy()
             if len(self._normal) >= self.capacity:
                 raise BusyError(f"its mailbox is full ({self.capacity} calls wait)")
             self._normal.append((next(self._order), envelope))
@@ -124,7 +124,7 @@ class Inbox:
         """
         with self._lock:
             if self._closed_by is not None:
-                raise self._closed_by
+                raise self._closed_by.copy()
             if bounded and len(self._urgent) >= self.capacity:
                 raise BusyError(f"its mailbox is full ({self.capacity} urgent calls wait)")
             dropped: list[Envelope] = []

@@ -21,6 +21,7 @@ from eal_actors.errors import (
     ResourceFaultError,
     ReturnTypeError,
     UnavailableError,
+    shown,
 )
 from eal_actors.info import ResourceInfo, ValueInfo
 from eal_actors.log import bind_work_place, get_logger, is_debugging, set_call
@@ -112,6 +113,7 @@ class ResourceActor(EALActor):
         """When the robot looks next whether the actor is stuck. Set to infinity by the robot before it looks."""
         self._factory = factory
         self._observer = observer
+        self._is_open = False
         self._current: Call[Any] | None = None
         self._motion: _Running | None = None
         self._background: _Running | None = None
@@ -127,6 +129,7 @@ class ResourceActor(EALActor):
             self.resource = resource = self._factory.create()
             resource.name = self.cell.name
             resource.open()
+            self._is_open = True
             info = resource.info()
             self._info = info
             self._methods = self._make_methods(resource, info)
@@ -172,7 +175,7 @@ class ResourceActor(EALActor):
     def on_crash(self, error: BaseException) -> None:
         """Stop what moves, let go, tell the robot. Thread: the actor's own."""
         try:
-            self._end(PreemptedError(f"the resource crashed: {error!r}"))
+            self._end(PreemptedError(f"the resource crashed: {shown(error)}"))
         finally:
             self._observer.resource_down(self, error)
 
@@ -200,17 +203,22 @@ class ResourceActor(EALActor):
             self._background = None
         resource, self.resource = self.resource, None
         if resource is not None:
-            for step in (resource.halt, resource.close, lambda: self._factory.destroy(resource)):
-                self._guarded(step)
+            if self._is_open:
+                self._guarded(resource.halt)
+                self._guarded(resource.close)
+            self._guarded(lambda: self._factory.destroy(resource))
 
-    def _guarded(self, step: Callable[[], object]) -> None:
-        """Run a clean-up step: whatever it raises is logged, because the next step must run too."""
+    def _guarded(self, step: Callable[[], object]) -> bool:
+        """Run a clean-up step; whatever it raises is logged, because the next step must run too."""
         try:
             step()
         except AbandonedThread:
             raise
-        except BaseException:  # noqa: BLE001  # a plugin may raise anything
-            self._log.exception("cleaning up failed", step=getattr(step, "__name__", "destroy"))
+        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything
+            name = getattr(step, "__name__", "")
+            self._log.error("cleaning up failed", step=name, error=shown(error), exc_info=is_debugging())
+            return False
+        return True
 
     def _busy(self, until_s: float) -> None:
         """Note when what begins now must be over, and see that the robot looks then: once, not for every call."""
@@ -264,13 +272,13 @@ class ResourceActor(EALActor):
 
     def _explained(self, call: Call[Any], error: BaseException) -> EALError:
         """Return an error that names the call, and has the plugin's own error as its cause."""
-        self._log.debug("call failed", call=call.call_id, method=call.shown(), error=repr(error))
+        self._log.debug("call failed", call=call.call_id, method=call.shown(), error=shown(error))
         if isinstance(error, EALError) and not isinstance(error, ReturnTypeError):
             return error
         what = f"{call.method} {call.arguments[0]!r}" if call.arguments else call.method
         if isinstance(error, ReturnTypeError):
             return ReturnTypeError(f"{what} {error.message}")
-        fault = ResourceFaultError(f"{what} raised {type(error).__name__}: {error}")
+        fault = ResourceFaultError(f"{what} raised {shown(error)}")
         fault.__cause__ = error
         return fault
 
@@ -387,4 +395,5 @@ class ResourceActor(EALActor):
     def _close_activity(self, running: _Running) -> None:
         if running.timer is not None:
             running.timer.cancel()
-        self._guarded(lambda: running.activity.close())
+        if not self._guarded(lambda: running.activity.close()) and self.resource is not None:
+            self._guarded(self.resource.halt)  # its own `finally` did not do it

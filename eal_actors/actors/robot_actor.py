@@ -17,7 +17,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.resource_actor import ResourceActor, ResourceFactory
 from eal_actors.actors.supervision import ChildSpec, Restart, RestartIntensity, wants_restart
 from eal_actors.clock import REAL_TIME, Clock
-from eal_actors.errors import EALError, RobotFailedError, UnavailableError
+from eal_actors.errors import EALError, PluginError, RobotFailedError, UnavailableError, shown
 from eal_actors.info import ResourceInfo
 from eal_actors.log import get_logger
 
@@ -136,8 +136,7 @@ class RobotActor(EALActor):
         except AbandonedThread:
             raise
         except BaseException as error:  # noqa: BLE001  # whatever a plugin does: the robot fails, nothing else
-            reason = f"could not start: {type(error).__name__}: {error}"
-            self._fail(RobotFailedError(reason, robot=self.spec.name))
+            self._fail(RobotFailedError(f"could not start: {shown(error)}", robot=self.spec.name))
 
     def _start(self) -> None:
         self._plugins = self.spec.open_plugins()
@@ -220,7 +219,10 @@ class RobotActor(EALActor):
         if isinstance(error, UnavailableError):
             reason = error.message
         else:
-            reason = f"crashed with {type(error).__name__}: {error}" if error is not None else "ended"
+            reason = f"crashed with {shown(error)}" if error is not None else "ended"
+        if isinstance(error, PluginError):  # a fault of the plugin's code: trying again does not mend it
+            self._fail(RobotFailedError(f"{name} {reason}", robot=self.spec.name))
+            return
         if not wants_restart(spec.restart, crashed=error is not None):
             cell.error = UnavailableError(f"{reason}; it is not restarted ({spec.restart.value})")
             self._log.error("resource is gone", resource=name, reason=reason)
@@ -339,7 +341,7 @@ class RobotActor(EALActor):
 
     def on_crash(self, error: BaseException) -> None:
         """Fail: a robot actor that crashes stops its resources. Thread: the robot's own."""
-        self._fail(RobotFailedError(f"its own actor crashed: {error!r}", robot=self.spec.name))
+        self._fail(RobotFailedError(f"its own actor crashed: {shown(error)}", robot=self.spec.name))
         self.on_stop()
 
     def join(self, timeout_s: float) -> list[str]:

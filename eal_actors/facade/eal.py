@@ -13,9 +13,9 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.bundled import bundled_path
 from eal_actors.data import EALData
-from eal_actors.errors import ResourceInUseError, RobotNotFoundError
+from eal_actors.errors import ResourceInUseError, RobotNotFoundError, UnavailableError
 from eal_actors.facade.fleet import Fleet
-from eal_actors.facade.shared import acquire_fleet, release_fleet
+from eal_actors.facade.shared import acquire_fleet, occupy, release_fleet, vacate
 from eal_actors.info import ResourceInfo
 from eal_actors.managers.resources import EALResourceManager
 from eal_actors.resource import Resource
@@ -43,7 +43,8 @@ def connect(host: str | None = None, port: int = DEFAULT_PORT, *, fleet: str | P
     Raises:
         ConfigError: what is wrong with the fleet file.
         RobotNotFoundError: the fleet has no such robot, or several and none was named.
-        RobotFailedError: the robot did not start.
+        RobotFailedError: the robot could not start.
+        UnavailableError: the robot has not started in time, or the fleet given is not connected.
 
     Thread: blocks the caller while the robot starts.
     """
@@ -61,6 +62,8 @@ def connect(host: str | None = None, port: int = DEFAULT_PORT, *, fleet: str | P
 
 
 def _choose(fleet: Fleet, host: str | None, port: int) -> RobotHandle:
+    if not fleet:
+        raise UnavailableError(f"fleet {fleet.name!r} is not connected: use `with fleet:` or fleet.connect()")
     if host is None:
         if len(fleet) != 1:
             raise RobotNotFoundError(f"fleet {fleet.name!r} has {len(fleet)} robots; name one of {', '.join(fleet)}")
@@ -71,7 +74,7 @@ def _choose(fleet: Fleet, host: str | None, port: int) -> RobotHandle:
             f"Name another fleet file with `fleet=` or ${FLEET_VARIABLE}"
         )
     robot = fleet[host]
-    robot.wait_started(0.0)
+    robot.require_started()
     return robot
 
 
@@ -91,6 +94,9 @@ class EAL:
         self._owned_fleet = owned_fleet
         self._manager: EALResourceManager[ResourceHandle] = EALResourceManager(robot)
         self._lent: list[tuple[str, Resource]] = []
+        self._is_open = True
+        if owned_fleet is not None:
+            occupy(robot)
 
     def __repr__(self) -> str:
         return f"<EAL {self._robot.name}>"
@@ -100,6 +106,9 @@ class EAL:
     def disconnect(self) -> None:
         """Close the connection (Source: thesis B.2.1.2).
 
+        The last connection of this process to a robot halts it; where the caller gave `connect` an open Fleet, its
+        robots are the caller's to halt. Calls raise UnavailableError from now on.
+
         Raises:
             ResourceInUseError: resources are still checked out; the connection stays open (thesis B.2.4).
         """
@@ -107,9 +116,16 @@ class EAL:
         self._release()
 
     def _release(self) -> None:
+        self._is_open = False
         fleet, self._owned_fleet = self._owned_fleet, None
         if fleet is not None:
+            vacate(self._robot)
             release_fleet(fleet)
+
+    def _handle(self, resource_id: int) -> ResourceHandle:
+        if not self._is_open:
+            raise UnavailableError("this connection is closed; connect again", robot=self._robot.name)
+        return self._manager.get(resource_id)
 
     def __enter__(self) -> Self:
         return self
@@ -137,51 +153,51 @@ class EAL:
 
     def resource_info(self, resource_id: int) -> ResourceInfo:
         """Return what a resource says of itself (Source: thesis B.2.2.3)."""
-        return self._manager.get(resource_id).info
+        return self._handle(resource_id).info
 
     def resource_info_by_name(self, name: str) -> ResourceInfo:
         """Return what a named resource says of itself (Source: thesis B.2.2.4)."""
-        return self._manager.get(self._manager.find(name)).info
+        return self._handle(self._manager.find(name)).info
 
     def get_status(self, resource_id: int, *, timeout_s: float | None = None) -> int:
         """Return a resource's status; its meaning is the resource's own (Source: thesis B.2.2.5)."""
-        return self._wait(self._manager.get(resource_id).get_status(timeout_s=timeout_s))
+        return self._wait(self._handle(resource_id).get_status(timeout_s=timeout_s))
 
     # Structured resource access.
 
     def get_value(self, resource_id: int, *, timeout_s: float | None = None) -> EALData:
         """Return a resource's value (Source: thesis B.2.3.1)."""
-        return self._wait(self._manager.get(resource_id).get_value(timeout_s=timeout_s))
+        return self._wait(self._handle(resource_id).get_value(timeout_s=timeout_s))
 
     def set_value(self, resource_id: int, value: Any, *, timeout_s: float | None = None) -> int:
         """Set a resource's value; return its status int (Source: thesis B.2.3.2)."""
-        return self._wait(self._manager.get(resource_id).set_value(value, timeout_s=timeout_s))
+        return self._wait(self._handle(resource_id).set_value(value, timeout_s=timeout_s))
 
     def send_req(self, resource_id: int, req: str, *, timeout_s: float | None = None) -> EALData:
         """Return what a resource answers to a request (Source: thesis B.2.3.3)."""
-        return self._wait(self._manager.get(resource_id).send_req(req, timeout_s=timeout_s))
+        return self._wait(self._handle(resource_id).send_req(req, timeout_s=timeout_s))
 
     def send_cmd(self, resource_id: int, cmd: str, data: Any = None, *, timeout_s: float | None = None) -> int:
         """Carry out a command and wait for its end; return its status int (Source: thesis B.2.3.4)."""
-        return self._wait(self._manager.get(resource_id).send_cmd(cmd, data, timeout_s=timeout_s))
+        return self._wait(self._handle(resource_id).send_cmd(cmd, data, timeout_s=timeout_s))
 
     def read_comm(self, resource_id: int, length: int, *, timeout_s: float | None = None) -> EALData:
         """Return up to `length` bytes read (Source: thesis B.2.3.5)."""
-        return self._wait(self._manager.get(resource_id).read_comm(length, timeout_s=timeout_s))
+        return self._wait(self._handle(resource_id).read_comm(length, timeout_s=timeout_s))
 
     def write_comm(
         self, resource_id: int, data: Any, length: int | None = None, *, timeout_s: float | None = None
     ) -> int:
         """Write the first `length` bytes; return how many were written (Source: thesis B.2.3.6)."""
-        return self._wait(self._manager.get(resource_id).write_comm(data, length, timeout_s=timeout_s))
+        return self._wait(self._handle(resource_id).write_comm(data, length, timeout_s=timeout_s))
 
     def get_config(self, resource_id: int, key: str, *, timeout_s: float | None = None) -> EALData:
         """Return a configuration value (Source: thesis B.2.3.7)."""
-        return self._wait(self._manager.get(resource_id).get_config(key, timeout_s=timeout_s))
+        return self._wait(self._handle(resource_id).get_config(key, timeout_s=timeout_s))
 
     def set_config(self, resource_id: int, key: str, value: Any = None, *, timeout_s: float | None = None) -> int:
         """Set a configuration value; return a status int (Source: thesis B.2.3.8)."""
-        return self._wait(self._manager.get(resource_id).set_config(key, value, timeout_s=timeout_s))
+        return self._wait(self._handle(resource_id).set_config(key, value, timeout_s=timeout_s))
 
     @staticmethod
     def _wait(future: Future[T]) -> T:
@@ -199,7 +215,7 @@ class EAL:
         For debugging: its actor goes on using it, and nothing keeps the two of you apart. Each one checked out must
         be returned before `disconnect`.
         """
-        resource = self._manager.get(self._manager.find(name)).resource()
+        resource = self._handle(self._manager.find(name)).resource()
         self._manager.check_out(name)
         self._lent.append((name, resource))
         return resource

@@ -12,7 +12,7 @@ from typing import Final, Self
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
-from eal_actors.actors.handles import CLOSE_TIMEOUT_S, RobotHandle
+from eal_actors.actors.handles import CLOSE_TIMEOUT_S, RobotHandle, close_robots
 from eal_actors.actors.robot_actor import RobotSpec, start_robot
 from eal_actors.actors.supervision import Restart
 from eal_actors.clock import REAL_TIME, Clock, ScaledClock
@@ -76,7 +76,8 @@ class Fleet(Mapping[str, RobotHandle]):
     def connect(self, robots: Iterable[str] | None = None, *, timeout_s: float = START_TIMEOUT_S) -> Self:
         """Connect the robots and wait until each is up or has failed.
 
-        One robot that fails does not keep the others: its `state` and `problems` tell, and the log does.
+        One robot that fails does not keep the others: its `state` and `problems` tell, and the log does. Robots that
+        are connected already stay as they are.
 
         Args:
             robots: the names of those to connect; all if None. The others are not touched.
@@ -92,26 +93,24 @@ class Fleet(Mapping[str, RobotHandle]):
         self._check_plugins(wanted)
         try:
             with self._start_lock:
-                if self._robots:
-                    return self
                 _open_fleets.add(self)
-                for chosen in wanted:
-                    self._robots[chosen.name] = self._start(chosen)
+                for robot in wanted:  # one by one, so that each is known to `close` should Ctrl-C come between
+                    if robot.name not in self._robots:
+                        self._robots = {**self._robots, robot.name: self._start(robot)}
+            self._wait_started([robot.name for robot in wanted], REAL_TIME.now() + timeout_s)
         except BaseException:
             self.close()
             raise
-        end_s = REAL_TIME.now() + timeout_s
-        for robot in list(self._robots.values()):
+        return self
+
+    def _wait_started(self, names: Iterable[str], end_s: float) -> None:
+        for name in names:
             try:
-                robot.wait_started(max(0.0, end_s - REAL_TIME.now()))
+                self[name].wait_started(max(0.0, end_s - REAL_TIME.now()))
             except RobotFailedError:  # its own actor has logged why
                 pass
             except UnavailableError as error:
-                get_logger(robot=robot.name).error("robot is late", reason=error.message)
-            except BaseException:
-                self.close()
-                raise
-        return self
+                get_logger(robot=name).error("robot is late", reason=error.message)
 
     def _check_plugins(self, robots: Iterable[RobotConfig]) -> None:
         problems: set[Problem] = set()
@@ -137,22 +136,20 @@ class Fleet(Mapping[str, RobotHandle]):
         """Halt everything that moves, disconnect every robot and end its threads. Calling it twice is harmless.
 
         Args:
-            timeout_s: real seconds for each robot to stop by itself; what is stuck is abandoned then.
+            timeout_s: real seconds for the robots to stop by themselves; what is stuck is abandoned then.
 
         Thread: blocks the caller.
         """
         with self._start_lock:
-            robots = list(self._robots.values())
-        for robot in robots:
-            robot.begin_close()
-        while self._robots:  # each stays known until it is closed, should Ctrl-C come between
-            name, robot = next(iter(self._robots.items()))
-            robot.close(timeout_s)
-            self._robots.pop(name, None)
-        _open_fleets.discard(self)
+            robots = dict(self._robots)
+        close_robots(list(robots.values()), timeout_s)  # they stay known until then, should Ctrl-C come between
+        with self._start_lock:
+            self._robots = {name: robot for name, robot in self._robots.items() if robots.get(name) is not robot}
+            if not self._robots:
+                _open_fleets.discard(self)
 
     def __enter__(self) -> Self:
-        return self.connect()
+        return self if self._robots else self.connect()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
@@ -178,9 +175,11 @@ class Fleet(Mapping[str, RobotHandle]):
         try:
             return self._robots[name]
         except KeyError:
-            if not self._robots:
-                raise RobotNotFoundError(f"fleet {self.name!r} is not connected, so it has no robot {name!r}") from None
-            raise RobotNotFoundError(unknown_name("robot", name, self._robots)) from None
+            if name in self.config.robots:
+                raise RobotNotFoundError(
+                    f"robot {name!r} of fleet {self.name!r} is not connected; use `with fleet:` or fleet.connect()"
+                ) from None
+            raise RobotNotFoundError(unknown_name("robot", name, self.config.robots)) from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._robots)

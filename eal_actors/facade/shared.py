@@ -1,11 +1,13 @@
-"""Fleets that several EAL connections of one process share: three connects to one simulation must meet in it."""
+"""Fleets and robots that several EAL connections of one process share: three connects must meet in one simulation."""
 
 from __future__ import annotations
 
 import threading
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+from eal_actors.actors.handles import RobotHandle
 from eal_actors.facade.fleet import Fleet
 
 
@@ -17,6 +19,7 @@ class _Shared:
 
 _lock = threading.Lock()
 _fleets: dict[Path, _Shared] = {}
+_connections: Counter[RobotHandle] = Counter()
 
 
 def acquire_fleet(path: Path) -> Fleet:
@@ -45,3 +48,20 @@ def release_fleet(fleet: Fleet) -> None:
                 if shared.users == 0:
                     del _fleets[key]
                     fleet.close()
+
+
+def occupy(robot: RobotHandle) -> None:
+    """Note a connection to a robot; each wants one `vacate`. Thread: any."""
+    with _lock:
+        _connections[robot] += 1
+
+
+def vacate(robot: RobotHandle) -> None:
+    """Note the end of a connection; the last one halts the robot. Thread: any; waits until it has halted."""
+    with _lock:
+        _connections[robot] -= 1
+        is_last = _connections[robot] <= 0
+        if is_last:
+            del _connections[robot]
+    if is_last:
+        robot.halt().exception()  # as far as it still can

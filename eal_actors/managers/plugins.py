@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from eal_actors.errors import ConfigError, EALError, PluginError, Problem
+from eal_actors.errors import ConfigError, EALError, PluginError, Problem, shown
 from eal_actors.info import unknown_name
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, discover
@@ -46,7 +46,7 @@ def import_plugin(manifest: PluginManifest) -> ModuleType:
         try:
             return importlib.import_module(f"{package}.plugin")
         except (Exception, SystemExit) as error:
-            raise PluginError(f"plugin {manifest.name!r} fails to import: {type(error).__name__}: {error}") from error
+            raise PluginError(f"plugin {manifest.name!r} fails to import: {shown(error)}") from error
 
 
 def _package_for(folder: Path, name: str) -> str:
@@ -118,7 +118,7 @@ class ConnectedPlugins:
             try:
                 module.disconnect(plugin)
             except (Exception, SystemExit, KeyboardInterrupt, GeneratorExit) as error:  # noqa: BLE001
-                failed.append(f"{name}: {type(error).__name__}: {error}")
+                failed.append(f"{name}: {shown(error)}")
         if failed:
             raise PluginError(f"disconnect failed in {'; '.join(failed)}")
 
@@ -153,7 +153,7 @@ class EALPluginManager:
     def connect(self, robot: RobotConfig, services: FleetServices) -> ConnectedPlugins:
         """Connect a robot's plugins. One that fails leaves an error, and the others go on.
 
-        Resources of the same name in two plugins are both renamed to `<Plugin>.<Resource>`, whatever the order in
+        Resources of the same name in two plugins are both renamed to `<instance>.<Resource>`, whatever the order in
         which they are found.
 
         Thread: the robot's actor; a plugin may take its time.
@@ -188,7 +188,7 @@ class EALPluginManager:
         try:
             plugin = _with_context(module.connect, context)
         except (Exception, SystemExit, KeyboardInterrupt, GeneratorExit) as error:
-            raise PluginError(f"plugin {manifest.name!r}: connect raised {type(error).__name__}: {error}") from error
+            raise PluginError(f"plugin {manifest.name!r}: connect raised {shown(error)}") from error
         if not isinstance(plugin, EALPlugin):
             raise PluginError(f"plugin {manifest.name!r}: connect returned {plugin!r}, which is no EALPlugin")
         connected.append((settings.instance, module, plugin))  # from here on it is owed a disconnect
@@ -221,6 +221,8 @@ class EALPluginManager:
             return manifest, module, model.model_validate(settings.settings)
         except ValidationError as error:
             raise ConfigError(settings.problems_from(error, model)) from None
+        except Exception as error:
+            raise PluginError(f"plugin {manifest.name!r}: its Settings raised {shown(error)}") from error
 
 
 def _with_context(function: Callable[..., Any], context: PluginContext) -> Any:

@@ -15,9 +15,11 @@ from eal_actors import EAL, EALData, Fleet, classic, connect
 from eal_actors.errors import (
     ArgumentError,
     ConfigError,
+    PreemptedError,
     ResourceInUseError,
     ResourceNotFoundError,
     RobotNotFoundError,
+    UnavailableError,
     UnsupportedError,
 )
 from eal_actors.resource import Resource
@@ -81,6 +83,9 @@ class Line(Resource):
     @request("length", ValueInfo(DataType.INT))
     def length(self):
         return len(self.bytes)
+    @request("echo<number>", ValueInfo(DataType.INT), ValueInfo(DataType.INT))
+    def echo(self, number):
+        return number
     @command("clear")
     def clear(self):
         self.bytes = b""
@@ -203,6 +208,65 @@ def test_an_open_fleet_can_be_used_and_stays_open(line_fleet: Path) -> None:
         assert fleet["one"]["Line"].get_status().get() == 0
 
 
+def test_a_closed_connection_says_so(line_fleet: Path) -> None:
+    with connect("one", fleet=line_fleet), connect("one", fleet=line_fleet) as eal:
+        line = eal.find_resource("Line")
+        eal.disconnect()
+        with pytest.raises(UnavailableError, match="one: this connection is closed; connect again"):
+            eal.get_status(line)
+
+
+def test_the_last_connection_to_a_robot_halts_it() -> None:
+    sim = Path(__file__).parents[2] / "fleets" / "sim.yaml"
+    with connect("evbot2-1", fleet=sim), connect("roomba-1", fleet=sim) as first:
+        base = first.find_resource("Base")
+        with connect("roomba-1", fleet=sim):
+            pass
+        robot = first._robot
+        drive = robot["Base"].send_cmd("r3600", timeout_s=1000.0)
+        robot["Base"].get_config("step_m").get()  # by now it has begun
+        with connect("roomba-1", fleet=sim):
+            pass
+        assert first.get_status(base) == 1
+        first.disconnect()
+        with pytest.raises(PreemptedError, match="halted"):
+            drive.get()
+
+
+def test_a_fleet_that_is_not_connected_says_so(line_fleet: Path) -> None:
+    fleet = Fleet.load(line_fleet)
+    with pytest.raises(UnavailableError, match="is not connected"):
+        connect("one", fleet=fleet)
+    with pytest.raises(RobotNotFoundError, match="robot 'one' of fleet 'fleet' is not connected"):
+        fleet["one"]
+    with pytest.raises(RobotNotFoundError, match="unknown robot 'onee'; did you mean 'one'"):
+        fleet["onee"]
+
+
+def test_robots_can_be_connected_one_after_the_other(line_fleet: Path) -> None:
+    with Fleet.load(line_fleet).connect(["two"]) as fleet:
+        assert list(fleet) == ["two"]
+        two = fleet["two"]
+        fleet.connect()
+        assert sorted(fleet) == ["one", "two"]
+        assert fleet["two"] is two
+        assert [robot.name for robot in fleet.select(["one"])] == ["one"]
+        assert len(fleet.halt().get()) == 2
+        assert fleet.problems == []
+
+
+def test_two_threads_may_connect_one_fleet(line_fleet: Path) -> None:
+    fleet = Fleet.load(line_fleet)
+    threads = [threading.Thread(target=fleet.connect) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    names = [thread.name for thread in threading.enumerate()]
+    assert names.count("one") == names.count("two") == 1
+    fleet.close()
+
+
 def test_a_missing_fleet_file_is_named() -> None:
     with pytest.raises(ConfigError, match=r"nowhere\.yaml"):
         connect(fleet="nowhere.yaml")
@@ -210,19 +274,19 @@ def test_a_missing_fleet_file_is_named() -> None:
 
 def test_many_threads_may_share_one_connection(eal: EAL) -> None:
     line = eal.find_resource("Line")
-    counts: list[int] = []
+    echoes: dict[int, list[int]] = {number: [] for number in range(4)}
 
-    def work() -> None:
+    def work(number: int) -> None:
         for _ in range(50):
-            eal.send_cmd(line, "fill", 3)
-            counts.append(eal.get_status(line))
+            eal.send_cmd(line, "fill", number)
+            echoes[number].append(int(eal.send_req(line, f"echo{number}").value))
 
-    threads = [threading.Thread(target=work) for _ in range(4)]
+    threads = [threading.Thread(target=work, args=(number,)) for number in echoes]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert counts == [3] * 200
+    assert echoes == {number: [number] * 50 for number in range(4)}
 
 
 class TestClassic:

@@ -160,6 +160,55 @@ def test_a_subclass_inherits_overrides_and_adds() -> None:
     assert "wave" not in [c.name for c in Arm().info().commands]
 
 
+class Waving:
+    """A mixin with a command."""
+
+    @command("wave")
+    def wave(self) -> None:
+        """Wave."""
+
+
+class Mixed(Waving, Arm):
+    """Overrides a command without saying so again."""
+
+    def grip(self) -> None:
+        self.log.append("mixed grip")
+
+
+def test_mixins_and_plain_overrides_keep_their_commands() -> None:
+    arm = Mixed()
+    arm.send_cmd("wave")
+    arm.send_cmd("grip")
+    assert arm.log == ["mixed grip"]
+    assert {"wave", "grip", "stop"} <= {c.name for c in arm.info().commands}
+
+
+@pytest.mark.parametrize(
+    ("declare", "message"),
+    [
+        (lambda: command("stop<seconds>", ValueInfo(DataType.DOUBLE), urgent=True), "known by its whole text"),
+        (lambda: command("to<metres", ValueInfo(DataType.DOUBLE)), "stands at its end"),
+        (lambda: command("<metres>to", ValueInfo(DataType.DOUBLE)), "stands at its end"),
+        (lambda: command("to<metres>"), "needs a ValueInfo"),
+        (lambda: request("joint", argument=ValueInfo(DataType.INT)), "nothing but its text"),
+    ],
+)
+def test_a_command_that_could_never_be_called_is_refused_where_it_is_declared(declare: Any, message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        declare()
+
+
+def test_one_command_for_two_methods_is_refused() -> None:
+    with pytest.raises(ArgumentError, match="Twice: first and second are both command 'go'"):
+
+        class Twice(Resource):
+            @command("go")
+            def first(self) -> None: ...
+
+            @command("go")
+            def second(self) -> None: ...
+
+
 def test_a_resource_takes_its_name_from_the_framework() -> None:
     arm = Arm()
     arm.name = "Left.Arm"
