@@ -78,12 +78,17 @@ class ResourceHandle:
         cell.submit(call)
         return call
 
+    def _urgent_call(
+        self, method: str, arguments: tuple[Any, ...], timeout_s: float | None, *, stops: bool
+    ) -> Call[Any]:
+        cell = self._cell
+        call: Call[Any] = Call(cell, method, arguments, cell.timeout_s if timeout_s is None else timeout_s)
+        cell.submit_urgent(call, stops=stops)
+        return call
+
     def get_status(self, *, timeout_s: float | None = None) -> Future[int]:
         """Ask for the status; overtakes what waits, and is answered while a command runs."""
-        cell = self._cell
-        call: Call[int] = Call(cell, "get_status", (), cell.timeout_s if timeout_s is None else timeout_s)
-        cell.submit_urgent(call, stops=False)
-        return call
+        return self._urgent_call("get_status", (), timeout_s, stops=False)
 
     def get_value(self, *, timeout_s: float | None = None) -> Future[EALData]:
         """Ask for the value."""
@@ -103,12 +108,9 @@ class ResourceHandle:
         A newer command takes over from a running one, whose future fails with PreemptedError. A stop overtakes
         everything that waits, and drops the commands that wait.
         """
-        cell = self._cell
-        arguments = (cmd, _as_data(data))
-        if cell.info is not None and cmd in cell.info.urgent_commands:
-            call: Call[int] = Call(cell, "send_cmd", arguments, cell.timeout_s if timeout_s is None else timeout_s)
-            cell.submit_urgent(call, stops=True)
-            return call
+        info, arguments = self._cell.info, (cmd, _as_data(data))
+        if info is not None and cmd in info.urgent_commands:
+            return self._urgent_call("send_cmd", arguments, timeout_s, stops=True)
         return self._call("send_cmd", arguments, timeout_s)
 
     def read_comm(self, length: int, *, timeout_s: float | None = None) -> Future[EALData]:
@@ -130,10 +132,7 @@ class ResourceHandle:
 
     def halt(self, *, timeout_s: float | None = None) -> Future[int]:
         """Stop what moves, at once: overtakes everything, closes the running command, drops those that wait."""
-        cell = self._cell
-        call: Call[int] = Call(cell, "halt", (), cell.timeout_s if timeout_s is None else timeout_s)
-        cell.submit_urgent(call, stops=True)
-        return call
+        return self._urgent_call("halt", (), timeout_s, stops=True)
 
     def resource(self) -> Resource:
         """Return the resource object itself (Source: thesis B.2.4). For debugging: its actor still uses it.

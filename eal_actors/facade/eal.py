@@ -13,7 +13,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.bundled import bundled_path
 from eal_actors.data import EALData
-from eal_actors.errors import ResourceInUseError, RobotNotFoundError, UnavailableError
+from eal_actors.errors import RobotNotFoundError, UnavailableError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.shared import acquire_fleet, occupy, release_fleet, vacate
 from eal_actors.info import ResourceInfo
@@ -93,7 +93,6 @@ class EAL:
         self._robot = robot
         self._owned_fleet = owned_fleet
         self._manager: EALResourceManager[ResourceHandle] = EALResourceManager(robot)
-        self._lent: list[tuple[str, Resource]] = []
         self._is_open = True
         if owned_fleet is not None:
             occupy(robot)
@@ -216,8 +215,7 @@ class EAL:
         be returned before `disconnect`.
         """
         resource = self._handle(self._manager.find(name)).resource()
-        self._manager.check_out(name)
-        self._lent.append((name, resource))
+        self._manager.check_out(name, resource)
         return resource
 
     def return_resource(self, resource: Resource) -> int:
@@ -226,12 +224,8 @@ class EAL:
         Raises:
             ResourceInUseError: it is not checked out.
         """
-        for entry in self._lent:
-            if entry[1] is resource:
-                self._lent.remove(entry)
-                self._manager.check_in(entry[0])
-                return 1
-        raise ResourceInUseError(f"{resource!r} is not checked out, or was returned already")
+        self._manager.check_in(resource)
+        return 1
 
     @contextmanager
     def borrowed(self, name: str) -> Iterator[Resource]:

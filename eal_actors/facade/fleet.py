@@ -24,6 +24,7 @@ from eal_actors.errors import (
     RobotNotFoundError,
     UnavailableError,
 )
+from eal_actors.facade.endings import end_as_before, end_in_good_order
 from eal_actors.info import unknown_name
 from eal_actors.log import get_logger
 from eal_actors.managers.config import EALConfigManager
@@ -76,6 +77,9 @@ class Fleet(Mapping[str, RobotHandle]):
     def connect(self, robots: Iterable[str] | None = None, *, timeout_s: float = START_TIMEOUT_S) -> Self:
         """Connect the robots and wait until each is up or has failed.
 
+        As long as a fleet is connected, SIGTERM and SIGHUP end the program as `sys.exit` does, so that leaving it halts
+        the robots, unless the program has handlers of its own.
+
         One robot that fails does not keep the others: its `state` and `problems` tell, and the log does. Robots that
         are connected already stay as they are.
 
@@ -94,6 +98,7 @@ class Fleet(Mapping[str, RobotHandle]):
         try:
             with self._start_lock:
                 _open_fleets.add(self)
+                end_in_good_order()
                 for robot in wanted:  # one by one, so that each is known to `close` should Ctrl-C come between
                     if robot.name not in self._robots:
                         self._robots = {**self._robots, robot.name: self._start(robot)}
@@ -147,6 +152,8 @@ class Fleet(Mapping[str, RobotHandle]):
             self._robots = {name: robot for name, robot in self._robots.items() if robots.get(name) is not robot}
             if not self._robots:
                 _open_fleets.discard(self)
+        if not _open_fleets:
+            end_as_before()
 
     def __enter__(self) -> Self:
         return self if self._robots else self.connect()

@@ -31,7 +31,7 @@ class EALResourceManager(Generic[T]):
         self._numbers = itertools.count()
         self._id_by_name: dict[str, int] = {}
         self._by_id: dict[int, T] = {}
-        self._lent: Counter[str] = Counter()
+        self._lent: list[tuple[str, object]] = []
 
     def names(self) -> list[str]:
         """Return the resources' names."""
@@ -64,31 +64,28 @@ class EALResourceManager(Generic[T]):
                 f"no resource has the id {resource_id!r} in this connection; find_resource gives ids"
             ) from None
 
-    def check_out(self, name: str) -> None:
-        """Note that a resource is lent; each lending must be returned (Source: thesis B.2.4.1).
-
-        Raises:
-            ResourceNotFoundError: there is none of that name.
-        """
-        self.find(name)
+    def check_out(self, name: str, lent: object) -> None:
+        """Note that something of a resource is lent; each lending must be returned (Source: thesis B.2.4.1)."""
         with self._lock:
-            self._lent[name] += 1
+            self._lent.append((name, lent))
 
-    def check_in(self, name: str) -> None:
+    def check_in(self, lent: object) -> None:
         """Take back one lending (Source: thesis B.2.4.2).
 
         Raises:
             ResourceInUseError: it is not lent.
         """
         with self._lock:
-            if not self._lent[name]:
-                raise ResourceInUseError(f"resource {name!r} is not checked out, or was returned already")
-            self._lent[name] -= 1
+            for entry in self._lent:
+                if entry[1] is lent:
+                    self._lent.remove(entry)
+                    return
+        raise ResourceInUseError(f"{lent!r} is not checked out, or was returned already")
 
     def check_all_returned(self) -> None:
         """Raise ResourceInUseError, naming them, if resources are still lent (Source: thesis B.2.4.1)."""
         with self._lock:
-            out = {name: n for name, n in self._lent.items() if n}
+            out = Counter(name for name, _ in self._lent)
         if out:
             listed = ", ".join(f"{name} ({n} times)" if n > 1 else name for name, n in sorted(out.items()))
             raise ResourceInUseError(f"cannot disconnect: {listed} still checked out; return_resource each of them")
