@@ -2,5 +2,6 @@
 
 from eal_actors.recording.picture import draw_trajectory
 from eal_actors.recording.poses import PoseRecorder, PoseSample
+from eal_actors.recording.table import write_trajectory
 
-__all__ = ["PoseRecorder", "PoseSample", "draw_trajectory"]
+__all__ = ["PoseRecorder", "PoseSample", "draw_trajectory", "write_trajectory"]

@@ -6,7 +6,7 @@ import importlib.util
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias
 
 from eal_actors.log import get_logger
 from eal_actors.recording.poses import PoseSample
@@ -15,25 +15,57 @@ from eal_actors.world import BoxObstacle, WorldModel
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_Dashes: TypeAlias = str | tuple[int, tuple[int, ...]]
+
 # Okabe and Ito's palette: told apart with any colour vision. Each robot has a marker of its own as well.
 _COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
+_DASHES: Final[tuple[_Dashes, ...]] = ("-", (0, (6, 3)), (0, (1, 2)), (0, (7, 2, 1, 2)), (0, (3, 5)))
+"""Styles of line with gaps that let those underneath show: headings often lie upon each other."""
 _MOST_IN_LEGEND: Final = 14
+_MOST_TICKS: Final = 8
+_LOST: Final = ("dropped", "failed")
+"""Outcomes that the picture tells of."""
 _ARROW_M: Final = 0.28
 
 
+class _Look(NamedTuple):
+    """How a robot is drawn; `lost_as` is why it ends in a cross, or None."""
+
+    colour: str
+    marker: str
+    dashes: _Dashes
+    lost_as: str | None
+
+    @classmethod
+    def of(cls, number: int, lost_as: str | None) -> Self:
+        """Return the look of the robot of a number."""
+        return cls(
+            _COLOURS[number % len(_COLOURS)],
+            _MARKERS[number % len(_MARKERS)],
+            _DASHES[number % len(_DASHES)],
+            lost_as,
+        )
+
+
 def draw_trajectory(
-    paths: Mapping[str, Sequence[PoseSample]], world: WorldModel | None, out: Path, title: str
+    paths: Mapping[str, Sequence[PoseSample]],
+    world: WorldModel | None,
+    out: Path,
+    title: str,
+    outcomes: Mapping[str, str] | None = None,
 ) -> Path | None:
     """Draw each robot's path, from its start (hollow) to its end (filled, with its heading), and its heading over time.
 
-    The second part shows what the first cannot: a robot that turns in place.
+    The second part shows what the first cannot: a robot that turns in place. A robot that failed or was dropped ends
+    in a cross.
 
     Args:
-        paths: samples by robot.
+        paths: samples by robot, as `PoseRecorder.paths_since` returns them.
         world: the arena's walls and obstacles; None draws just the paths.
         out: the PNG file to write.
         title: the picture's title.
+        outcomes: how robots fared, by name, see `RobotReport`; None says nothing of it.
 
     Returns:
         The file, or None when matplotlib is not installed, which is logged.
@@ -49,12 +81,13 @@ def draw_trajectory(
     arena, headings = figure.subplots(2, 1, height_ratios=(3, 1))
     if world is not None:
         _draw_world(arena, world)
-    start_s = min((path[0].time_s for path in paths.values() if path), default=0.0)
     for number, (name, path) in enumerate(paths.items()):
         if path:
-            colour, marker = _COLOURS[number % len(_COLOURS)], _MARKERS[number % len(_MARKERS)]
-            _draw_path(arena, name, path, colour, marker)
-            _draw_heading(headings, path, start_s, colour, marker)
+            outcome = (outcomes or {}).get(name)
+            look = _Look.of(number, outcome if outcome in _LOST else None)
+            _draw_path(arena, name, path, look)
+            _draw_heading(headings, path, look)
+    tick_quarter_turns(headings)
     arena.set_title(title, loc="left", fontsize=12)
     arena.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     headings.set(xlabel="time [s]", ylabel="heading [°]")
@@ -62,7 +95,7 @@ def draw_trajectory(
         axes.grid(visible=True, color="#dddddd", linewidth=0.6)
         axes.set_axisbelow(True)
     if 0 < len(paths) <= _MOST_IN_LEGEND:
-        arena.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+        arena.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, handlelength=3.5)
     figure.savefig(out)
     return out
 
@@ -93,25 +126,45 @@ def _draw_world(axes: Axes, world: WorldModel) -> None:
     axes.set_ylim(-height_m / 2 - margin_m, height_m / 2 + margin_m)
 
 
-def _draw_path(axes: Axes, name: str, path: Sequence[PoseSample], colour: str, marker: str) -> None:
+def _draw_path(axes: Axes, name: str, path: Sequence[PoseSample], look: _Look) -> None:
     xs, ys = [sample.x_m for sample in path], [sample.y_m for sample in path]
-    axes.plot(xs, ys, color=colour, linewidth=1.8)
-    axes.plot(xs[:1], ys[:1], marker, color=colour, markerfacecolor="white", markersize=9)
-    axes.plot(xs[-1:], ys[-1:], marker, color=colour, markersize=9, label=name)
+    axes.plot(xs, ys, color=look.colour, linestyle=look.dashes, linewidth=1.8)
+    axes.plot(xs[:1], ys[:1], look.marker, color=look.colour, markerfacecolor="white", markersize=9)
+    label = f"{name} ({look.lost_as})" if look.lost_as else name
+    axes.plot(xs[-1:], ys[-1:], marker=look.marker, color=look.colour, linestyle=look.dashes, markersize=9, label=label)
+    if look.lost_as:
+        _cross(axes, xs[-1], ys[-1])
     end = path[-1]
     axes.annotate(
         "",
         xy=(end.x_m + _ARROW_M * math.cos(end.yaw_rad), end.y_m + _ARROW_M * math.sin(end.yaw_rad)),
         xytext=(end.x_m, end.y_m),
-        arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 1.8},
+        arrowprops={"arrowstyle": "-|>", "color": look.colour, "linewidth": 1.8},
     )
 
 
-def _draw_heading(axes: Axes, path: Sequence[PoseSample], start_s: float, colour: str, marker: str) -> None:
-    times_s = [sample.time_s - start_s for sample in path]
+def _draw_heading(axes: Axes, path: Sequence[PoseSample], look: _Look) -> None:
+    times_s = [sample.time_s for sample in path]
     headings_deg = [math.degrees(yaw_rad) for yaw_rad in _unwrapped(sample.yaw_rad for sample in path)]
-    axes.plot(times_s, headings_deg, color=colour, linewidth=1.5)
-    axes.plot(times_s[-1:], headings_deg[-1:], marker, color=colour, markersize=6)
+    axes.plot(times_s, headings_deg, color=look.colour, linestyle=look.dashes, linewidth=1.8)
+    axes.plot(times_s[-1:], headings_deg[-1:], look.marker, color=look.colour, markersize=6)
+    if look.lost_as:
+        _cross(axes, times_s[-1], headings_deg[-1])
+
+
+def _cross(axes: Axes, x: float, y: float) -> None:
+    axes.plot([x], [y], "x", color="black", markersize=13, markeredgewidth=2.2, zorder=5)
+
+
+def tick_quarter_turns(axes: Axes) -> None:
+    """Put the ticks of a heading a quarter turn apart, or two, four, eight, ... so that they stay few."""
+    from matplotlib.ticker import MultipleLocator
+
+    low_deg, high_deg = axes.get_ylim()
+    step_deg = 90
+    while high_deg - low_deg > step_deg * _MOST_TICKS:
+        step_deg *= 2
+    axes.yaxis.set_major_locator(MultipleLocator(step_deg))
 
 
 def _unwrapped(angles_rad: Iterable[float]) -> Iterator[float]:

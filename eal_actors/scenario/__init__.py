@@ -12,6 +12,7 @@ from eal_actors.scenario.events import (
     RunEnded,
     RunStarted,
     StepEnded,
+    StepRetried,
     StepStarted,
 )
 from eal_actors.scenario.plan import Plan, make_plan
@@ -32,6 +33,7 @@ __all__ = [
     "Scenario",
     "StepEnded",
     "StepRecord",
+    "StepRetried",
     "StepStarted",
     "check_scenario",
     "load_scenario",

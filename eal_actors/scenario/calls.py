@@ -141,7 +141,7 @@ class AnswerStep(CallStep):
     save_as: VariableName | None = None
     """Variable that keeps the answer, for the later steps of the same role."""
     save: Text | None = None
-    """File that keeps the answer, in the robot's folder of the run directory: a PNG where it is an image."""
+    """File that keeps the answer, in the robot's folder of the run directory; its suffix tells how."""
 
 
 class GetStatus(CallStep):

@@ -94,6 +94,7 @@ class Run:
         self._error: BaseException | None = None
         self._is_aborted = False
         self._is_started = False
+        self._start_s: float | None = None
 
     def start(self) -> Future[Report]:
         """Begin; the future is done when everything is over, with success whatever the run's outcome.
@@ -109,8 +110,20 @@ class Run:
         self._journal = Journal(self._directory, self._listeners)
         if self._saves:
             image_writer()  # its import takes long, which would hold up the robots
+        self._started, self._start_s = wall_time(), self._fleet.clock.now()
         threading.Thread(target=self._run, name=f"scenario {self._plan.scenario.name}", daemon=True).start()
         return self._future
+
+    @property
+    def start_s(self) -> float:
+        """When it began, in seconds of the fleet's clock: its events and records count from there.
+
+        Raises:
+            ScenarioError: it was not started.
+        """
+        if self._start_s is None:
+            raise ScenarioError("this run was not started")
+        return self._start_s
 
     def abort(self, reason: str) -> None:
         """Stop the robots and go to `finally`; called again, it skips the rest of `finally`, but not the halts.
@@ -128,8 +141,6 @@ class Run:
     # The run's own thread.
 
     def _run(self) -> None:
-        self._started = wall_time()
-        self._start_s = self._fleet.clock.now()
         try:
             self._loop.run(self._conduct())
         except BaseException as error:  # noqa: BLE001  # whoever waits must get a report
@@ -172,7 +183,7 @@ class Run:
 
     def _tell(self, make_event: Callable[[float], Event]) -> float:
         """Note an event; return the seconds since the run's start."""
-        time_s = self._fleet.clock.now() - self._start_s
+        time_s = self._fleet.clock.now() - self.start_s
         self._journal.tell(make_event(time_s))
         return time_s
 
@@ -187,7 +198,7 @@ class Run:
 
     def _conclude(self) -> Report:
         """Return the report, after writing it down."""
-        duration_s = self._fleet.clock.now() - self._start_s
+        duration_s = self._fleet.clock.now() - self.start_s
         try:
             self._tell(lambda time_s: RunEnded(time_s, self._report(duration_s)))
         except OSError as error:

@@ -68,6 +68,35 @@ class StepStarted(Event):
 
 
 @dataclass(frozen=True, slots=True)
+class StepRetried(Event):
+    """An attempt at a call failed, and another is due after the back-off.
+
+    Attributes:
+        robot: the robot's name.
+        step: path of the step in the scenario file.
+        label: what it does.
+        attempt: number of the attempt that failed, from 1.
+        error: why it failed.
+    """
+
+    kind = "step_retried"
+    robot: str
+    step: str
+    label: str
+    attempt: int
+    error: ErrorReport
+
+    def _fields(self) -> dict[str, Any]:
+        return {
+            "robot": self.robot,
+            "step": self.step,
+            "label": self.label,
+            "attempt": self.attempt,
+            "error": self.error.model_dump(),
+        }
+
+
+@dataclass(frozen=True, slots=True)
 class StepEnded(Event):
     """A call is over.
 

@@ -1,14 +1,20 @@
-"""Keep answers in files: images as PNG, arrays, texts, bytes, and everything else as JSON."""
+"""Keep answers in files, of which the suffix tells how: images, arrays, texts, and everything but bytes as JSON."""
 
 from __future__ import annotations
 
 import json
 from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
-from eal_actors.data import EALData
+from eal_actors.data import DataType, EALData
 from eal_actors.errors import ScenarioError
+from eal_actors.info import ValueInfo
+from eal_actors.strict_model import did_you_mean
+
+SUFFIXES: Final = (".json", ".npy", ".png", ".txt")
+"""How a file's name may end, and with it what the file holds."""
+_NO_IMAGE: Final = "no image of (h, w, 3) unsigned bytes"
 
 
 class _ImageWriter(Protocol):
@@ -20,6 +26,34 @@ def check_file_name(name: str) -> None:
     path = PurePosixPath(name)
     if not path.name or path.is_absolute() or ".." in path.parts or "\0" in name:
         raise ScenarioError(f"{name!r} is no name of a file inside the run's folder")
+
+
+def suffix_problem(name: str) -> str | None:
+    """Return what is wrong with how the name of a file ends, or None."""
+    suffix = PurePosixPath(name).suffix
+    if suffix in SUFFIXES:
+        return None
+    hint = did_you_mean(suffix.lower(), SUFFIXES)
+    found = f"not {suffix}" if suffix else f"and {name!r} has no such ending"
+    known = f"saves as {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+    return f"{known}, {found}{hint if 'did you mean' in hint else ''}"
+
+
+def answer_problem(name: str, answer: ValueInfo) -> str | None:
+    """Return why a file of this name cannot hold the answers that a resource announces, or None."""
+    match PurePosixPath(name).suffix:
+        case ".png":
+            fits = answer.type is DataType.CHAR and len(answer.shape) == 3 and answer.shape[2] in (3, None)
+            lacking = _NO_IMAGE
+        case ".npy":
+            fits, lacking = bool(answer.shape), "no array"
+        case ".txt":
+            fits, lacking = answer.type in (DataType.CHAR, DataType.VOID) and not answer.shape, "no text"
+        case _:
+            return None
+    return (
+        None if fits else f"cannot be saved as {PurePosixPath(name).name}: the answer is {answer.describe()}, {lacking}"
+    )
 
 
 def save_answer(value: object, folder: Path, name: str) -> str | None:
@@ -41,23 +75,36 @@ def save_answer(value: object, folder: Path, name: str) -> str | None:
     Thread: blocks while it writes.
     """
     check_file_name(name)
-    path, note = folder / name, None
-    path.parent.mkdir(parents=True, exist_ok=True)
+    path = folder / name
     plain: Any = value.value if isinstance(value, EALData) else value
-    if isinstance(value, EALData) and value.shape is not None:
-        is_image = value.dtype == "|u1" and len(value.shape) == 3 and value.shape[2] == 3
-        if is_image and path.suffix == ".png":
-            note = _save_image(path, plain)
-        elif path.suffix == ".npy":
-            _save_array(path, plain)
-        else:
-            _save_text(path, json.dumps(plain.tolist()))
+    if (lacking := _misfit(path.suffix, value, plain)) is not None:
+        raise ScenarioError(f"{path.name} cannot hold this value: it is {lacking}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".png":
+        return _save_image(path, plain)
+    if path.suffix == ".npy":
+        _save_array(path, plain)
     elif isinstance(plain, bytes):
-        _refuse_image_name(path)
         path.write_bytes(plain)
+    elif path.suffix == ".txt":
+        path.write_text(plain, encoding="utf-8")
     else:
-        _save_text(path, plain if isinstance(plain, str) else json.dumps(plain))
-    return note
+        is_array = isinstance(value, EALData) and value.shape is not None
+        path.write_text(json.dumps(plain.tolist() if is_array else plain), encoding="utf-8")
+    return None
+
+
+def _misfit(suffix: str, value: object, plain: object) -> str | None:
+    """Return why a value does not go into a file of a suffix, or None."""
+    shape = value.shape if isinstance(value, EALData) else None
+    if suffix == ".png":
+        is_image = isinstance(value, EALData) and value.dtype == "|u1" and shape is not None and shape[2:] == (3,)
+        return None if is_image else _NO_IMAGE
+    if suffix == ".npy":
+        return None if shape is not None or isinstance(plain, list) else "no array"
+    if suffix == ".txt":
+        return None if isinstance(plain, str | bytes) else "no text"
+    return "bytes, which JSON has no form for; save them as .txt" if isinstance(plain, bytes) else None
 
 
 @cache
@@ -97,15 +144,3 @@ def _save_array(path: Path, array: Any) -> None:
     import numpy as np
 
     np.save(path, array, allow_pickle=False)
-
-
-def _save_text(path: Path, text: str) -> None:
-    _refuse_image_name(path)
-    path.write_text(text, encoding="utf-8")
-
-
-def _refuse_image_name(path: Path) -> None:
-    if path.suffix in (".png", ".npy"):
-        raise ScenarioError(
-            f"{path.name} cannot hold this value: it is no {'image' if path.suffix == '.png' else 'array'}"
-        )

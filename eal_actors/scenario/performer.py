@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,7 +23,7 @@ from eal_actors.scenario.calls import (
     final_action,
     resolved_fields,
 )
-from eal_actors.scenario.events import Event, LogLine, RobotDropped, StepEnded, StepStarted
+from eal_actors.scenario.events import Event, LogLine, RobotDropped, StepEnded, StepRetried, StepStarted
 from eal_actors.scenario.files import save_answer
 from eal_actors.scenario.loop import Branch, Loop
 from eal_actors.scenario.model import ForStep, LogStep, OnStep, RepeatStep, Step, WaitStep
@@ -223,6 +224,7 @@ class Performer:
             error = yield from self._attempt(step, call, robot, variables)
             if error is None or attempts > retries or self.is_stopping:
                 break
+            self._tell(partial(_retried, robot.name, path, call.label, attempts, ErrorReport.of(error)))
             if isinstance(policy, RetryPolicy) and policy.back_off_s:
                 yield from self._until_done(self._loop.sleep(policy.back_off_s))
                 if self.is_stopping:
@@ -307,6 +309,10 @@ class Performer:
             if all(other.outcome is not None for other in self._robots.values()):
                 self.stop()  # nobody is left to go on with
             yield from self.halt([robot])
+
+
+def _retried(robot: str, step: str, label: str, attempt: int, error: ErrorReport, time_s: float) -> StepRetried:
+    return StepRetried(time_s, robot, step, label, attempt, error)
 
 
 def _resolve(step: CallStep, variables: Mapping[str, object]) -> _Call:

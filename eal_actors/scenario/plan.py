@@ -102,7 +102,7 @@ def _unknown_words(role: str, section: RoleSection, manager: EALConfigManager, t
 
 def _not_started(robot: RobotHandle) -> EALError | None:
     try:
-        robot.wait_started(0.0)
+        robot.require_started()
     except (RobotFailedError, UnavailableError) as error:
         return RobotFailedError(error.message, robot=robot.name)
     return None

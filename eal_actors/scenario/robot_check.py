@@ -10,9 +10,9 @@ from typing import Any, Final
 
 from eal_actors.data import EALData
 from eal_actors.errors import ArgumentError, EALError, Problem
-from eal_actors.info import METHODS, ResourceInfo, unknown_name
+from eal_actors.info import METHODS, ResourceInfo, ValueInfo, unknown_name
 from eal_actors.scenario.calls import AnswerStep, CallStep, call_fields, resolved_fields
-from eal_actors.scenario.files import check_file_name
+from eal_actors.scenario.files import answer_problem, check_file_name
 from eal_actors.scenario.model import ForStep, OnStep, RepeatStep, Step
 from eal_actors.scenario.scenario import Scenario
 from eal_actors.scenario.variables import names_in, substitute_text
@@ -132,6 +132,11 @@ class _Checker:
         except EALError as error:
             at = next(iter(call_fields(step)), "resource")
             self._report((*path, step.method, at), error.message, robots)
+            return
+        if isinstance(step, AnswerStep) and step.save is not None:
+            answer = _answer_info(step.method, info, given)
+            if answer is not None and (problem := answer_problem(step.save, answer)) is not None:
+                self._report((*path, "save"), problem, robots)
 
     def _file_names(self, template: str, path: YamlPath, loops: Loops) -> None:
         within = {name: loops[name] for name in names_in(template) if name in loops}
@@ -176,6 +181,17 @@ def _check_arguments(method: str, info: ResourceInfo, given: Mapping[str, Any]) 
             info.value.check(data, "its value")
     elif method == "write_comm":
         EALData.of(given["data"])
+
+
+def _answer_info(method: str, info: ResourceInfo, given: Mapping[str, Any]) -> ValueInfo | None:
+    """Return what a resource says of its answer to a call that it takes, or None if it says nothing."""
+    if method == "get_value":
+        return info.value
+    if method == "send_req" and info.requests:
+        return info.parse_request(str(given["req"]))[0].returns
+    if method == "get_config" and info.configs:
+        return info.config(str(given["key"])).value
+    return None
 
 
 def _check_config(info: ResourceInfo, key: str, data: EALData | None) -> None:

@@ -4,22 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from eal_actors.errors import Problem, ScenarioError
 from eal_actors.scenario.calls import AnswerStep, CallStep, call_fields
-from eal_actors.scenario.model import INDEX, ForStep, LogStep, OnStep, RepeatStep, ScenarioFile, Step
+from eal_actors.scenario.files import suffix_problem
+from eal_actors.scenario.model import ForStep, LogStep, OnStep, RepeatStep, ScenarioFile, Step
 from eal_actors.scenario.variables import names_in, unknown_variable
 from eal_actors.strict_model import did_you_mean
 from eal_actors.yaml_tree import YamlPath, YamlTree
 
 
+class _Loop(NamedTuple):
+    """A loop's variable, and how many values it takes."""
+
+    name: str
+    passes: int
+
+
 @dataclass(frozen=True, slots=True)
 class _Scope:
-    """What is known where a step stands."""
+    """What is known where a step stands.
+
+    Attributes:
+        role: the role of the `on` around it.
+        around: the loops around it, from the outermost.
+        is_finally: it belongs to `finally`.
+    """
 
     role: str | None = None
-    loops: frozenset[str] = frozenset()
+    around: tuple[_Loop, ...] = ()
     is_finally: bool = False
+
+    @property
+    def loops(self) -> frozenset[str]:
+        """The variables of the loops."""
+        return frozenset(loop.name for loop in self.around)
+
+    def inside(self, step: ForStep | RepeatStep) -> _Scope:
+        """Return the scope of a loop's steps."""
+        name, values = step.loop
+        return replace(self, around=(*self.around, _Loop(name, len(values))))
 
 
 def check_scope(file: ScenarioFile, tree: YamlTree) -> list[Problem]:
@@ -63,7 +88,7 @@ class _Checker:
         elif isinstance(step, ForStep):
             self._for(step, path, scope)
         elif isinstance(step, RepeatStep):
-            self.visit_all(step.do, (*path, "do"), replace(scope, loops=scope.loops | {INDEX}))
+            self.visit_all(step.do, (*path, "do"), scope.inside(step))
         elif isinstance(step, LogStep):
             self._texts(step.log, (*path, "log"), scope)
 
@@ -87,7 +112,7 @@ class _Checker:
             if "${" in str(value):
                 message = "the values of a loop are taken as they stand; ${...} has no meaning in them"
                 self._report((*path, "for", name, index), message)
-        self.visit_all(step.do, (*path, "do"), replace(scope, loops=scope.loops | {name}))
+        self.visit_all(step.do, (*path, "do"), scope.inside(step))
 
     def _call(self, step: CallStep, path: YamlPath, scope: _Scope) -> None:
         if scope.role is None:
@@ -104,11 +129,24 @@ class _Checker:
             self._answer(step, path, scope)
 
     def _answer(self, step: AnswerStep, path: YamlPath, scope: _Scope) -> None:
-        self._texts(step.save, (*path, "save"), scope)
+        if step.save is not None:
+            self._save(step.save, (*path, "save"), scope)
         if step.save_as is not None:
             if step.save_as in scope.loops:
                 self._report((*path, "save_as"), f"'{step.save_as}' is the variable of a loop around this step")
             self.saved.setdefault(scope.role or "", set()).add(step.save_as)
+
+    def _save(self, name: str, path: YamlPath, scope: _Scope) -> None:
+        self._texts(name, path, scope)
+        if problem := suffix_problem(name):
+            self._report(path, problem)
+        try:
+            used = frozenset(names_in(name))
+        except ScenarioError:  # reported with its text
+            return
+        if used <= scope.loops:  # with what is saved during the run, no name need come twice
+            for problem in _overwrites(used, scope.around):
+                self._report(path, problem)
 
     def _texts(self, value: object, path: YamlPath, scope: _Scope, *, loops_only: bool = False) -> None:
         """Check the variables in a value, item by item where it is a list."""
@@ -127,3 +165,23 @@ class _Checker:
                 self._report(path, unknown_variable(name, scope.loops | saved))
             elif loops_only and name not in scope.loops:
                 self._report(path, f"the resource must be known before the run, and '{name}' is saved during it")
+
+
+def _overwrites(used: frozenset[str], around: Sequence[_Loop]) -> list[str]:
+    """Return which loops around a step have a file of its overwritten.
+
+    Args:
+        used: the variables in the file's name.
+        around: the loops, from the outermost.
+    """
+    problems: dict[str, None] = {}
+    for number, loop in enumerate(around):
+        if loop.passes == 1:
+            continue
+        if loop.name not in used:
+            problems[f"each pass of the loop around it overwrites the file: its name lacks ${{{loop.name}}}"] = None
+        elif any(inner.name == loop.name for inner in around[number + 1 :]):
+            message = "each pass of the outer 'repeat' overwrites the files of the one before: "
+            hidden = f"${{{loop.name}}} is that of the inner 'repeat' here; write one of them as a 'for'"
+            problems[message + hidden] = None
+    return list(problems)

@@ -8,18 +8,15 @@ class SampleResource(Resource):
 
     types = ResourceType.SENSOR | ResourceType.ACTUATOR
     value = ValueInfo(DataType.INT)  # so the framework answers anything but an int with an ArgumentError
-
-    def __init__(self) -> None:
-        self._number = 0
+    _number = 0
 
     def get_value(self) -> int:
         """Return the int; 0 at first."""
         return self._number
 
-    def set_value(self, data: EALData) -> int:
-        """Keep the int; return 1."""
+    def set_value(self, data: EALData) -> None:
+        """Keep the int; the caller is answered 1, success."""
         self._number = data.value
-        return 1
 
     def halt(self) -> None:
         """Do nothing: an int does not move."""

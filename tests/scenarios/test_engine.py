@@ -27,6 +27,7 @@ from eal_actors.scenario import (
     RunStarted,
     StepEnded,
     StepRecord,
+    StepRetried,
     StepStarted,
     make_plan,
     run_scenario,
@@ -299,30 +300,60 @@ def test_a_run_is_for_once(two: Fleet, tmp_path: Path) -> None:
         once.start()
 
 
+def test_a_run_tells_when_it_began(tmp_path: Path) -> None:
+    clock = ManualClock(100.0)
+    with rigs(tmp_path, clock=clock, a={}) as fleet:
+        once = Run(make_plan(scenario(tmp_path, "steps: [{wait_s: 3}]\n"), fleet), fleet)
+        with pytest.raises(ScenarioError, match="this run was not started"):
+            _ = once.start_s
+        future = once.start()
+        assert once.start_s == 100.0
+        advance_until_done(clock, future)
+
+        assert once.start_s == 100.0
+
+
 # Failures.
 
 
 def test_a_call_is_tried_again(tmp_path: Path) -> None:
+    watch, folder = Watch(), tmp_path / "run"
     with rigs(tmp_path, a={"failures": 2}) as fleet:
         report = run(
             fleet,
             tmp_path,
             f"{ON}  - send_cmd: {{resource: Base, cmd: flaky}}\n    on_failure: {{retry: 2, back_off_s: 0.5}}\n",
+            directory=folder,
+            listeners=[watch],
         )
 
     (record,) = report.steps
     assert (report.outcome, record.outcome, record.attempts, record.error) == ("done", "done", 3, None)
     assert record.end_s - record.start_s >= 1.0
+    retries = [event for event in watch.events if isinstance(event, StepRetried)]
+    assert [(event.robot, event.step, event.label, event.attempt) for event in retries] == [
+        ("a", "steps[0].do[0]", "send_cmd Base flaky", 1),
+        ("a", "steps[0].do[0]", "send_cmd Base flaky", 2),
+    ]
+    assert [event.error.message.rpartition(": ")[2] for event in retries] == ["try 1", "try 2"]
+    assert retries[1].time_s - retries[0].time_s >= 0.5
+    written = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    assert [line for line in written if line["event"] == "step_retried"] == [event.to_dict() for event in retries]
 
 
 def test_retries_come_to_an_end(tmp_path: Path) -> None:
+    watch = Watch()
     with rigs(tmp_path, a={"failures": 2}) as fleet:
         report = run(
-            fleet, tmp_path, f"on_failure: {{retry: 1}}\n{ON}  - send_cmd: {{resource: Base, cmd: flaky}}\n  - log: x\n"
+            fleet,
+            tmp_path,
+            f"on_failure: {{retry: 1}}\n{ON}  - send_cmd: {{resource: Base, cmd: flaky}}\n  - log: x\n",
+            listeners=[watch],
         )
 
     (record,) = report.steps
     assert (report.outcome, record.outcome, record.attempts) == ("failed", "failed", 2)
+    assert [event.attempt for event in watch.events if isinstance(event, StepRetried)] == [1], "the last one is final"
     assert record.error is not None
     assert (record.error.code, record.error.message) == (
         "resource_fault",

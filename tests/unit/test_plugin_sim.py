@@ -345,6 +345,9 @@ def test_the_camera_is_a_test_card_that_turns_with_the_robot() -> None:
     robot.do("l30")  # half the field of view: what was at the left edge is in the middle
     turned = robot.camera.get_value().value
     np.testing.assert_allclose(turned[0, 160:].astype(int), ahead[0, :160], atol=1)
+    lettering = (slice(24, 108), slice(58, 262))
+    assert set(np.unique(ahead[lettering])) == {0, 255}
+    np.testing.assert_array_equal(turned[lettering], ahead[lettering])  # TEST stays where it is
     with pytest.raises(ArgumentError, match="read-only"):
         robot.camera.set_config("width", EALData.of(640))
 

@@ -7,29 +7,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eal_actors.data import EALData
+from eal_actors.data import DataType, EALData
 from eal_actors.errors import ScenarioError
-from eal_actors.scenario.files import check_file_name, image_writer, save_answer
+from eal_actors.info import ValueInfo
+from eal_actors.scenario.files import answer_problem, check_file_name, image_writer, save_answer, suffix_problem
 
 RED = np.zeros((2, 3, 3), dtype=np.uint8)
 RED[..., 0] = 200
 
 
 @pytest.mark.parametrize(
-    ("value", "content"),
+    ("name", "value", "content"),
     [
-        (EALData.of("hello"), b"hello"),
-        (EALData.of(b"\x00\xff"), b"\x00\xff"),
-        (EALData.of(1.5), b"1.5"),
-        (EALData.of(True), b"true"),
-        (EALData.of([1, 2]), b"[1, 2]"),
-        (EALData.of(np.array([[1.0, 2.0]])), b"[[1.0, 2.0]]"),
-        (EALData.of(None), b"null"),
+        ("a.txt", EALData.of("hello"), b"hello"),
+        ("a.txt", EALData.of(b"\x00\xff"), b"\x00\xff"),
+        ("a.json", EALData.of("hello"), b'"hello"'),
+        ("a.json", EALData.of(1.5), b"1.5"),
+        ("a.json", EALData.of(True), b"true"),
+        ("a.json", EALData.of([1, 2]), b"[1, 2]"),
+        ("a.json", EALData.of(np.array([[1.0, 2.0]])), b"[[1.0, 2.0]]"),
+        ("a.json", EALData.of(None), b"null"),
     ],
 )
-def test_an_answer_is_saved(tmp_path: Path, value: EALData, content: bytes) -> None:
-    assert save_answer(value, tmp_path / "robot", "deep/answer.txt") is None
-    assert (tmp_path / "robot" / "deep" / "answer.txt").read_bytes() == content
+def test_an_answer_is_saved(tmp_path: Path, name: str, value: EALData, content: bytes) -> None:
+    assert save_answer(value, tmp_path / "robot", f"deep/{name}") is None
+    assert (tmp_path / "robot" / "deep" / name).read_bytes() == content
 
 
 def test_an_image_is_a_png_with_its_colours(tmp_path: Path) -> None:
@@ -67,18 +69,69 @@ def test_without_either_an_image_is_an_array(tmp_path: Path, monkeypatch: pytest
 
 def test_an_array_can_be_kept_whole(tmp_path: Path) -> None:
     save_answer(EALData.of(np.array([0.1, 0.2], dtype=np.float32)), tmp_path, "a.npy")
+    save_answer(EALData.of([1.5, 2]), tmp_path, "list.npy")
     save_answer(EALData.of(RED), tmp_path, "a.json")
 
+    assert np.array_equal(np.load(tmp_path / "list.npy"), [1.5, 2.0])
     assert np.load(tmp_path / "a.npy").dtype == np.float32
     assert json.loads((tmp_path / "a.json").read_text()) == RED.tolist()
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.npy"])
-@pytest.mark.parametrize("value", [EALData.of("text"), EALData.of(b"x"), EALData.of(1), EALData.of([1, 2])])
-def test_what_is_no_picture_gets_no_picture_file(tmp_path: Path, value: EALData, name: str) -> None:
-    with pytest.raises(ScenarioError, match=rf"^{name} cannot hold this value: it is no (image|array)$"):
+@pytest.mark.parametrize(
+    ("name", "value", "what"),
+    [
+        ("a.png", EALData.of("text"), r"no image of \(h, w, 3\) unsigned bytes"),
+        ("a.png", EALData.of([1, 2]), r"no image of \(h, w, 3\) unsigned bytes"),
+        ("a.png", EALData.of(RED[..., :2].copy()), r"no image of \(h, w, 3\) unsigned bytes"),
+        ("a.png", EALData.of(RED.astype(float)), r"no image of \(h, w, 3\) unsigned bytes"),
+        ("a.npy", EALData.of("text"), "no array"),
+        ("a.npy", EALData.of(1), "no array"),
+        ("a.txt", EALData.of(1), "no text"),
+        ("a.txt", EALData.of(RED), "no text"),
+        ("a.json", EALData.of(b"x"), "bytes, which JSON has no form for; save them as .txt"),
+    ],
+)
+def test_what_does_not_go_into_a_file_is_refused(tmp_path: Path, name: str, value: EALData, what: str) -> None:
+    with pytest.raises(ScenarioError, match=rf"^{name} cannot hold this value: it is {what}$"):
         save_answer(value, tmp_path, name)
     assert not (tmp_path / name).exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("a.json", None),
+        ("deep/a.${i}.png", None),
+        ("a.jpg", "saves as .json, .npy, .png or .txt, not .jpg; did you mean '.png'?"),
+        ("a.PNG", "saves as .json, .npy, .png or .txt, not .PNG; did you mean '.png'?"),
+        ("a.csv", "saves as .json, .npy, .png or .txt, not .csv"),
+        ("a.${i}", "saves as .json, .npy, .png or .txt, not .${i}"),
+        ("a.b/c", "saves as .json, .npy, .png or .txt, and 'a.b/c' has no such ending"),
+    ],
+)
+def test_a_name_ends_as_it_is_saved(name: str, expected: str | None) -> None:
+    assert suffix_problem(name) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "answer", "fits"),
+    [
+        ("a.png", ValueInfo(DataType.CHAR, shape=(240, 320, 3)), True),
+        ("a.png", ValueInfo(DataType.CHAR, shape=(None, None, None)), True),
+        ("a.png", ValueInfo(DataType.CHAR, shape=(240, 320, 4)), False),
+        ("a.png", ValueInfo(DataType.CHAR, shape=(240, 3)), False),
+        ("a.png", ValueInfo(DataType.DOUBLE, shape=(240, 320, 3)), False),
+        ("a.png", ValueInfo(DataType.CHAR), False),
+        ("a.npy", ValueInfo(DataType.DOUBLE, shape=(3,)), True),
+        ("a.npy", ValueInfo(DataType.DOUBLE), False),
+        ("a.txt", ValueInfo(DataType.CHAR), True),
+        ("a.txt", ValueInfo(DataType.CHAR, shape=(240, 320, 3)), False),
+        ("a.txt", ValueInfo(DataType.INT), False),
+        ("a.json", ValueInfo(DataType.INT), True),
+    ],
+)
+def test_announced_answers_go_into_their_files(name: str, answer: ValueInfo, fits: bool) -> None:
+    assert (answer_problem(name, answer) is None) == fits
 
 
 @pytest.mark.parametrize("name", ["", ".", "/etc/x", "../x", "a/../../x", "a\0b"])

@@ -164,6 +164,38 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             "10:30: finally[0].do[0].log: unknown variable 'a'; no variable is known here",
         ),
         (
+            in_role("get_value: {resource: Eye}\n    save: a.jpg"),
+            "9:11: steps[0].do[0].save: saves as .json, .npy, .png or .txt, not .jpg; did you mean '.png'?",
+        ),
+        (
+            in_role("repeat: 2\n    do: [{get_value: {resource: Eye}, save: a.png}]"),
+            (
+                "9:45: steps[0].do[0].do[0].save: each pass of the loop around it overwrites the file: "
+                "its name lacks ${i}"
+            ),
+        ),
+        (
+            in_role("for: {n: [1, 2]}\n    do: [{repeat: 2, do: [{get_value: {resource: Eye}, save: 'a.${i}.png'}]}]"),
+            (
+                "9:62: steps[0].do[0].do[0].do[0].save: each pass of the loop around it overwrites the file: "
+                "its name lacks ${n}"
+            ),
+        ),
+        (
+            "steps: [{for: {n: [1, 2]}, do: [{on: r, do: [{get_value: {resource: Eye}, save: a.png}]}]}]",
+            (
+                "5:81: steps[0].do[0].do[0].save: each pass of the loop around it overwrites the file: "
+                "its name lacks ${n}"
+            ),
+        ),
+        (
+            in_role("repeat: 2\n    do: [{repeat: 2, do: [{get_value: {resource: Eye}, save: 'a.${i}.png'}]}]"),
+            (
+                "9:62: steps[0].do[0].do[0].do[0].save: each pass of the outer 'repeat' overwrites the files of the "
+                "one before: ${i} is that of the inner 'repeat' here; write one of them as a 'for'"
+            ),
+        ),
+        (
             in_role("log: x") + "finally: [{on: r, do: [{halt: {resource: B}, on_failure: drop}]}]",
             (
                 "9:46: finally[0].do[0].on_failure: has no effect in 'finally': "
@@ -193,6 +225,22 @@ def test_variables_are_known_where_they_should_be(tmp_path: Path) -> None:
         )
         + "- on: r\n  do: [{set_value: {resource: Base, value: ['${seen}', 2]}}]\n",
     )
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "for: {n: [1, 2]}\n    do: [{repeat: 2, do: [{get_value: {resource: Eye}, save: '${n}/${i}.png'}]}]",
+        "for: {n: [1]}\n    do: [{get_value: {resource: Eye}, save: a.png}]",
+        "repeat: 1\n    do: [{repeat: 2, do: [{get_value: {resource: Eye}, save: '${i}.png'}]}]",
+        (
+            "repeat: 2\n    do: [{get_value: {resource: Eye}, save_as: seen}, "
+            "{get_value: {resource: Eye}, save: '${seen}.png'}]"
+        ),
+    ],
+)
+def test_files_that_need_not_be_overwritten(tmp_path: Path, step: str) -> None:
+    load(tmp_path, in_role(step))
 
 
 def test_what_another_role_saved_is_not_known(tmp_path: Path) -> None:

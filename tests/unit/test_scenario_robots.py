@@ -20,13 +20,16 @@ BASE = ResourceInfo(
     frozenset({"send_cmd", "set_value", "send_req", "get_config", "set_config"}),
     value=ValueInfo(DataType.INT, minimum=0, maximum=9),
     commands=(CommandInfo("g"), CommandInfo("r<degrees>", ANGLE), CommandInfo("say", ValueInfo(DataType.CHAR))),
-    requests=(CommandInfo("name"),),
+    requests=(CommandInfo("name"), CommandInfo("number", returns=ValueInfo(DataType.INT))),
     configs=(ConfigInfo("gain", ValueInfo(DataType.DOUBLE, None, 0, 1)), ConfigInfo("serial", ANGLE, writable=False)),
 )
 EYE = ResourceInfo("Eye", ResourceType.SENSOR, frozenset({"get_value", "send_req"}))
+LIDAR = ResourceInfo(
+    "Lidar", ResourceType.SENSOR, frozenset({"get_value"}), value=ValueInfo(DataType.DOUBLE, shape=(8,))
+)
 FREE = ResourceInfo("Free", ResourceType.OTHER, frozenset({"send_cmd", "write_comm", "set_value"}))
 ROBOTS = {
-    "a": RobotFacts({"Base": BASE, "Eye": EYE, "Free": FREE}),
+    "a": RobotFacts({"Base": BASE, "Eye": EYE, "Lidar": LIDAR, "Free": FREE}),
     "b": RobotFacts({"Base": BASE, "Free": FREE}, "; left out: no camera"),
 }
 FLEET = """\
@@ -66,6 +69,8 @@ def test_a_scenario_that_fits_has_no_problems(tmp_path: Path) -> None:
         "send_req: {resource: Base, req: name}",
         "send_cmd: {resource: Free, cmd: whatever, data: [1, 2]}",
         "write_comm: {resource: Free, data: abc}",
+        "send_req: {resource: Base, req: name}\n    save: x.png",
+        "get_config: {resource: Base, key: gain}\n    save: x.json",
         "halt: {resource: Base}",
     )
 
@@ -129,6 +134,24 @@ def test_a_scenario_that_fits_has_no_problems(tmp_path: Path) -> None:
         (
             "get_value: {resource: Eye}\n    save: ../x.png",
             "9:11: steps[0].do[0].save: '../x.png' is no name of a file inside the run's folder",
+        ),
+        (
+            "send_req: {resource: Base, req: number}\n    save: x.png",
+            (
+                "9:11: steps[0].do[0].save: a: cannot be saved as x.png: "
+                "the answer is int, no image of (h, w, 3) unsigned bytes"
+            ),
+        ),
+        (
+            "get_config: {resource: Base, key: gain}\n    save: x.txt",
+            "9:11: steps[0].do[0].save: a: cannot be saved as x.txt: the answer is double 0..1, no text",
+        ),
+        (
+            "get_value: {resource: Lidar}\n    save: x.png",
+            (
+                "9:11: steps[0].do[0].save: a: cannot be saved as x.png: "
+                "the answer is double (8), no image of (h, w, 3) unsigned bytes"
+            ),
         ),
         (
             "for: {n: [[1, 2]]}\n    do: [{send_cmd: {resource: Base, cmd: 'r${n}'}}]",
@@ -201,7 +224,7 @@ def test_what_is_saved_during_the_run_is_not_checked(tmp_path: Path) -> None:
     body = steps(
         "get_value: {resource: Base}\n    save_as: seen",
         "set_value: {resource: Base, value: '${seen}'}",
-        "get_value: {resource: Base}\n    save: '../${seen}'",
+        "get_value: {resource: Base}\n    save: '../${seen}.json'",
     )
 
     assert [problem.partition(" Base does")[0] for problem in problems(tmp_path, body, {"a": ROBOTS["a"]})] == [
