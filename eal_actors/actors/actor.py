@@ -12,7 +12,7 @@ from pykka.messages import _ActorStop
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
-from eal_actors.actors.inbox import Inbox, Timer
+from eal_actors.actors.inbox import Action, Inbox
 from eal_actors.clock import Clock
 from eal_actors.errors import EALError, UnavailableError, shown
 from eal_actors.log import get_logger
@@ -93,7 +93,7 @@ class EALActor(pykka.ThreadingActor):
                 self.crash(error)
 
     def _handle_receive(self, message: Any) -> Any:
-        if type(message) is Timer:
+        if type(message) is Action:
             action = message.action
             message.action = None
             return action() if action is not None else None

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import heapq
 import itertools
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 from eal_actors.clock import Clock, new_waiter, wake
 from eal_actors.errors import BusyError, EALError
-
-_ROUNDING_S: Final = 1e-9
-"""A timer this close is due: now + (time - now) is not always time."""
+from eal_actors.timers import ROUNDING_S, Timer, TimerHeap
 
 
 class Envelope(Protocol):
@@ -30,28 +27,17 @@ class Envelope(Protocol):
         ...
 
 
-class Timer:
-    """An action for later. It is its own envelope, and its own message."""
+class Action(Timer):
+    """A timer as an inbox holds it: its own envelope, and its own message."""
 
-    __slots__ = ("_inbox", "action", "time_s")
+    __slots__ = ()
 
     reply_to = None
 
-    def __init__(self, time_s: float, action: Callable[[], None], inbox: Inbox) -> None:
-        self.time_s = time_s
-        self.action: Callable[[], None] | None = action
-        self._inbox = inbox
-
     @property
-    def message(self) -> Timer:
+    def message(self) -> Action:
         """See Envelope."""
         return self
-
-    def cancel(self) -> None:
-        """Call it off; harmless when it has rung. Thread: any."""
-        if self.action is not None:
-            self.action = None
-            self._inbox._timer_cancelled()  # they are one thing in two classes
 
 
 class Inbox:
@@ -74,8 +60,7 @@ class Inbox:
         self._reader_waits = False
         self._urgent: deque[Envelope] = deque()
         self._normal: deque[tuple[int, Envelope]] = deque()
-        self._timers: list[tuple[float, int, Timer]] = []
-        self._cancelled_timers = 0
+        self._timers: TimerHeap[Action] = TimerHeap()
         self._order = itertools.count()
         self._closed_by: EALError | None = None
 
@@ -136,12 +121,12 @@ class Inbox:
             self._wake_reader()
         return dropped
 
-    def call_at(self, time_s: float, action: Callable[[], None]) -> Timer:
+    def call_at(self, time_s: float, action: Callable[[], None]) -> Action:
         """Run the action in the reading thread when the clock shows `time_s`. Thread: any; never blocks."""
-        timer = Timer(time_s, action, self)
         with self._lock:
-            heapq.heappush(self._timers, (time_s, next(self._order), timer))
-            if self._timers[0][2] is timer:
+            timer = Action(time_s, next(self._order), action)
+            self._timers.add(timer)
+            if self._timers.first() is timer:
                 self._wake_reader()
         return timer
 
@@ -153,19 +138,11 @@ class Inbox:
 
         Thread: any; never blocks.
         """
-        self.put_urgent(Timer(0.0, action, self), bounded=False)
+        self.put_urgent(Action(0.0, 0, action), bounded=False)
 
-    def call_later(self, delay_s: float, action: Callable[[], None]) -> Timer:
+    def call_later(self, delay_s: float, action: Callable[[], None]) -> Action:
         """Run the action in the reading thread after a delay. Thread: any; never blocks."""
         return self.call_at(self.clock.now() + delay_s, action)
-
-    def _timer_cancelled(self) -> None:
-        with self._lock:
-            self._cancelled_timers += 1
-            if self._cancelled_timers > 64 and self._cancelled_timers * 2 > len(self._timers):
-                self._timers = [entry for entry in self._timers if entry[2].action is not None]
-                heapq.heapify(self._timers)
-                self._cancelled_timers = 0
 
     def get(self) -> Envelope:
         """Wait for the next envelope. Thread: the one reader; blocks it."""
@@ -173,15 +150,12 @@ class Inbox:
             with self._lock:
                 if self._urgent:
                     return self._urgent.popleft()
-                timeout_s = None
-                if self._timers:
-                    timeout_s = self._timers[0][0] - self.clock.now()
-                    if timeout_s <= _ROUNDING_S and not self._is_older_than(self._timers[0][1]):
-                        timer = heapq.heappop(self._timers)[2]
-                        if timer.action is not None:
-                            return timer
-                        self._cancelled_timers -= 1
-                        continue
+                timer, timeout_s = self._timers.first(), None
+                if timer is not None:
+                    timeout_s = timer.time_s - self.clock.now()
+                    if timeout_s <= ROUNDING_S and not self._has_waited_since_before(timer):
+                        self._timers.pop()
+                        return timer
                 if self._normal:
                     return self._normal.popleft()[1]
                 self._reader_waits = True
@@ -202,13 +176,11 @@ class Inbox:
             self._wake_reader()
         return waiting
 
-    def _is_older_than(self, order: int) -> bool:
-        """Return whether a call waited before the timer was set: timers that are always due must not keep it out."""
-        return bool(self._normal) and self._normal[0][0] < order
+    def _has_waited_since_before(self, timer: Timer) -> bool:
+        """Return whether a call waited when the timer was set: timers that are always due must not keep it out."""
+        return bool(self._normal) and self._normal[0][0] < timer.order
 
     def _wake_reader(self) -> None:
         if self._reader_waits:
-            wake(
-                self._wakeup
-            )  # first: Ctrl-C may strike after any of these lines, and one wake-up too many is harmless
+            wake(self._wakeup)  # first, because Ctrl-C may strike in between: one wake-up too many is harmless
             self._reader_waits = False

@@ -12,7 +12,6 @@ from typing import Any, Protocol
 
 from eal_actors.actors.actor import AbandonedThread, EALActor
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
-from eal_actors.actors.inbox import Timer
 from eal_actors.data import EALData
 from eal_actors.errors import (
     DeadlineError,
@@ -26,6 +25,7 @@ from eal_actors.errors import (
 from eal_actors.info import ResourceInfo, ValueInfo
 from eal_actors.log import bind_work_place, get_logger, is_debugging, set_call
 from eal_actors.resource import Activity, Resource
+from eal_actors.timers import Timer
 
 
 class ResourceFactory(Protocol):

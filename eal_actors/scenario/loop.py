@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-import heapq
 import itertools
 import queue
 from collections.abc import Callable, Generator
-from typing import Any, Final, TypeAlias
+from typing import Any, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.clock import Clock, new_waiter, wake
+from eal_actors.timers import ROUNDING_S, Timer, TimerHeap
 
 Branch: TypeAlias = Generator[Future[Any], None, None]
 """Yields futures, and goes on when they are done, whatever their outcome."""
-
-_SWEEP_AT: Final = 1024
-_ROUNDING_S: Final = 1e-9
-"""An alarm this close is due: now + (time - now) is not always time."""
-
-
-class _Alarm:
-    __slots__ = ("action",)
-
-    def __init__(self, action: Callable[[], None]) -> None:
-        self.action: Callable[[], None] | None = action
-
-    def cancel(self) -> None:
-        self.action = None  # one assignment, so any thread may
 
 
 class Loop:
@@ -35,31 +21,26 @@ class Loop:
     It takes no lock, so that `post` may be called from a signal handler that interrupts anything.
 
     Args:
-        clock: the clock of its alarms.
+        clock: the clock of its timers.
     """
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
         self._actions: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._wakeup = new_waiter()
-        self._alarms: list[tuple[float, int, _Alarm]] = []
+        self._timers: TimerHeap[Timer] = TimerHeap()
         self._order = itertools.count()
-        self._sweep_at = _SWEEP_AT
 
     def post(self, action: Callable[[], None]) -> None:
         """Run an action soon. Thread: any, signal handlers too; never blocks."""
         self._actions.put(action)
         wake(self._wakeup)
 
-    def call_at(self, time_s: float, action: Callable[[], None]) -> _Alarm:
+    def call_at(self, time_s: float, action: Callable[[], None]) -> Timer:
         """Run an action when the clock shows `time_s`; see Timekeeper. Thread: the loop's own."""
-        alarm = _Alarm(action)
-        heapq.heappush(self._alarms, (time_s, next(self._order), alarm))
-        if len(self._alarms) > self._sweep_at:
-            self._alarms = [entry for entry in self._alarms if entry[2].action is not None]
-            heapq.heapify(self._alarms)
-            self._sweep_at = max(_SWEEP_AT, 2 * len(self._alarms))
-        return alarm
+        timer = Timer(time_s, next(self._order), action)
+        self._timers.add(timer)
+        return timer
 
     def sleep(self, duration_s: float) -> Future[None]:
         """Return a future that is done after a duration. Thread: the loop's own."""
@@ -105,14 +86,15 @@ class Loop:
 
     def _wait(self) -> None:
         while self._actions.empty():
-            timeout_s = self._alarms[0][0] - self.clock.now() if self._alarms else None
-            if timeout_s is not None and timeout_s <= _ROUNDING_S:
+            timer = self._timers.first()
+            timeout_s = timer.time_s - self.clock.now() if timer is not None else None
+            if timeout_s is not None and timeout_s <= ROUNDING_S:
                 return
             self.clock.wait(self._wakeup, timeout_s)
 
     def _run_due(self) -> None:
-        now_s = self.clock.now() + _ROUNDING_S
-        while self._alarms and self._alarms[0][0] <= now_s:
-            action = heapq.heappop(self._alarms)[2].action
+        now_s = self.clock.now() + ROUNDING_S
+        while (timer := self._timers.first()) is not None and timer.time_s <= now_s:
+            action = self._timers.pop().action
             if action is not None:
                 action()

@@ -108,7 +108,8 @@ def test_a_result_calls_the_alarm_off() -> None:
     keeper = Inbox(ManualClock())
     future: Future[int] = Future(keeper.clock, deadline_s=2.0, timekeeper=keeper)
     future.add_done_callback(lambda _: None)
-    timer = keeper._timers[0][2]
+    timer = keeper._timers.first()
+    assert timer is not None
     future.set(1)
     assert timer.action is None
 

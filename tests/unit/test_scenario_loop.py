@@ -76,7 +76,7 @@ def test_alarms_that_are_called_off_are_forgotten(loop: Loop) -> None:
     for _ in range(5000):
         loop.call_at(1e9, lambda: None).cancel()
 
-    assert len(loop._alarms) < 3000
+    assert len(loop._timers) < 3000
 
 
 def test_a_signal_handler_may_post(loop: Loop) -> None:
