@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-from types import FrameType
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from eal_actors import __version__
 from eal_actors.cli import call, check, plugin, resources, run, schema
 from eal_actors.cli.exit_codes import EPILOG, ExitCode, report
+from eal_actors.cli.help import Command, Group
+from eal_actors.cli.interrupts import heed_signals
 from eal_actors.cli.options import GlobalOptions, LogLevel
+from eal_actors.cli.output import outlive_terminal
 from eal_actors.errors import EALError
 from eal_actors.log import LogFormat, configure_logging
 
 
-class _Program(TyperGroup):
+class _Program(Group):
     """The one place where an error becomes a message and an exit code."""
 
     def invoke(self, ctx: Any) -> Any:
@@ -34,7 +34,8 @@ class _Program(TyperGroup):
 app = typer.Typer(
     name="eal",
     cls=_Program,
-    help="Run one scenario across a fleet of different robots.",
+    help="Run one scenario across a fleet of different robots.\n\n"
+    "--log-format and --log-level go before the command: `eal --log-level debug run ...`",
     epilog=EPILOG,
     no_args_is_help=True,
     rich_markup_mode="markdown",  # which joins the lines of a paragraph
@@ -62,19 +63,16 @@ def _global_options(
     configure_logging(log_format, log_level)
 
 
-app.command("run")(run.run_scenario)
-app.command("check")(check.check_files)
-app.command("schema")(schema.print_schema)
-app.command("resources")(resources.list_resources)
-app.command("call", context_settings={"ignore_unknown_options": True})(call.call_method)  # so that -5 is a number
+app.command("run", cls=Command)(run.run_scenario)
+app.command("check", cls=Command)(check.check_files)
+app.command("schema", cls=Command)(schema.print_schema)
+app.command("resources", cls=Command)(resources.list_resources)
+app.command("call", cls=Command, context_settings={"ignore_unknown_options": True})(call.call_method)  # -5 is a number
 app.add_typer(plugin.app, name="plugin")
 
 
 def main() -> None:
-    """Run the program and exit. A SIGTERM counts as Ctrl-C, so that every `finally` stops its motors."""
-    signal.signal(signal.SIGTERM, _interrupt)
+    """Run the program and exit."""
+    heed_signals()
+    outlive_terminal()
     app(prog_name="eal")
-
-
-def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""`eal call`: one call of one of the nine methods."""
+"""`eal call`: one call of one of the nine methods, or a halt."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import typer
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.cli.opening import find_resource, read_fleet
+from eal_actors.cli.exit_codes import SEE_BLOCKING
+from eal_actors.cli.opening import advice_on_plugins, find_resource, read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import plain, shown_value, write_json
 from eal_actors.data import EALData
+from eal_actors.errors import DeadlineError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.info import unknown_name
 from eal_actors.yaml_source import plain_value
@@ -48,7 +50,11 @@ _METHODS: Final[dict[str, tuple[str, int, _Call]]] = {
     "write_comm": ("TEXT", 1, lambda r, a, t: r.write_comm(a[0], timeout_s=t)),
     "get_config": ("KEY", 1, lambda r, a, t: r.get_config(a[0], timeout_s=t)),
     "set_config": ("KEY VALUE", 2, lambda r, a, t: r.set_config(a[0], _value(a[1]), timeout_s=t)),
+    "halt": ("", 0, lambda r, _, t: r.halt(timeout_s=t)),
 }
+
+_HALT_S: Final = 0.5
+"""How soon (real time) a resource halts whose actor is not blocked."""
 
 
 def call_method(
@@ -72,15 +78,32 @@ def call_method(
 
     eal call roomba-1 Base send_cmd r45 --fleet fleets/sim.yaml
 
-    eal call roomba-1 Base set_config speed_m_s 0.2 --fleet fleets/sim.yaml
+    eal call roomba-1 Base get_config speed_m_s --fleet fleets/sim.yaml
+
+    eal call roomba-1 Base halt --fleet fleets/sim.yaml
+
+    What set_config sets lasts for this one call only; a scenario sets a value and then works with it.
     """
     call, texts = _checked(method, arguments or [])
-    with Fleet(read_fleet(fleet, [robot])) as opened:
-        answer = call(find_resource(opened, robot, resource), texts, timeout_s).get()
+    with Fleet(read_fleet(fleet, [robot])) as opened, advice_on_plugins(opened):
+        answer = _answer(find_resource(opened, robot, resource), call, texts, timeout_s, opened.config.rate)
     if as_json:
         write_json({"robot": robot, "resource": resource, "method": method, "arguments": texts, **_described(answer)})
     else:
         typer.echo(shown_value(answer))
+
+
+def _answer(
+    handle: ResourceHandle, call: _Call, texts: list[str], timeout_s: float | None, rate: float
+) -> EALData | int:
+    """Return what the call answers; a call that is late is told apart from one that blocks its actor."""
+    try:
+        answer: EALData | int = call(handle, texts, timeout_s).get()
+    except DeadlineError as error:
+        if handle.halt(timeout_s=_HALT_S * rate).exception() is not None:
+            error.add_note(SEE_BLOCKING)
+        raise
+    return answer
 
 
 def _checked(method: str, arguments: list[str]) -> tuple[_Call, list[str]]:

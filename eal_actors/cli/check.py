@@ -27,10 +27,10 @@ class Checked:
 
     Attributes:
         file: the file, as it was named.
-        kind: `fleet`, `scenario` or `world`; `unknown` where the content does not tell.
+        kind: `fleet`, `scenario`, `world` or `plugin`; `unknown` where the content does not tell.
         summary: what a good file holds, in few words.
         problems: what is wrong.
-        warnings: what may be wrong only on this machine: plugins that cannot be imported.
+        warnings: what may be wrong only on this machine, such as a module that a plugin needs.
     """
 
     file: str
@@ -112,9 +112,15 @@ def _check_world(name: str) -> Checked:
     return Checked(name, "world", f"world, {width_m:g} x {height_m:g} m, {counted(len(world.obstacles), 'obstacle')}")
 
 
+def _refuse_plugin(name: str) -> Checked:
+    advice = f"a plugin: use `eal plugin check {Path(name).parent}`"
+    return Checked(name, "plugin", problems=(Problem(name, 0, 0, "", advice),))
+
+
 # Kind, the keys that only files of that kind have, and the check.
 _KINDS: Final[tuple[tuple[str, frozenset[str], Callable[[str], Checked]], ...]] = (
     ("scenario", frozenset({"steps", "roles"}), _check_scenario),
     ("world", frozenset({"size_m"}), _check_world),
+    ("plugin", frozenset({"plugin_version", "resources"}), _refuse_plugin),
     ("fleet", frozenset({"robots", "types", "defaults", "plugin_dirs", "include"}), _check_fleet),
 )

@@ -43,6 +43,11 @@ EPILOG: Final = (
     "3 a robot could not be reached; 130 interrupted."
 )
 
+SEE_DEVICE: Final = "See that it is switched on and connected, then try again."
+"""Advice where a device may be the cause."""
+SEE_BLOCKING: Final = "Something blocks its actor: `eal plugin check FOLDER` tells which command."
+"""Advice where more time would not help."""
+
 _RESOURCES: Final = "`eal resources --fleet FLEET --robot ROBOT` shows what there is."
 _TABLE: Final[tuple[tuple[type[EALError], ExitCode, str], ...]] = (
     (ConfigError, ExitCode.BAD_INPUT, ""),
@@ -51,14 +56,10 @@ _TABLE: Final[tuple[tuple[type[EALError], ExitCode, str], ...]] = (
     (UnsupportedError, ExitCode.BAD_INPUT, ""),
     (ArgumentError, ExitCode.BAD_INPUT, _RESOURCES),
     (DataError, ExitCode.BAD_INPUT, ""),
-    (RobotFailedError, ExitCode.UNREACHABLE, "See that it is switched on and connected, then try again."),
-    (UnavailableError, ExitCode.UNREACHABLE, "See that it is switched on and connected, then try again."),
+    (RobotFailedError, ExitCode.UNREACHABLE, SEE_DEVICE),
+    (UnavailableError, ExitCode.UNREACHABLE, SEE_DEVICE),
     (RemoteError, ExitCode.UNREACHABLE, ""),
-    (
-        PluginError,
-        ExitCode.UNREACHABLE,
-        "See that its hardware is connected; `eal plugin list` shows what plugins lack.",
-    ),
+    (PluginError, ExitCode.UNREACHABLE, "`eal plugin check FOLDER` tells more."),
     (
         DeadlineError,
         ExitCode.FAILED,
@@ -79,7 +80,7 @@ def report(error: EALError, options: GlobalOptions) -> ExitCode:
 
     With `--log-format json` it is a log line; with `--log-level debug` it comes with its traceback.
     """
-    _, code, advice = _row(error)
+    code, advice = exit_code(error), _advice(error)
     if options.log_format == "json":
         get_logger().error(str(error), code=error.code, exit_code=int(code), exc_info=options.log_level == "debug")
         return code
@@ -95,6 +96,18 @@ def report(error: EALError, options: GlobalOptions) -> ExitCode:
     if advice:
         console.print(advice, style="dim", soft_wrap=True)
     return code
+
+
+def _advice(error: EALError) -> str:
+    """Return what to do about an error: as its notes say, who know more of it, or as the table says."""
+    notes = getattr(error, "__notes__", ())
+    if notes:
+        return "\n".join(notes)
+    return SEE_BLOCKING if _was_stuck(error) else _row(error)[2]
+
+
+def _was_stuck(error: EALError) -> bool:
+    return isinstance(error, RobotFailedError | UnavailableError) and "abandoned" in error.message
 
 
 def _row(error: EALError) -> tuple[type[EALError], ExitCode, str]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.errors import PluginError, Problem
+from eal_actors.cli.exit_codes import SEE_DEVICE
+from eal_actors.cli.output import short_path
+from eal_actors.errors import PluginError, Problem, RobotFailedError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
@@ -41,15 +44,54 @@ def read_fleet(
 
 
 def check_plugins(config: FleetConfig) -> tuple[set[Problem], list[str]]:
-    """Return what the file says wrongly of its plugins, and which plugins cannot be read or imported here."""
+    """Return what is wrong with the plugins that the file names, and what may be wrong on this machine only.
+
+    That is plugins that cannot be read, which the file need not mean, and modules that are not installed.
+    """
     manager = EALPluginManager(config.plugin_dirs)
     problems: set[Problem] = set()
-    broken = [str(error) for error in manager.errors]
+    warnings = [str(error) for error in manager.errors]
     for robot in config.robots.values():
-        wrong, unimportable = manager.check(robot)
-        problems.update(wrong)
-        broken += [error.message for error in unimportable]
-    return problems, list(dict.fromkeys(broken))
+        for instance, settings in robot.plugins.items():
+            wrong, broken = manager.check(replace(robot, plugins={instance: settings}))
+            problems.update(wrong)
+            for error in broken:
+                if manager.manifests[settings.plugin].missing_modules():
+                    warnings.append(error.message)
+                else:
+                    problems.add(settings.problem((), error.message))
+    return problems, list(dict.fromkeys(warnings))
+
+
+@contextmanager
+def advice_on_plugins(fleet: Fleet) -> Iterator[None]:
+    """Note on an error that comes of a plugin that did not connect what to do about that plugin."""
+    try:
+        yield
+    except (PluginError, RobotFailedError) as error:
+        for problem in fleet.problems:
+            if isinstance(problem, PluginError) and problem.message in str(error):
+                for advice in _advice(fleet.config, problem):
+                    if advice not in getattr(error, "__notes__", ()):
+                        error.add_note(advice)
+        raise
+
+
+def _advice(config: FleetConfig, problem: PluginError) -> Iterator[str]:
+    """Yield what to do about a plugin that did not connect."""
+    folder = "FOLDER"
+    manifests = EALPluginManager(config.plugin_dirs).manifests
+    robot = config.robots.get(problem.robot or "")
+    for settings in robot.plugins.values() if robot is not None else ():
+        manifest = manifests.get(settings.plugin)
+        if manifest is not None and f"plugin {manifest.name!r}" in problem.message:
+            folder = str(short_path(manifest.folder))
+            if manifest.missing_modules():
+                yield "Install what is missing, then try again."  # the error itself says how
+                return
+    if isinstance(problem.__cause__, OSError):
+        yield SEE_DEVICE
+    yield f"`eal plugin check {folder}` tells more."
 
 
 def find_resource(fleet: Fleet, robot: str, resource: str) -> ResourceHandle:
@@ -62,7 +104,7 @@ def find_resource(fleet: Fleet, robot: str, resource: str) -> ResourceHandle:
         ResourceNotFoundError: the robot has no such resource.
     """
     handle = fleet[robot]
-    handle.wait_started(0.0)
+    handle.require_started()
     if resource not in handle and handle.problems:
         raise PluginError("; ".join(problem.message for problem in handle.problems), robot=robot)
     return handle[resource]

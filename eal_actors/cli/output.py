@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import reprlib
 import sys
-from typing import Any, Final, TextIO
+from pathlib import Path
+from typing import Any, Final, TextIO, cast
 
 from rich import box
 from rich.console import Console
@@ -16,19 +18,47 @@ from eal_actors.data import DataType, EALData
 
 _PIPE_WIDTH: Final = 160
 """Columns where nobody looks at them: wide, so that lines stay whole for grep."""
+_READER_GONE: Final = (errno.EPIPE, errno.EIO)
+"""What writing to a closed pipe and to a closed terminal fails with."""
 _WHOLE_ARRAY: Final = 32
 """Arrays of up to so many elements are printed whole."""
 
 
-class _Console(Console):
-    """A console whose reader may go away, as `head` does: the work goes on, and so does its exit code."""
+class _LastingStream:
+    """A stream whose reader may go away, as `head` does, and a terminal that is closed: the work goes on."""
 
-    def on_broken_pipe(self) -> None:
-        """Write to nowhere from now on; overrides Rich's method, which ends the program."""
-        self.quiet = True
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except OSError as error:
+            self._lead_nowhere(error)
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError as error:
+            self._lead_nowhere(error)
+
+    def _lead_nowhere(self, error: OSError) -> None:
+        """Discard what is written from now on, and what is in the buffer; but a full disk must be told."""
+        if error.errno not in _READER_GONE:
+            raise error
         nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, self.file.fileno())
+        os.dup2(nowhere, self._stream.fileno())
         os.close(nowhere)
+
+
+def outlive_terminal() -> None:
+    """Have stdout and stderr lead nowhere, in place of raising, once their reader is gone."""
+    sys.stdout = cast("TextIO", _LastingStream(sys.stdout))
+    sys.stderr = cast("TextIO", _LastingStream(sys.stderr))
 
 
 def stdout() -> Console:
@@ -43,7 +73,7 @@ def stderr() -> Console:
 
 def _console(file: TextIO) -> Console:
     piped = not file.isatty() and "COLUMNS" not in os.environ
-    return _Console(file=file, width=_PIPE_WIDTH if piped else None, highlight=False, markup=False, emoji=False)
+    return Console(file=file, width=_PIPE_WIDTH if piped else None, highlight=False, markup=False, emoji=False)
 
 
 def new_table(*columns: str) -> Table:
@@ -62,6 +92,12 @@ def write_json(value: Any) -> None:
 def counted(number: int, what: str) -> str:
     """Return `1 robot`, `3 robots`."""
     return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def short_path(path: Path) -> Path:
+    """Return a path as it is from here, where it lies below."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
 
 
 def shown_value(answer: EALData | int) -> str:

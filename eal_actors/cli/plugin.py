@@ -10,20 +10,21 @@ import typer
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
+from eal_actors.cli.help import Command, Group
 from eal_actors.cli.new_plugin import write_plugin
 from eal_actors.cli.options import JsonOption
-from eal_actors.cli.output import counted, new_table, stderr, stdout, write_json
+from eal_actors.cli.output import counted, new_table, short_path, stderr, stdout, write_json
 from eal_actors.conformance import Bench, CheckResult, run_checks, settings_of
 from eal_actors.errors import ConfigError
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.yaml_source import parse_yaml
 
-app = typer.Typer(help="List, begin and check plugins.", no_args_is_help=True)
+app = typer.Typer(cls=Group, help="List, begin and check plugins.", no_args_is_help=True)
 
 _STYLES: Final = {"ok": ("ok", "green"), "failed": ("FAILED", "bold red"), "skipped": ("skipped", "dim")}
 
 
-@app.command("list")
+@app.command("list", cls=Command)
 def list_plugins(
     directories: Annotated[
         list[Path] | None, typer.Option("--dir", show_default=False, help="Search this folder too; may be repeated.")
@@ -38,7 +39,7 @@ def list_plugins(
             "version": manifest.file.plugin_version,
             "resources": list(manifest.file.resources),
             "description": manifest.file.description,
-            "folder": str(_short(manifest.folder)),
+            "folder": str(short_path(manifest.folder)),
             "missing": list(manifest.missing_modules()),
         }
         for manifest in manager.manifests.values()
@@ -49,11 +50,6 @@ def list_plugins(
     _print_list(found)
     for error in manager.errors:
         stderr().print(Text.assemble(("broken: ", "yellow"), str(error)), soft_wrap=True)
-
-
-def _short(folder: Path) -> Path:
-    here = Path.cwd()
-    return folder.relative_to(here) if folder.is_relative_to(here) else folder
 
 
 def _print_list(found: Sequence[dict[str, Any]]) -> None:
@@ -67,7 +63,7 @@ def _print_list(found: Sequence[dict[str, Any]]) -> None:
     stdout().print(table)
 
 
-@app.command("new")
+@app.command("new", cls=Command)
 def new_plugin(
     name: Annotated[
         str, typer.Argument(metavar="NAME", help="Lower-case letters, digits and '_'.", show_default=False)
@@ -82,7 +78,7 @@ def new_plugin(
     console.print(Text(f"\nNext: eal plugin check {folder}", style="dim"), soft_wrap=True)
 
 
-@app.command("check")
+@app.command("check", cls=Command)
 def check_plugin(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The plugin's folder.", show_default=False)],
     setting: Annotated[
@@ -124,7 +120,7 @@ def _settings(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _print_result(result: CheckResult) -> None:
-    why = f"  {result.problems[0]}" if result.outcome == "skipped" else ""
+    why = f"  {'; '.join(result.problems)}" if result.outcome != "failed" and result.problems else ""
     console = stdout()
     console.print(Text.assemble(f"{result.check.name:<24}", _STYLES[result.outcome], (why, "dim")), soft_wrap=True)
     if result.outcome == "failed":

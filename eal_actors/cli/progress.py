@@ -19,7 +19,7 @@ from eal_actors.cli.output import counted, new_table
 from eal_actors.clock import Clock
 from eal_actors.facade.fleet import Fleet
 from eal_actors.log import configure_logging
-from eal_actors.scenario import Event, LogLine, RobotDropped, RunEnded, RunStarted, StepEnded, StepStarted
+from eal_actors.scenario import Event, LogLine, RobotDropped, RunEnded, RunStarted, StepEnded, StepRetried, StepStarted
 
 STYLES = {"done": "green", "failed": "bold red", "dropped": "yellow", "aborted": "yellow", "running": "cyan"}
 """How outcomes and states look."""
@@ -85,6 +85,9 @@ def event_line(event: Event) -> Text | None:
                 (record.outcome, STYLES[record.outcome]),
                 f" after {record.end_s - record.start_s:.2f} s{why}",
             )
+        case StepRetried():
+            words = f"{event.robot}  {event.label}  attempt {event.attempt} failed, trying again: {event.error.message}"
+            return Text(words, style="yellow")
         case RobotDropped():
             return Text.assemble(f"{event.robot}  ", ("dropped", STYLES["dropped"]), f": {event.error.message}")
         case LogLine():

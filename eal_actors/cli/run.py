@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final, TypeVar
 
 import typer
+from rich.console import Console
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.interrupts import Interrupts
-from eal_actors.cli.opening import check_plugins, read_fleet
+from eal_actors.cli.opening import advice_on_plugins, check_plugins, read_fleet
 from eal_actors.cli.options import FleetOption, GlobalOptions, JsonOption
 from eal_actors.cli.output import stderr, stdout, write_json
 from eal_actors.cli.progress import new_progress
@@ -21,7 +23,7 @@ from eal_actors.clock import wall_time
 from eal_actors.errors import ConfigError, PluginError, Problem
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.recording import PoseRecorder, draw_trajectory
+from eal_actors.recording import PoseRecorder, PoseSample, draw_trajectory, write_trajectory
 from eal_actors.scenario import Plan, Report, Run, Scenario, load_scenario, make_plan
 from eal_actors.scenario.plan import bind_roles
 
@@ -55,28 +57,54 @@ def run_scenario(
     wanted, config = _read_both(scenario, fleet, rate, seed)
     console = stderr() if as_json else stdout()
     options = context.find_object(GlobalOptions) or GlobalOptions()
-    bound = {name for names in bind_roles(wanted, config).values() for name in names}
+    done = _carry_out(wanted, config, runs_dir, console, options)
+    kept = _keep_paths(done, config, draw=not no_plot and done.interrupts < 2)
+    if as_json:
+        write_json(done.report.model_dump(mode="json"))
+    else:
+        print_summary(console, done.report)
+    for what, file in (("run", done.directory), *((file.suffix[1:], file) for file in kept)):
+        console.print(Text(f"{what}: {file}", style="dim"), soft_wrap=True)
+    if show and kept and kept[-1].suffix == ".png" and any(map(os.environ.get, _DESKTOPS)):
+        typer.launch(str(kept[-1]))
+    if done.interrupts:
+        raise typer.Exit(ExitCode.INTERRUPTED)
+    if done.report.outcome != "done":
+        raise typer.Exit(ExitCode.FAILED)
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """A run that is over.
+
+    Attributes:
+        report: what came of it.
+        directory: its folder.
+        paths: where each robot was, on the clock of the run.
+        interrupts: how many signals came.
+    """
+
+    report: Report
+    directory: Path
+    paths: Mapping[str, Sequence[PoseSample]]
+    interrupts: int
+
+
+def _carry_out(
+    scenario: Scenario, config: FleetConfig, runs_dir: Path, console: Console, options: GlobalOptions
+) -> _Done:
+    """Connect the robots that the scenario means, show and record the run, and disconnect them."""
+    bound = {name for names in bind_roles(scenario, config).values() for name in names}
     with Fleet(config).connect(bound) as opened:
-        plan = _plan(wanted, opened)
-        directory = _new_directory(runs_dir, wanted.name)
+        with advice_on_plugins(opened):
+            plan = _plan(scenario, opened)
+        directory = _new_directory(runs_dir, scenario.name)
         progress = new_progress(console, opened, options)
         run = Run(plan, opened, directory, listeners=[progress.hear])
         taking_part = [name for name in plan.robots if name not in plan.lost]
         with progress, PoseRecorder(opened, taking_part) as recorder, Interrupts(run) as interrupts:
             report = interrupts.wait(run.start())
-    kept = _keep_paths(recorder, config, directory, report, draw=not no_plot and interrupts.count < 2)
-    if as_json:
-        write_json(report.model_dump(mode="json"))
-    else:
-        print_summary(console, report)
-    for file in (directory, *kept):
-        console.print(Text(f"{'run' if file == directory else file.suffix[1:]}: {file}", style="dim"), soft_wrap=True)
-    if show and kept and kept[-1].suffix == ".png" and any(map(os.environ.get, _DESKTOPS)):
-        typer.launch(str(kept[-1]))
-    if interrupts.count:
-        raise typer.Exit(ExitCode.INTERRUPTED)
-    if report.outcome != "done":
-        raise typer.Exit(ExitCode.FAILED)
+    return _Done(report, directory, recorder.paths_since(run.start_s), interrupts.count)
 
 
 def _read_both(scenario: Path, fleet: Path, rate: float | None, seed: int | None) -> tuple[Scenario, FleetConfig]:
@@ -125,16 +153,16 @@ def _new_directory(runs_dir: Path, scenario: str) -> Path:
             return directory
 
 
-def _keep_paths(
-    recorder: PoseRecorder, config: FleetConfig, directory: Path, report: Report, *, draw: bool
-) -> list[Path]:
+def _keep_paths(done: _Done, config: FleetConfig, *, draw: bool) -> list[Path]:
     """Write where the robots were, if any of them knew; return the files."""
-    if not any(recorder.paths.values()):
+    if not any(done.paths.values()):
         return []
-    table = directory / "trajectory.csv"
-    recorder.write_csv(table)
+    table = done.directory / "trajectory.csv"
+    write_trajectory(done.paths, table)
     picture = None
     if draw:
+        report = done.report
         title = f"{report.scenario} on {report.fleet}: {report.outcome}"
-        picture = draw_trajectory(recorder.paths, config.world, directory / "trajectory.png", title)
+        outcomes = {name: robot.outcome for name, robot in report.robots.items()}
+        picture = draw_trajectory(done.paths, config.world, done.directory / "trajectory.png", title, outcomes)
     return [table, *([picture] if picture is not None else [])]

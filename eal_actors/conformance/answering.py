@@ -137,10 +137,10 @@ def _refuse_commands(findings: Findings, handle: ResourceHandle) -> None:
         findings.expect(
             holds=before == after, problem=f"{handle.name}: refused commands changed its status: {before} to {after}"
         )
-    running = start_lasting_command(handle) if calls else None
+    running = start_lasting_command(handle, findings) if calls else None
     if running is not None:
         findings.refusal(handle.send_cmd(*calls[0]), ArgumentError)
-        settle(handle)
+        settle(handle, running.describe())
         findings.expect(
             holds=not running.done(), problem=f"{running.describe()} was stopped by a command that was refused"
         )

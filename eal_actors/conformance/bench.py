@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.errors import EALError, PluginError
+from eal_actors.errors import DeadlineError, EALError, PluginError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.info import ResourceType
 from eal_actors.managers.fleet_model import FleetConfig, PluginSettings, RobotConfig
@@ -19,6 +19,9 @@ from eal_actors.world import WorldModel
 from eal_actors.yaml_tree import Mark, MarkedDict, YamlTree
 
 T = TypeVar("T")
+
+Resources = Mapping[str, ResourceHandle]
+"""The resources of a robot on the bench, by name."""
 
 ROBOTS: Final = ("first", "second")
 """The robots on the bench."""
@@ -34,11 +37,13 @@ class Bench:
         folder: the plugin's folder.
         settings: what a fleet file would say under the plugin's name; see `settings_of`.
         timeout_s: deadline of each call.
+        left_out: names of resources that the checks are not shown.
     """
 
     folder: Path
     settings: YamlTree
     timeout_s: float = 5.0
+    left_out: frozenset[str] = frozenset()
 
     def manifest(self) -> PluginManifest:
         """Read the plugin's manifest, or raise ConfigError."""
@@ -73,8 +78,8 @@ class Bench:
         )
 
     @contextmanager
-    def robot(self) -> Iterator[RobotHandle]:
-        """Connect one robot for the length of a `with` block.
+    def robot(self) -> Iterator[Resources]:
+        """Connect one robot for the length of a `with` block, and hand out its resources by name.
 
         Raises:
             ConfigError: the manifest or the settings are wrong.
@@ -86,13 +91,15 @@ class Bench:
             yield robot
 
     @contextmanager
-    def robots(self, count: int) -> Iterator[tuple[RobotHandle, ...]]:
+    def robots(self, count: int) -> Iterator[tuple[Resources, ...]]:
         """Connect several robots, each with its own instance of the plugin; see `robot`."""
         with Fleet(self.config(count)) as fleet:
             robots = tuple(fleet.values())
             for robot in robots:
                 _require_up(robot)
-            yield robots
+            yield tuple(
+                {name: handle for name, handle in robot.items() if name not in self.left_out} for robot in robots
+            )
 
 
 def _require_up(robot: RobotHandle) -> None:
@@ -157,11 +164,35 @@ class Findings:
         return None
 
 
-def settle(handle: ResourceHandle) -> None:
-    """Wait until the resource has begun with whatever was sent to it before. Thread: blocks the caller."""
-    handle.get_config("eal-conformance-settle").exception()  # refused, but only when its turn has come
+class BlockedActor(Exception):  # noqa: N818  # it ends a check, and never leaves the runner
+    """A resource is stuck in a command, so that nothing more can be found out about it.
+
+    Attributes:
+        resource: its name.
+    """
+
+    def __init__(self, resource: str, what: str) -> None:
+        super().__init__(f"`{what}` blocked its actor: make it a generator and yield the seconds instead of sleeping")
+        self.resource = resource
 
 
-def actuators(robot: RobotHandle) -> list[ResourceHandle]:
+def settle(handle: ResourceHandle, what: str) -> None:
+    """Wait until the resource has begun with what was sent to it before.
+
+    Args:
+        handle: the resource.
+        what: the command that was sent, for people.
+
+    Raises:
+        BlockedActor: it is stuck in that.
+
+    Thread: blocks the caller.
+    """
+    error = handle.get_config("eal-conformance-settle").exception()  # refused, but only when its turn has come
+    if isinstance(error, DeadlineError):
+        raise BlockedActor(handle.name, what)
+
+
+def actuators(robot: Resources) -> list[ResourceHandle]:
     """Return the robot's actuators."""
     return [handle for handle in robot.values() if ResourceType.ACTUATOR in handle.info.types]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 
-from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.conformance.bench import Bench, Findings
+from eal_actors.actors.handles import ResourceHandle
+from eal_actors.conformance.bench import Bench, Findings, Resources
 from eal_actors.conformance.moving import start_lasting_command
 from eal_actors.conformance.values import other_value
 from eal_actors.errors import PluginError
@@ -24,7 +24,7 @@ def leaves_no_thread(bench: Bench, findings: Findings) -> None:
     before = set(threading.enumerate())
     with bench.robot() as robot:
         for handle in robot.values():
-            start_lasting_command(handle)
+            start_lasting_command(handle, findings)
     left = sorted(thread.name for thread in set(threading.enumerate()) - before)
     findings.expect(holds=not left, problem=f"threads are left behind: {', '.join(left)}")
 
@@ -40,12 +40,12 @@ def shares_nothing(bench: Bench, findings: Findings) -> None:
             return
 
 
-def _compare(findings: Findings, first: RobotHandle, second: RobotHandle, name: str) -> None:
+def _compare(findings: Findings, first: Resources, second: Resources, name: str) -> None:
     one, other = first[name], second[name]
     findings.expect(
         holds=one.resource() is not other.resource(), problem=f"{name}: both robots were given the same object"
     )
-    running = start_lasting_command(one)
+    running = start_lasting_command(one, findings)
     if running is not None:
         findings.answer(other.halt())
         findings.expect(holds=not running.done(), problem=f"{name}: halting one robot stopped the other")

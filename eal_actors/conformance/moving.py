@@ -6,25 +6,58 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.conformance.bench import Bench, Findings, actuators, settle
 from eal_actors.conformance.values import lasting_argument
-from eal_actors.errors import PreemptedError
+from eal_actors.errors import PreemptedError, ResourceFaultError, ReturnTypeError
+from eal_actors.info import CommandInfo
 from eal_actors.resource import Resource
 
 
-def start_lasting_command(handle: ResourceHandle) -> Future[int] | None:
-    """Start the first command that is still under way after its first step; None if there is none.
+def start_command(handle: ResourceHandle, command: CommandInfo, findings: Findings) -> Future[int] | None:
+    """Start a command with an argument that is allowed; None if none can be made up.
+
+    Notes a problem if the command has failed by itself; that a make allows less than its kind is no problem.
+
+    Raises:
+        BlockedActor: it does not let go of the resource's thread.
 
     Thread: blocks the caller until the resource has begun with it.
     """
+    call = lasting_argument(command)
+    if call is None:
+        return None
+    future = handle.send_cmd(*call)
+    what = f"{handle.name}: send_cmd {call[0]}"
+    settle(handle, what)
+    if future.done() and isinstance(error := future.exception(), ResourceFaultError | ReturnTypeError):
+        findings.expect(holds=False, problem=f"{what} failed: {error.code}: {error.message}")
+    return future
+
+
+def start_lasting_command(handle: ResourceHandle, findings: Findings) -> Future[int] | None:
+    """Start the first command that is still under way after its first step; None if there is none.
+
+    Raises:
+        BlockedActor: see start_command.
+
+    Thread: see start_command.
+    """
     commands = [command for command in handle.info.commands if not command.urgent]
     for command in sorted(commands, key=lambda command: command.argument is None):
-        call = lasting_argument(command)
-        if call is None:
-            continue
-        future = handle.send_cmd(*call)
-        settle(handle)
-        if not future.done():
+        future = start_command(handle, command, findings)
+        if future is not None and not future.done():
             return future
     return None
+
+
+def carries_out_commands(bench: Bench, findings: Findings) -> None:
+    """Every command begins with an argument that is allowed, without failing or blocking its actor."""
+    with bench.robot() as robot:
+        for handle in robot.values():
+            for command in handle.info.commands:
+                future = start_command(handle, command, findings)
+                if future is not None:
+                    findings.tried += 1
+                    if not future.done():
+                        findings.answer(handle.halt())
 
 
 def can_be_halted(bench: Bench, findings: Findings) -> None:
@@ -41,7 +74,7 @@ def stops_what_runs(bench: Bench, findings: Findings) -> None:
     """While a long command runs, status and halt answer; a halt or newer command ends it, and all works on."""
     with bench.robot() as robot:
         for handle in actuators(robot):
-            running = start_lasting_command(handle)
+            running = start_lasting_command(handle, findings)
             if running is None:
                 continue
             if "get_status" in handle.info.methods:
@@ -50,10 +83,10 @@ def stops_what_runs(bench: Bench, findings: Findings) -> None:
             findings.answer(handle.halt())
             findings.refusal(running, PreemptedError)
             for urgent in sorted(handle.info.urgent_commands):
-                running = start_lasting_command(handle)
+                running = start_lasting_command(handle, findings)
                 _ends_with(findings, handle, running, handle.send_cmd(urgent))
-            running = start_lasting_command(handle)
-            newer = start_lasting_command(handle)
+            running = start_lasting_command(handle, findings)
+            newer = start_lasting_command(handle, findings)
             _ends_with(findings, handle, running, None)
             findings.answer(handle.halt())
             if newer is not None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from eal_actors.conformance import answering, describing, living, moving
-from eal_actors.conformance.bench import Bench, Findings
+from eal_actors.conformance.bench import Bench, BlockedActor, Findings
 from eal_actors.errors import ConfigError, EALError
 
 
@@ -41,12 +41,14 @@ class CheckResult:
     Attributes:
         check: the check.
         outcome: `ok`, `failed` or `skipped`.
-        problems: what is wrong, or why it was skipped.
+        problems: what is wrong, or why it was skipped, as a whole or for some resources.
+        blocked: the resource that one of its commands blocked, which ended the check.
     """
 
     check: Check
     outcome: Literal["ok", "failed", "skipped"]
     problems: tuple[str, ...] = ()
+    blocked: str | None = None
 
 
 CHECKS: Final = (
@@ -57,6 +59,7 @@ CHECKS: Final = (
     Check(answering.answers, "nothing can be asked without an argument"),
     Check(answering.keeps_configuration, "no configuration key is writable"),
     Check(answering.refuses_unknown_names, "no commands, requests or configuration keys are listed"),
+    Check(moving.carries_out_commands, "no argument can be made up for any command"),
     Check(answering.refuses_bad_arguments, "no argument has a type"),
     Check(moving.can_be_halted, "it has no actuator"),
     Check(moving.stops_what_runs, "no command of an actuator takes time"),
@@ -80,6 +83,8 @@ def run_check(check: Check, bench: Bench) -> CheckResult:
         check.run(bench, findings)
     except ConfigError:
         raise
+    except BlockedActor as blocked:
+        return CheckResult(check, "failed", (str(blocked),), blocked.resource)
     except EALError as error:
         findings.problems.append(str(error))
     if findings.problems:
@@ -92,11 +97,27 @@ def run_check(check: Check, bench: Bench) -> CheckResult:
 def run_checks(bench: Bench) -> Iterator[CheckResult]:
     """Run every check, and yield each result as it is there; see run_check.
 
-    A plugin that does not come up fails the first check, and the others are skipped.
+    A plugin that does not come up fails the first check, and the others are skipped. So are all further checks of a
+    resource that one of its commands blocked.
     """
     first = run_check(CHECKS[0], bench)
     yield first
     for check in CHECKS[1:]:
-        yield (
-            run_check(check, bench) if first.outcome == "ok" else CheckResult(check, "skipped", ("it did not come up",))
-        )
+        if first.outcome != "ok":
+            yield CheckResult(check, "skipped", ("it did not come up",))
+            continue
+        result = _run_on_the_rest(check, bench)
+        yield result
+        if result.blocked is not None:
+            bench = replace(bench, left_out=bench.left_out | {result.blocked})
+
+
+def _run_on_the_rest(check: Check, bench: Bench) -> CheckResult:
+    """Run a check on what is not blocked, and tell of what is."""
+    if not bench.left_out:
+        return run_check(check, bench)
+    reason = f"not of {', '.join(sorted(bench.left_out))}, which a command blocked"
+    if bench.left_out.issuperset(bench.manifest().file.resources):
+        return CheckResult(check, "skipped", (reason,))
+    result = run_check(check, bench)
+    return result if result.outcome == "failed" else replace(result, problems=(*result.problems, reason))

@@ -100,20 +100,24 @@ def move(write: Write) -> Path:
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start the program in a process of its own, with pipes for its output."""
+    """Start the program in a process of its own, with pipes for its output, or on a terminal that is all its own."""
     processes: list[subprocess.Popen[str]] = []
 
-    def start_program(*arguments: object, stdout: int | IO[str] = subprocess.PIPE) -> subprocess.Popen[str]:
+    def start_program(
+        *arguments: object, stdout: int | IO[str] = subprocess.PIPE, terminal: str | None = None
+    ) -> subprocess.Popen[str]:
         unwanted = {"COLUMNS", "EAL_FLEET", "FORCE_COLOR"}
         environment = {name: value for name, value in os.environ.items() if name not in unwanted}
         environment["PYTHONPATH"] = str(bundled_path("."))
+        on_terminal = [] if terminal is None else ["/bin/sh", "-c", 'exec "$@" <>"$0" >&0 2>&0', terminal]
         process = subprocess.Popen(
-            [sys.executable, "-m", "eal_actors", *map(str, arguments)],
+            [*on_terminal, sys.executable, "-m", "eal_actors", *map(str, arguments)],
             cwd=tmp_path,
             env=environment,
             stdout=stdout,
             stderr=subprocess.PIPE,
             text=True,
+            start_new_session=terminal is not None,  # whose first terminal then is the one that hangs it up
         )
         processes.append(process)
         return process

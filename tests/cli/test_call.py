@@ -17,6 +17,7 @@ from eal_actors.bundled import bundled_path
         (["get_config", "speed_m_s"], "0.1"),
         (["set_config", "speed_m_s", "0.2"], "1"),
         (["send_cmd", "s"], "1"),
+        (["halt"], "1"),
         (["send_cmd", "to0.01"], "1"),
     ],
 )
@@ -30,7 +31,7 @@ def test_a_value_is_set(eal: Any) -> None:
     assert eal("call", "local", "SampleResource", "set_value", "-5", "--fleet", fleet).stdout == "1\n"
 
 
-@pytest.mark.parametrize(("text", "seen"), [("'5'", "'5'"), ("true", "bool"), ("4.5", "4.5"), ("five", "'five'")])
+@pytest.mark.parametrize(("text", "seen"), [("'5'", "'5'"), ("true", "True"), ("4.5", "4.5"), ("five", "'five'")])
 def test_arguments_are_yaml_scalars(eal: Any, text: str, seen: str) -> None:
     result = eal("call", "local", "SampleResource", "set_value", text, "-f", bundled_path("fleets/local.yaml"))
     assert result.exit_code == 2

@@ -100,3 +100,32 @@ def test_a_plugin_that_cannot_be_imported_here_is_a_warning(eal: Any, slides: Pa
     assert result.exit_code == 0
     assert result.stdout == f"{slides}: ok (fleet, 2 robots)\n"
     assert result.stderr == "warning: plugin 'slide' needs no_such_module: pip install no_such_module\n"
+
+
+BROKEN = {
+    "a syntax error": ("(", "fails to import: SyntaxError"),
+    "an error as it is imported": ("raise OSError('no licence')", "fails to import: OSError: no licence"),
+    "no code": (None, "has no plugin.py"),
+}
+
+
+@pytest.mark.parametrize("fault", BROKEN)
+def test_a_plugin_that_no_machine_can_import_is_a_problem(eal: Any, slides: Path, fault: str) -> None:
+    code, words = BROKEN[fault]
+    file = slides.parent / "plugins" / "slide" / "plugin.py"
+    file.unlink()
+    if code is not None:
+        file.write_text(code, encoding="utf-8")
+    result = eal("check", slides)
+    assert result.exit_code == 2
+    one, two = result.stdout.splitlines()
+    assert one.startswith(f"{slides}:5:33: robots.one.plugins.slide: plugin 'slide' {words}")
+    assert two.startswith(f"{slides}:6:19: robots.two.plugins.slide: ")
+    assert result.stderr == "2 problems in 1 file\n"
+
+
+def test_a_manifest_is_checked_by_another_command(eal: Any, slides: Path) -> None:
+    folder = slides.parent / "plugins" / "slide"
+    result = eal("check", folder / "plugin.yaml")
+    assert result.exit_code == 2
+    assert result.stdout == f"{folder / 'plugin.yaml'}: a plugin: use `eal plugin check {folder}`\n"

@@ -49,7 +49,7 @@ def summary(runs: Path) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_stops_the_run_in_good_order(start: Start, slides: Path, write: Any, number: signal.Signals) -> None:
     scenario = write("long.yaml", LONG.replace("to${FINALLY}", "s"))
     process = start("run", scenario, "--fleet", slides)
@@ -79,7 +79,60 @@ def test_a_second_signal_skips_the_rest_of_finally(start: Start, slides: Path, w
     assert [step["outcome"] for step in summary(slides.parent / "runs")["steps"]] == ["aborted", "done", "aborted"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("terminal_kind", ["xterm-256color", "dumb"])
+def test_a_terminal_that_is_closed_stops_the_run_in_good_order(
+    start: Start, slides: Path, write: Any, monkeypatch: pytest.MonkeyPatch, terminal_kind: str
+) -> None:
+    monkeypatch.setenv("TERM", terminal_kind)
+    plugin = slides.parent / "plugins" / "slide" / "plugin.py"
+    text = plugin.read_text(encoding="utf-8")
+    noting = "        with open('halts', 'a') as halts:\n            halts.write(f'{self._moves} ')\n"
+    text = text.replace(
+        "        self._moves = False\n\n    @command", f"{noting}        self._moves = False\n\n    @command"
+    )
+    plugin.write_text(text, encoding="utf-8")
+    scenario = write("long.yaml", LONG.replace("to${FINALLY}", "s"))
+    ours, theirs = pty.openpty()
+    process = start("run", scenario, "--fleet", slides, terminal=os.ttyname(theirs))
+    seen = b""
+    while b"Slide to1" not in seen:
+        seen += os.read(ours, 65536)
+    os.close(theirs)
+    os.close(ours)
+    assert process.wait() == 130
+    assert (slides.parent / "halts").read_text(encoding="utf-8").startswith("True ")
+    report = summary(slides.parent / "runs")
+    assert report["error"]["message"] == "aborted: interrupted by SIGHUP"
+    assert [step["outcome"] for step in report["steps"]] == ["aborted", "done", "done"]
+
+
+def test_a_terminal_is_closed_once_however_often_one_is_told(start: Start, slides: Path, write: Any) -> None:
+    text = LONG.replace("to${FINALLY}", "to0.9").replace("value: 0.01", "value: 0.5")
+    process = start("run", write("long.yaml", text), "--fleet", slides)
+    lines_until(process, "send_cmd Slide to1")
+    process.send_signal(signal.SIGHUP)
+    lines_until(process, "send_cmd Slide to0.9")
+    process.send_signal(signal.SIGHUP)
+    process.communicate()
+    assert process.returncode == 130
+    assert [step["outcome"] for step in summary(slides.parent / "runs")["steps"]] == ["aborted", "done", "done"]
+
+
+def test_nohup_is_heeded(start: Start, slides: Path, write: Any) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # which the process inherits
+    try:
+        process = start(
+            "run", write("short.yaml", LONG.replace("to1", "to0.1").replace("to${FINALLY}", "s")), "--fleet", slides
+        )
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    lines_until(process, "send_cmd Slide to0.1")
+    process.send_signal(signal.SIGHUP)
+    lines_until(process, "send_cmd Slide to0.1  done")
+    process.kill()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_during_a_call_halts_what_moves(start: Start, slides: Path, number: signal.Signals) -> None:
     plugin = slides.parent / "plugins" / "slide" / "plugin.py"
     text = plugin.read_text(encoding="utf-8")

@@ -8,7 +8,8 @@ import pytest
 
 import eal_actors
 from eal_actors import errors
-from eal_actors.cli.exit_codes import ExitCode, exit_code
+from eal_actors.cli.exit_codes import ExitCode, exit_code, report
+from eal_actors.cli.options import GlobalOptions
 from eal_actors.errors import ConfigError, EALError, Problem
 
 
@@ -92,3 +93,70 @@ def test_every_problem_of_a_file_has_its_line(eal: Any, write: Any) -> None:
 def test_the_fleet_may_come_from_the_environment(eal: Any, slides: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("EAL_FLEET", str(slides))
     assert eal("call", "one", "Slide", "get_value").stdout == "0.0\n"
+
+
+def test_flags_stand_in_the_help_without_a_type(eal: Any) -> None:
+    for command in ([], ["run"], ["check"], ["call"], ["resources"], ["schema"], ["plugin"], ["plugin", "check"]):
+        text = eal(*command, "--help").stdout
+        assert "--help " in text
+        assert "bool" not in text.lower()
+
+
+def test_the_help_says_where_global_options_go(eal: Any) -> None:
+    assert "--log-format and --log-level go before the command" in " ".join(eal("--help").stdout.split())
+
+
+def last_lines(result: Any) -> list[str]:
+    lines: list[str] = result.stderr.splitlines()
+    return lines[next(at for at, line in enumerate(lines) if line.startswith("Error: ")) + 1 :]
+
+
+SEE_DEVICE = "See that it is switched on and connected, then try again."
+
+
+def test_what_to_do_about_a_device(eal: Any, half_dead: Path, move: Path) -> None:
+    folder = half_dead.parent / "plugins" / "dead"
+    for command in (["call", "lost", "Slide", "get_value"], ["run", move]):
+        advice = last_lines(eal(*command, "--fleet", half_dead))
+        assert advice == [SEE_DEVICE, f"`eal plugin check {folder}` tells more."]
+
+
+def test_what_to_do_about_a_plugin(eal: Any, slides: Path, move: Path) -> None:
+    plugin = slides.parent / "plugins" / "slide" / "plugin.py"
+    plugin.write_text("1 / 0\n", encoding="utf-8")
+    for command in (["call", "one", "Slide", "get_value"], ["run", move]):
+        advice = last_lines(eal(*command, "--fleet", slides))
+        assert advice == [f"`eal plugin check {plugin.parent}` tells more."]
+
+
+def test_what_to_do_about_missing_modules(eal: Any, slides: Path) -> None:
+    manifest = slides.parent / "plugins" / "slide" / "plugin.yaml"
+    manifest.write_text(manifest.read_text(encoding="utf-8") + "requires: [no_such_module]\n", encoding="utf-8")
+    result = eal("call", "one", "Slide", "get_value", "--fleet", slides)
+    assert "needs no_such_module: pip install no_such_module\n" in result.stderr
+    assert last_lines(result) == ["Install what is missing, then try again."]
+
+
+LATE = ["call", "one", "Slide", "send_cmd", "to1", "--timeout-s", "0.05", "--fleet"]
+
+
+def test_more_time_is_advised_where_it_may_help(eal: Any, slides: Path) -> None:
+    advice = "If it just takes long, give it more time: --timeout-s, or timeout_s in the file."
+    assert last_lines(eal(*LATE, slides)) == [advice]
+
+
+def test_more_time_is_not_advised_where_the_actor_is_blocked(eal: Any, slides: Path) -> None:
+    plugin = slides.parent / "plugins" / "slide" / "plugin.py"
+    text = plugin.read_text(encoding="utf-8").replace("yield _STEP_S  #", "threading.Event().wait(0.01)  #")
+    text = text.replace("1\n        finally:", "1\n            yield\n        finally:")
+    plugin.write_text(text.replace("\nfrom eal", "\nimport threading\n\nfrom eal", 1), encoding="utf-8")
+    advice = "Something blocks its actor: `eal plugin check FOLDER` tells which command."
+    assert last_lines(eal(*LATE, slides)) == [advice]
+
+
+@pytest.mark.parametrize("kind", [errors.UnavailableError, errors.RobotFailedError])
+def test_what_was_stuck_is_no_matter_of_a_cable(capsys: pytest.CaptureFixture[str], kind: type[EALError]) -> None:
+    report(kind("was stuck for 1.0 s beyond its deadline; it has been abandoned"), GlobalOptions())
+    assert "eal plugin check" in capsys.readouterr().err
+    report(kind("is restarting: it crashed with OSError: no such port"), GlobalOptions())
+    assert SEE_DEVICE in capsys.readouterr().err

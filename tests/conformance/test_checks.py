@@ -1,6 +1,7 @@
 """Each check finds the mistake that it is for: a good plugin is spoilt in one place at a time."""
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -83,6 +84,20 @@ MISTAKES = {
         "    def send_cmd(self, cmd, data=None):\n        return 1\n\n" + INIT,
         "must fail with ArgumentError, but succeeded",
     ),
+    "a command that fails": (
+        "carries out commands",
+        MOVE,
+        f"        raise OSError('no motor')\n{MOVE}",
+        "Slide: send_cmd to1.0 failed: resource_fault: ",
+    ),
+    "a command that answers text": ("carries out commands", MOVE, "        return 'moved'\n", "return_type: "),
+    "a stop that fails": (
+        "carries out commands",
+        "def stop(self) -> int:",
+        "def stop(self) -> int:\n        raise OSError('no brake')\n\n    def other(self):",
+        "Slide: send_cmd s failed: resource_fault: ",
+    ),
+    "only a command that fails": ("stops what runs", MOVE, f"        raise OSError('no motor')\n{MOVE}", "no motor"),
     "no halt": ("can be halted", "def halt(self)", "def stop_it(self)", "does not override halt"),
     "a halt that fails": (
         "can be halted",
@@ -153,6 +168,36 @@ def test_a_thread_left_behind_is_found_and_named(slide: Path) -> None:
             if thread.name == "left over":
                 thread.join()
     assert result.problems == ("threads are left behind: left over",)
+
+
+def test_a_command_that_blocks_its_actor_is_told_once_and_the_rest_is_not_waited_for(slide: Path) -> None:
+    spoil(slide, "plugin.py", "yield _STEP_S  #", "ENOUGH.wait(0.001)  #")
+    spoil(
+        slide,
+        "plugin.py",
+        "            return 1\n        finally",
+        "            yield\n            return 1\n        finally",
+    )
+    spoil(slide, "plugin.py", "step_m = self._speed_m_s * _STEP_S", "step_m = 1e-9")
+    spoil(slide, "plugin.py", "_STEP_S = 0.05\n", "import threading\n\nENOUGH = threading.Event()\n_STEP_S = 0.05\n")
+    results = list(run_checks(Bench(slide, settings_of({}), timeout_s=0.2)))
+    at = next(number for number, result in enumerate(results) if result.check.name == "carries out commands")
+    assert {result.outcome for result in results[:at]} == {"ok"}
+    assert (results[at].outcome, results[at].blocked) == ("failed", "Slide")
+    assert results[at].problems == (
+        "`Slide: send_cmd to1.0` blocked its actor: make it a generator and yield the seconds instead of sleeping",
+    )
+    assert {(result.outcome, result.problems) for result in results[at + 1 :]} == {
+        ("skipped", ("not of Slide, which a command blocked",))
+    }
+
+
+def test_a_resource_that_is_blocked_does_not_keep_the_others_from_their_checks(slide: Path) -> None:
+    bench = Bench(slide, settings_of({}), left_out=frozenset({"Other"}))
+    with bench.robot() as robot:
+        assert list(robot) == ["Slide"]
+    with replace(bench, left_out=frozenset({"Slide"})).robot() as robot:
+        assert list(robot) == []
 
 
 def test_a_plugin_that_does_not_come_up_is_not_checked_further(slide: Path) -> None:
