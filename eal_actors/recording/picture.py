@@ -87,6 +87,14 @@ def draw_trajectory(
             look = _Look.of(number, outcome if outcome in _LOST else None)
             _draw_path(arena, name, path, look)
             _draw_heading(headings, path, look)
+    _label(arena, headings, title)
+    if 0 < len(paths) <= _MOST_IN_LEGEND:
+        arena.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, handlelength=3.5)
+    figure.savefig(out)
+    return out
+
+
+def _label(arena: Axes, headings: Axes, title: str) -> None:
     tick_quarter_turns(headings)
     arena.set_title(title, loc="left", fontsize=12)
     arena.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
@@ -94,10 +102,6 @@ def draw_trajectory(
     for axes in (arena, headings):
         axes.grid(visible=True, color="#dddddd", linewidth=0.6)
         axes.set_axisbelow(True)
-    if 0 < len(paths) <= _MOST_IN_LEGEND:
-        arena.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, handlelength=3.5)
-    figure.savefig(out)
-    return out
 
 
 def _draw_world(axes: Axes, world: WorldModel) -> None:

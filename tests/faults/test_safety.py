@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pykka
 import pytest
 
-from eal_actors import Fleet
 from eal_actors.actors.combine import as_completed, gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
@@ -27,7 +23,6 @@ from eal_actors.errors import (
     ResourceNotFoundError,
     ReturnTypeError,
     RobotFailedError,
-    UnavailableError,
 )
 from eal_actors.info import ResourceType
 from eal_actors.resource import Activity, Resource, command
@@ -392,83 +387,3 @@ def test_asking_whether_a_failed_robot_has_a_resource_is_no_error() -> None:
         with pytest.raises(RobotFailedError):
             robot.wait_started(WAIT_S)
         assert "Pose" not in robot
-
-
-NOTED_PLUGIN = """
-from eal_actors.plugin import *
-class Base(Resource):
-    "A base."
-    types = ResourceType.ACTUATOR
-    def halt(self): print("halted", flush=True)
-    @command("go")
-    def go(self):
-        print("going", flush=True)
-        yield 1000.0
-def connect(): return EALPlugin("Base")
-def disconnect(plugin): print("disconnected", flush=True)
-def create_Base(): return Base()
-def destroy_Base(resource): pass
-"""
-
-
-@pytest.fixture
-def noted_fleet(tmp_path: Path) -> Path:
-    """A fleet whose robot prints what happens to it."""
-    plugin = tmp_path / "plugins" / "noted"
-    plugin.mkdir(parents=True)
-    (plugin / "plugin.py").write_text(NOTED_PLUGIN)
-    (plugin / "plugin.yaml").write_text(
-        'version: 1\nname: noted\ndescription: d\nplugin_version: "1"\nresources: [Base]\n'
-    )
-    fleet = tmp_path / "fleet.yaml"
-    fleet.write_text("version: 1\nplugin_dirs: [plugins]\nrobots: {one: {plugins: {noted: {}}}}\n")
-    return fleet
-
-
-def test_a_fleet_that_a_program_forgot_is_closed_at_its_end(noted_fleet: Path) -> None:
-    program = (
-        "import eal_actors\n"
-        f"base = eal_actors.Fleet.load({str(noted_fleet)!r}).connect()['one']['Base']\n"
-        "base.send_cmd('go')\n"
-        "base.get_value().exception()\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
-    assert done.stdout.split() == ["going", "halted", "disconnected"], done.stderr
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_script_that_is_ended_by_a_signal_halts_its_robots(noted_fleet: Path, number: signal.Signals) -> None:
-    program = (
-        "import eal_actors\n"
-        f"with eal_actors.connect(fleet={str(noted_fleet)!r}) as eal:\n"
-        "    eal.send_cmd(eal.find_resource('Base'), 'go', timeout_s=1000.0)\n"
-    )
-    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "going\n"
-        process.send_signal(number)
-        out, _ = process.communicate(timeout=60)
-    assert out.split()[-1] == "disconnected"
-    assert "halted" in out
-    assert process.returncode in (-signal.SIGINT, 128 + number)
-
-
-def test_handlers_of_the_programs_own_are_left_alone(noted_fleet: Path) -> None:
-    def mine(*_: object) -> None: ...
-
-    before = signal.signal(signal.SIGHUP, mine)
-    try:
-        with Fleet.load(noted_fleet):
-            assert signal.getsignal(signal.SIGHUP) is mine
-            assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
-        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    finally:
-        signal.signal(signal.SIGHUP, before)
-
-
-def test_calls_on_a_restarting_resource_say_why() -> None:
-    with running_robot({"Motor": Motor}, restart=Restart.TEMPORARY) as robot:
-        (reference,) = [ref for ref in pykka.ActorRegistry.get_all() if ref.actor_class.__name__ == "ResourceActor"]
-        reference.stop()
-        with pytest.raises(UnavailableError):
-            robot["Motor"].get_value().get()
