@@ -167,12 +167,12 @@ def _walls(body: pymunk.Body, width_m: float, height_m: float) -> list[pymunk.Sh
 
 def _obstacles(body: pymunk.Body, model: WorldModel) -> list[pymunk.Shape]:
     shapes: list[pymunk.Shape] = []
-    for obstacle in model.obstacles:
+    for obstacle in model.solid_obstacles:
         place = pymunk.Transform.translation(obstacle.x_m, obstacle.y_m)
         if obstacle.kind == "circle":
             shapes.append(pymunk.Circle(body, obstacle.radius_m, (obstacle.x_m, obstacle.y_m)))
         else:
-            half_w, half_h = obstacle.width_m / 2, obstacle.height_m / 2
+            half_w, half_h = obstacle.size_m[0] / 2, obstacle.size_m[1] / 2
             corners = [(-half_w, -half_h), (half_w, -half_h), (half_w, half_h), (-half_w, half_h)]
             shapes.append(pymunk.Poly(body, corners, place.rotated(math.radians(obstacle.yaw_deg))))
     for shape in shapes:
