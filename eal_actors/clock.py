@@ -14,26 +14,40 @@ import heapq
 import itertools
 import threading
 import time
+from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from typing import Final, Protocol
 
 
 def new_waiter() -> threading.Lock:
-    """Return a lock that is already held: `release()` wakes the thread that waits for it."""
+    """Return a lock that is already held: `Clock.wake` wakes the thread that waits for it."""
     waiter = threading.Lock()
     waiter.acquire()
     return waiter
 
 
-def wake(waiter: threading.Lock) -> None:
-    """Wake the thread that waits on the waiter; harmless if it was woken already."""
-    with contextlib.suppress(RuntimeError):  # already released: the wake-up is on its way
-        waiter.release()
-
-
 _MAIN_THREAD: Final = threading.main_thread().ident
 _LOOK_UP_S: Final = 0.2
 """How often (real time) the main thread, where signals are handled, looks up from a wait."""
+
+
+def release(lock: threading.Lock) -> None:
+    """Release a lock, of which any number of threads may believe that it is still held. For clocks alone."""
+    with contextlib.suppress(RuntimeError):  # already released
+        lock.release()
+
+
+def acquire_alert(lock: threading.Lock, real_s: float) -> bool:
+    """Acquire a lock within real seconds; a main thread stays alert to signals meanwhile. For clocks alone."""
+    if threading.get_ident() != _MAIN_THREAD:
+        return lock.acquire(timeout=min(real_s, threading.TIMEOUT_MAX))
+    end_s = time.monotonic() + real_s
+    while True:  # a signal that comes on the brink of a wait is handled only after it
+        left_s = end_s - time.monotonic()
+        if left_s <= _LOOK_UP_S:
+            return lock.acquire(timeout=max(left_s, 0.0))
+        if lock.acquire(timeout=_LOOK_UP_S):
+            return True
 
 
 class Clock(Protocol):
@@ -58,8 +72,24 @@ class Clock(Protocol):
         """
         ...
 
+    def wake(self, waiter: threading.Lock) -> None:
+        """Release the waiter: wake the thread that waits on it; harmless if it was woken already. Thread: any."""
+        ...
+
     def sleep(self, duration_s: float) -> None:
         """Block the caller for a duration in seconds of this clock. Thread: blocks the caller."""
+        ...
+
+    def of_real(self, duration_s: float) -> float:
+        """Return how many seconds of this clock a time-out of so many real seconds is. Thread: any."""
+        ...
+
+    def start(self, thread: threading.Thread) -> None:
+        """Start a thread that lives by this clock. Thread: any."""
+        ...
+
+    def outside(self) -> AbstractContextManager[None]:
+        """Return a context in which the thread may wait for what no clock knows of, such as the end of a thread."""
         ...
 
 
@@ -83,24 +113,27 @@ class ScaledClock:
     def wait(self, waiter: threading.Lock, timeout_s: float | None) -> bool:
         """See Clock."""
         real_s = threading.TIMEOUT_MAX if timeout_s is None else max(timeout_s, 0.0) / self.rate
-        if threading.get_ident() == _MAIN_THREAD:
-            return self._wait_alert(waiter, real_s)
-        return waiter.acquire(timeout=min(real_s, threading.TIMEOUT_MAX))
+        return acquire_alert(waiter, real_s)
 
-    @staticmethod
-    def _wait_alert(waiter: threading.Lock, real_s: float) -> bool:
-        """Wait, looking up for signals: one that comes on the brink of a wait is handled only after it."""
-        end_s = time.monotonic() + real_s
-        while True:
-            left_s = end_s - time.monotonic()
-            if left_s <= _LOOK_UP_S:
-                return waiter.acquire(timeout=max(left_s, 0.0))
-            if waiter.acquire(timeout=_LOOK_UP_S):
-                return True
+    def wake(self, waiter: threading.Lock) -> None:
+        """See Clock."""
+        release(waiter)
 
     def sleep(self, duration_s: float) -> None:
         """See Clock."""
         self.wait(new_waiter(), duration_s)
+
+    def of_real(self, duration_s: float) -> float:
+        """See Clock."""
+        return duration_s * self.rate
+
+    def start(self, thread: threading.Thread) -> None:
+        """See Clock."""
+        thread.start()
+
+    def outside(self) -> AbstractContextManager[None]:
+        """See Clock: this clock does not mind."""
+        return contextlib.nullcontext()
 
 
 class SystemClock(ScaledClock):
@@ -139,9 +172,25 @@ class ManualClock:
         waiter.acquire()
         return not expired[0]
 
+    def wake(self, waiter: threading.Lock) -> None:
+        """See Clock."""
+        release(waiter)
+
     def sleep(self, duration_s: float) -> None:
         """See Clock."""
         self.wait(new_waiter(), duration_s)
+
+    def of_real(self, duration_s: float) -> float:
+        """See Clock."""
+        return duration_s
+
+    def start(self, thread: threading.Thread) -> None:
+        """See Clock."""
+        thread.start()
+
+    def outside(self) -> AbstractContextManager[None]:
+        """See Clock: this clock does not mind."""
+        return contextlib.nullcontext()
 
     def advance(self, duration_s: float) -> None:
         """Move the clock forward and wake every wait whose time has come. Thread: any."""
@@ -152,7 +201,7 @@ class ManualClock:
                 due.append(heapq.heappop(self._waits))
         for _, _, waiter, expired in due:
             expired[0] = True
-            wake(waiter)
+            release(waiter)
 
 
 REAL_TIME: Final = SystemClock()

@@ -62,7 +62,7 @@ class EALActor(pykka.ThreadingActor):
 
     def _start_actor_loop(self) -> None:
         self.thread = threading.Thread(target=self._actor_loop, name=self.name, daemon=self.use_daemon_thread)
-        self.thread.start()
+        self.clock.start(self.thread)
 
     def _actor_loop(self) -> None:
         with contextlib.suppress(AbandonedThread):

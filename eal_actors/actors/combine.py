@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import REAL_TIME, new_waiter, wake
+from eal_actors.clock import REAL_TIME, new_waiter
 from eal_actors.errors import CallError
 
 T = TypeVar("T")
@@ -133,14 +133,15 @@ def as_completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
     parts = _all_or_none(futures)
     ready: deque[Future[T]] = deque()
     waiter = new_waiter()
+    clock = parts[0].clock if parts else REAL_TIME
 
     def note(part: Future[T]) -> None:
         ready.append(part)
-        wake(waiter)
+        clock.wake(waiter)
 
     for part in parts:
         part.add_done_callback(note)
     for _ in parts:
         while not ready:
-            REAL_TIME.wait(waiter, None)
+            clock.wait(waiter, None)
         yield ready.popleft()

@@ -12,7 +12,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 
 import pykka
 
-from eal_actors.clock import REAL_TIME, Clock, new_waiter, wake
+from eal_actors.clock import REAL_TIME, Clock, new_waiter
 from eal_actors.errors import CallCancelledError, DeadlineError, EALError, WaitTimeoutError
 from eal_actors.log import get_logger
 
@@ -109,7 +109,7 @@ class Future(pykka.Future[T]):
             self._waiters = self._callbacks = self._alarm = None
         if waiters:
             for waiter in waiters:
-                wake(waiter)
+                self.clock.wake(waiter)
         if alarm is not None:
             alarm.cancel()
         if callbacks:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, TypeVar
 
@@ -222,7 +223,7 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         """Wait until every resource is up.
 
         Args:
-            timeout_s: real seconds to wait at most.
+            timeout_s: seconds of the fleet's clock to wait at most.
 
         Raises:
             RobotFailedError: it could not start.
@@ -276,6 +277,13 @@ def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT
     Thread: blocks the caller, at most about twice `timeout_s` however many robots there are. In a thread of one of the
     robots, such as a done-callback's, it does not wait for that robot.
     """
+    with contextlib.ExitStack() as stack:
+        for clock in dict.fromkeys(robot._actor.clock for robot in robots):
+            stack.enter_context(clock.outside())
+        _close_robots(robots, timeout_s)
+
+
+def _close_robots(robots: Sequence[RobotHandle], timeout_s: float) -> None:
     for robot in robots:
         robot.begin_close()
     waiting = [robot for robot in robots if not robot._actor.is_at_work()]

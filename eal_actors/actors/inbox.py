@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from eal_actors.clock import Clock, new_waiter, wake
+from eal_actors.clock import Clock, new_waiter
 from eal_actors.errors import BusyError, EALError
 from eal_actors.timers import ROUNDING_S, Timer, TimerHeap
 
@@ -182,5 +182,7 @@ class Inbox:
 
     def _wake_reader(self) -> None:
         if self._reader_waits:
-            wake(self._wakeup)  # first, because Ctrl-C may strike in between: one wake-up too many is harmless
+            self.clock.wake(
+                self._wakeup
+            )  # first, because Ctrl-C may strike in between: one wake-up too many is harmless
             self._reader_waits = False

@@ -99,7 +99,7 @@ class RobotView:
         self.cells: dict[str, ResourceCell] = {}
         self.problems: tuple[EALError, ...] = ()
         self.restarts: dict[str, int] = {}
-        self.started: Future[None] = Future(REAL_TIME)
+        self.started: Future[None] = Future(spec.clock)
         self.stopped: Future[None] = Future(REAL_TIME)
 
 
@@ -349,8 +349,9 @@ class RobotActor(EALActor):
         end_s = REAL_TIME.now() + timeout_s
         threads = [*self._threads, *([self.thread] if self.thread is not None else [])]
         threads = [thread for thread in threads if thread is not threading.current_thread()]
-        for thread in threads:
-            thread.join(max(0.0, end_s - REAL_TIME.now()))
+        with self.clock.outside():
+            for thread in threads:
+                thread.join(max(0.0, end_s - REAL_TIME.now()))
         return [thread.name for thread in threads if thread.is_alive()]
 
 

@@ -13,6 +13,7 @@ from eal_actors.cli.exit_codes import SEE_BLOCKING
 from eal_actors.cli.opening import advice_on_plugins, find_resource, read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import plain, shown_value, write_json
+from eal_actors.clock import Clock
 from eal_actors.data import EALData
 from eal_actors.errors import DeadlineError
 from eal_actors.facade.fleet import Fleet
@@ -86,7 +87,7 @@ def call_method(
     """
     call, texts = _checked(method, arguments or [])
     with Fleet(read_fleet(fleet, [robot])) as opened, advice_on_plugins(opened):
-        answer = _answer(find_resource(opened, robot, resource), call, texts, timeout_s, opened.config.rate)
+        answer = _answer(find_resource(opened, robot, resource), call, texts, timeout_s, opened.clock)
     if as_json:
         write_json({"robot": robot, "resource": resource, "method": method, "arguments": texts, **_described(answer)})
     else:
@@ -94,13 +95,13 @@ def call_method(
 
 
 def _answer(
-    handle: ResourceHandle, call: _Call, texts: list[str], timeout_s: float | None, rate: float
+    handle: ResourceHandle, call: _Call, texts: list[str], timeout_s: float | None, clock: Clock
 ) -> EALData | int:
     """Return what the call answers; a call that is late is told apart from one that blocks its actor."""
     try:
         answer: EALData | int = call(handle, texts, timeout_s).get()
     except DeadlineError as error:
-        if handle.halt(timeout_s=_HALT_S * rate).exception() is not None:
+        if handle.halt(timeout_s=clock.of_real(_HALT_S)).exception() is not None:
             error.add_note(SEE_BLOCKING)
         raise
     return answer

@@ -12,13 +12,14 @@ from eal_actors.cli.exit_codes import SEE_DEVICE
 from eal_actors.cli.output import short_path
 from eal_actors.errors import PluginError, Problem, RobotFailedError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.lock_step import Rate
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.plugins import EALPluginManager
 
 
 def read_fleet(
-    path: Path, robots: Sequence[str] = (), *, rate: float | None = None, seed: int | None = None
+    path: Path, robots: Sequence[str] = (), *, rate: Rate | None = None, seed: int | None = None
 ) -> FleetConfig:
     """Read a fleet file.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +24,7 @@ from eal_actors.cli.run_summary import print_summary
 from eal_actors.clock import wall_time
 from eal_actors.errors import ConfigError, PluginError, Problem
 from eal_actors.facade.fleet import Fleet
+from eal_actors.lock_step import MAX, Rate
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.recording import PoseRecorder, PoseSample, draw_trajectory, write_trajectory
 from eal_actors.scenario import Plan, Report, Run, Scenario, load_scenario, make_plan
@@ -42,7 +45,11 @@ def run_scenario(
         int | None, typer.Option(min=0, help="Seed of all randomness, in place of the fleet file's.")
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(min=0.001, help="Fleet seconds in one real second, in place of the fleet file's.")
+        str | None,
+        typer.Option(
+            metavar="NUMBER|max",
+            help="Fleet seconds in one real second, in place of the fleet file's; max is as fast as it goes.",
+        ),
     ] = None,
     as_json: JsonOption = False,
     no_plot: Annotated[bool, typer.Option("--no-plot", help="Draw no picture of the paths.")] = False,
@@ -54,7 +61,7 @@ def run_scenario(
     every robot is halted; a second Ctrl-C skips what is left of `finally`.
     The run's folder keeps summary.json, events.jsonl, trajectory.csv and trajectory.png.
     """
-    wanted, config = _read_both(scenario, fleet, rate, seed)
+    wanted, config = _read_both(scenario, fleet, _checked_rate(rate), seed)
     console = stderr() if as_json else stdout()
     options = context.find_object(GlobalOptions) or GlobalOptions()
     done = _carry_out(wanted, config, runs_dir, console, options)
@@ -107,7 +114,18 @@ def _carry_out(
     return _Done(report, directory, recorder.paths_since(run.start_s), interrupts.count)
 
 
-def _read_both(scenario: Path, fleet: Path, rate: float | None, seed: int | None) -> tuple[Scenario, FleetConfig]:
+def _checked_rate(text: str | None) -> Rate | None:
+    if text is None:
+        return None
+    if text == MAX:
+        return MAX
+    with contextlib.suppress(ValueError):
+        if 0.001 <= (rate := float(text)) < math.inf:
+            return rate
+    raise typer.BadParameter(f"must be a number of at least 0.001, or {MAX}, not {text!r}", param_hint="'--rate'")
+
+
+def _read_both(scenario: Path, fleet: Path, rate: Rate | None, seed: int | None) -> tuple[Scenario, FleetConfig]:
     """Read both files, and raise ConfigError with the problems of both."""
     problems: list[Problem] = []
     wanted = _noting(problems, lambda: load_scenario(scenario))

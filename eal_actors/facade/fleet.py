@@ -15,7 +15,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import CLOSE_TIMEOUT_S, RobotHandle, close_robots
 from eal_actors.actors.robot_actor import RobotSpec, start_robot
 from eal_actors.actors.supervision import Restart
-from eal_actors.clock import REAL_TIME, Clock, ScaledClock
+from eal_actors.clock import Clock
 from eal_actors.errors import (
     ConfigError,
     EALError,
@@ -26,6 +26,7 @@ from eal_actors.errors import (
 )
 from eal_actors.facade.endings import end_as_before, end_in_good_order
 from eal_actors.info import unknown_name
+from eal_actors.lock_step import clock_of
 from eal_actors.log import get_logger
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
@@ -53,7 +54,7 @@ class Fleet(Mapping[str, RobotHandle]):
 
     def __init__(self, config: FleetConfig, clock: Clock | None = None) -> None:
         self.config = config
-        self.clock: Clock = clock if clock is not None else ScaledClock(config.rate)
+        self.clock: Clock = clock if clock is not None else clock_of(config.rate)
         self.services = FleetServices(self.clock, config.seed, config.world)
         self._plugins = EALPluginManager(config.plugin_dirs)
         self._robots: dict[str, RobotHandle] = {}
@@ -99,10 +100,11 @@ class Fleet(Mapping[str, RobotHandle]):
             with self._start_lock:
                 _open_fleets.add(self)
                 end_in_good_order()
+                self.clock.sleep(0)  # from here on a lock-step clock counts this thread
                 for robot in wanted:  # one by one, so that each is known to `close` should Ctrl-C come between
                     if robot.name not in self._robots:
                         self._robots = {**self._robots, robot.name: self._start(robot)}
-            self._wait_started([robot.name for robot in wanted], REAL_TIME.now() + timeout_s)
+            self._wait_started([robot.name for robot in wanted], self.clock.now() + self.clock.of_real(timeout_s))
         except BaseException:
             self.close()
             raise
@@ -111,7 +113,7 @@ class Fleet(Mapping[str, RobotHandle]):
     def _wait_started(self, names: Iterable[str], end_s: float) -> None:
         for name in names:
             try:
-                self[name].wait_started(max(0.0, end_s - REAL_TIME.now()))
+                self[name].wait_started(max(0.0, end_s - self.clock.now()))
             except RobotFailedError:  # its own actor has logged why
                 pass
             except UnavailableError as error:

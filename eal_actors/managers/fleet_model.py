@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
 from eal_actors.errors import Problem
+from eal_actors.lock_step import Rate
 from eal_actors.strict_model import NAMES_ONLY, Name, NameTemplate, StrictModel, Version1, problems_from
 from eal_actors.world import WorldModel
 from eal_actors.yaml_tree import MarkedDict, YamlPath, YamlTree
@@ -23,8 +24,8 @@ Text = Annotated[str, Field(min_length=1)]
 class ClockSection(StrictModel):
     """How fast the fleet's time runs."""
 
-    rate: PositiveFloat = 1.0
-    """Seconds of fleet time in one real second."""
+    rate: PositiveFloat | Literal["max"] = 1.0
+    """Seconds of fleet time in one real second; `max` is as fast as the machine goes, and repeatable."""
 
 
 class PluginSection(StrictModel):
@@ -156,7 +157,7 @@ class FleetConfig:
     Attributes:
         name: the fleet's name.
         source: the file it was read from, as the user gave it.
-        rate: seconds of fleet time in one real second.
+        rate: seconds of fleet time in one real second, or `max`.
         seed: where all randomness of the fleet starts from.
         world: the arena of the simulated robots, if there is one.
         plugin_dirs: folders to search for plugins before the bundled ones, in this order.
@@ -165,7 +166,7 @@ class FleetConfig:
 
     name: str
     source: Path
-    rate: float
+    rate: Rate
     seed: int
     world: WorldModel | None
     plugin_dirs: tuple[Path, ...]

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple, Self
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.clock import new_waiter, wake
+from eal_actors.clock import new_waiter
 from eal_actors.data import DataType, EALData
 from eal_actors.facade.fleet import Fleet
 from eal_actors.info import ValueInfo
@@ -57,14 +57,15 @@ class PoseRecorder:
         self._thread = threading.Thread(target=self._record, name="pose recorder", daemon=True)
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._clock.start(self._thread)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        wake(self._stop)
-        self._thread.join()
+        self._clock.wake(self._stop)
+        with self._clock.outside():
+            self._thread.join()
 
     def _record(self) -> None:
         if not self._poses:

@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Final
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import REAL_TIME, ScaledClock, new_waiter, wake, wall_time
+from eal_actors.clock import ScaledClock, new_waiter, wall_time
 from eal_actors.errors import ScenarioError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.lock_step import LockStepClock, Rate
 from eal_actors.log import get_logger
 from eal_actors.scenario.calls import AnswerStep
 from eal_actors.scenario.events import Event, RobotDropped, RunEnded, RunStarted
@@ -83,7 +84,7 @@ class Run:
             plan,
             self._robots,
             self._loop,
-            HALT_TIMEOUT_S * max(1.0, _rate(fleet)),
+            max(HALT_TIMEOUT_S, fleet.clock.of_real(HALT_TIMEOUT_S)),
             directory,
             self._tell,
             self._fail,
@@ -111,7 +112,8 @@ class Run:
         if self._saves:
             image_writer()  # its import takes long, which would hold up the robots
         self._started, self._start_s = wall_time(), self._fleet.clock.now()
-        threading.Thread(target=self._run, name=f"scenario {self._plan.scenario.name}", daemon=True).start()
+        name = f"scenario {self._plan.scenario.name}"
+        self._fleet.clock.start(threading.Thread(target=self._run, name=name, daemon=True))
         return self._future
 
     @property
@@ -268,10 +270,10 @@ def run_scenario(
     with _ctrl_c_calls(interrupt):
         report = run.start()
         over = new_waiter()
-        report.add_done_callback(lambda _: wake(over))
+        report.add_done_callback(lambda _: fleet.clock.wake(over))
         while not report.done():
             try:
-                REAL_TIME.wait(over, None)
+                fleet.clock.wait(over, None)
             except KeyboardInterrupt:  # from a handler of the caller's own
                 interrupt()
     if interrupts:
@@ -296,9 +298,9 @@ def _ctrl_c_calls(action: Callable[[], None]) -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _rate(fleet: Fleet) -> float:
+def _rate(fleet: Fleet) -> Rate:
     """Return how fast the fleet's clock runs; what the file says of a clock that stands still by itself."""
-    return fleet.clock.rate if isinstance(fleet.clock, ScaledClock) else fleet.config.rate
+    return fleet.clock.rate if isinstance(fleet.clock, ScaledClock | LockStepClock) else fleet.config.rate
 
 
 def _dropped(robot: str, error: ErrorReport, time_s: float) -> RobotDropped:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator
 from typing import Any, TypeAlias
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import Clock, new_waiter, wake
+from eal_actors.clock import Clock, new_waiter
 from eal_actors.timers import ROUNDING_S, Timer, TimerHeap
 
 Branch: TypeAlias = Generator[Future[Any], None, None]
@@ -34,7 +34,7 @@ class Loop:
     def post(self, action: Callable[[], None]) -> None:
         """Run an action soon. Thread: any, signal handlers too; never blocks."""
         self._actions.put(action)
-        wake(self._wakeup)
+        self.clock.wake(self._wakeup)
 
     def call_at(self, time_s: float, action: Callable[[], None]) -> Timer:
         """Run an action when the clock shows `time_s`; see Timekeeper. Thread: the loop's own."""

@@ -31,6 +31,7 @@ from typing import Any, Literal, Self
 from pydantic import Field
 
 from eal_actors.errors import EALError
+from eal_actors.lock_step import Rate
 from eal_actors.strict_model import StrictModel
 
 Outcome = Literal["done", "failed", "dropped", "aborted"]
@@ -88,7 +89,7 @@ class Report(StrictModel):
     fleet: str
     fleet_file: str
     seed: int
-    rate: float
+    rate: Rate
     """Seconds of the fleet's clock in one real second."""
     started: str
     """Wall time in UTC, ISO 8601."""

@@ -5,14 +5,14 @@ import threading
 
 import pytest
 
-from eal_actors.clock import REAL_TIME, Clock, ManualClock, ScaledClock, SystemClock, new_waiter, wake, wall_time
+from eal_actors.clock import REAL_TIME, Clock, ManualClock, ScaledClock, SystemClock, new_waiter, wall_time
 
 
 @pytest.mark.parametrize("clock", [SystemClock(), ScaledClock(100), ManualClock()], ids=["system", "scaled", "manual"])
 def test_a_released_waiter_wakes_and_is_held_again(clock: Clock) -> None:
     waiter = new_waiter()
-    wake(waiter)
-    wake(waiter)  # harmless
+    clock.wake(waiter)
+    clock.wake(waiter)  # harmless
     assert clock.wait(waiter, 5.0)
     assert waiter.locked()
     assert not clock.wait(waiter, 0.0)
@@ -69,7 +69,7 @@ def test_wall_time_is_in_utc() -> None:
 
 def test_a_signal_that_does_not_wake_the_main_thread_is_handled_all_the_same() -> None:
     waiter = new_waiter()
-    before = signal.signal(signal.SIGUSR1, lambda *_: wake(waiter))
+    before = signal.signal(signal.SIGUSR1, lambda *_: REAL_TIME.wake(waiter))
     elsewhere = threading.Thread(target=lambda: signal.pthread_kill(threading.get_ident(), signal.SIGUSR1))
     try:
         elsewhere.start()

@@ -1,0 +1,264 @@
+"""A clock that jumps: as fast as the machine goes, and the same on every run.
+
+Of the threads that count, one at a time has *the turn*. It keeps the turn until it waits. Then the next thread that was
+woken has it, in the order of the wake-ups; where none was, everybody waits for time, and time jumps to the earliest end
+of a wait. So the threads run one after the other in an order that depends on nothing but what they do, however busy
+the machine is: whatever they do is repeatable.
+
+A thread counts as soon as it waits on the clock, or was started by `LockStepClock.start`. A thread that has the turn
+and waits for something else (a socket, a key, another thread) would keep everybody waiting. A watch notices it, takes
+the turn away, and says so; the thread counts again as soon as it waits on the clock. What such a thread does is not
+repeatable. `outside` is for code that knows beforehand that it waits for something else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from typing import Final, Literal, TypeAlias
+
+from eal_actors.clock import REAL_TIME, Clock, ScaledClock, acquire_alert, new_waiter, release
+from eal_actors.log import get_logger
+from eal_actors.timers import Timer, TimerHeap
+
+MAX: Final = "max"
+"""The rate of a clock that goes as fast as the machine."""
+
+Rate: TypeAlias = float | Literal["max"]
+"""Seconds of a clock in one real second, or MAX."""
+
+_LOOK_S: Final = 0.25
+_IDLE_LOOKS: Final = 2
+"""A thread that has the turn and uses no processor time from look to look, this many times, waits for something."""
+
+_PATIENCE_S: Final = 60.0
+"""Real seconds that a thread may compute before time goes on without it."""
+
+
+class _Wait(Timer):
+    """One thread's wait: for a waiter, for a time, or only for the turn.
+
+    Attributes:
+        thread: whose it is.
+        waiter: what it waits on; None where it only waits for the turn.
+        go: held until the thread has the turn.
+        was_released: True if the waiter was released, False if the time passed.
+        is_over: the thread has the turn, or has given up waiting.
+    """
+
+    __slots__ = ("go", "is_over", "thread", "waiter", "was_released")
+
+    def __init__(
+        self, thread: threading.Thread, waiter: threading.Lock | None = None, time_s: float = 0.0, order: int = 0
+    ) -> None:
+        super().__init__(time_s, order, self._nothing)
+        self.thread = thread
+        self.waiter = waiter
+        self.go = new_waiter()
+        self.was_released = False
+        self.is_over = False
+
+    @staticmethod
+    def _nothing() -> None:
+        """Stand for the action that a live timer has."""
+
+
+class LockStepClock:
+    """See the module. It implements `Clock`."""
+
+    rate: Final = MAX
+
+    def __init__(self) -> None:
+        self._now = 0.0
+        self._lock = threading.RLock()  # a signal's handler may wake somebody while its thread holds the lock
+        self._order = itertools.count()
+        self._running: threading.Thread | None = None
+        self._turns = 0
+        self._ready: deque[_Wait] = deque()
+        self._waits: dict[threading.Lock, _Wait] = {}
+        self._timed: TimerHeap[_Wait] = TimerHeap()
+        self._watch: threading.Lock | None = None
+
+    def now(self) -> float:
+        """See Clock."""
+        return self._now
+
+    def of_real(self, duration_s: float) -> float:
+        """See Clock: there is no rate, so a time-out is taken as seconds of this clock."""
+        return duration_s
+
+    def wait(self, waiter: threading.Lock, timeout_s: float | None) -> bool:
+        """See Clock. A time-out of 0 lets those go first that are ready."""
+        time_s = self._now + (timeout_s or 0.0)
+        wait = _Wait(threading.current_thread(), waiter, time_s, next(self._order))
+        with self._lock:
+            self._waits[waiter] = wait  # before a look at the waiter, or a signal's release in between would be lost
+            if waiter.acquire(blocking=False):
+                self._end(wait)
+                return True
+            if timeout_s is not None and timeout_s <= 0:
+                self._ready.append(wait)
+            elif timeout_s is not None:
+                self._timed.add(wait)
+            self._hand_over()
+        self._await_turn(wait)
+        return wait.was_released
+
+    def wake(self, waiter: threading.Lock) -> None:
+        """See Clock."""
+        with self._lock:
+            wait = self._waits.pop(waiter, None)
+            if wait is None:
+                release(waiter)
+                return
+            wait.was_released = True
+            wait.cancel()
+            self._ready.append(wait)
+            self._dispatch_if_free()
+
+    def sleep(self, duration_s: float) -> None:
+        """See Clock."""
+        self.wait(new_waiter(), duration_s)
+
+    def start(self, thread: threading.Thread) -> None:
+        """See Clock."""
+        wait, run = _Wait(thread), thread.run
+
+        def run_in_turn() -> None:
+            self._await_turn(wait)
+            try:
+                run()
+            finally:
+                with self._lock:
+                    self._hand_over()
+
+        thread.run = run_in_turn  # type: ignore[method-assign]  # its target stays in place
+        with self._lock:
+            self._ready.append(wait)
+        thread.start()
+        with self._lock:
+            self._dispatch_if_free()
+
+    @contextlib.contextmanager
+    def outside(self) -> Iterator[None]:
+        """See Clock."""
+        me = threading.current_thread()
+        with self._lock:
+            has_turn = self._running is me
+            if has_turn:
+                self._hand_over()
+        try:
+            yield
+        finally:
+            if has_turn:
+                wait = _Wait(me)
+                with self._lock:
+                    self._ready.append(wait)
+                    self._dispatch_if_free()
+                self._await_turn(wait)
+
+    # The turn. Its steps are in an order in which Ctrl-C may strike between any two.
+
+    def _hand_over(self) -> None:
+        """Give the turn to the next, if the calling thread has it or nobody has. Thread: holds the lock."""
+        if self._running is threading.current_thread():
+            self._running = None
+        self._dispatch_if_free()
+
+    def _dispatch_if_free(self) -> None:
+        """Give the turn to the next if nobody has it. Thread: holds the lock."""
+        if self._running is None:
+            wait = self._next()
+            if wait is not None:
+                release(wait.go)
+                self._running = wait.thread
+                self._turns += 1
+                self._end(wait)
+                if self._ready and self._ready[0] is wait:
+                    self._ready.popleft()
+        self._see_to_watch()
+
+    def _next(self) -> _Wait | None:
+        """Return the wait that ends next; time jumps to its end where that lies ahead. Thread: holds the lock."""
+        while self._ready:
+            if not self._ready[0].is_over:
+                return self._ready[0]
+            self._ready.popleft()
+        wait = self._timed.first()
+        if wait is not None:
+            self._now = max(self._now, wait.time_s)
+        return wait
+
+    def _end(self, wait: _Wait) -> None:
+        wait.is_over = True
+        wait.cancel()
+        if wait.waiter is not None and self._waits.get(wait.waiter) is wait:
+            del self._waits[wait.waiter]
+
+    def _await_turn(self, wait: _Wait) -> None:
+        try:
+            acquire_alert(wait.go, threading.TIMEOUT_MAX)
+        except BaseException:  # Ctrl-C
+            with self._lock:
+                self._end(wait)
+            raise
+
+    # The watch.
+
+    def _see_to_watch(self) -> None:
+        """Have a watch as long as somebody waits for the turn or for time. Thread: holds the lock."""
+        if self._watch is None:
+            if self._ready or self._timed.first() is not None:
+                self._watch = new_waiter()
+                threading.Thread(target=self._keep_watch, args=(self._watch,), name="clock watch", daemon=True).start()
+        elif not self._waits and not self._ready:
+            release(self._watch)
+
+    def _keep_watch(self, stop: threading.Lock) -> None:
+        """Take the turn from threads that wait for something else."""
+        turns, idle_looks, since_s, used_s = -1, 0, 0.0, 0.0
+        while True:
+            with self._lock:
+                if not self._waits and not self._ready:
+                    self._watch = None
+                    return
+                holder, turn = self._running, self._turns
+            if holder is not None:
+                used_before_s, used_s = used_s, _processor_time_s(holder)
+                if turn != turns:
+                    turns, idle_looks, since_s = turn, 0, REAL_TIME.now()
+                else:
+                    idle_looks = idle_looks + 1 if used_s == used_before_s else 0
+                if idle_looks >= _IDLE_LOOKS or REAL_TIME.now() - since_s > _PATIENCE_S or not holder.is_alive():
+                    self._go_on_without(holder, turn)
+            stop.acquire(timeout=_LOOK_S)
+
+    def _go_on_without(self, holder: threading.Thread, turn: int) -> None:
+        with self._lock:
+            if self._turns != turn or self._running is not holder:
+                return
+            is_missed = holder.is_alive() and self._next() is not None
+            self._running = None
+            self._dispatch_if_free()
+        if is_missed:
+            get_logger(thread=holder.name).warning(
+                "a thread waits for something other than the fleet's clock: time goes on without it, and this run "
+                "may not repeat"
+            )
+
+
+def _processor_time_s(thread: threading.Thread) -> float:
+    """Return the processor time that a thread has used; that of the process where the system tells no better."""
+    with contextlib.suppress(OSError):  # it has ended just now
+        if thread.ident is not None and thread.is_alive() and hasattr(time, "pthread_getcpuclockid"):
+            return time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
+    return time.process_time()
+
+
+def clock_of(rate: Rate) -> Clock:
+    """Return a new clock of a rate."""
+    return LockStepClock() if rate == MAX else ScaledClock(rate)
