@@ -5,6 +5,9 @@ woken has it, in the order of the wake-ups; where none was, everybody waits for 
 of a wait. So the threads run one after the other in an order that depends on nothing but what they do, however busy
 the machine is: whatever they do is repeatable.
 
+Where threads keep one another busy without end, such as one that asks for a value until it changes, time goes on after a
+number of turns: such a loop ends, if later than one that sleeps between two looks.
+
 A thread counts as soon as it waits on the clock, or was started by `LockStepClock.start`. A thread that has the turn
 and waits for something else (a socket, a key, another thread) would keep everybody waiting. A watch notices it, takes
 the turn away, and says so; the thread counts again as soon as it waits on the clock. What such a thread does is not
@@ -35,8 +38,13 @@ _LOOK_S: Final = 0.25
 _IDLE_LOOKS: Final = 2
 """A thread that has the turn and uses no processor time from look to look, this many times, waits for something."""
 
-_PATIENCE_S: Final = 60.0
+_PATIENCE_S: Final = 30.0
 """Real seconds that a thread may compute before time goes on without it."""
+
+
+_TURNS_AT_ONCE: Final = 100
+_TURNS_AT_ONCE_EACH: Final = 10
+"""So many turns, and so many more for each thread that waits, may be taken while time stands still."""
 
 
 class _Wait(Timer):
@@ -78,6 +86,7 @@ class LockStepClock:
         self._order = itertools.count()
         self._running: threading.Thread | None = None
         self._turns = 0
+        self._jumped_at = 0
         self._ready: deque[_Wait] = deque()
         self._waits: dict[threading.Lock, _Wait] = {}
         self._timed: TimerHeap[_Wait] = TimerHeap()
@@ -184,14 +193,22 @@ class LockStepClock:
 
     def _next(self) -> _Wait | None:
         """Return the wait that ends next; time jumps to its end where that lies ahead. Thread: holds the lock."""
-        while self._ready:
-            if not self._ready[0].is_over:
-                return self._ready[0]
+        while self._ready and self._ready[0].is_over:
             self._ready.popleft()
         wait = self._timed.first()
+        if self._ready and (wait is None or not self._is_spinning()):
+            return self._ready[0]
         if wait is not None:
             self._now = max(self._now, wait.time_s)
+            self._jumped_at = self._turns
         return wait
+
+    def _is_spinning(self) -> bool:
+        """Return whether threads keep one another busy, such as by asking for a value over and over.
+
+        On a clock that runs, that takes time. So time goes on as if it had.
+        """
+        return self._turns - self._jumped_at > _TURNS_AT_ONCE + _TURNS_AT_ONCE_EACH * len(self._waits)
 
     def _end(self, wait: _Wait) -> None:
         wait.is_over = True

@@ -10,10 +10,11 @@ from eal_actors import EALError, Fleet, RobotHandle
 from eal_actors.clock import Clock
 
 CLEARANCE_M = 0.5
+LOOK_S = 0.05  # from one look at a sensor to the next, on the fleet's clock
 AHEAD = (-2, -1, 0, 1, 2)  # the rays that look forward, counted counter-clockwise from straight ahead
 
 
-def avoid_walls(robot: RobotHandle, stop: threading.Event) -> int:
+def avoid_walls(robot: RobotHandle, stop: threading.Event, clock: Clock) -> int:
     """Drive until something is near, turn away, drive on; return how often it turned."""
     base, ranges, turns = robot["Base"], robot["Range"], 0
     while not stop.is_set():
@@ -25,6 +26,7 @@ def avoid_walls(robot: RobotHandle, stop: threading.Event) -> int:
                 turns += 1
                 base.send_cmd("l100" if left > right else "r100").get()  # takes over from the drive
                 break
+            clock.sleep(LOOK_S)
     return turns
 
 
@@ -35,7 +37,7 @@ def watch_bumper(robot: RobotHandle, stop: threading.Event, clock: Clock, until_
         if robot["Bump"].get_value().get().value:
             reason = "it touched something"
             break
-        clock.sleep(0.05)
+        clock.sleep(LOOK_S)
     stop.set()
     robot.halt().get()
     return reason
@@ -48,19 +50,20 @@ def wander(fleet: Fleet, robot: RobotHandle, duration_s: float) -> tuple[int, st
 
     def control() -> None:
         try:
-            turns.append(avoid_walls(robot, stop))
+            turns.append(avoid_walls(robot, stop, fleet.clock))
         except EALError:
             if not stop.is_set():  # once the watcher has halted the robot, its turn may be cut short
                 raise
             turns.append(-1)
 
     avoider = threading.Thread(target=control, name="avoid walls")
-    avoider.start()
+    fleet.clock.start(avoider)
     try:
         reason = watch_bumper(robot, stop, fleet.clock, fleet.clock.now() + duration_s)
     finally:
         stop.set()
-        avoider.join()
+        with fleet.clock.outside():  # joining is no wait for the clock
+            avoider.join()
     return turns[0], reason
 
 

@@ -150,11 +150,12 @@ class RunEnded(Event):
     """The run is over, and everything that moves was halted.
 
     Attributes:
-        report: the whole report; its line in `events.jsonl` leaves out the steps, which have lines of their own.
+        report: the whole report; its line in `events.jsonl` leaves out the steps, which have lines of their own, and
+            the wall time, so that the events of a run that repeats are the same.
     """
 
     kind = "run_ended"
     report: Report
 
     def _fields(self) -> dict[str, Any]:
-        return {"report": self.report.model_dump(exclude={"steps"})}
+        return {"report": self.report.model_dump(exclude={"steps", "started"})}

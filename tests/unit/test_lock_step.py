@@ -184,6 +184,33 @@ def test_the_watch_ends_when_nobody_waits() -> None:
         assert not watch.is_alive()
 
 
+def polls_until(time_s: float) -> int:
+    """Return how often one thread asks another before the clock shows a time."""
+    clock, asked, answered = LockStepClock(), new_waiter(), new_waiter()
+    polls, is_over = 0, False
+
+    def answer() -> None:
+        while not is_over:
+            clock.wait(asked, None)
+            clock.wake(answered)
+
+    def poll() -> None:
+        nonlocal polls, is_over
+        while clock.now() < time_s:
+            polls += 1
+            clock.wake(asked)
+            clock.wait(answered, None)
+        is_over = True
+        clock.wake(asked)
+
+    run_together(clock, answer, poll, lambda: clock.sleep(time_s))
+    return polls
+
+
+def test_a_loop_that_polls_does_not_stop_time_and_repeats() -> None:
+    assert polls_until(1.0) == polls_until(1.0) > 10
+
+
 def test_a_rate_makes_its_clock() -> None:
     assert isinstance(clock_of(MAX), LockStepClock)
     scaled = clock_of(3.0)

@@ -1,0 +1,65 @@
+"""At `rate: max` a run repeats to the last bit: events, paths and saved values, in any process."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LIMIT_S = 120.0
+UNLIKE = {"summary.json", "trajectory.png"}
+"""What tells the wall time of a run, or the version of what drew it."""
+
+
+def traces_of(scenario: str, directory: Path, hash_seed: int, *options: str) -> dict[str, str]:
+    """Run a scenario in a process of its own; return the hash of each file it left behind."""
+    command = [sys.executable, "-m", "eal_actors", "run", str(ROOT / "scenarios" / scenario)]
+    command += ["--fleet", str(ROOT / "fleets/sim.yaml"), "--rate", "max", "--no-plot", "--runs-dir", str(directory)]
+    environment = {**os.environ, "PYTHONHASHSEED": str(hash_seed)}
+    done = subprocess.run(
+        [*command, *options], env=environment, timeout=LIMIT_S, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    (run,) = directory.iterdir()
+    return {
+        str(file.relative_to(run)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted(run.rglob("*"))
+        if file.is_file() and file.name not in UNLIKE
+    }
+
+
+@pytest.mark.parametrize("scenario", ["dance.yaml", "square.yaml", "panorama.yaml"])
+def test_two_processes_leave_the_same_trace(scenario: str, tmp_path: Path) -> None:
+    first = traces_of(scenario, tmp_path / "first", 1)
+    assert {"events.jsonl", "trajectory.csv"} <= set(first)
+    assert first == traces_of(scenario, tmp_path / "second", 2)
+
+
+def test_another_seed_leaves_another_trace(tmp_path: Path) -> None:
+    first = traces_of("square.yaml", tmp_path / "first", 1)
+    other = traces_of("square.yaml", tmp_path / "other", 1, "--seed", "8")
+    assert first["trajectory.csv"] != other["trajectory.csv"]
+
+
+def test_controllers_in_threads_repeat_too(tmp_path: Path) -> None:
+    fleet = tmp_path / "fleet.yaml"
+    text = (ROOT / "fleets/sim.yaml").read_text().replace("worlds/empty.yaml", str(ROOT / "fleets/worlds/empty.yaml"))
+    fleet.write_text(text.replace("rate: 2", "rate: max"))
+    command = [sys.executable, str(ROOT / "scenarios/wander.py"), "--fleet", str(fleet), "--seconds", "60"]
+    said = {
+        subprocess.run(
+            command,
+            env={**os.environ, "PYTHONHASHSEED": hash_seed, "PYTHONPATH": str(ROOT)},
+            timeout=LIMIT_S,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for hash_seed in ("1", "2", "3")
+    }
+    assert len(said) == 1
