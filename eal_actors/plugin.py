@@ -32,6 +32,7 @@ from eal_actors.errors import (
     UnsupportedError,
 )
 from eal_actors.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
+from eal_actors.link import Link
 from eal_actors.log import get_logger
 from eal_actors.resource import Activity, Resource, command, config, config_setter, request
 from eal_actors.strict_model import StrictModel
@@ -50,6 +51,7 @@ __all__ = [
     "EALPlugin",
     "Field",
     "FleetServices",
+    "Link",
     "PluginContext",
     "PluginError",
     "PluginSettingsModel",
@@ -124,6 +126,14 @@ class FleetServices:
         self.world = world
         self._lock = threading.RLock()
         self._shared: dict[Hashable, Any] = {}
+        self._links: dict[str, Link] = {}
+
+    def link(self, robot: str) -> Link:
+        """Return the link to a robot, for plugins that make faults on purpose. Thread: any."""
+        with self._lock:
+            if robot not in self._links:
+                self._links[robot] = Link(robot, self.seed)
+            return self._links[robot]
 
     def shared(self, key: Hashable, make: Callable[[], _T]) -> _T:
         """Return the fleet's one object under the key, made by the first who asks. Thread: any."""

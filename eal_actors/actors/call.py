@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from typing import Any, Final, Protocol, TypeVar
 
 from eal_actors.actors.future import Future
@@ -17,6 +18,7 @@ from eal_actors.errors import (
     UnavailableError,
 )
 from eal_actors.info import ResourceInfo
+from eal_actors.link import Link
 from eal_actors.resource import Resource
 
 T = TypeVar("T")
@@ -111,20 +113,30 @@ class ResourceCell:
         actor: the actor that serves the resource now, or None.
         info: what the resource last said of itself; None before its first start.
         error: why calls fail while there is no actor.
+        link: what calls pass on their way; a perfect one of its own if None is given.
     """
 
-    def __init__(self, robot: str, name: str, clock: Clock, timekeeper: Inbox, timeout_s: float) -> None:
+    def __init__(
+        self, robot: str, name: str, clock: Clock, timekeeper: Inbox, timeout_s: float, link: Link | None = None
+    ) -> None:
         self.robot = robot
         self.name = name
         self.clock = clock
         self.timekeeper = timekeeper
         self.timeout_s = timeout_s
+        self.link = link if link is not None else Link(robot)
         self.actor: CallTarget | None = None
         self.info: ResourceInfo | None = None
         self.error: EALError = UnavailableError("it has not started yet")
 
     def submit(self, call: Call[Any]) -> None:
         """Put a call in the normal lane; a refusal becomes the call's outcome. Thread: any; never blocks."""
+        if self.link.is_faulty:
+            self._carry(lambda: self._submit(call))
+        else:
+            self._submit(call)
+
+    def _submit(self, call: Call[Any]) -> None:
         actor = self.actor
         if actor is None:
             call.fail(self._unavailable())
@@ -144,7 +156,13 @@ class ResourceCell:
         Thread: any; never blocks.
         """
         call.stops = stops
-        actor = self.actor
+        if self.link.is_faulty:
+            self._carry(lambda: self._submit_urgent(call))
+        else:
+            self._submit_urgent(call)
+
+    def _submit_urgent(self, call: Call[Any]) -> None:
+        stops, actor = call.stops, self.actor
         if actor is None:
             call.fail(self._unavailable())
             return
@@ -158,8 +176,24 @@ class ResourceCell:
 
     def give_up(self, call: Call[Any]) -> None:
         """Tell the actor that nobody waits for the call any more. Thread: any; never blocks."""
+        if self.link.is_faulty:
+            self._carry(lambda: self._give_up(call))
+        else:
+            self._give_up(call)
+
+    def _give_up(self, call: Call[Any]) -> None:
         if self.actor is not None:
             self.actor.stop_activity_of(call)
+
+    def _carry(self, deliver: Callable[[], None]) -> None:
+        """Deliver something over the faulty link: later, or never."""
+        delay_s = 0.0 if self.name in self.link.spared else self.link.delay_of_next_s()
+        if delay_s is None:
+            return
+        if delay_s:
+            self.timekeeper.call_later(delay_s, deliver)
+        else:
+            deliver()
 
     def _unavailable(self) -> EALError:
         return self.error.copy().at(self.robot, self.name)

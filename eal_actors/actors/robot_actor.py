@@ -19,6 +19,7 @@ from eal_actors.actors.supervision import ChildSpec, Restart, RestartIntensity, 
 from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.errors import EALError, PluginError, RobotFailedError, UnavailableError, shown
 from eal_actors.info import ResourceInfo
+from eal_actors.link import Link
 from eal_actors.log import get_logger
 
 HANG_GRACE_S: Final = 1.0
@@ -69,6 +70,7 @@ class RobotSpec:
         restart: when resources are restarted.
         max_restarts: restarts allowed within the window, for all resources together.
         restart_window_s: the window in seconds.
+        link: what the calls to its resources pass on their way; a perfect one if None.
     """
 
     name: str
@@ -79,6 +81,7 @@ class RobotSpec:
     restart: Restart = Restart.PERMANENT
     max_restarts: int = 3
     restart_window_s: float = 5.0
+    link: Link | None = None
 
 
 class RobotView:
@@ -148,7 +151,7 @@ class RobotActor(EALActor):
         for problem in self._plugins.errors:
             self._log.error("plugin left out", reason=problem.message)
         cells = {
-            name: ResourceCell(self.spec.name, name, self.clock, self.actor_inbox, self.spec.timeout_s)
+            name: ResourceCell(self.spec.name, name, self.clock, self.actor_inbox, self.spec.timeout_s, self.spec.link)
             for name in self._plugins.resources
         }
         for name, factory in self._plugins.resources.items():

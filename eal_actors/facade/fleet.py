@@ -136,6 +136,7 @@ class Fleet(Mapping[str, RobotHandle]):
             restart=Restart(robot.restart),
             max_restarts=robot.max_restarts,
             restart_window_s=robot.restart_window_s,
+            link=self.services.link(robot.name),
         )
         return RobotHandle(partial(start_robot, spec), robot.name, robot.types, robot.tags)
 

@@ -193,7 +193,7 @@ class EALPluginManager:
             raise PluginError(f"plugin {manifest.name!r}: connect returned {plugin!r}, which is no EALPlugin")
         connected.append((settings.instance, module, plugin))  # from here on it is owed a disconnect
         promised, named = set(manifest.file.resources), set(plugin.list_resources())
-        if promised != named:
+        if named - promised or (named != promised and checked is None):  # settings may leave out some
             raise PluginError(
                 f"plugin {manifest.name!r}: its manifest names {', '.join(sorted(promised))}, "
                 f"but connect names {', '.join(sorted(named))}"

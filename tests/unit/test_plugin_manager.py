@@ -355,6 +355,14 @@ def test_a_plugin_that_breaks_its_promise_is_left_out_and_the_others_connect(
     assert words in str(error)
 
 
+def test_settings_may_leave_out_resources(write: Write, manager: Any, robot: Any) -> None:
+    code = CODE.replace("def connect(", "class Settings(PluginSettingsModel):\n    pass\n\n\ndef connect(", 1)
+    write("probe", "from eal_actors.plugin import PluginSettingsModel\n" + code, resources="Thing, Another")
+    plugins = manager().connect(robot("{probe: {}}"), services())
+    assert list(plugins.resources) == ["Thing"]
+    assert plugins.errors == ()
+
+
 def test_create_must_return_a_resource(write: Write, manager: Any, robot: Any) -> None:
     write("probe", CODE.replace("return Thing()", "return 'a thing'"))
     plugins = manager().connect(robot("{probe: {}}"), services())
