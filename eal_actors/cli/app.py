@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from eal_actors import __version__
-from eal_actors.cli import call, check, plugin, resources, run, schema
+from eal_actors.cli import call, check, plugin, resources, run, schema, world
 from eal_actors.cli.exit_codes import EPILOG, ExitCode, report
 from eal_actors.cli.help import Command, Group
 from eal_actors.cli.interrupts import heed_signals
@@ -66,6 +66,7 @@ def _global_options(
 app.command("run", cls=Command)(run.run_scenario)
 app.command("check", cls=Command)(check.check_files)
 app.command("schema", cls=Command)(schema.print_schema)
+app.command("world", cls=Command)(world.show_world)
 app.command("resources", cls=Command)(resources.list_resources)
 app.command("call", cls=Command, context_settings={"ignore_unknown_options": True})(call.call_method)  # -5 is a number
 app.add_typer(plugin.app, name="plugin")

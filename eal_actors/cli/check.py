@@ -14,6 +14,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.opening import check_plugins
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, stderr, stdout, write_json
+from eal_actors.cli.world import contents
 from eal_actors.errors import ConfigError, Problem
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import load_scenario
@@ -107,9 +108,7 @@ def _check_scenario(name: str) -> Checked:
 
 
 def _check_world(name: str) -> Checked:
-    world = load_world(name)
-    width_m, height_m = world.size_m
-    return Checked(name, "world", f"world, {width_m:g} x {height_m:g} m, {counted(len(world.obstacles), 'obstacle')}")
+    return Checked(name, "world", f"world, {contents(load_world(name))}")
 
 
 def _refuse_plugin(name: str) -> Checked:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias
+from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias
 
-from eal_actors.log import get_logger
+from eal_actors.recording.arena import draw_arena
+from eal_actors.recording.figure import draw_grid, new_figure
 from eal_actors.recording.poses import PoseSample
-from eal_actors.world import BoxObstacle, WorldModel
+from eal_actors.world import WorldModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,7 +62,7 @@ def draw_trajectory(
 
     Args:
         paths: samples by robot, as `PoseRecorder.paths_since` returns them.
-        world: the arena's walls and obstacles; None draws just the paths.
+        world: the arena, drawn as it was at first; None draws just the paths.
         out: the PNG file to write.
         title: the picture's title.
         outcomes: how robots fared, by name, see `RobotReport`; None says nothing of it.
@@ -70,17 +70,12 @@ def draw_trajectory(
     Returns:
         The file, or None when matplotlib is not installed, which is logged.
     """
-    if importlib.util.find_spec("matplotlib") is None:
-        get_logger().warning("no picture: matplotlib is missing", remedy="pip install 'eal-actors[sim]'")
+    figure = new_figure(9.0, 8.0)
+    if figure is None:
         return None
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 8), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
     arena, headings = figure.subplots(2, 1, height_ratios=(3, 1))
     if world is not None:
-        _draw_world(arena, world)
+        draw_arena(arena, world)
     for number, (name, path) in enumerate(paths.items()):
         if path:
             outcome = (outcomes or {}).get(name)
@@ -100,34 +95,7 @@ def _label(arena: Axes, headings: Axes, title: str) -> None:
     arena.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     headings.set(xlabel="time [s]", ylabel="heading [°]")
     for axes in (arena, headings):
-        axes.grid(visible=True, color="#dddddd", linewidth=0.6)
-        axes.set_axisbelow(True)
-
-
-def _draw_world(axes: Axes, world: WorldModel) -> None:
-    from matplotlib.patches import Circle, Rectangle
-
-    width_m, height_m = world.size_m
-    axes.add_patch(Rectangle((-width_m / 2, -height_m / 2), width_m, height_m, fill=False, linewidth=2.5))
-    for obstacle in world.obstacles:
-        style: dict[str, Any] = {"facecolor": "#d9d9d9", "edgecolor": "#7f7f7f"}
-        if isinstance(obstacle, BoxObstacle):
-            corner = (obstacle.x_m - obstacle.width_m / 2, obstacle.y_m - obstacle.height_m / 2)
-            axes.add_patch(
-                Rectangle(
-                    corner,
-                    obstacle.width_m,
-                    obstacle.height_m,
-                    angle=obstacle.yaw_deg,
-                    rotation_point="center",
-                    **style,
-                )
-            )
-        else:
-            axes.add_patch(Circle((obstacle.x_m, obstacle.y_m), obstacle.radius_m, **style))
-    margin_m = 0.05 * max(width_m, height_m)
-    axes.set_xlim(-width_m / 2 - margin_m, width_m / 2 + margin_m)
-    axes.set_ylim(-height_m / 2 - margin_m, height_m / 2 + margin_m)
+        draw_grid(axes)
 
 
 def _draw_path(axes: Axes, name: str, path: Sequence[PoseSample], look: _Look) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.managers.config import check_fleet
+from eal_actors.managers.config import check_fleet, check_world
 from eal_actors.scenario import check_scenario
 from tests.facade.test_eal import SEVENTEEN
 
@@ -81,7 +81,8 @@ def test_every_yaml_block_is_a_valid_file(text: str, tmp_path: Path) -> None:
     (tmp_path / "worlds" / "lab.yaml").write_text((ROOT / "fleets/worlds/lab.yaml").read_text())
     (tmp_path / "common.yaml").write_text("version: 1\n")
     (tmp_path / "my_plugins").mkdir()
-    problems = check_scenario(file) if "\nsteps:" in text else check_fleet(file)
+    check = check_scenario if "\nsteps:" in text else check_world if "\nsize_m:" in text else check_fleet
+    problems = check(file)
     assert not problems, "\n".join(map(str, problems))
 
 

@@ -121,8 +121,8 @@ def test_shipped_worlds_are_right_by_model_and_schema(path: Path) -> None:
 
 
 def test_both_kinds_of_files_are_shipped() -> None:
-    assert {path.stem for path in SHIPPED_FLEETS} >= {"local", "sim"}
-    assert {path.stem for path in SHIPPED_WORLDS} >= {"empty", "lab"}
+    assert {path.stem for path in SHIPPED_FLEETS} >= {"local", "sim", "swarm"}
+    assert {path.stem for path in SHIPPED_WORLDS} >= {"empty", "field", "lab", "maze"}
 
 
 ROBOTS = "robots: {r: {plugins: {s: {}}}}"
@@ -173,6 +173,24 @@ def test_model_and_schema_refuse_the_same_fleets(tmp_path: Path, text: str) -> N
         "size_m: [1, 1]\nobstacles: [{kind: ball}]",
         "size_m: [1, 1]\nobstacles: [{kind: circle, x_m: 0, y_m: 0, radius_m: 0}]",
         "size_m: [1, 1]\nobstacles: [{kind: circle, x_m: 0, y_m: 0, radius_m: 1, width_m: 1}]",
+        "size_m: [1, 1]\nobstacles: [{kind: box, x_m: 0, y_m: 0, size_m: [1], height_m: 1}]",
+        "size_m: [1, 1]\nobstacles: [{kind: box, x_m: 0, y_m: 0, size_m: [1, 1], height_m: 0}]",
+        "size_m: [1, 1]\nobstacles: [{kind: wall, start_m: [0, 0]}]",
+        "size_m: [1, 1]\nheight_m: 0",
+        "size_m: [1, 1]\nseed: -1",
+        "size_m: [1, 1]\ntextures: {1a: {pattern: plain}}",
+        "size_m: [1, 1]\ntextures: {a: {pattern: checkers}}",
+        "size_m: [1, 1]\ntextures: {a: {pattern: plain, colours: []}}",
+        "size_m: [1, 1]\ntextures: {a: {pattern: plain, colours: [[1, 2, 256]]}}",
+        "size_m: [1, 1]\nposters: [{wall: up, at_m: 0, texture: a}]",
+        "size_m: [1, 1]\nboxes: [{x_m: 0, y_m: 0}]",
+        "size_m: [1, 1]\nbeacons: [{name: a, x_m: 0, y_m: 0, colour: [1, 2]}]",
+        "size_m: [1, 1]\ndrops: [{x_m: 0, y_m: 0, size_m: [1, 0]}]",
+        "size_m: [1, 1]\nlighting: {ambient_lux: -1}",
+        "size_m: [1, 1]\nstarts: 5",
+        "size_m: [1, 1]\nstarts: [{x_m: 0, y_m: 0, yaw_deg: 361}]",
+        "size_m: [1, 1]\nstarts: {shape: ring, count: 1, spacing_m: 1}",
+        "size_m: [1, 1]\nstarts: {shape: line, count: 0, spacing_m: 1}",
         "size_m: [1, 1]\nphysics: {rate_hz: 1001}",
     ],
 )

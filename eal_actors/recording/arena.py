@@ -1,0 +1,151 @@
+"""Draw an arena from above: as the ground of the robots' paths, and on its own."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+from eal_actors.recording.figure import draw_grid, new_figure
+from eal_actors.world import Beacon, BoxObstacle, CircleObstacle, Drop, MovableBox, Poster, WorldModel
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.patches import Patch
+
+_Style: TypeAlias = dict[str, Any]
+
+_OBSTACLE: Final[_Style] = {"facecolor": "#d9d9d9", "edgecolor": "#7f7f7f"}
+_BOX: Final[_Style] = {"facecolor": "#f3e3c3", "edgecolor": "#8a6d3b", "linestyle": (0, (3, 1.5))}
+_DROP: Final[_Style] = {"facecolor": "white", "edgecolor": "#9a9a9a", "hatch": "////"}
+_POSTER: Final[_Style] = {"color": "#8c7bb8", "linewidth": 6, "solid_capstyle": "butt"}
+_BEACON: Final[_Style] = {"linestyle": "", "marker": "o", "markersize": 9, "markeredgecolor": "black"}
+_LAMP: Final[_Style] = {
+    "linestyle": "",
+    "marker": "*",
+    "markersize": 13,
+    "color": "#ffd75e",
+    "markeredgecolor": "#a88600",
+}
+_START: Final[_Style] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": "#b0b0b0"}
+_MOST_NUMBERED: Final = 100
+"""More numbers than these hide what they stand at."""
+
+
+def draw_world(world: WorldModel, out: Path) -> Path | None:
+    """Draw a world's plan: obstacles and start poses with their numbers, counted from 0, the rest with their names.
+
+    Args:
+        world: the world.
+        out: the file to write; its ending tells the format, such as `.png` or `.svg`.
+
+    Returns:
+        The file, or None when matplotlib is not installed, which is logged.
+    """
+    width_m, depth_m = world.size_m
+    figure = new_figure(9.0, min(max(8.0 * depth_m / width_m, 3.0), 16.0))
+    if figure is None:
+        return None
+    axes = figure.subplots()
+    draw_arena(axes, world)
+    for lamp in world.lighting.lamps:
+        axes.plot([lamp.x_m], [lamp.y_m], **_LAMP)
+    _write_names(axes, world)
+    axes.set_title(f"{world.name}: {width_m:g} x {depth_m:g} m, {world.height_m:g} m high", loc="left", fontsize=12)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    draw_grid(axes)
+    if handles := _legend(world):
+        axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    figure.savefig(out, bbox_inches="tight")
+    return out
+
+
+def draw_arena(axes: Axes, world: WorldModel) -> None:
+    """Draw the walls and what stands between them, as it is at first, and set the limits of the axes round it.
+
+    Obstacles are grey; drops are hatched; boxes have dashed edges; beacons are dots of their colours; posters are
+    strips on their walls; a dot with a stroke is a start pose and where it faces.
+    """
+    from matplotlib.patches import Circle, Rectangle
+
+    width_m, depth_m = world.size_m
+    axes.add_patch(Rectangle((-width_m / 2, -depth_m / 2), width_m, depth_m, fill=False, linewidth=2.5))
+    for drop in world.drops:
+        axes.add_patch(_rectangle(drop, _DROP))
+    for obstacle in world.solid_obstacles:
+        if isinstance(obstacle, CircleObstacle):
+            axes.add_patch(Circle((obstacle.x_m, obstacle.y_m), obstacle.radius_m, **_OBSTACLE))
+        else:
+            axes.add_patch(_rectangle(obstacle, _OBSTACLE))
+    for box in world.boxes:
+        axes.add_patch(_rectangle(box, _BOX))
+    for poster in world.posters:
+        axes.plot(*_strip(poster, width_m, depth_m), **_POSTER)
+    _draw_starts(axes, world)
+    for beacon in world.beacons:
+        axes.plot([beacon.x_m], [beacon.y_m], color=[channel / 255 for channel in beacon.colour], **_BEACON)
+    margin_m = 0.05 * max(width_m, depth_m)
+    axes.set_xlim(-width_m / 2 - margin_m, width_m / 2 + margin_m)
+    axes.set_ylim(-depth_m / 2 - margin_m, depth_m / 2 + margin_m)
+
+
+def _rectangle(thing: BoxObstacle | MovableBox | Drop, style: _Style) -> Patch:
+    from matplotlib.patches import Rectangle
+
+    along_m, across_m = thing.size_m
+    corner = (thing.x_m - along_m / 2, thing.y_m - across_m / 2)
+    return Rectangle(corner, along_m, across_m, angle=thing.yaw_deg, rotation_point="center", **style)
+
+
+def _strip(poster: Poster, width_m: float, depth_m: float) -> tuple[list[float], list[float]]:
+    """Return the xs and ys of a poster's two ends."""
+    along = [poster.at_m - poster.size_m[0] / 2, poster.at_m + poster.size_m[0] / 2]
+    if poster.wall in ("north", "south"):
+        return along, [math.copysign(depth_m / 2, 1 if poster.wall == "north" else -1)] * 2
+    return [math.copysign(width_m / 2, 1 if poster.wall == "east" else -1)] * 2, along
+
+
+def _draw_starts(axes: Axes, world: WorldModel) -> None:
+    length_m = 0.03 * max(world.size_m)
+    poses = world.start_poses
+    axes.plot([pose.x_m for pose in poses], [pose.y_m for pose in poses], **_START)
+    for pose in poses:
+        yaw_rad = math.radians(pose.yaw_deg)
+        ahead = [pose.x_m, pose.x_m + length_m * math.cos(yaw_rad)], [pose.y_m, pose.y_m + length_m * math.sin(yaw_rad)]
+        axes.plot(*ahead, color=_START["color"], linewidth=1.2)
+
+
+def _write_names(axes: Axes, world: WorldModel) -> None:
+    from matplotlib.patheffects import withStroke
+
+    small: _Style = {"fontsize": 8, "color": "#444444", "ha": "center", "va": "center", "textcoords": "offset points"}
+    small["path_effects"] = [withStroke(linewidth=2.5, foreground="white")]
+    if len(world.obstacles) <= _MOST_NUMBERED:
+        for number, obstacle in enumerate(world.solid_obstacles):
+            axes.annotate(str(number), (obstacle.x_m, obstacle.y_m), xytext=(0, 0), **small)
+    named: tuple[MovableBox | Beacon, ...] = (*world.boxes, *world.beacons)
+    for thing in named:
+        axes.annotate(thing.name, (thing.x_m, thing.y_m), xytext=(0, 13), **small)
+    if len(world.start_poses) <= _MOST_NUMBERED:
+        for number, pose in enumerate(world.start_poses):
+            yaw_rad = math.radians(pose.yaw_deg)
+            behind = (-9 * math.cos(yaw_rad), -9 * math.sin(yaw_rad))
+            axes.annotate(str(number), (pose.x_m, pose.y_m), xytext=behind, **small)
+
+
+def _legend(world: WorldModel) -> list[Artist]:
+    """Return a sample of each kind of thing that the world has."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    samples: tuple[tuple[object, Artist], ...] = (
+        (world.obstacles, Patch(**_OBSTACLE, label="obstacle")),
+        (world.boxes, Patch(**_BOX, label="movable box")),
+        (world.drops, Patch(**_DROP, label="drop")),
+        (world.posters, Line2D([], [], **_POSTER, label="poster")),
+        (world.beacons, Line2D([], [], **_BEACON, color="white", label="beacon")),
+        (world.lighting.lamps, Line2D([], [], **_LAMP, label="lamp")),
+        (world.start_poses, Line2D([], [], **_START, label="start pose")),
+    )
+    return [sample for things, sample in samples if things]
