@@ -3,14 +3,20 @@
 Three ways in: `eal run SCENARIO --fleet FLEET`, the synchronous `connect()`, and the concurrent `Fleet`.
 """
 
-from eal_actors.actors.combine import as_completed, first, gather
-from eal_actors.actors.future import Future
-from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.data import DataType, EALData
-from eal_actors.errors import EALError
-from eal_actors.facade.eal import EAL, connect
-from eal_actors.facade.fleet import Fleet
-from eal_actors.info import ResourceInfo, ResourceType
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from eal_actors.actors.combine import as_completed, first, gather
+    from eal_actors.actors.future import Future
+    from eal_actors.actors.handles import ResourceHandle, RobotHandle
+    from eal_actors.data import DataType, EALData
+    from eal_actors.errors import EALError
+    from eal_actors.facade.eal import EAL, connect
+    from eal_actors.facade.fleet import Fleet
+    from eal_actors.info import ResourceInfo, ResourceType
 
 __version__ = "0.1.0"
 
@@ -30,3 +36,28 @@ __all__ = [
     "first",
     "gather",
 ]
+
+_HOMES: Final = {
+    "DataType": "eal_actors.data",
+    "EAL": "eal_actors.facade.eal",
+    "EALData": "eal_actors.data",
+    "EALError": "eal_actors.errors",
+    "Fleet": "eal_actors.facade.fleet",
+    "Future": "eal_actors.actors.future",
+    "ResourceHandle": "eal_actors.actors.handles",
+    "ResourceInfo": "eal_actors.info",
+    "ResourceType": "eal_actors.info",
+    "RobotHandle": "eal_actors.actors.handles",
+    "as_completed": "eal_actors.actors.combine",
+    "connect": "eal_actors.facade.eal",
+    "first": "eal_actors.actors.combine",
+    "gather": "eal_actors.actors.combine",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name when it is first used, so that one part of the framework costs no more than it needs."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_HOMES[name]), name)
+    return value

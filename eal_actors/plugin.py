@@ -16,7 +16,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from pydantic import Field
 
@@ -41,6 +41,7 @@ from eal_actors.world import WorldModel
 __all__ = [
     "Activity",
     "ArgumentError",
+    "BytePort",
     "Clock",
     "CommandInfo",
     "ConfigInfo",
@@ -111,6 +112,39 @@ class EALPlugin:
             ) from None
 
 
+class BytePort(Protocol):
+    """What a driver uses of a serial port. Pyserial's ports have it, with a `timeout` of 0, and simulated ones."""
+
+    @property
+    def in_waiting(self) -> int:
+        """How many bytes can be read."""
+        ...
+
+    def read(self, size: int = 1) -> bytes:
+        """Return what has arrived, at most so many bytes; does not wait."""
+        ...
+
+    def write(self, data: bytes) -> int | None:
+        """Send bytes."""
+        ...
+
+    def reset_input_buffer(self) -> None:
+        """Forget what has arrived."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the port."""
+        ...
+
+
+class PortMaker(Protocol):
+    """Makes simulated ports: what `open_port` of a plugin such as sim is."""
+
+    def __call__(self, context: PluginContext, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
+        """Return an open port; see PluginContext.simulated_port."""
+        ...
+
+
 class FleetServices:
     """What the plugins of one fleet share: its clock, its world, and objects made once, such as a simulation.
 
@@ -118,12 +152,16 @@ class FleetServices:
         clock: the fleet's clock.
         seed: the fleet's seed, from which every random generator of a plugin must come.
         world: the fleet file's world, or None.
+        open_port: makes simulated ports; None where there are none.
     """
 
-    def __init__(self, clock: Clock, seed: int = 0, world: WorldModel | None = None) -> None:
+    def __init__(
+        self, clock: Clock, seed: int = 0, world: WorldModel | None = None, open_port: PortMaker | None = None
+    ) -> None:
         self.clock = clock
         self.seed = seed
         self.world = world
+        self.open_port = open_port
         self._lock = threading.RLock()
         self._shared: dict[Hashable, Any] = {}
         self._links: dict[str, Link] = {}
@@ -166,3 +204,18 @@ class PluginContext:
     def clock(self) -> Clock:
         """The fleet's clock."""
         return self.services.clock
+
+    def simulated_port(self, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
+        """Open a port to an emulator whose body is a robot of a simulated world.
+
+        Args:
+            url: `<plugin>://...`, where the plugin is the one that simulates, such as `sim://world/roomba-1`.
+            model: what the robot must be, in that plugin's words.
+            emulate: makes the driver's emulator for a body: an object with `feed(data, now_s) -> bytes`.
+
+        Raises:
+            PluginError: there is no such plugin or robot, or it makes no ports.
+        """
+        if self.services.open_port is None:
+            raise PluginError(f"port {url!r}: there are no simulated ports here")
+        return self.services.open_port(self, url, model, emulate)

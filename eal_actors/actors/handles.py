@@ -277,6 +277,8 @@ def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT
     Thread: blocks the caller, at most about twice `timeout_s` however many robots there are. In a thread of one of the
     robots, such as a done-callback's, it does not wait for that robot.
     """
+    for robot in robots:  # before time may go on without this thread, or motions would end that are to be stopped
+        robot.begin_close()
     with contextlib.ExitStack() as stack:
         for clock in dict.fromkeys(robot._actor.clock for robot in robots):
             stack.enter_context(clock.outside())
@@ -284,8 +286,6 @@ def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT
 
 
 def _close_robots(robots: Sequence[RobotHandle], timeout_s: float) -> None:
-    for robot in robots:
-        robot.begin_close()
     waiting = [robot for robot in robots if not robot._actor.is_at_work()]
     late = _not_stopped(waiting, timeout_s)
     for robot in late:

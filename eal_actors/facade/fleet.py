@@ -55,8 +55,8 @@ class Fleet(Mapping[str, RobotHandle]):
     def __init__(self, config: FleetConfig, clock: Clock | None = None) -> None:
         self.config = config
         self.clock: Clock = clock if clock is not None else clock_of(config.rate)
-        self.services = FleetServices(self.clock, config.seed, config.world)
         self._plugins = EALPluginManager(config.plugin_dirs)
+        self.services = FleetServices(self.clock, config.seed, config.world, self._plugins.open_port)
         self._robots: dict[str, RobotHandle] = {}
         self._start_lock = threading.Lock()
 

@@ -7,11 +7,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from eal_actors.errors import ConfigError, Problem, RobotNotFoundError
-from eal_actors.managers.fleet_loader import load_fleet
+from eal_actors.managers.fleet_loader import fleet_of, load_fleet
 from eal_actors.managers.fleet_model import FleetConfig, FleetFile, RobotConfig
-from eal_actors.strict_model import StrictModel, did_you_mean
+from eal_actors.managers.in_memory import tree_of
+from eal_actors.strict_model import StrictModel, did_you_mean, problems_from
 from eal_actors.world import WorldModel, load_world
+from eal_actors.world.contradictions import contradictions
 
 
 class EALConfigManager:
@@ -39,6 +43,23 @@ class EALConfigManager:
             ConfigError: with every problem of all the files.
         """
         return cls(load_fleet(path, os.environ if environment is None else environment))
+
+    @classmethod
+    def of(
+        cls, content: Mapping[str, object], *, name: str = "fleet", environment: Mapping[str, str] | None = None
+    ) -> EALConfigManager:
+        """Take from memory what a fleet file would say; the same checks follow.
+
+        Args:
+            content: the content of a fleet file. Tuples may stand for lists, and paths for text; paths in it are
+                relative to the working directory, and `${NAME}` stands for itself.
+            name: what problems call it, and the fleet's name where the content gives none.
+            environment: what `${NAME}` in included files stands for; the process's environment if None.
+
+        Raises:
+            ConfigError: with every problem of the content and of the files it refers to.
+        """
+        return cls(fleet_of(content, name, os.environ if environment is None else environment))
 
     def robot(self, name: str) -> RobotConfig:
         """Return a robot by name.
@@ -108,6 +129,26 @@ def check_world(path: str | Path) -> tuple[Problem, ...]:
     except ConfigError as error:
         return error.problems
     return ()
+
+
+def world_of(content: WorldModel | Mapping[str, object], *, name: str = "world") -> WorldModel:
+    """Take from memory what a world file would say; the same checks follow.
+
+    Args:
+        content: the content of a world file, or a model made in Python, of which nobody has checked the whole yet.
+        name: what problems call it.
+
+    Raises:
+        ConfigError: with every problem of the content.
+    """
+    tree = tree_of({} if isinstance(content, WorldModel) else content, name)
+    try:
+        world = content if isinstance(content, WorldModel) else WorldModel.model_validate(tree.root)
+    except ValidationError as error:
+        raise ConfigError(problems_from(error, tree, WorldModel)) from None
+    if problems := [tree.problem(path, message) for path, message in contradictions(world)]:
+        raise ConfigError(problems)
+    return world
 
 
 def fleet_schema() -> dict[str, Any]:

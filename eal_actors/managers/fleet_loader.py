@@ -14,6 +14,7 @@ from eal_actors.managers.fleet_model import (
     FleetFile,
     robot_config,
 )
+from eal_actors.managers.in_memory import tree_of
 from eal_actors.strict_model import did_you_mean, problems_from
 from eal_actors.world import WorldModel, load_world
 from eal_actors.yaml_source import load_yaml
@@ -31,8 +32,27 @@ def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:
         ConfigError: with every problem of all the files.
     """
     reader = _Reader(environment)
-    source = Path(path)
-    root = reader.read(source, ())
+    return _resolved(reader, reader.read(Path(path), ()), Path(path))
+
+
+def fleet_of(content: Mapping[str, object], name: str, environment: Mapping[str, str]) -> FleetConfig:
+    """Make a fleet of what its file would say, and of what that refers to.
+
+    Args:
+        content: the content of a fleet file. A `${NAME}` in it stands for itself.
+        name: what problems call it. Paths in it are relative to the working directory.
+        environment: what `${NAME}` in the files that it includes stands for.
+
+    Raises:
+        ConfigError: with every problem of the content and of all the files.
+    """
+    reader = _Reader(environment)
+    source = Path(name)
+    return _resolved(reader, reader.take(tree_of(content, name), (source,)), source)
+
+
+def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetConfig:
+    """Make a fleet of merged files; raises ConfigError with every problem so far and from here on."""
     if root is None:
         raise ConfigError(reader.problems)
     resolver = _Resolver(YamlTree(root), sound=reader.sound)
@@ -82,6 +102,10 @@ class _Reader:
             self.problems += error.problems
             self.sound = False
             return None
+        return self.take(tree, chain)
+
+    def take(self, tree: YamlTree, chain: tuple[Path, ...]) -> MarkedDict:
+        """Return the content of one file merged over the files it includes; `chain` leads to it and ends with it."""
         try:
             FleetFile.model_validate(tree.root)
         except ValidationError as error:

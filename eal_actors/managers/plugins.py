@@ -19,7 +19,7 @@ from eal_actors.errors import ConfigError, EALError, PluginError, Problem, shown
 from eal_actors.info import unknown_name
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, discover
-from eal_actors.plugin import EALPlugin, FleetServices, PluginContext, PluginSettingsModel, Resource
+from eal_actors.plugin import BytePort, EALPlugin, FleetServices, PluginContext, PluginSettingsModel, Resource
 
 _PACKAGE: Final = "eal_plugins"
 _import_lock = threading.RLock()
@@ -200,6 +200,22 @@ class EALPluginManager:
             )
         context = replace(context, plugin=plugin)
         offers += [(settings.instance, name, _resource_of(module, name, context)) for name in plugin.list_resources()]
+
+    def open_port(self, context: PluginContext, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
+        """Open a simulated port of the plugin that the URL's scheme names; see PluginContext.simulated_port.
+
+        Raises:
+            PluginError: there is no such plugin, it makes no ports, or it refuses.
+        """
+        scheme = url.partition("://")[0]
+        manifest = self.manifests.get(scheme)
+        if manifest is None:
+            raise PluginError(f"port {url!r}: {unknown_name('plugin', scheme, self.manifests)}")
+        maker = getattr(import_plugin(manifest), "open_port", None)
+        if not callable(maker):
+            raise PluginError(f"port {url!r}: the plugin {scheme!r} makes no simulated ports")
+        port: BytePort = maker(context, url, model, emulate)
+        return port
 
     def _checked_settings(self, settings: PluginSettings) -> tuple[PluginManifest, ModuleType, Any]:
         manifest = self.manifests.get(settings.plugin)

@@ -1,0 +1,62 @@
+"""What a file would say, given in memory: the tree that the YAML reader makes, so that the same checks follow."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+
+from eal_actors.errors import ConfigError, Problem
+from eal_actors.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, YamlTree, format_path, show
+
+
+def tree_of(content: Mapping[str, object], name: str) -> YamlTree:
+    """Return the content of a file that was never written.
+
+    Args:
+        content: what YAML can hold: text, numbers, true, false and nothing, in lists and in mappings with text as keys.
+            Tuples stand for lists, and paths for text.
+        name: what problems call it. It has no lines; paths in it are relative to the working directory.
+
+    Raises:
+        ConfigError: with everything in it that YAML cannot hold.
+    """
+    copier = _Copier(Mark(name, 0, 0))
+    root = copier.mapping(content, ())
+    if copier.problems:
+        raise ConfigError(copier.problems)
+    return YamlTree(root)
+
+
+class _Copier:
+    """Copies plain values into marked ones, all with the same mark."""
+
+    def __init__(self, mark: Mark) -> None:
+        self.problems: list[Problem] = []
+        self._mark = mark
+
+    def mapping(self, content: Mapping[str, object], path: YamlPath) -> MarkedDict:
+        """Return a copy of a mapping; what is wrong with it is noted."""
+        copy = MarkedDict(self._mark)
+        for key, value in content.items():
+            if isinstance(key, str):
+                copy.put(key, self._value(value, (*path, key)), self._mark, self._mark)
+            else:
+                self._note(path, f"a key must be text, not {show(key)}")
+        return copy
+
+    def _value(self, value: object, path: YamlPath) -> object:
+        if isinstance(value, Mapping):
+            return self.mapping(value, path)
+        if isinstance(value, list | tuple):
+            items = MarkedList(self._mark)
+            for index, item in enumerate(value):
+                items.put(self._value(item, (*path, index)), self._mark)
+            return items
+        if isinstance(value, os.PathLike):
+            return os.fspath(value)
+        if not isinstance(value, str | int | float | None):
+            self._note(path, f"must be what YAML can hold, not {type(value).__name__}: {show(value)}")
+        return value
+
+    def _note(self, path: YamlPath, message: str) -> None:
+        self.problems.append(Problem(self._mark.file, 0, 0, format_path(path), message))

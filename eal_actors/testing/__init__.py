@@ -1,0 +1,33 @@
+"""Simulated fleets for tests: a world in a line, time that a test moves, and the truth to assert on.
+
+    with Simulation({"scout": "roomba"}) as simulation:
+        simulation["scout"]["Base"].send_cmd("f1")
+        simulation.advance(10.0)
+        assert simulation.pose("scout").x_m > 0.9
+
+Whoever has pytest gets the fixture `simulation`, which makes simulations and closes them when the test is over.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from eal_actors.testing.factory import SimulationFactory
+    from eal_actors.testing.simulation import Pose, Simulation
+
+__all__ = ["Pose", "Simulation", "SimulationFactory"]
+
+_HOMES: Final = {
+    "Pose": "eal_actors.testing.simulation",
+    "Simulation": "eal_actors.testing.simulation",
+    "SimulationFactory": "eal_actors.testing.factory",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for: pytest imports this package in every run, and most runs do not use it."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)

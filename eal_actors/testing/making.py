@@ -1,0 +1,116 @@
+"""From the short way in which a test names its robots and its world to a fleet's configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final, TypeAlias, TypeVar
+
+from eal_actors.bundled import bundled_path
+from eal_actors.errors import ConfigError, Problem
+from eal_actors.lock_step import MAX
+from eal_actors.managers.config import EALConfigManager, world_of
+from eal_actors.managers.fleet_model import FleetConfig, RobotSection
+from eal_actors.strict_model import did_you_mean
+from eal_actors.world import WorldModel, load_world
+
+Robots: TypeAlias = Mapping[str, str | Mapping[str, Any]] | str | Path
+"""Each robot's name to its model or to its settings; or a fleet file."""
+
+World: TypeAlias = str | Path | WorldModel | Mapping[str, Any]
+"""The name of a world that comes with the framework, a world file, a model, or what a world file would say."""
+
+_NAME: Final = "simulation"
+_EMPTY: Final = "empty"
+_ROBOT_KEYS: Final = frozenset(RobotSection.model_fields)
+
+_T = TypeVar("_T")
+
+
+def simulated_fleet(
+    robots: Robots, world: World | None, seed: int | None, plugin_dirs: Sequence[str | Path]
+) -> FleetConfig:
+    """Return the configuration of a fleet whose clock goes as fast as the machine.
+
+    Args:
+        robots: see Simulation.
+        world: see Simulation.
+        seed: see Simulation.
+        plugin_dirs: see Simulation.
+
+    Raises:
+        ConfigError: everything that is wrong with the robots and the world.
+    """
+    problems: list[Problem] = []
+    config = _noting(problems, lambda: _fleet(robots, seed, plugin_dirs))
+    wanted = _EMPTY if world is None and isinstance(robots, Mapping) else world
+    arena = _noting(problems, lambda: None if wanted is None else _world(wanted))
+    if config is None or problems:
+        raise ConfigError(problems)
+    return replace(config, rate=MAX, world=arena or config.world)
+
+
+def _noting(problems: list[Problem], read: Callable[[], _T]) -> _T | None:
+    try:
+        return read()
+    except ConfigError as error:
+        problems += error.problems
+        return None
+
+
+def _fleet(robots: Robots, seed: int | None, plugin_dirs: Sequence[str | Path]) -> FleetConfig:
+    content: dict[str, object] = {"version": 1, "plugin_dirs": tuple(plugin_dirs)}
+    if seed is not None:
+        content["seed"] = seed
+    if isinstance(robots, Mapping):
+        content["robots"] = {name: _robot(name, entry) for name, entry in robots.items()}
+        return EALConfigManager.of(content, name=_NAME).fleet
+    file = EALConfigManager.load(robots).fleet
+    content |= {"include": [file.source], "name": file.name, "plugin_dirs": (*plugin_dirs, *file.plugin_dirs)}
+    return replace(EALConfigManager.of(content, name=_NAME).fleet, source=file.source)
+
+
+def _robot(name: str, entry: object) -> object:
+    """Return a robot as a fleet file has it; what is no key of a robot is a setting of the sim plugin."""
+    if isinstance(entry, str):
+        return {"plugins": {"sim": {"model": entry}}}
+    if not isinstance(entry, Mapping):
+        return entry
+    robot = {key: value for key, value in entry.items() if key in _ROBOT_KEYS}
+    settings = {key: value for key, value in entry.items() if key not in _ROBOT_KEYS}
+    if not settings:
+        return robot
+    if "start" in settings:
+        settings["start"] = _start(name, settings["start"])
+    plugins = robot.get("plugins", {})
+    if isinstance(plugins, Mapping):
+        if "sim" in plugins:
+            message = f"the plugin has settings already: {', '.join(map(str, settings))}; give them all in one place"
+            raise _wrong(f"robots.{name}.plugins.sim", message)
+        robot["plugins"] = {"sim": settings, **plugins}
+    return robot
+
+
+def _start(robot: str, start: object) -> object:
+    if not isinstance(start, list | tuple):
+        return start
+    if len(start) not in (2, 3):
+        raise _wrong(f"robots.{robot}.start", f"must be (x_m, y_m) or (x_m, y_m, yaw_deg), not {start!r}")
+    return dict(zip(("x_m", "y_m", "yaw_deg"), start, strict=False))
+
+
+def _world(world: World) -> WorldModel:
+    if isinstance(world, WorldModel | Mapping):
+        return world_of(world)
+    if isinstance(world, Path) or Path(world).suffix or len(Path(world).parts) > 1:
+        return load_world(world)
+    file = bundled_path("fleets/worlds") / f"{world}.yaml"
+    if not file.is_file():
+        known = did_you_mean(world, (file.stem for file in file.parent.glob("*.yaml")))
+        raise _wrong("world", f"no world {world!r} comes with the framework{known}")
+    return load_world(file)
+
+
+def _wrong(path: str, message: str) -> ConfigError:
+    return ConfigError([Problem(_NAME, 0, 0, path, message)])
