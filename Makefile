@@ -9,7 +9,7 @@ STAMP := $(VENV)/.installed
 SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 INSTALL_VENV := { echo "Installing python3-venv, which $(PYTHON) -m venv needs"; $(SUDO) apt-get update -qq && $(SUDO) DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv >/dev/null; }
 
-.PHONY: demo test check bench format clean help
+.PHONY: demo test check bench figures format clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -35,8 +35,11 @@ check: $(STAMP)  ## format, lint, types, layers, and the commands in the docs
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -q -m docs
 
-bench: $(STAMP)  ## measure against bare Pykka, as ratios in one run
+bench: $(STAMP)  ## measure against bare Pykka and bare pymunk, as ratios in one run
 	$(BIN)/python -m tests.benchmarks
+
+figures: $(STAMP)  ## make the pictures of the documentation
+	$(BIN)/python docs/figures.py
 
 format: $(STAMP)  ## format the code and mend what the linter can
 	$(BIN)/ruff format .

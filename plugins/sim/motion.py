@@ -1,19 +1,15 @@
-"""Motions: a trapezoid of speed over a fixed length, cut into physics ticks, and the errors of the wheels.
+"""Motions: what the wheels of a robot are commanded to travel, cut into physics ticks.
 
-A motion ends by what the encoders count, and they count what was commanded. So its duration is known beforehand, and
-a robot that pushes a wall ends its motion too. Everything here counts in ticks; no clock is read.
+A motion's duration is known beforehand, for the encoders count what was commanded: a robot that pushes a wall ends its
+motion too. Everything here is pure and counts in ticks; no clock is read.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
-import numpy as np
-
-from .models import Make, WheelErrors
-
-SETTLE_TICKS = 5
-"""Ticks with the wheels held still after a motion, in which the body comes to rest."""
+from .models import Make
 
 
 class Trapezoid:
@@ -45,8 +41,31 @@ class Trapezoid:
         return self._peak * (time_s - self._ramp_s / 2)
 
 
-class Motion:
-    """One straight drive or turn in place, tick by tick.
+class Motion(Protocol):
+    """What the wheels are commanded, tick by tick."""
+
+    @property
+    def remaining_s(self) -> float:
+        """The time until it is over, as far as is known now; 0 when it is."""
+        ...
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing is left to do."""
+        ...
+
+    @property
+    def noise_share(self) -> float:
+        """Which part of a turn in place each metre of the left wheel is; 0 where it is no turn in place."""
+        ...
+
+    def step(self) -> tuple[float, float]:
+        """Move on by one tick; return what the left and the right wheel are commanded to travel in it, in metres."""
+        ...
+
+
+class Move:
+    """One straight drive or turn in place.
 
     Args:
         left: the left wheel's direction, 1.0 or -1.0.
@@ -56,21 +75,23 @@ class Motion:
     """
 
     def __init__(self, left: float, right: float, profile: Trapezoid, tick_s: float) -> None:
-        self._directions = (left, right)
+        self._left, self._right = left, right
         self._profile = profile
         self._tick_s = tick_s
-        self._drive_ticks = math.ceil(profile.duration_s / tick_s)
+        self._ticks = math.ceil(profile.duration_s / tick_s)
         self._tick = 0
-        self._encoder_m = 0.0
+        self._travelled_m = 0.0
+        is_turn = left != right and profile.length_m > 0
+        self.noise_share = left / profile.length_m if is_turn else 0.0
 
     @classmethod
-    def straight(cls, make: Make, distance_m: float, speed_m_s: float, tick_s: float) -> Motion:
+    def straight(cls, make: Make, distance_m: float, speed_m_s: float, tick_s: float) -> Move:
         """Drive a distance; a negative one is backwards."""
         direction = math.copysign(1.0, distance_m)
         return cls(direction, direction, Trapezoid(abs(distance_m), speed_m_s, make.acceleration_m_s2), tick_s)
 
     @classmethod
-    def turn(cls, make: Make, angle_rad: float, rate_rad_s: float, tick_s: float) -> Motion:
+    def turn(cls, make: Make, angle_rad: float, rate_rad_s: float, tick_s: float) -> Move:
         """Turn in place by an angle; a positive one is to the left."""
         arm_m = make.track_m / 2
         direction = math.copysign(1.0, angle_rad)
@@ -79,54 +100,87 @@ class Motion:
 
     @property
     def remaining_s(self) -> float:
-        """The time until it is over, settling included; 0 when it is."""
-        return (self._drive_ticks + SETTLE_TICKS - self._tick) * self._tick_s
+        """See Motion."""
+        return (self._ticks - self._tick) * self._tick_s
 
     @property
     def is_over(self) -> bool:
-        """True once the body has come to rest."""
-        return self._tick >= self._drive_ticks + SETTLE_TICKS
-
-    @property
-    def is_settling(self) -> bool:
-        """True once all travel is commanded."""
-        return self._tick >= self._drive_ticks
+        """See Motion."""
+        return self._tick >= self._ticks
 
     def step(self) -> tuple[float, float]:
-        """Move on by one tick; return what the left and the right encoder count in it, in metres."""
+        """See Motion."""
         self._tick += 1
-        if self._tick >= self._drive_ticks:
+        travelled_m = self._profile.travelled_m(self._tick * self._tick_s)
+        if self._tick >= self._ticks:
             travelled_m = self._profile.length_m
-        else:
-            travelled_m = self._profile.travelled_m(self._tick * self._tick_s)
-        step_m, self._encoder_m = travelled_m - self._encoder_m, travelled_m
-        left, right = self._directions
-        return left * step_m, right * step_m
+        step_m, self._travelled_m = travelled_m - self._travelled_m, travelled_m
+        return self._left * step_m, self._right * step_m
 
 
-class Wheels:
-    """Turn what the encoders count into what the wheels travel.
+class Drive:
+    """The wheels follow target speeds with the make's acceleration, and rest in the end if the targets are 0.
 
     Args:
-        errors: of the make.
-        generator: the source of the walk; it is drawn from only in ticks in which the robot is driven.
+        make: the make.
+        speeds_m_s: the wheels' speeds at first, left and right.
+        targets_m_s: the speeds to reach.
+        hold_s: the targets become 0 after this time; None for never.
         tick_s: length of a physics tick.
     """
 
-    def __init__(self, errors: WheelErrors, generator: np.random.Generator, tick_s: float) -> None:
-        self._errors = errors
-        self._generator = generator
-        self._walk_per_tick = errors.walk * math.sqrt(tick_s)
-        self._left = self._right = 1.0
+    noise_share = 0.0
 
-    def start(self) -> None:
-        """Begin a motion: the walk starts afresh."""
-        self._left = self._right = 1.0
+    def __init__(
+        self,
+        make: Make,
+        speeds_m_s: tuple[float, float],
+        targets_m_s: tuple[float, float],
+        hold_s: float | None,
+        tick_s: float,
+    ) -> None:
+        self._acceleration = make.acceleration_m_s2
+        self._left_m_s, self._right_m_s = speeds_m_s
+        self._targets_m_s = targets_m_s
+        self._tick_s = tick_s
+        self._hold_ticks = math.inf if hold_s is None else round(hold_s / tick_s)
 
-    def travel(self, left_m: float, right_m: float) -> tuple[float, float]:
-        """Return the wheels' true travel in one tick."""
-        if self._walk_per_tick:
-            left, right = self._generator.standard_normal(2).tolist()
-            self._left += self._walk_per_tick * left
-            self._right += self._walk_per_tick * right
-        return left_m * self._errors.k_left * self._left, right_m * self._errors.k_right * self._right
+    @property
+    def remaining_s(self) -> float:
+        """See Motion; infinite while nothing ends it."""
+        if self._targets_m_s == (0.0, 0.0):
+            fastest_m_s = max(abs(self._left_m_s), abs(self._right_m_s))
+            return math.ceil(fastest_m_s / (self._acceleration * self._tick_s) - 1e-9) * self._tick_s
+        return self._hold_ticks * self._tick_s
+
+    @property
+    def is_over(self) -> bool:
+        """See Motion."""
+        return self._targets_m_s == (0.0, 0.0) and self._left_m_s == self._right_m_s == 0.0
+
+    def step(self) -> tuple[float, float]:
+        """See Motion."""
+        left_target, right_target = self._targets_m_s
+        if self._left_m_s == left_target and self._right_m_s == right_target and self._hold_ticks > 1:
+            self._hold_ticks -= 1
+            return left_target * self._tick_s, right_target * self._tick_s
+        left_m, self._left_m_s = self._follow(self._left_m_s, left_target)
+        right_m, self._right_m_s = self._follow(self._right_m_s, right_target)
+        self._hold_ticks -= 1
+        if self._hold_ticks <= 0:
+            self._targets_m_s = (0.0, 0.0)
+        return left_m, right_m
+
+    @property
+    def speeds_m_s(self) -> tuple[float, float]:
+        """The wheels' speeds at this moment."""
+        return self._left_m_s, self._right_m_s
+
+    def _follow(self, speed_m_s: float, target_m_s: float) -> tuple[float, float]:
+        """Return the travel in a tick, and the speed after it."""
+        change = target_m_s - speed_m_s
+        ramp_s = abs(change) / self._acceleration
+        if ramp_s <= self._tick_s:
+            return target_m_s * self._tick_s - change * ramp_s / 2, target_m_s
+        gain = math.copysign(self._acceleration * self._tick_s, change)
+        return (speed_m_s + gain / 2) * self._tick_s, speed_m_s + gain

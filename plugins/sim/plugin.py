@@ -1,15 +1,27 @@
 """The sim plugin: one robot of the world that all simulated robots of a fleet share."""
 
+# ruff: noqa: N816  # the plugin API names the functions after the resources
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import TypeVar
 
 from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsModel, Resource
 
-from .models import MAKES, MakeName
-from .resources import Base, Bump, Camera, Pose, Range
+from . import resources
+from .models import MAKES, Make, MakeName
+from .port import open_port
+from .resources.on_robot import OnRobot
 from .robot import SimRobot
-from .world import SimWorld
+from .world import SimWorld, world_of
+
+_R = TypeVar("_R", bound=OnRobot)
+
+__all__ = ["Settings", "SimPlugin", "connect", "disconnect", "open_port"]
+
+_ALL_MAKES = ("Base", "Odometry", "Battery", "Pose", "Bump", "Range", "Compass", "Light", "Beacons", "Camera")
+_ROOMBA_ALONE = ("Cliff", "WheelDrop", "Wall", "Buttons", "Leds", "Song")
 
 
 class Start(PluginSettingsModel):
@@ -26,18 +38,28 @@ class Settings(PluginSettingsModel):
     model: MakeName
     """The make of the robot."""
     start: Start | None = None
-    """Without it the robot gets a free place, facing along x; places are given in the order of the robots' names."""
+    """Without it the robot gets one of the world's start poses, or a free place, in the order of the robots' names."""
     noise: bool = True
     """Whether the wheels have the make's errors."""
+    calibrated: bool = True
+    """Whether they have only what is left of the errors after a calibration."""
+    charge: float = Field(default=1.0, ge=0, le=1)
+    """How full the battery is at first."""
 
 
 class SimPlugin(EALPlugin):
     """A robot in the fleet's simulated world."""
 
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
-        super().__init__("Base", "Pose", "Bump", "Range", "Camera")
+        super().__init__(*resources_of(robot.make))
         self.world = world
         self.robot = robot
+
+
+def resources_of(make: Make) -> tuple[str, ...]:
+    """Return the names of the resources that a make has."""
+    turret = ("Turret",) if make.has_turret else ()
+    return _ALL_MAKES + turret + (_ROOMBA_ALONE if make.name == "roomba" else ())
 
 
 def connect(context: PluginContext) -> SimPlugin:
@@ -46,11 +68,11 @@ def connect(context: PluginContext) -> SimPlugin:
     Raises:
         PluginError: its start is not free, or it is there already with other settings.
     """
-    services, settings = context.services, context.settings
-    world = services.shared("sim.world", lambda: SimWorld(services.clock, services.seed, services.world))
+    settings, world = context.settings, world_of(context.services)
     at = settings.start
     start = (float(at.x_m), float(at.y_m), math.radians(at.yaw_deg)) if at else None
-    robot = world.join(context.robot, MAKES[settings.model], noise=settings.noise, start=start)
+    make = MAKES[settings.model] if settings.calibrated else MAKES[settings.model].uncalibrated()
+    robot = world.join(context.robot, make, noise=settings.noise, start=start, charge=settings.charge)
     return SimPlugin(world, robot)
 
 
@@ -60,33 +82,32 @@ def disconnect(plugin: SimPlugin) -> None:
         plugin.world.stop(plugin.robot)
 
 
-def create_Base(context: PluginContext) -> Base:  # noqa: N802
-    """Make the resource."""
-    return Base(context.plugin.world, context.plugin.robot)
+def _creator(kind: type[_R]) -> Callable[[PluginContext], _R]:
+    def create(context: PluginContext) -> _R:
+        """Make the resource."""
+        return kind(context.plugin.world, context.plugin.robot)
 
-
-def create_Pose(context: PluginContext) -> Pose:  # noqa: N802
-    """Make the resource."""
-    return Pose(context.plugin.world, context.plugin.robot)
-
-
-def create_Bump(context: PluginContext) -> Bump:  # noqa: N802
-    """Make the resource."""
-    return Bump(context.plugin.world, context.plugin.robot)
-
-
-def create_Range(context: PluginContext) -> Range:  # noqa: N802
-    """Make the resource."""
-    return Range(context.plugin.world, context.plugin.robot)
-
-
-def create_Camera(context: PluginContext) -> Camera:  # noqa: N802
-    """Make the resource."""
-    return Camera(context.plugin.world, context.plugin.robot)
+    return create
 
 
 def _destroy(resource: Resource) -> None:
     """Let go of what `create_...` took: nothing, the robot stays in the world."""
 
 
-destroy_Base = destroy_Pose = destroy_Bump = destroy_Range = destroy_Camera = _destroy  # noqa: N816
+create_Base, destroy_Base = _creator(resources.Base), _destroy
+create_Odometry, destroy_Odometry = _creator(resources.Odometry), _destroy
+create_Battery, destroy_Battery = _creator(resources.Battery), _destroy
+create_Pose, destroy_Pose = _creator(resources.Pose), _destroy
+create_Bump, destroy_Bump = _creator(resources.Bump), _destroy
+create_Range, destroy_Range = _creator(resources.Range), _destroy
+create_Compass, destroy_Compass = _creator(resources.Compass), _destroy
+create_Light, destroy_Light = _creator(resources.Light), _destroy
+create_Beacons, destroy_Beacons = _creator(resources.Beacons), _destroy
+create_Camera, destroy_Camera = _creator(resources.Camera), _destroy
+create_Turret, destroy_Turret = _creator(resources.Turret), _destroy
+create_Cliff, destroy_Cliff = _creator(resources.Cliff), _destroy
+create_WheelDrop, destroy_WheelDrop = _creator(resources.WheelDrop), _destroy
+create_Wall, destroy_Wall = _creator(resources.Wall), _destroy
+create_Buttons, destroy_Buttons = _creator(resources.Buttons), _destroy
+create_Leds, destroy_Leds = _creator(resources.Leds), _destroy
+create_Song, destroy_Song = _creator(resources.Song), _destroy

@@ -1,34 +1,32 @@
-"""One simulated robot: its body in the physics space and the motion it carries out."""
+"""One simulated robot: where it is, the motion it carries out, its encoders, battery and turret."""
 
 from __future__ import annotations
 
 import math
 import zlib
-from typing import Final
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import pymunk
 
 from eal_actors.plugin import UnavailableError
 
-from .models import NO_ERRORS, Make
-from .motion import Motion, Wheels
+from .battery import Battery
+from .models import Make
+from .motion import Drive, Motion
+from .turret import Turret
+from .wheels import DeadReckoning, Wheels, moved
 
-SUBSTEPS: Final = 4
-"""Physics steps in a tick, so that a robot that runs into a wall sinks in by a quarter of its travel in a tick."""
+if TYPE_CHECKING:
+    from .view import View
 
-_FORCE_MARGIN: Final = 2.0 * SUBSTEPS
-"""Greatest drive force over what the accelerations need: a tick's change of speed happens in its first step."""
-
-_FRICTION: Final = 0.3
+Pose: TypeAlias = tuple[float, float, float]
+"""x and y in metres, yaw in radians, unwrapped."""
 
 
 class SimRobot:
     """A disc that is driven by two wheels, or stands with its brakes on.
-
-    While it stands, its body is kinematic: nothing moves it, not even by a rounding error. For each motion it gets a
-    fresh dynamic body, dragged by a control body through two joints of limited force, so that the path depends on
-    nothing the physics engine remembers from before.
 
     Args:
         name: the robot's name.
@@ -37,116 +35,160 @@ class SimRobot:
         group: over 0, its own in the world: its rays do not see itself.
         seed: the fleet's seed.
         tick_s: length of a physics tick.
+        now_s: tells the world's time, in seconds.
+        charge: how full its battery is at first, 0..1.
 
     Attributes:
         motion: what it carries out; None while it stands.
+        next_pose: where it will be after the present tick, if nothing is in its way.
+        clear_until_tick: until this tick of the world, it can touch nothing.
+        tick_s: length of a physics tick.
+        odometer: follows the encoders, if somebody wants it to.
+        turret: its turret, if it has one.
         sensor_generator: the source of all noise of its sensors.
 
     Thread: every member is for the holder of the world's lock.
     """
 
-    def __init__(self, name: str, make: Make, *, noise: bool, group: int, seed: int, tick_s: float) -> None:
+    def __init__(
+        self,
+        name: str,
+        make: Make,
+        *,
+        noise: bool,
+        group: int,
+        seed: int,
+        tick_s: float,
+        now_s: Callable[[], float],
+        charge: float = 1.0,
+    ) -> None:
         self.name = name
         self.make = make
         self.noise = noise
         self.filter = pymunk.ShapeFilter(group=group)
         self.motion: Motion | None = None
+        self.next_pose: Pose = (0.0, 0.0, 0.0)
+        self.clear_until_tick = 0
+        self.odometer: DeadReckoning | None = None
+        self.turret = Turret(make.turret, now_s) if make.turret else None
         name_seed = zlib.crc32(name.encode())
         motion_generator, self.sensor_generator = (np.random.default_rng([seed, name_seed, use]) for use in range(2))
-        self._wheels = Wheels(make.errors if noise else NO_ERRORS, motion_generator, tick_s)
-        self._track_m = make.track_m * (make.errors.track_factor if noise else 1.0)
-        self._tick_s = tick_s
-        self._space: pymunk.Space | None = None
-        self._body: pymunk.Body | None = None
-        self._control: pymunk.Body | None = None
-        self._parts: list[pymunk.Body | pymunk.Shape | pymunk.Constraint] = []
+        self._wheels = Wheels(make if noise else make.without_errors(), motion_generator, tick_s)
+        self._battery = Battery(make.battery, charge)
+        self.tick_s = tick_s
+        self._now_s = now_s
+        self._pose: Pose | None = None
+        self._view: View | None = None
+        self._command_m = self._gone = self._wanted = (0.0, 0.0)
 
     @property
     def space(self) -> pymunk.Space:
-        """The space it is in.
+        """A space that shows where everything is now: for looking, not for changing.
 
         Raises:
             UnavailableError: it has no place in the world.
         """
-        if self._space is None:
-            raise UnavailableError(f"the simulated world has no free place for robot {self.name!r}")
-        return self._space
+        if self._view is None:
+            raise self._no_place()
+        return self._view.space
 
     @property
-    def pose(self) -> tuple[float, float, float]:
+    def pose(self) -> Pose:
         """Its true x and y in metres and yaw in radians, unwrapped, in the world's frame.
 
         Raises:
             UnavailableError: it has no place in the world.
         """
-        if self._body is None:
-            raise UnavailableError(f"the simulated world has no free place for robot {self.name!r}")
-        x_m, y_m = self._body.position
-        return x_m, y_m, self._body.angle
+        if self._pose is None:
+            raise self._no_place()
+        return self._pose
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether it has a place in the world."""
+        return self._pose is not None
+
+    @property
+    def is_done(self) -> bool:
+        """Whether its motion is over, or its battery empty."""
+        if self.motion is None or self.motion.is_over:
+            return True
+        return self._battery.is_empty_after(self._now_s(), self._wheels.turned_m)
 
     @property
     def is_blocked(self) -> bool:
         """Whether it moves at less than half the speed it is driven at."""
-        if self._body is None or self._control is None:
-            return False
         arm_m = self.make.track_m / 2
-        driven, actual = (
-            body.velocity.length + abs(body.angular_velocity) * arm_m for body in (self._control, self._body)
-        )
-        return bool(actual < driven / 2)
+        wanted, gone = (abs(ahead_m) + abs(turn_rad) * arm_m for ahead_m, turn_rad in (self._wanted, self._gone))
+        return self.motion is not None and gone < wanted / 2
 
-    def place(self, space: pymunk.Space, x_m: float, y_m: float, yaw_rad: float) -> None:
-        """Put it into a space, standing."""
-        self._space = space
-        self._embody(pymunk.Body(body_type=pymunk.Body.KINEMATIC), (x_m, y_m, yaw_rad))
+    @property
+    def travel_m(self) -> tuple[float, float]:
+        """What the left and the right encoder have counted since it joined, in whole steps."""
+        return self._wheels.counted_m
+
+    @property
+    def wheel_speeds_m_s(self) -> tuple[float, float]:
+        """What the left and the right wheel are commanded at this moment."""
+        if self.motion is None:
+            return 0.0, 0.0
+        left_m, right_m = self._command_m
+        return left_m / self.tick_s, right_m / self.tick_s
+
+    @property
+    def battery(self) -> Battery:
+        """Its battery at this moment."""
+        left_m_s, right_m_s = self.wheel_speeds_m_s
+        self._battery.follow(self._now_s(), self._wheels.turned_m, (abs(left_m_s) + abs(right_m_s)) / 2)
+        return self._battery
+
+    @property
+    def turret_yaw_rad(self) -> float:
+        """Its turret's angle, counter-clockwise from straight ahead, unwrapped; 0 without a turret."""
+        return self.turret.yaw_rad if self.turret else 0.0
+
+    def place(self, view: View, pose: Pose) -> None:
+        """Put it into the world, standing."""
+        self._view = view
+        self._pose = pose
 
     def start(self, motion: Motion) -> None:
         """Release the brakes and begin a motion.
 
         Raises:
-            UnavailableError: it has no place in the world.
+            UnavailableError: it has no place in the world, or its battery is empty.
         """
-        moment = pymunk.moment_for_circle(self.make.mass_kg, 0.0, self.make.radius_m)
-        body = pymunk.Body(self.make.mass_kg, moment)
-        self._embody(body, self.pose)
-        control = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-        control.position, control.angle = body.position, body.angle
-        pivot = pymunk.PivotJoint(control, body, (0.0, 0.0), (0.0, 0.0))
-        gear = pymunk.GearJoint(control, body, 0.0, 1.0)
-        pivot.max_bias = gear.max_bias = 0.0  # the wheels do not make up for what a wall took
-        force_n = _FORCE_MARGIN * self.make.mass_kg * self.make.acceleration_m_s2
-        pivot.max_force = force_n
-        gear.max_force = _FORCE_MARGIN * moment * self.make.acceleration_m_s2 / (self.make.track_m / 2)
-        self.space.add(control, pivot, gear)
-        self._parts += [control, pivot, gear]
-        self._control = control
-        self._wheels.start()
+        if self._pose is None:
+            raise self._no_place()
+        if self.battery.is_empty:
+            raise UnavailableError(f"battery is empty: robot {self.name!r} cannot drive")
+        if not (isinstance(self.motion, Drive) and isinstance(motion, Drive)):
+            self._wheels.start(motion)
         self.motion = motion
 
     def stop(self) -> None:
         """Put the brakes on: it stands at once."""
-        if self.motion is not None:
-            self.motion = self._control = None
-            self._embody(pymunk.Body(body_type=pymunk.Body.KINEMATIC), self.pose)
+        self.motion = None
+        self._command_m = self._gone = self._wanted = (0.0, 0.0)
 
-    def drive_tick(self) -> None:
-        """Set the wheels' speeds for the next physics tick."""
-        if self.motion is None or self._body is None or self._control is None:
+    def predict(self) -> None:
+        """Turn its wheels for one tick, and work out where it will be then if nothing is in its way."""
+        if self.motion is None or self._pose is None:
             return
-        if self.motion.is_settling:
-            left_m, right_m = self.motion.step()
-        else:
-            left_m, right_m = self._wheels.travel(*self.motion.step())
-        speed_m_s = (left_m + right_m) / (2 * self._tick_s)
-        yaw_rad = self._body.angle
-        self._control.velocity = speed_m_s * math.cos(yaw_rad), speed_m_s * math.sin(yaw_rad)
-        self._control.angular_velocity = (right_m - left_m) / (self._track_m * self._tick_s)
+        self._command_m = self.motion.step()
+        ahead_m, turn_rad = self._wanted = self._wheels.travel(*self._command_m)
+        if self.odometer is not None:
+            self.odometer.follow(self._wheels.counted_m)
+        self.next_pose = moved(self._pose, ahead_m, turn_rad)
 
-    def _embody(self, body: pymunk.Body, pose: tuple[float, float, float]) -> None:
-        self.space.remove(*self._parts)
-        body.position, body.angle = pose[:2], pose[2]
-        disc = pymunk.Circle(body, self.make.radius_m)
-        disc.filter, disc.friction = self.filter, _FRICTION
-        self._parts = [body, disc]
-        self.space.add(*self._parts)
-        self._body = body
+    def arrive(self, pose: Pose) -> None:
+        """Take a pose at the end of a tick."""
+        if pose is self.next_pose:
+            self._gone = self._wanted
+        else:
+            x_m, y_m, yaw_rad = self.pose
+            self._gone = math.hypot(pose[0] - x_m, pose[1] - y_m), pose[2] - yaw_rad
+        self._pose = pose
+
+    def _no_place(self) -> UnavailableError:
+        return UnavailableError(f"the simulated world has no free place for robot {self.name!r}")

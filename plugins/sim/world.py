@@ -11,24 +11,28 @@ from typing import Final
 
 import pymunk
 
-from eal_actors.plugin import Clock, PluginError, WorldModel
+from eal_actors.plugin import Clock, FleetServices, PluginError, WorldModel
 
+from .arena import places
 from .models import Make
-from .motion import Motion
-from .robot import SUBSTEPS, SimRobot
+from .motion import Drive, Motion
+from .nearness import Nearness
+from .robot import Pose, SimRobot
+from .touching import SimBox, Touching
+from .view import View
+
+__all__ = ["EMPTY_ROOM", "SimBox", "SimWorld", "world_of"]
 
 EMPTY_ROOM: Final = WorldModel(version=1, name="empty-room", size_m=(6.0, 4.0))
 
-_WALL_RADIUS_M: Final = 0.1  # thick, so that nothing passes it in one tick
-_SLOP_M: Final = 0.0005  # how far shapes may overlap before they are pushed apart
-_PITCHES_M: Final = (1.0, 0.5)  # of the grid of places, the coarser first
+_ROUNDING: Final = 1e-6  # of a tick: a sum of times that falls short of a tick by less has reached it
 
 
 class SimWorld:
-    """Walls, obstacles and robots in one physics space, which follows the fleet's clock lazily.
+    """Walls, obstacles, boxes and robots in one room, which follows the fleet's clock lazily.
 
     It has no thread: whoever looks at it or changes it does so inside `caught_up`, which first runs the physics
-    ticks that have become due. While no robot is driven, nothing can move, and due ticks are skipped.
+    ticks that have become due. While no robot is driven and no box slides, nothing can move, and due ticks are skipped.
 
     A robot's path depends only on the fleet's seed, the robot's name and its motions, as long as robots do not touch
     each other: a motion runs in whole ticks and ends in them, whoever looks and however often.
@@ -38,27 +42,48 @@ class SimWorld:
         seed: the fleet's seed.
         model: size, obstacles and tick rate; None for an empty room.
 
+    Attributes:
+        model: what it is made from.
+        tick_s: length of a physics tick.
+
     Thread: any; one lock.
     """
 
     def __init__(self, clock: Clock, seed: int = 0, model: WorldModel | None = None) -> None:
-        self._model = model or EMPTY_ROOM
+        self.model: Final = model or EMPTY_ROOM
         self._clock = clock
         self._seed = seed
         self._lock = threading.Lock()
-        self._rate_hz = self._model.physics.rate_hz
+        self._rate_hz = self.model.physics.rate_hz
         self.tick_s: Final = 1.0 / self._rate_hz
         self._tick = 0
         self._robots: dict[str, SimRobot] = {}
+        self._placed: tuple[SimRobot, ...] = ()
         self._waiting: list[SimRobot] = []
         self._driven: list[SimRobot] = []
         self._groups = count(1)
-        self._space = pymunk.Space()
-        self._space.collision_slop = _SLOP_M
-        self._space.add(*_walls(self._space.static_body, *self._model.size_m))
-        self._space.add(*_obstacles(self._space.static_body, self._model))
+        self._touching = Touching(self.model, self.tick_s)
+        self._nearness = Nearness(self._touching, self.tick_s)
+        self._view = View(self.model, self._touching.boxes)
 
-    def join(self, name: str, make: Make, *, noise: bool, start: tuple[float, float, float] | None) -> SimRobot:
+    @property
+    def robots(self) -> tuple[SimRobot, ...]:
+        """The robots that have a place, in the order in which they got it. Thread: inside `caught_up`."""
+        return self._placed
+
+    @property
+    def boxes(self) -> tuple[SimBox, ...]:
+        """The movable boxes, in the order of the world file. Thread: their poses inside `caught_up`."""
+        return self._touching.boxes
+
+    def robot_of(self, name: str) -> SimRobot | None:
+        """Return the robot of that name, or None. Thread: any."""
+        with self._lock:
+            return self._robots.get(name)
+
+    def join(
+        self, name: str, make: Make, *, noise: bool, start: tuple[float, float, float] | None, charge: float = 1.0
+    ) -> SimRobot:
         """Return the robot of that name, which is made and placed if it is new.
 
         A robot stays in the world for good, as a real one stays where its software ends: joining again finds it
@@ -68,8 +93,10 @@ class SimWorld:
             name: the robot's name.
             make: its make.
             noise: whether its wheels have errors.
-            start: x and y in metres and yaw in radians. Without it, it gets a free place of a grid when the world is
-                first used: by then the whole fleet has joined, and places are given in the order of the names.
+            start: x and y in metres and yaw in radians. Without it, it gets one of the world's start poses, or a free
+                place of a grid, when the world is first used: by then the whole fleet has joined, and places are
+                given in the order of the names.
+            charge: how full its battery is at first, 0..1.
 
         Raises:
             PluginError: the start is not free, or the robot is there already as another make.
@@ -79,15 +106,24 @@ class SimWorld:
                 if (known.make, known.noise) != (make, noise):
                     raise PluginError(f"robot {name!r} is in the simulated world already, with other settings")
                 return known
-            robot = SimRobot(name, make, noise=noise, group=next(self._groups), seed=self._seed, tick_s=self.tick_s)
+            robot = SimRobot(
+                name,
+                make,
+                noise=noise,
+                group=next(self._groups),
+                seed=self._seed,
+                tick_s=self.tick_s,
+                now_s=self._now_s,
+                charge=charge,
+            )
             if start is None:
                 self._waiting.append(robot)
-            elif self._is_free(start[0], start[1], make.radius_m):
-                robot.place(self._space, *start)
+            elif self._is_free(start, make.radius_m):
+                self._place(robot, start)
             else:
                 raise PluginError(
                     f"robot {name!r} cannot start at x {start[0]:g} m, y {start[1]:g} m: it would touch another robot, "
-                    f"an obstacle or a wall of the world {self._model.name!r}, or be outside"
+                    f"a box, an obstacle or a wall of the world {self.model.name!r}, or be outside"
                 )
             self._robots[name] = robot
             return robot
@@ -97,84 +133,99 @@ class SimWorld:
         """Hold the lock on a world that is up to date; gives the world's time in seconds of the fleet's clock."""
         with self._lock:
             self._catch_up()
-            yield self._tick * self.tick_s
+            yield self._now_s()
 
     def start(self, robot: SimRobot, motion: Motion) -> None:
         """Begin a robot's motion with the next tick, in place of a running one. Thread: inside `caught_up`.
 
         Raises:
-            UnavailableError: the robot has no place in the world.
+            UnavailableError: the robot has no place in the world, or its battery is empty.
         """
         self.stop(robot)
-        robot.start(motion)
-        self._driven.append(robot)
+        self._begin(robot, motion)
+
+    def drive(self, robot: SimRobot, left_m_s: float, right_m_s: float, hold_s: float | None = None) -> None:
+        """Have a robot's wheels reach these speeds with its make's acceleration. Thread: inside `caught_up`.
+
+        Both 0 brings it to rest, and then puts the brakes on.
+
+        Args:
+            robot: the robot.
+            left_m_s: of the left wheel; what is over the make's greatest speed is cut off.
+            right_m_s: of the right wheel, likewise.
+            hold_s: the wheels are brought to rest after this time; None to go on until something else is wanted.
+
+        Raises:
+            UnavailableError: the robot has no place in the world, or its battery is empty.
+        """
+        most_m_s = robot.make.max_speed_m_s
+        left_m_s, right_m_s = (min(max(speed_m_s, -most_m_s), most_m_s) for speed_m_s in (left_m_s, right_m_s))
+        speeds_m_s = robot.motion.speeds_m_s if isinstance(robot.motion, Drive) else robot.wheel_speeds_m_s
+        self._begin(robot, Drive(robot.make, speeds_m_s, (left_m_s, right_m_s), hold_s, self.tick_s))
 
     def stop(self, robot: SimRobot) -> None:
         """Stop a robot at once. Thread: inside `caught_up`."""
         if robot.motion is not None:
             robot.stop()
             self._driven.remove(robot)
+            self._touching.settle(robot)
+
+    def _begin(self, robot: SimRobot, motion: Motion) -> None:
+        was_driven = robot.motion is not None
+        robot.start(motion)
+        if not was_driven:
+            self._driven.append(robot)
+            self._touching.release(robot)
+        if motion.is_over:
+            self.stop(robot)
+
+    def _now_s(self) -> float:
+        return self._tick * self.tick_s
 
     def _catch_up(self) -> None:
         if self._waiting:
             self._place_waiting()
-        due = math.floor(self._clock.now() * self._rate_hz)
-        while self._driven and self._tick < due:
+        due = math.floor(self._clock.now() * self._rate_hz + _ROUNDING)
+        while self._tick < due and (self._driven or self._touching.is_awake):
             self._tick += 1
             self._run_tick()
         self._tick = max(self._tick, due)
 
     def _run_tick(self) -> None:
+        self._view.is_stale = True
         for robot in self._driven:
-            robot.drive_tick()
-        for _ in range(SUBSTEPS):
-            self._space.step(self.tick_s / SUBSTEPS)
-        for robot in [robot for robot in self._driven if robot.motion and robot.motion.is_over]:
+            robot.predict()
+        pushing = self._nearness.pushing(self._driven, self._tick)
+        held = self._touching.run_tick(pushing)
+        for robot in self._driven:
+            robot.arrive(held.get(robot, robot.next_pose))
+        for robot in [robot for robot in self._driven if robot.is_done]:
             self.stop(robot)
 
     def _place_waiting(self) -> None:
-        spots = _grid(*self._model.size_m)
+        spots = list(places(self.model))
         for robot in sorted(self._waiting, key=lambda robot: robot.name):
-            free = ((x_m, y_m) for x_m, y_m in spots if self._is_free(x_m, y_m, robot.make.radius_m))
-            if spot := next(free, None):
-                robot.place(self._space, *spot, 0.0)
+            free = (number for number, spot in enumerate(spots) if self._is_free(spot, robot.make.radius_m))
+            if (number := next(free, None)) is not None:
+                self._place(robot, spots.pop(number))
         self._waiting.clear()
 
-    def _is_free(self, x_m: float, y_m: float, radius_m: float) -> bool:
-        width_m, height_m = self._model.size_m
+    def _place(self, robot: SimRobot, pose: Pose) -> None:
+        robot.place(self._view, pose)
+        self._view.add(robot)
+        self._touching.settle(robot)
+        self._placed += (robot,)
+        for known in self._robots.values():
+            known.clear_until_tick = 0
+
+    def _is_free(self, pose: Pose, radius_m: float) -> bool:
+        x_m, y_m, _ = pose
+        width_m, height_m = self.model.size_m
         inside = abs(x_m) + radius_m <= width_m / 2 and abs(y_m) + radius_m <= height_m / 2
-        return inside and self._space.point_query_nearest((x_m, y_m), radius_m, pymunk.ShapeFilter()) is None
+        space = self._view.space
+        return inside and space.point_query_nearest((x_m, y_m), radius_m, pymunk.ShapeFilter()) is None
 
 
-def _grid(width_m: float, height_m: float) -> list[tuple[float, float]]:
-    """Return places round the centre, the inner ones first; a coarse grid, then a finer one."""
-    spots = []
-    for pitch_m in _PITCHES_M:
-        columns, rows = (max(0, math.floor((size_m / 2 - pitch_m / 2) / pitch_m)) for size_m in (width_m, height_m))
-        grid = [(x * pitch_m, y * pitch_m) for x in range(-columns, columns + 1) for y in range(-rows, rows + 1)]
-        spots += sorted(grid, key=lambda spot: (math.hypot(*spot), spot))
-    return spots
-
-
-def _walls(body: pymunk.Body, width_m: float, height_m: float) -> list[pymunk.Shape]:
-    x, y = width_m / 2 + _WALL_RADIUS_M, height_m / 2 + _WALL_RADIUS_M
-    corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
-    walls = [pymunk.Segment(body, corners[i - 1], corners[i], _WALL_RADIUS_M) for i in range(4)]
-    for wall in walls:
-        wall.friction = 1.0
-    return list(walls)
-
-
-def _obstacles(body: pymunk.Body, model: WorldModel) -> list[pymunk.Shape]:
-    shapes: list[pymunk.Shape] = []
-    for obstacle in model.solid_obstacles:
-        place = pymunk.Transform.translation(obstacle.x_m, obstacle.y_m)
-        if obstacle.kind == "circle":
-            shapes.append(pymunk.Circle(body, obstacle.radius_m, (obstacle.x_m, obstacle.y_m)))
-        else:
-            half_w, half_h = obstacle.size_m[0] / 2, obstacle.size_m[1] / 2
-            corners = [(-half_w, -half_h), (half_w, -half_h), (half_w, half_h), (-half_w, half_h)]
-            shapes.append(pymunk.Poly(body, corners, place.rotated(math.radians(obstacle.yaw_deg))))
-    for shape in shapes:
-        shape.friction = 1.0
-    return shapes
+def world_of(services: FleetServices) -> SimWorld:
+    """Return the one world of a fleet. Thread: any."""
+    return services.shared("sim.world", lambda: SimWorld(services.clock, services.seed, services.world))

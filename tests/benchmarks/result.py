@@ -14,7 +14,7 @@ class Result:
         ours: our figure, with unit.
         reference: what it is compared with, and that figure.
         value: the ratio, or the figure in the limit's unit.
-        limit: the most it may be.
+        limit: the most it may be; the least if `at_least`.
         unit: the unit of value and limit; empty for a ratio.
     """
 
@@ -24,14 +24,16 @@ class Result:
     value: float
     limit: float
     unit: str = ""
+    at_least: bool = False
 
     @property
     def holds(self) -> bool:
         """Whether the figure is within its limit."""
-        return self.value <= self.limit
+        return self.value >= self.limit if self.at_least else self.value <= self.limit
 
     def row(self) -> tuple[str, str, str, str, str, str]:
         """Return the cells of a table."""
-        unit = f" {self.unit}" if self.unit else "x"
+        unit = self.unit if self.unit.startswith("x") else f" {self.unit}" if self.unit else "x"
         verdict = "holds" if self.holds else "MISSED"
-        return self.what, self.ours, self.reference, f"{self.value:.2f}{unit}", f"{self.limit:g}{unit}", verdict
+        limit = f"{'at least' if self.at_least else 'at most'} {self.limit:g}{unit}"
+        return self.what, self.ours, self.reference, f"{self.value:.2f}{unit}", limit, verdict

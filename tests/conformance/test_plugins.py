@@ -10,7 +10,10 @@ from eal_actors.conformance import CHECKS, Bench, Check, run_check, settings_of
 
 FOLDERS = sorted(manifest.parent for manifest in bundled_path("plugins").glob("*/plugin.yaml"))
 
-SETTINGS: dict[str, list[dict[str, Any]]] = {"sim": [{"model": make} for make in ("evbot2", "evbot3", "roomba")]}
+SETTINGS: dict[str, list[dict[str, Any]]] = {
+    "sim": [{"model": make} for make in ("evbot2", "evbot3", "roomba")],
+    "mote_roomba": [{"port": "sim://world", "poll_hz": 5}],
+}
 """For plugins that cannot do without: each of these is checked."""
 
 CASES = [

@@ -152,6 +152,7 @@ def test_a_table_counts_from_the_runs_start(tmp_path: Path) -> None:
         with PoseRecorder(fleet, fleet) as recorder:
             for robot in fleet.values():
                 robot["Base"].send_cmd("r30").get()  # what is before the run belongs to no run
+            fleet.clock.sleep(0.5)  # the last sample before the run shows them at rest
             report = run.start().get()
     write_trajectory(recorder.paths_since(run.start_s), tmp_path / "t.csv")
 

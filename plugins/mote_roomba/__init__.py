@@ -1,0 +1,1 @@
+"""The Mote Roomba: an iRobot Roomba driven over its Serial Command Interface."""

@@ -1,0 +1,219 @@
+"""What the Roomba senses: each resource answers from the latest reading, if that is young enough."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from eal_actors.plugin import (
+    ArgumentError,
+    DataType,
+    EALData,
+    Resource,
+    ResourceType,
+    ValueInfo,
+    request,
+)
+
+from .groups import Sensors
+from .roomba import Roomba
+
+_FLAG: Final = ValueInfo(DataType.BOOL)
+
+
+class _Sensor(Resource):
+    """A sensor of the Roomba."""
+
+    types = ResourceType.SENSOR
+
+    def __init__(self, roomba: Roomba) -> None:
+        self._roomba = roomba
+
+    def _answer(self, read: Callable[[Sensors], bool | float], unit: str | None = None) -> EALData:
+        """Return what is read from the latest reading, with the reading's time."""
+        reading = self._roomba.latest()
+        return EALData.of(read(reading.sensors), unit=unit, stamp_s=reading.stamp_s)
+
+
+class Bump(_Sensor):
+    """Whether something touches the front half of the robot."""
+
+    value = _FLAG
+
+    def get_value(self) -> EALData:
+        """Return whether any bumper is pressed now."""
+        return self._answer(lambda sees: sees.contacts.any_bump)
+
+    @request("left", _FLAG)
+    def left(self) -> EALData:
+        """Tell whether the left bumper is pressed; something straight ahead presses both."""
+        return self._answer(lambda sees: sees.contacts.bump_left)
+
+    @request("right", _FLAG)
+    def right(self) -> EALData:
+        """Tell whether the right bumper is pressed; something straight ahead presses both."""
+        return self._answer(lambda sees: sees.contacts.bump_right)
+
+
+class Cliff(_Sensor):
+    """Whether the floor falls away under the robot's front edge."""
+
+    value = _FLAG
+
+    def get_value(self) -> EALData:
+        """Return whether any of the four sensors sees a drop now."""
+        return self._answer(lambda sees: sees.contacts.any_cliff)
+
+    @request("left", _FLAG)
+    def left(self) -> EALData:
+        """Tell whether the sensor 60 degrees to the left sees a drop."""
+        return self._answer(lambda sees: sees.contacts.cliff_left)
+
+    @request("front_left", _FLAG)
+    def front_left(self) -> EALData:
+        """Tell whether the sensor 20 degrees to the left sees a drop."""
+        return self._answer(lambda sees: sees.contacts.cliff_front_left)
+
+    @request("front_right", _FLAG)
+    def front_right(self) -> EALData:
+        """Tell whether the sensor 20 degrees to the right sees a drop."""
+        return self._answer(lambda sees: sees.contacts.cliff_front_right)
+
+    @request("right", _FLAG)
+    def right(self) -> EALData:
+        """Tell whether the sensor 60 degrees to the right sees a drop."""
+        return self._answer(lambda sees: sees.contacts.cliff_right)
+
+
+class WheelDrop(_Sensor):
+    """Whether a wheel hangs over a drop."""
+
+    value = _FLAG
+
+    def get_value(self) -> EALData:
+        """Return whether any wheel has dropped."""
+        return self._answer(lambda sees: sees.contacts.any_drop)
+
+    @request("left", _FLAG)
+    def left(self) -> EALData:
+        """Tell whether the left wheel has dropped."""
+        return self._answer(lambda sees: sees.contacts.drop_left)
+
+    @request("right", _FLAG)
+    def right(self) -> EALData:
+        """Tell whether the right wheel has dropped."""
+        return self._answer(lambda sees: sees.contacts.drop_right)
+
+    @request("caster", _FLAG)
+    def caster(self) -> EALData:
+        """Tell whether the caster, the small wheel in front, has dropped."""
+        return self._answer(lambda sees: sees.contacts.drop_caster)
+
+
+class Wall(_Sensor):
+    """Whether something is within 5 cm of the hull at the right-hand side, a little ahead."""
+
+    value = _FLAG
+
+    def get_value(self) -> EALData:
+        """Return whether something is near at the right-hand side."""
+        return self._answer(lambda sees: sees.contacts.wall)
+
+    @request("virtual", _FLAG)
+    def virtual(self) -> EALData:
+        """Tell whether a virtual wall's beam is seen; a simulated world has none."""
+        return self._answer(lambda sees: sees.contacts.virtual_wall)
+
+
+class Battery(_Sensor):
+    """How full the battery is, 0 to 1."""
+
+    value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
+
+    def get_value(self) -> EALData:
+        """Return the charge as a part of the capacity."""
+        return self._answer(lambda sees: sees.power.fraction)
+
+    @request("voltage", ValueInfo(DataType.DOUBLE, "V"))
+    def voltage(self) -> EALData:
+        """Return the voltage between its poles."""
+        return self._answer(lambda sees: sees.power.voltage_mv / 1000, "V")
+
+    @request("current", ValueInfo(DataType.DOUBLE, "A"))
+    def current(self) -> EALData:
+        """Return the current into it, negative while it is drained."""
+        return self._answer(lambda sees: sees.power.current_ma / 1000, "A")
+
+    @request("charge", ValueInfo(DataType.DOUBLE, "A h"))
+    def charge(self) -> EALData:
+        """Return what it holds."""
+        return self._answer(lambda sees: sees.power.charge_mah / 1000, "A h")
+
+    @request("capacity", ValueInfo(DataType.DOUBLE, "A h"))
+    def capacity(self) -> EALData:
+        """Return what it holds when full."""
+        return self._answer(lambda sees: sees.power.capacity_mah / 1000, "A h")
+
+    @request("temperature", ValueInfo(DataType.DOUBLE, "degC"))
+    def temperature(self) -> EALData:
+        """Return its temperature."""
+        return self._answer(lambda sees: float(sees.power.temperature_c), "degC")
+
+
+class Odometry(_Sensor):
+    """Pose by dead reckoning from the wheel encoders: x in m, y in m, yaw in rad, from (0, 0, 0) at first."""
+
+    value = ValueInfo(DataType.DOUBLE, shape=(3,), description="x_m, y_m, yaw_rad")
+
+    def get_value(self) -> EALData:
+        """Return [x_m, y_m, yaw_rad], yaw in (-pi, pi]."""
+        stamp_s, pose = self._roomba.located()
+        return EALData.of(pose, frame_id=f"{self._roomba.name}/odom", stamp_s=stamp_s)
+
+    def set_value(self, data: EALData) -> None:
+        """Set the pose that it goes on from.
+
+        Raises:
+            ArgumentError: part of it is no number.
+        """
+        x_m, y_m, yaw_rad = (float(number) for number in data.value)
+        if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
+            raise ArgumentError(f"a pose must consist of finite numbers, not {x_m:g}, {y_m:g}, {yaw_rad:g}")
+        self._roomba.place(x_m, y_m, yaw_rad)
+
+    @request("travel", ValueInfo(DataType.DOUBLE, "m", shape=(2,)))
+    def travel(self) -> EALData:
+        """Return what the left and the right encoder have counted since the start."""
+        reading = self._roomba.latest()
+        return EALData.of([reading.left_m, reading.right_m], unit="m", stamp_s=reading.stamp_s)
+
+
+class Buttons(_Sensor):
+    """Whether any button on the robot is pressed."""
+
+    value = _FLAG
+
+    def get_value(self) -> EALData:
+        """Return whether any of the four is pressed now."""
+        return self._answer(lambda sees: sees.controls.any_button)
+
+    @request("max", _FLAG)
+    def max(self) -> EALData:
+        """Tell whether MAX is pressed."""
+        return self._answer(lambda sees: sees.controls.button_max)
+
+    @request("clean", _FLAG)
+    def clean(self) -> EALData:
+        """Tell whether CLEAN is pressed."""
+        return self._answer(lambda sees: sees.controls.button_clean)
+
+    @request("spot", _FLAG)
+    def spot(self) -> EALData:
+        """Tell whether SPOT is pressed."""
+        return self._answer(lambda sees: sees.controls.button_spot)
+
+    @request("power", _FLAG)
+    def power(self) -> EALData:
+        """Tell whether POWER is pressed."""
+        return self._answer(lambda sees: sees.controls.button_power)

@@ -1,0 +1,70 @@
+"""What a world file puts into a physics space, and where in it robots may stand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+import pymunk
+
+from eal_actors.plugin import WorldModel
+
+from .robot import Pose
+
+WALL_RADIUS_M: Final = 0.1
+"""Of the walls' rounding: they are thick, so that nothing passes them in one tick."""
+
+_PITCHES_M: Final = (1.0, 0.5)  # of the grid of places, the coarser first
+_WALL_FRICTION: Final = 0.5
+
+
+def add_solids(space: pymunk.Space, model: WorldModel) -> None:
+    """Put the walls, obstacles and beacons of a world into a space."""
+    body = space.static_body
+    posts = [pymunk.Circle(body, beacon.radius_m, (beacon.x_m, beacon.y_m)) for beacon in model.beacons]
+    shapes = [*_walls(body, *model.size_m), *_obstacles(body, model), *posts]
+    for shape in shapes:
+        shape.friction = _WALL_FRICTION
+    space.add(*shapes)
+
+
+def places(model: WorldModel) -> Iterator[Pose]:
+    """Yield where robots without a start of their own may stand: the world's start poses, then a free grid."""
+    for start in model.start_poses:
+        yield start.x_m, start.y_m, math.radians(start.yaw_deg)
+    for x_m, y_m in _grid(*model.size_m):
+        yield x_m, y_m, 0.0
+
+
+def corners(size_m: tuple[float, float]) -> list[tuple[float, float]]:
+    """Return the corners of a rectangle about its middle."""
+    half_x, half_y = size_m[0] / 2, size_m[1] / 2
+    return [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]
+
+
+def _grid(width_m: float, height_m: float) -> list[tuple[float, float]]:
+    """Return places round the centre, the inner ones first; a coarse grid, then a finer one."""
+    spots = []
+    for pitch_m in _PITCHES_M:
+        columns, rows = (max(0, math.floor((size_m / 2 - pitch_m / 2) / pitch_m)) for size_m in (width_m, height_m))
+        grid = [(x * pitch_m, y * pitch_m) for x in range(-columns, columns + 1) for y in range(-rows, rows + 1)]
+        spots += sorted(grid, key=lambda spot: (math.hypot(*spot), spot))
+    return spots
+
+
+def _walls(body: pymunk.Body, width_m: float, height_m: float) -> list[pymunk.Shape]:
+    ends = corners((width_m + 2 * WALL_RADIUS_M, height_m + 2 * WALL_RADIUS_M))
+    return [pymunk.Segment(body, ends[i - 1], ends[i], WALL_RADIUS_M) for i in range(4)]
+
+
+def _obstacles(body: pymunk.Body, model: WorldModel) -> list[pymunk.Shape]:
+    shapes: list[pymunk.Shape] = []
+    for obstacle in model.solid_obstacles:
+        place = pymunk.Transform.translation(obstacle.x_m, obstacle.y_m)
+        if obstacle.kind == "circle":
+            shapes.append(pymunk.Circle(body, obstacle.radius_m, (obstacle.x_m, obstacle.y_m)))
+        else:
+            turned = place.rotated(math.radians(obstacle.yaw_deg))
+            shapes.append(pymunk.Poly(body, corners(obstacle.size_m), turned))
+    return shapes

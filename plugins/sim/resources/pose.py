@@ -1,0 +1,24 @@
+"""Where a simulated robot truly is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eal_actors.plugin import DataType, EALData, ResourceType, ValueInfo
+
+from ..sensors import wrapped_rad
+from .on_robot import OnRobot
+
+
+class Pose(OnRobot):
+    """The robot's true x in m, y in m and yaw in rad, in (-pi, pi], counter-clockwise from the world's x axis."""
+
+    types = ResourceType.SENSOR
+    value = ValueInfo(DataType.DOUBLE, shape=(3,), description="x_m, y_m, yaw_rad")
+
+    def get_value(self) -> EALData:
+        """Return [x_m, y_m, yaw_rad]."""
+        with self._world.caught_up() as now_s:
+            x_m, y_m, yaw_rad = self._robot.pose
+        pose = np.array([x_m, y_m, wrapped_rad(yaw_rad)])
+        return EALData.of(pose, frame_id="world", stamp_s=now_s)

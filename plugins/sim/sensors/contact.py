@@ -1,0 +1,103 @@
+"""What a robot feels of the floor under it and of what it all but touches."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from eal_actors.plugin import WorldModel
+
+from ..robot import SimRobot
+from ..world import SimWorld
+from .geometry import wrapped_rad
+
+_BUMPER_REACH_M: Final = 0.003
+_BUMPERS_OVERLAP_RAD: Final = math.radians(10)
+_CASTER_AHEAD: Final = 0.8  # of the radius
+_CLIFF_BEARINGS_RAD: Final = tuple(math.radians(bearing_deg) for bearing_deg in (60, 20, -20, -60))
+_WALL_BEARING_RAD: Final = math.radians(-70)
+_WALL_REACH_M: Final = 0.05
+
+
+class DroppedWheels(NamedTuple):
+    """Which wheels hang over a drop."""
+
+    left: bool
+    right: bool
+    caster: bool
+
+
+class Cliffs(NamedTuple):
+    """Which cliff sensors look into a drop, from the left to the right."""
+
+    left: bool
+    front_left: bool
+    front_right: bool
+    right: bool
+
+
+def pressed_bumpers(robot: SimRobot) -> tuple[bool, bool]:
+    """Return whether the left and the right half of the front bumper are pressed; straight ahead presses both.
+
+    Raises:
+        UnavailableError: the robot has no place in the world.
+    """
+    x_m, y_m, yaw_rad = robot.pose
+    reach_m = robot.make.radius_m + _BUMPER_REACH_M
+    left = right = False
+    for hit in robot.space.point_query((x_m, y_m), reach_m, robot.filter):
+        bearing = wrapped_rad(math.atan2(hit.point.y - y_m, hit.point.x - x_m) - yaw_rad)
+        left |= -_BUMPERS_OVERLAP_RAD <= bearing <= math.pi / 2
+        right |= -math.pi / 2 <= bearing <= _BUMPERS_OVERLAP_RAD
+    return left, right
+
+
+def dropped_wheels(world: SimWorld, robot: SimRobot) -> DroppedWheels:
+    """Return which wheels hang over a drop; the caster is in front.
+
+    Raises:
+        UnavailableError: the robot has no place in the world.
+    """
+    arm_m, ahead_m = robot.make.track_m / 2, _CASTER_AHEAD * robot.make.radius_m
+    left, right, caster = (
+        _is_over_drop(world.model, robot, distance_m, bearing_rad)
+        for distance_m, bearing_rad in ((arm_m, math.pi / 2), (arm_m, -math.pi / 2), (ahead_m, 0.0))
+    )
+    return DroppedWheels(left, right, caster)
+
+
+def seen_cliffs(world: SimWorld, robot: SimRobot) -> Cliffs:
+    """Return which of the sensors along the front edge are over a drop.
+
+    Raises:
+        UnavailableError: the robot has no place in the world.
+    """
+    edge_m = robot.make.radius_m
+    return Cliffs(*(_is_over_drop(world.model, robot, edge_m, bearing_rad) for bearing_rad in _CLIFF_BEARINGS_RAD))
+
+
+def is_wall_near(robot: SimRobot) -> bool:
+    """Return whether something is within 5 cm of the hull at the right-hand side, a little ahead.
+
+    Raises:
+        UnavailableError: the robot has no place in the world.
+    """
+    x_m, y_m, yaw_rad = robot.pose
+    end = _point((x_m, y_m, yaw_rad), robot.make.radius_m + _WALL_REACH_M, _WALL_BEARING_RAD)
+    return robot.space.segment_query_first((x_m, y_m), end, 0.0, robot.filter) is not None
+
+
+def _point(pose: tuple[float, float, float], distance_m: float, bearing_rad: float) -> tuple[float, float]:
+    """Return the point at a distance and bearing from a robot."""
+    x_m, y_m, yaw_rad = pose
+    return x_m + distance_m * math.cos(yaw_rad + bearing_rad), y_m + distance_m * math.sin(yaw_rad + bearing_rad)
+
+
+def _is_over_drop(model: WorldModel, robot: SimRobot, distance_m: float, bearing_rad: float) -> bool:
+    x_m, y_m = _point(robot.pose, distance_m, bearing_rad)
+    for drop in model.drops:
+        yaw_rad = math.radians(drop.yaw_deg)
+        cos, sin, dx, dy = math.cos(yaw_rad), math.sin(yaw_rad), x_m - drop.x_m, y_m - drop.y_m
+        if abs(cos * dx + sin * dy) <= drop.size_m[0] / 2 and abs(cos * dy - sin * dx) <= drop.size_m[1] / 2:
+            return True
+    return False

@@ -1,0 +1,69 @@
+"""A space for looking: it shows where everything is, and is brought up to date only when somebody looks.
+
+What drives and what touches is worked out elsewhere, so that no look can change a path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import pymunk
+
+from eal_actors.plugin import WorldModel
+
+from .arena import add_solids, corners
+
+if TYPE_CHECKING:
+    from .robot import Pose, SimRobot
+    from .touching import SimBox
+
+
+class View:
+    """The walls and obstacles of a world, and the shapes of its robots and boxes where they are now.
+
+    Args:
+        model: the world.
+        boxes: its movable boxes.
+
+    Attributes:
+        is_stale: whether something may have moved since the last look.
+
+    Thread: every member is for the holder of the world's lock.
+    """
+
+    def __init__(self, model: WorldModel, boxes: Sequence[SimBox]) -> None:
+        self.is_stale = False
+        self._space = pymunk.Space()
+        add_solids(self._space, model)
+        self._shown: dict[SimRobot | SimBox, tuple[pymunk.Body, Pose]] = {}
+        for box in boxes:
+            body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+            self._add(box, body, pymunk.Poly(body, corners(box.model.size_m)))
+
+    def add(self, robot: SimRobot) -> None:
+        """Show a robot that has got its place."""
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        disc = pymunk.Circle(body, robot.make.radius_m)
+        disc.filter = robot.filter
+        self._add(robot, body, disc)
+
+    @property
+    def space(self) -> pymunk.Space:
+        """The space, up to date."""
+        if self.is_stale:
+            self.is_stale = False
+            for thing, (body, shown) in self._shown.items():
+                if thing.pose != shown:
+                    self._show(thing, body)
+        return self._space
+
+    def _add(self, thing: SimRobot | SimBox, body: pymunk.Body, shape: pymunk.Shape) -> None:
+        body.position, body.angle = thing.pose[:2], thing.pose[2]
+        self._space.add(body, shape)
+        self._shown[thing] = body, thing.pose
+
+    def _show(self, thing: SimRobot | SimBox, body: pymunk.Body) -> None:
+        body.position, body.angle = thing.pose[:2], thing.pose[2]
+        self._space.reindex_shapes_for_body(body)
+        self._shown[thing] = body, thing.pose

@@ -1,0 +1,106 @@
+"""The wheels of a robot: what their encoders count, and what they truly travel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from .models import Make
+from .motion import Motion
+
+_BLOCK: Final = 128
+"""Normal numbers are drawn in blocks: one by one they cost more than the rest of a tick."""
+
+_ROUNDING: Final = 1e-6
+"""Of an encoder step: a sum that falls short of a step by less has reached it."""
+
+
+class Wheels:
+    """Count what is commanded, and turn it into what the wheels travel.
+
+    Args:
+        make: whose errors they have.
+        generator: the source of the errors' noise; it is drawn from only for ticks in which the robot is driven.
+        tick_s: length of a physics tick.
+
+    Attributes:
+        turned_m: what both wheels were commanded to turn in all, either way, on the average.
+    """
+
+    def __init__(self, make: Make, generator: np.random.Generator, tick_s: float) -> None:
+        self._errors = make.errors
+        self._turn_noise_rad = make.turn_noise_rad
+        self._step_m = make.encoder_step_m
+        self._track_m = make.track_m * make.errors.track_factor
+        self._walk_per_tick = make.errors.walk * math.sqrt(tick_s)
+        self._normals = _normals(generator)
+        self._left_factor = self._right_factor = 1.0
+        self._noise_rad_m = 0.0
+        self._left_m = self._right_m = 0.0
+        self.turned_m = 0.0
+
+    def start(self, motion: Motion) -> None:
+        """Begin a motion: the walk starts afresh, and a turn in place gets its noise."""
+        self._left_factor, self._right_factor = self._errors.k_left, self._errors.k_right
+        self._noise_rad_m = 0.0
+        if self._turn_noise_rad and motion.noise_share:
+            self._noise_rad_m = next(self._normals) * self._turn_noise_rad * motion.noise_share
+
+    def travel(self, left_m: float, right_m: float) -> tuple[float, float]:
+        """Count one tick's command, and return how far the robot goes ahead, in metres, and turns, in radians."""
+        self._left_m += left_m
+        self._right_m += right_m
+        self.turned_m += (abs(left_m) + abs(right_m)) / 2
+        if self._walk_per_tick:
+            self._left_factor += self._walk_per_tick * next(self._normals)
+            self._right_factor += self._walk_per_tick * next(self._normals)
+        left, right = left_m * self._left_factor, right_m * self._right_factor
+        return (left + right) / 2, (right - left) / self._track_m + left_m * self._noise_rad_m
+
+    @property
+    def counted_m(self) -> tuple[float, float]:
+        """What the encoders have counted in all, left and right, in whole steps."""
+        return self._whole_steps_m(self._left_m), self._whole_steps_m(self._right_m)
+
+    def _whole_steps_m(self, travel_m: float) -> float:
+        return math.floor(travel_m / self._step_m + _ROUNDING) * self._step_m
+
+
+class DeadReckoning:
+    """Where a robot believes it is, from its encoders and its nominal track.
+
+    Args:
+        track_m: the nominal distance of the wheels.
+        counted_m: what the encoders have counted so far.
+
+    Attributes:
+        pose: x_m, y_m, yaw_rad, from (0, 0, 0) at first; yaw unwrapped.
+    """
+
+    def __init__(self, track_m: float, counted_m: tuple[float, float]) -> None:
+        self.pose = (0.0, 0.0, 0.0)
+        self._track_m = track_m
+        self._counted_m = counted_m
+
+    def follow(self, counted_m: tuple[float, float]) -> None:
+        """Take in what the encoders have counted by now."""
+        left_m, right_m = (now - before for now, before in zip(counted_m, self._counted_m, strict=True))
+        self._counted_m = counted_m
+        self.pose = moved(self.pose, (left_m + right_m) / 2, (right_m - left_m) / self._track_m)
+
+
+def moved(pose: tuple[float, float, float], ahead_m: float, turn_rad: float) -> tuple[float, float, float]:
+    """Return a pose after an arc: so far ahead along it, while turning evenly by an angle."""
+    x_m, y_m, yaw_rad = pose
+    half_rad = turn_rad / 2
+    chord_m = ahead_m * math.sin(half_rad) / half_rad if abs(half_rad) > 1e-9 else ahead_m
+    heading_rad = yaw_rad + half_rad
+    return x_m + chord_m * math.cos(heading_rad), y_m + chord_m * math.sin(heading_rad), yaw_rad + turn_rad
+
+
+def _normals(generator: np.random.Generator) -> Iterator[float]:
+    while True:
+        yield from generator.standard_normal(_BLOCK).tolist()

@@ -1,0 +1,132 @@
+"""Simulated robots at `rate: max`, on one core: how much faster than real time a fleet runs through all its actors."""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pymunk
+
+from eal_actors import Fleet, gather
+from eal_actors.scenario import load_scenario, run_scenario
+from tests.benchmarks.result import Result
+
+ROOT = Path(__file__).parents[2]
+RAYS, RAY_M, RAYS_HZ = 16, 4.0, 10
+TICK_S = 0.02
+SPACING_M = 1.5
+SPEED_M_S = 0.3
+
+
+def fleet_file(folder: Path, robots: int) -> Path:
+    """Write a fleet of Roombas in a grid on a field; return the file."""
+    side_m = SPACING_M * (math.ceil(math.sqrt(robots)) + 1)
+    world = f"version: 1\nname: field\nsize_m: [{side_m}, {side_m}]\n"
+    world += f"starts: {{shape: grid, count: {robots}, spacing_m: {SPACING_M}}}\n"
+    (folder / "field.yaml").write_text(world)
+    fleet = folder / "fleet.yaml"
+    each = f"{{count: {robots}, plugins: {{sim: {{model: roomba}}}}}}"
+    fleet.write_text(f'version: 1\nclock: {{rate: max}}\nworld: field.yaml\nrobots: {{"robot{{n}}": {each}}}\n')
+    return fleet
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Pin this process and its threads to one core."""
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
+
+
+def times_real(fleet: Fleet, duration_s: float, work: Callable[[], object], period_s: float) -> float:
+    """Return how many seconds of the fleet's clock pass in a real one while work is done in each period."""
+    start_s, start = fleet.clock.now(), time.perf_counter()
+    while fleet.clock.now() - start_s < duration_s:
+        work()
+        fleet.clock.sleep(period_s)
+    return (fleet.clock.now() - start_s) / (time.perf_counter() - start)
+
+
+def bare_times_real(robots: int, duration_s: float, *, rays: bool) -> float:
+    """Return the same of bare pymunk: as many discs that drive, the same rays, nothing else."""
+    space, bodies = pymunk.Space(), []
+    for number in range(robots):
+        body = pymunk.Body(3.0, 0.05)
+        column, row = divmod(number, math.ceil(math.sqrt(robots)))
+        body.position = column * SPACING_M, row * SPACING_M
+        disc = pymunk.Circle(body, 0.17)
+        disc.filter = pymunk.ShapeFilter(group=number + 1)
+        control = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        control.position = body.position
+        pivot, gear = pymunk.PivotJoint(control, body, (0, 0), (0, 0)), pymunk.GearJoint(control, body, 0.0, 1.0)
+        pivot.max_bias = gear.max_bias = 0.0
+        pivot.max_force = gear.max_force = 20.0
+        space.add(body, disc, control, pivot, gear)
+        bodies.append((body, disc.filter, control))
+    angles = [2 * math.pi * ray / RAYS for ray in range(RAYS)]
+    every = round(1 / (RAYS_HZ * TICK_S))
+    start = time.perf_counter()
+    for tick in range(round(duration_s / TICK_S)):
+        for body, _, control in bodies:
+            control.velocity = SPEED_M_S * math.cos(body.angle), SPEED_M_S * math.sin(body.angle)
+            control.angular_velocity = 0.5
+        space.step(TICK_S)
+        if rays and tick % every == 0:
+            for body, own, _ in bodies:
+                x, y = body.position
+                for angle in angles:
+                    end = x + RAY_M * math.cos(angle), y + RAY_M * math.sin(angle)
+                    space.segment_query_first((x, y), end, 0.0, own)
+    return duration_s / (time.perf_counter() - start)
+
+
+def crowd(folder: Path, robots: int, duration_s: float, *, rays: bool, at_least: float) -> Result:
+    """Drive a fleet in arcs, with or without looking round."""
+    with Fleet.load(fleet_file(folder, robots)) as fleet:
+        bases = [robot["Base"] for robot in fleet.values()]
+        ranges = [robot["Range"] for robot in fleet.values()] if rays else []
+        driving = gather([base.send_cmd(f"f{duration_s}", timeout_s=2000) for base in bases])
+        ours = times_real(fleet, duration_s, lambda: gather([one.get_value() for one in ranges]).get(), 1 / RAYS_HZ)
+        if driving.done():
+            raise AssertionError("the robots do not drive any more")
+        fleet.halt().get()
+        driving.exception()
+    bare = bare_times_real(robots, duration_s, rays=rays)
+    what = f"{robots:,} simulated robots driving, " + (f"{RAYS} rays each at {RAYS_HZ} Hz" if rays else "no rays")
+    reference = f"bare pymunk: {bare:.1f}x real time"
+    return Result(what, f"{ours:.1f}x real time", reference, ours, at_least, "x real time", at_least=True)
+
+
+def square(folder: Path) -> Result:
+    """One robot drives the shipped square."""
+    scenario = load_scenario(ROOT / "scenarios/square.yaml")
+    with Fleet.load(fleet_file(folder, 1)) as fleet:
+        turns = []
+        for _ in range(5):
+            start = time.perf_counter()
+            report = run_scenario(scenario, fleet)
+            turns.append(report.duration_s / (time.perf_counter() - start))
+            if report.outcome != "done":
+                raise AssertionError(report.error)
+    ours = sorted(turns)[len(turns) // 2]
+    what = "the square scenario, one robot, lock step"
+    return Result(what, f"{ours:.0f}x real time", "real time", ours, 200, "x real time", at_least=True)
+
+
+def run() -> list[Result]:
+    """Measure once each: a run of seconds is its own mean."""
+    with tempfile.TemporaryDirectory() as name, one_core():
+        folder = Path(name)
+        return [
+            square(folder),
+            crowd(folder, 100, 10.0, rays=True, at_least=10),
+            crowd(folder, 1000, 4.0, rays=False, at_least=2),
+        ]
