@@ -17,10 +17,15 @@
     │   ├── BusyError           (RuntimeError)      the mailbox is full
     │   ├── CallCancelledError  (CancelledError)    the caller cancelled the call
     │   ├── PreemptedError      (RuntimeError)      a newer command or a halt took over
+    │   ├── StaleCommandError   (RuntimeError)      a command that came too late or twice; it was not executed
+    │   ├── ResourceBusyError   (RuntimeError)      another controller holds the actuator
+    │   ├── StoppedError        (RuntimeError)      an emergency stop holds until it is resumed
     │   └── UnavailableError    (ConnectionError)   the resource is restarting, stopped or gone
     ├── RobotError
     │   ├── RobotNotFoundError  (KeyError)          no robot of that name, tag or type
     │   ├── RobotFailedError    (ConnectionError)   the robot gave up and was stopped safely
+    │   ├── AccessDeniedError   (PermissionError)   the robot does not grant this to this controller
+    │   ├── ProtocolError       (ConnectionError)   the other end speaks another version, or no sense
     │   └── RemoteError         (ConnectionError)   not possible through a network connection
     └── ScenarioError           (RuntimeError)      a scenario that cannot run on this fleet
 
@@ -204,6 +209,24 @@ class PreemptedError(CallError, RuntimeError):
     code = "preempted"
 
 
+class StaleCommandError(CallError, RuntimeError):
+    """A command that came too late, or a second time: the robot has refused to execute it."""
+
+    code = "stale_command"
+
+
+class ResourceBusyError(CallError, RuntimeError):
+    """Another controller, which the message names, holds the actuator; nothing was executed."""
+
+    code = "resource_busy"
+
+
+class StoppedError(CallError, RuntimeError):
+    """An emergency stop holds the robot until `eal resume`; nothing was executed."""
+
+    code = "stopped"
+
+
 class UnavailableError(CallError, ConnectionError):
     """The resource is restarting, stopped or gone: nothing was executed."""
 
@@ -226,6 +249,18 @@ class RobotFailedError(RobotError, ConnectionError):
     """The robot could not start, or crashed too often: it was stopped safely."""
 
     code = "robot_failed"
+
+
+class AccessDeniedError(RobotError, PermissionError):
+    """The robot does not grant this to this controller."""
+
+    code = "access_denied"
+
+
+class ProtocolError(RobotError, ConnectionError):
+    """The other end of a connection speaks another version of the protocol, or sends what makes no sense."""
+
+    code = "protocol"
 
 
 class RemoteError(RobotError, ConnectionError):
