@@ -15,6 +15,7 @@ from eal_actors.errors import (
     DeadlineError,
     EALError,
     PreemptedError,
+    StoppedError,
     UnavailableError,
 )
 from eal_actors.info import ResourceInfo
@@ -104,6 +105,30 @@ class CallTarget(Protocol):
         ...
 
 
+class StopLatch:
+    """Whether an emergency stop holds a robot. Thread: any."""
+
+    __slots__ = ("reason",)
+
+    def __init__(self) -> None:
+        self.reason: str | None = None
+
+    def set(self, reason: str) -> None:
+        """Hold from now on; the first reason stands."""
+        self.reason = self.reason or reason or "no reason given"
+
+    def clear(self) -> None:
+        """Hold no more."""
+        self.reason = None
+
+    def refuses(self, call: Call[Any]) -> bool:
+        """Fail a call that could move something while the stop holds, and tell whether it was one."""
+        if self.reason is None or call.method not in MOTION_METHODS or call.stops:
+            return False
+        call.fail(StoppedError(f"an emergency stop holds the robot until it is resumed: {self.reason}"))
+        return True
+
+
 class ResourceCell:
     """The named slot of a resource on its robot: handles and callers keep it, restarts change what is in it.
 
@@ -114,10 +139,18 @@ class ResourceCell:
         info: what the resource last said of itself; None before its first start.
         error: why calls fail while there is no actor.
         link: what calls pass on their way; a perfect one of its own if None is given.
+        latch: the robot's emergency stop.
     """
 
     def __init__(
-        self, robot: str, name: str, clock: Clock, timekeeper: Inbox, timeout_s: float, link: Link | None = None
+        self,
+        robot: str,
+        name: str,
+        clock: Clock,
+        timekeeper: Inbox,
+        timeout_s: float,
+        link: Link | None = None,
+        latch: StopLatch | None = None,
     ) -> None:
         self.robot = robot
         self.name = name
@@ -125,6 +158,7 @@ class ResourceCell:
         self.timekeeper = timekeeper
         self.timeout_s = timeout_s
         self.link = link if link is not None else Link(robot)
+        self.latch = latch if latch is not None else StopLatch()
         self.actor: CallTarget | None = None
         self.info: ResourceInfo | None = None
         self.error: EALError = UnavailableError("it has not started yet")
@@ -138,6 +172,8 @@ class ResourceCell:
 
     def _submit(self, call: Call[Any]) -> None:
         actor = self.actor
+        if self.latch.reason is not None and self.latch.refuses(call):
+            return
         if actor is None:
             call.fail(self._unavailable())
             return

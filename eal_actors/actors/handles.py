@@ -9,7 +9,7 @@ from typing import Any, Final, TypeVar
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
-from eal_actors.actors.robot_actor import RobotActor, RobotState, RobotView
+from eal_actors.actors.robot_view import RobotConnection, RobotState, RobotView
 from eal_actors.clock import REAL_TIME
 from eal_actors.data import EALData
 from eal_actors.errors import (
@@ -159,7 +159,7 @@ class RobotHandle(Mapping[str, ResourceHandle]):
 
     def __init__(
         self,
-        start: Callable[[], tuple[RobotActor, RobotView]],
+        start: Callable[[], tuple[RobotConnection, RobotView]],
         name: str,
         types: tuple[str, ...] = (),
         tags: tuple[str, ...] = (),
@@ -218,6 +218,25 @@ class RobotHandle(Mapping[str, ResourceHandle]):
     def halt(self, *, timeout_s: float | None = None) -> Future[list[int]]:
         """Stop whatever moves on this robot, at once; see ResourceHandle.halt."""
         return gather([self[name].halt(timeout_s=timeout_s) for name in self])
+
+    @property
+    def stopped_because(self) -> str | None:
+        """Why an emergency stop holds the robot; None if none does."""
+        return self._view.latch.reason
+
+    def stop(self, reason: str = "") -> Future[None]:
+        """Emergency stop: halt whatever moves, and refuse motions with StoppedError until `resume`.
+
+        Args:
+            reason: told to those whose motions are refused.
+
+        Thread: any; does not block.
+        """
+        return self._actor.stop_now(reason)
+
+    def resume(self) -> Future[None]:
+        """End an emergency stop: motions are possible again, and none starts by itself. Thread: any; does not block."""
+        return self._actor.resume()
 
     def wait_started(self, timeout_s: float) -> None:
         """Wait until every resource is up.

@@ -245,6 +245,8 @@ class ResourceActor(EALActor):
         elif deadline_s <= self.clock.now():
             call.fail(DeadlineError(f"{call.method} waited in the mailbox until its deadline; it was not executed"))
             return
+        if self.cell.latch.reason is not None and self.cell.latch.refuses(call):  # it passed the slot just before
+            return
         self._current = call
         self._busy(deadline_s)
         set_call(call.call_id)

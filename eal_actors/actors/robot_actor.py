@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import enum
 import math
 import threading
 from collections.abc import Callable, Mapping
@@ -12,9 +11,11 @@ from functools import partial
 from typing import Any, Final, Protocol
 
 from eal_actors.actors.actor import AbandonedThread, EALActor
-from eal_actors.actors.call import ResourceCell
+from eal_actors.actors.call import Call, ResourceCell
+from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.resource_actor import ResourceActor, ResourceFactory
+from eal_actors.actors.robot_view import RobotState, RobotView
 from eal_actors.actors.supervision import ChildSpec, Restart, RestartIntensity, wants_restart
 from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.errors import EALError, PluginError, RobotFailedError, UnavailableError, shown
@@ -28,15 +29,6 @@ _ROUNDING_S: Final = 1e-6
 """Of a difference of times."""
 _UNWIND_S: Final = 0.5
 """How long (real time) an abandoned thread has to unwind before somebody else halts its resource."""
-
-
-class RobotState(enum.Enum):
-    """Where a robot connection is in its life."""
-
-    STARTING = "starting"
-    READY = "ready"
-    FAILED = "failed"
-    STOPPED = "stopped"
 
 
 class OpenPlugins(Protocol):
@@ -84,28 +76,6 @@ class RobotSpec:
     link: Link | None = None
 
 
-class RobotView:
-    """What everybody may read of a robot; written by its actor alone.
-
-    Attributes:
-        state: where it is in its life.
-        cells: its resources' slots by name, in the order of its plugins.
-        problems: what kept plugins out, or made the robot fail.
-        restarts: how often each resource was restarted.
-        started: done when every resource is up, or the robot has failed.
-        stopped: done when everything has ended.
-    """
-
-    def __init__(self, spec: RobotSpec) -> None:
-        self.spec = spec
-        self.state = RobotState.STARTING
-        self.cells: dict[str, ResourceCell] = {}
-        self.problems: tuple[EALError, ...] = ()
-        self.restarts: dict[str, int] = {}
-        self.started: Future[None] = Future(spec.clock)
-        self.stopped: Future[None] = Future(REAL_TIME)
-
-
 class RobotActor(EALActor):
     """Supervises the resources of one robot: one for one, with back-off, and an end.
 
@@ -150,8 +120,9 @@ class RobotActor(EALActor):
             return
         for problem in self._plugins.errors:
             self._log.error("plugin left out", reason=problem.message)
+        spec, latch = self.spec, self.view.latch
         cells = {
-            name: ResourceCell(self.spec.name, name, self.clock, self.actor_inbox, self.spec.timeout_s, self.spec.link)
+            name: ResourceCell(spec.name, name, self.clock, self.actor_inbox, spec.timeout_s, spec.link, latch)
             for name in self._plugins.resources
         }
         for name, factory in self._plugins.resources.items():
@@ -275,6 +246,24 @@ class RobotActor(EALActor):
             self._threads.append(watch)
         self._on_down(actor, error)
 
+    # Emergency stop.
+
+    def stop_now(self, reason: str) -> Future[None]:
+        """See RobotConnection."""
+        self.view.latch.set(reason)
+        halts = []
+        for cell in self.view.cells.values():
+            halts.append(halt := Call[Any](cell, "halt", (), cell.timeout_s))
+            cell.submit_urgent(halt, stops=True)
+        return gather(halts).map(lambda _: None)
+
+    def resume(self) -> Future[None]:
+        """See RobotConnection."""
+        self.view.latch.clear()
+        done: Future[None] = Future(self.clock)
+        done.set(None)
+        return done
+
     # The end.
 
     def _fail(self, error: RobotFailedError) -> None:
@@ -371,5 +360,5 @@ def _halt_if_still_stuck(actor: ResourceActor, halt: Callable[[], Any]) -> None:
 
 def start_robot(spec: RobotSpec) -> tuple[RobotActor, RobotView]:
     """Start a robot's actor; its view's `started` tells when it is up. Thread: any; does not block."""
-    view = RobotView(spec)
+    view = RobotView(spec.name, spec.clock)
     return RobotActor(spec, view).launch(), view

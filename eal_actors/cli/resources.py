@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.actors.robot_actor import RobotState
+from eal_actors.actors.robot_view import RobotState
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption

@@ -229,6 +229,17 @@ class Fleet(Mapping[str, RobotHandle]):
         """Stop whatever moves on every robot, at once. Thread: any; does not block."""
         return gather([robot.halt(timeout_s=timeout_s) for robot in self._robots.values()])
 
+    def stop(self, reason: str = "") -> Future[list[None]]:
+        """Emergency stop of every robot: halt whatever moves, and refuse motions until `resume`; see RobotHandle.stop.
+
+        Thread: any; does not block.
+        """
+        return gather([robot.stop(reason) for robot in self._robots.values()])
+
+    def resume(self) -> Future[list[None]]:
+        """End the emergency stop of every robot. Thread: any; does not block."""
+        return gather([robot.resume() for robot in self._robots.values()])
+
 
 @atexit.register
 def _close_open_fleets() -> None:

@@ -1,0 +1,88 @@
+"""What everybody may know of a robot connection, and what whoever serves one must be able to do."""
+
+from __future__ import annotations
+
+import enum
+from typing import Protocol
+
+from eal_actors.actors.call import ResourceCell, StopLatch
+from eal_actors.actors.future import Future
+from eal_actors.clock import REAL_TIME, Clock
+from eal_actors.errors import EALError
+
+
+class RobotState(enum.Enum):
+    """Where a robot connection is in its life."""
+
+    STARTING = "starting"
+    READY = "ready"
+    LOST = "lost"
+    """It was ready, and is out of reach; it is looked for, and comes back by itself."""
+    FAILED = "failed"
+    STOPPED = "stopped"
+
+
+class RobotView:
+    """What everybody may read of a robot; written by its actor alone.
+
+    Args:
+        name: the robot's name.
+        clock: the fleet's clock.
+
+    Attributes:
+        state: where it is in its life.
+        cells: its resources' slots by name, in the order of its plugins.
+        problems: what kept plugins out, or made the robot fail.
+        restarts: how often each resource was restarted.
+        latch: whether an emergency stop holds it.
+        started: done when every resource is up, or the robot has failed.
+        stopped: done when everything has ended.
+    """
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self.name = name
+        self.clock = clock
+        self.state = RobotState.STARTING
+        self.cells: dict[str, ResourceCell] = {}
+        self.problems: tuple[EALError, ...] = ()
+        self.restarts: dict[str, int] = {}
+        self.latch = StopLatch()
+        self.started: Future[None] = Future(clock)
+        self.stopped: Future[None] = Future(REAL_TIME)
+
+
+class RobotConnection(Protocol):
+    """The actor behind a robot: one that runs it in this process, or one that speaks with it over a network."""
+
+    @property
+    def clock(self) -> Clock:
+        """The fleet's clock."""
+        ...
+
+    def stop_now(self, reason: str) -> Future[None]:
+        """Halt whatever moves, and refuse motions from now on. Thread: any; does not block."""
+        ...
+
+    def resume(self) -> Future[None]:
+        """Allow motions again. Thread: any; does not block."""
+        ...
+
+    def shut_down(self) -> None:
+        """Stop every resource safely, and end. Thread: any; does not block."""
+        ...
+
+    def force_down(self) -> None:
+        """Abandon whatever has not stopped by itself. Thread: any; does not block."""
+        ...
+
+    def abandon(self, error: EALError) -> None:
+        """Give up an actor that is stuck. Thread: any; does not block."""
+        ...
+
+    def is_at_work(self) -> bool:
+        """Return whether the caller runs in a thread of this robot, which cannot wait for its own end."""
+        ...
+
+    def join(self, timeout_s: float) -> list[str]:
+        """Wait (real time) for its threads; return the names of those still alive. Thread: blocks the caller."""
+        ...
