@@ -227,8 +227,12 @@ class ResourceCell:
         if delay_s is None:
             return
         if delay_s:
-            self.timekeeper.call_later(delay_s, deliver)
+            self.timekeeper.call_later(delay_s, lambda: self._arrive(deliver))
         else:
+            deliver()
+
+    def _arrive(self, deliver: Callable[[], None]) -> None:
+        if not self.link.is_cut:  # what was on its way is lost with the rest
             deliver()
 
     def _unavailable(self) -> EALError:

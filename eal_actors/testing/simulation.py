@@ -13,6 +13,7 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.clock import REAL_TIME
 from eal_actors.errors import ArgumentError, UnavailableError, WaitTimeoutError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.info import unknown_name
 from eal_actors.lock_step import LockStepClock
 from eal_actors.scenario import Report, Scenario, run_scenario
 from eal_actors.testing.making import Robots, World, simulated_fleet
@@ -234,6 +235,44 @@ class Simulation:
             UnavailableError: the simulation is not open.
         """
         return bool(self[robot]["Bump"].get_value().get().value)
+
+    # What goes wrong on purpose.
+
+    def inject(self, robot: str, **faults: bool | float | str | Sequence[str]) -> None:
+        """Make something wrong with a robot, by its resource Faults, which says what there is.
+
+            simulation.inject("scout", motor_left=0.5, frozen=["Range", "Camera"])
+
+        Args:
+            robot: its name.
+            faults: what becomes wrong; what is not named stays as it is.
+
+        Raises:
+            ArgumentError: there is no such fault, or not with such a value.
+            RobotNotFoundError: there is no robot of that name.
+            ResourceNotFoundError: it has no resource Faults.
+            UnavailableError: the simulation is not open.
+        """
+        resource = self[robot]["Faults"]
+        known = [info.name for info in resource.info.configs]
+        for name in faults:
+            if name not in known:
+                raise ArgumentError(unknown_name("fault", name, known), robot=robot)
+        for name, value in faults.items():
+            plain = value if isinstance(value, bool | int | float | str) else ",".join(value)
+            resource.set_config(name, plain).get()
+
+    def clear_faults(self, robot: str) -> None:
+        """End all faults of a robot; what its fault plan still holds happens nevertheless.
+
+        Raises:
+            RobotNotFoundError: there is no robot of that name.
+            ResourceNotFoundError: it has no resource Faults.
+            UnavailableError: the simulation is not open.
+        """
+        self[robot]["Faults"].send_cmd("clear").get()
+
+    # Scenarios.
 
     def run(self, scenario: str | Path | Scenario, *, directory: Path | None = None) -> Report:
         """Run a scenario from beginning to end.

@@ -18,6 +18,9 @@ class Battery:
         model: of the make.
         fraction: how full it is at first, 0..1.
 
+    Attributes:
+        has_failed: whether it gives nothing, however full it was.
+
     Thread: every member is for the holder of the world's lock.
     """
 
@@ -25,6 +28,7 @@ class Battery:
         self._model = model
         self._before_as = (1.0 - fraction) * model.capacity_ah * _SECONDS_PER_HOUR
         self._drawn_as = self._speed_m_s = 0.0
+        self.has_failed = False
 
     def follow(self, now_s: float, turned_m: float, speed_m_s: float) -> None:
         """Take in the time, what the wheels have turned in all, and how fast they turn, on the average of both.
@@ -37,7 +41,7 @@ class Battery:
     def is_empty_after(self, now_s: float, turned_m: float) -> bool:
         """Whether it holds nothing more at a time, when the wheels have turned so far: the short way, for each tick."""
         drawn_as = self._before_as + self._model.idle_a * now_s + self._model.drive_as_m * turned_m
-        return drawn_as >= self._model.capacity_ah * _SECONDS_PER_HOUR
+        return self.has_failed or drawn_as >= self._model.capacity_ah * _SECONDS_PER_HOUR
 
     def set_fraction(self, fraction: float) -> None:
         """Fill it or drain it to a fraction of its capacity, 0..1."""
@@ -51,6 +55,8 @@ class Battery:
     @property
     def charge_ah(self) -> float:
         """What it holds."""
+        if self.has_failed:
+            return 0.0
         return max(0.0, self._model.capacity_ah - (self._before_as + self._drawn_as) / _SECONDS_PER_HOUR)
 
     @property

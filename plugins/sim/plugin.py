@@ -1,17 +1,21 @@
 """The sim plugin: one robot of the world that all simulated robots of a fleet share."""
 
-# ruff: noqa: N816  # the plugin API names the functions after the resources
+# ruff: noqa: N802, N816  # the plugin API names the functions after the resources
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Self, TypeVar
+
+from pydantic import model_validator
 
 from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsModel, Resource
 
 from . import resources
+from .faults import SENSORS, FaultPlan, PlannedFault
 from .models import MAKES, Make, MakeName
 from .port import open_port
+from .resources.faulty import under_faults
 from .resources.on_robot import OnRobot
 from .robot import SimRobot
 from .world import SimWorld, world_of
@@ -20,7 +24,7 @@ _R = TypeVar("_R", bound=OnRobot)
 
 __all__ = ["Settings", "SimPlugin", "connect", "disconnect", "open_port"]
 
-_ALL_MAKES = ("Base", "Odometry", "Battery", "Pose", "Bump", "Range", "Compass", "Light", "Beacons", "Camera")
+_ALL_MAKES = ("Base", "Odometry", "Battery", "Pose", "Bump", "Range", "Compass", "Light", "Beacons", "Camera", "Faults")
 _ROOMBA_ALONE = ("Cliff", "WheelDrop", "Wall", "Buttons", "Leds", "Song")
 
 
@@ -45,6 +49,15 @@ class Settings(PluginSettingsModel):
     """Whether they have only what is left of the errors after a calibration."""
     charge: float = Field(default=1.0, ge=0, le=1)
     """How full the battery is at first."""
+    faults: tuple[PlannedFault, ...] = Field(default=(), strict=False)
+    """What is to go wrong on purpose, and when."""
+
+    @model_validator(mode="after")
+    def _check_frozen(self) -> Self:
+        lacking = {name for fault in self.faults for name in fault.frozen}.difference(resources_of(MAKES[self.model]))
+        if lacking:
+            raise ValueError(f"faults: the {self.model} has no {', '.join(sorted(lacking))} to freeze")
+        return self
 
 
 class SimPlugin(EALPlugin):
@@ -73,6 +86,8 @@ def connect(context: PluginContext) -> SimPlugin:
     start = (float(at.x_m), float(at.y_m), math.radians(at.yaw_deg)) if at else None
     make = MAKES[settings.model] if settings.calibrated else MAKES[settings.model].uncalibrated()
     robot = world.join(context.robot, make, noise=settings.noise, start=start, charge=settings.charge)
+    beside = ("Faults", "Pose")  # they are no part of the robot
+    context.services.link(context.robot).spare(beside + tuple(f"{context.instance}.{name}" for name in beside))
     return SimPlugin(world, robot)
 
 
@@ -85,9 +100,24 @@ def disconnect(plugin: SimPlugin) -> None:
 def _creator(kind: type[_R]) -> Callable[[PluginContext], _R]:
     def create(context: PluginContext) -> _R:
         """Make the resource."""
-        return kind(context.plugin.world, context.plugin.robot)
+        robot = context.plugin.robot
+        return under_faults(kind(context.plugin.world, robot), robot)
 
     return create
+
+
+def create_Pose(context: PluginContext) -> resources.Pose:
+    """Make the ground truth, which no fault touches."""
+    return resources.Pose(context.plugin.world, context.plugin.robot)
+
+
+def create_Faults(context: PluginContext) -> resources.Faults:
+    """Make the faults; their plan outlives the resource, so that a restart does not begin it anew."""
+    services, robot = context.services, context.plugin.robot
+    plan = services.shared(("sim.faults", context.robot), lambda: FaultPlan(context.settings.faults))
+    sensors = [name for name in resources_of(robot.make) if name in SENSORS]
+    link = services.link(context.robot)
+    return resources.Faults(context.plugin.world, robot, link, plan, context.clock, sensors)
 
 
 def _destroy(resource: Resource) -> None:
@@ -97,13 +127,14 @@ def _destroy(resource: Resource) -> None:
 create_Base, destroy_Base = _creator(resources.Base), _destroy
 create_Odometry, destroy_Odometry = _creator(resources.Odometry), _destroy
 create_Battery, destroy_Battery = _creator(resources.Battery), _destroy
-create_Pose, destroy_Pose = _creator(resources.Pose), _destroy
+destroy_Pose = _destroy
 create_Bump, destroy_Bump = _creator(resources.Bump), _destroy
 create_Range, destroy_Range = _creator(resources.Range), _destroy
 create_Compass, destroy_Compass = _creator(resources.Compass), _destroy
 create_Light, destroy_Light = _creator(resources.Light), _destroy
 create_Beacons, destroy_Beacons = _creator(resources.Beacons), _destroy
 create_Camera, destroy_Camera = _creator(resources.Camera), _destroy
+destroy_Faults = _destroy
 create_Turret, destroy_Turret = _creator(resources.Turret), _destroy
 create_Cliff, destroy_Cliff = _creator(resources.Cliff), _destroy
 create_WheelDrop, destroy_WheelDrop = _creator(resources.WheelDrop), _destroy

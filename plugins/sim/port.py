@@ -99,16 +99,14 @@ class SimulatedPort:
         """Send bytes to the device; return how many."""
         with self._world.caught_up() as now_s:
             self._check_open()
-            if not self._robot.battery.is_empty:  # without power nobody answers
-                self._arrived += self._emulator.feed(bytes(data), now_s)
-                del self._arrived[_MOST_WAITING:]
+            self._feed(bytes(data), now_s)
         return len(data)
 
     def read(self, size: int = 1) -> bytes:
         """Return what has arrived, at most so many bytes; empty for nothing."""
         with self._world.caught_up() as now_s:
             self._check_open()
-            self._arrived += self._emulator.feed(b"", now_s)
+            self._feed(b"", now_s)
             taken = bytes(self._arrived[:size])
             del self._arrived[:size]
         return taken
@@ -121,6 +119,12 @@ class SimulatedPort:
     def close(self) -> None:
         """Let go of the port; the robot stays as it is, as a real one does."""
         self._is_open = False
+
+    def _feed(self, data: bytes, now_s: float) -> None:
+        if self._robot.is_dead or self._robot.battery.is_empty:  # without power nobody answers
+            return
+        self._arrived += self._emulator.feed(data, now_s)
+        del self._arrived[_MOST_WAITING:]
 
     def _check_open(self) -> None:
         if not self._is_open:

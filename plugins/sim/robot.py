@@ -13,6 +13,7 @@ import pymunk
 from eal_actors.plugin import UnavailableError
 
 from .battery import Battery
+from .faults import HEALTHY, FaultSet
 from .models import Make
 from .motion import Drive, Motion
 from .turret import Turret
@@ -76,6 +77,7 @@ class SimRobot:
         self._wheels = Wheels(make if noise else make.without_errors(), motion_generator, tick_s)
         self._battery = Battery(make.battery, charge)
         self.tick_s = tick_s
+        self._faults = HEALTHY
         self._now_s = now_s
         self._pose: Pose | None = None
         self._view: View | None = None
@@ -120,7 +122,8 @@ class SimRobot:
         """Whether it moves at less than half the speed it is driven at."""
         arm_m = self.make.track_m / 2
         wanted, gone = (abs(ahead_m) + abs(turn_rad) * arm_m for ahead_m, turn_rad in (self._wanted, self._gone))
-        return self.motion is not None and gone < wanted / 2
+        stands = gone == 0.0 and any(self._command_m)  # with both wheels stuck it is not even wanted to move
+        return self.motion is not None and (gone < wanted / 2 or stands)
 
     @property
     def travel_m(self) -> tuple[float, float]:
@@ -143,6 +146,22 @@ class SimRobot:
         return self._battery
 
     @property
+    def faults(self) -> FaultSet:
+        """What is wrong with it on purpose. Thread: any, for reading."""
+        return self._faults
+
+    @faults.setter
+    def faults(self, faults: FaultSet) -> None:
+        self._faults = faults
+        self._wheels.shares = faults.wheel_shares
+        self._battery.has_failed = faults.battery_empty
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether it is off: it does nothing and answers nothing. Thread: any."""
+        return self._faults.dead
+
+    @property
     def turret_yaw_rad(self) -> float:
         """Its turret's angle, counter-clockwise from straight ahead, unwrapped; 0 without a turret."""
         return self.turret.yaw_rad if self.turret else 0.0
@@ -156,10 +175,12 @@ class SimRobot:
         """Release the brakes and begin a motion.
 
         Raises:
-            UnavailableError: it has no place in the world, or its battery is empty.
+            UnavailableError: it has no place in the world, or its battery is empty, or it is dead.
         """
         if self._pose is None:
             raise self._no_place()
+        if self.is_dead:
+            raise UnavailableError(f"robot {self.name!r} is dead")
         if self.battery.is_empty:
             raise UnavailableError(f"battery is empty: robot {self.name!r} cannot drive")
         if not (isinstance(self.motion, Drive) and isinstance(motion, Drive)):

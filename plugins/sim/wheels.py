@@ -28,6 +28,7 @@ class Wheels:
 
     Attributes:
         turned_m: what both wheels were commanded to turn in all, either way, on the average.
+        shares: of what they are commanded, the left and the right wheel turn so much: under 1 for weak motors.
     """
 
     def __init__(self, make: Make, generator: np.random.Generator, tick_s: float) -> None:
@@ -41,6 +42,7 @@ class Wheels:
         self._noise_rad_m = 0.0
         self._left_m = self._right_m = 0.0
         self.turned_m = 0.0
+        self.shares = (1.0, 1.0)
 
     def start(self, motion: Motion) -> None:
         """Begin a motion: the walk starts afresh, and a turn in place gets its noise."""
@@ -51,9 +53,10 @@ class Wheels:
 
     def travel(self, left_m: float, right_m: float) -> tuple[float, float]:
         """Count one tick's command, and return how far the robot goes ahead, in metres, and turns, in radians."""
+        self.turned_m += (abs(left_m) + abs(right_m)) / 2
+        left_m, right_m = left_m * self.shares[0], right_m * self.shares[1]
         self._left_m += left_m
         self._right_m += right_m
-        self.turned_m += (abs(left_m) + abs(right_m)) / 2
         if self._walk_per_tick:
             self._left_factor += self._walk_per_tick * next(self._normals)
             self._right_factor += self._walk_per_tick * next(self._normals)

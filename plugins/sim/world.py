@@ -60,6 +60,7 @@ class SimWorld:
         self._robots: dict[str, SimRobot] = {}
         self._placed: tuple[SimRobot, ...] = ()
         self._waiting: list[SimRobot] = []
+        self._without_start: set[SimRobot] = set()
         self._driven: list[SimRobot] = []
         self._groups = count(1)
         self._touching = Touching(self.model, self.tick_s)
@@ -105,6 +106,8 @@ class SimWorld:
             if known := self._robots.get(name):
                 if (known.make, known.noise) != (make, noise):
                     raise PluginError(f"robot {name!r} is in the simulated world already, with other settings")
+                if start is not None and known in self._without_start and known.motion is None:
+                    self._start_at(known, start)  # a driver on a simulated port was here first
                 return known
             robot = SimRobot(
                 name,
@@ -118,15 +121,22 @@ class SimWorld:
             )
             if start is None:
                 self._waiting.append(robot)
-            elif self._is_free(start, make.radius_m):
-                self._place(robot, start)
+                self._without_start.add(robot)
             else:
-                raise PluginError(
-                    f"robot {name!r} cannot start at x {start[0]:g} m, y {start[1]:g} m: it would touch another robot, "
-                    f"a box, an obstacle or a wall of the world {self.model.name!r}, or be outside"
-                )
+                self._start_at(robot, start)
             self._robots[name] = robot
             return robot
+
+    def _start_at(self, robot: SimRobot, start: Pose) -> None:
+        if not self._is_free(start, robot.make.radius_m, robot.filter):
+            raise PluginError(
+                f"robot {robot.name!r} cannot start at x {start[0]:g} m, y {start[1]:g} m: it would touch another "
+                f"robot, a box, an obstacle or a wall of the world {self.model.name!r}, or be outside"
+            )
+        self._place(robot, start)
+        self._without_start.discard(robot)
+        if robot in self._waiting:
+            self._waiting.remove(robot)
 
     @contextmanager
     def caught_up(self) -> Iterator[float]:
@@ -176,6 +186,7 @@ class SimWorld:
         if not was_driven:
             self._driven.append(robot)
             self._touching.release(robot)
+        self._without_start.discard(robot)
         if motion.is_over:
             self.stop(robot)
 
@@ -212,18 +223,21 @@ class SimWorld:
 
     def _place(self, robot: SimRobot, pose: Pose) -> None:
         robot.place(self._view, pose)
-        self._view.add(robot)
+        if robot in self._placed:
+            self._view.is_stale = True
+        else:
+            self._view.add(robot)
+            self._placed += (robot,)
         self._touching.settle(robot)
-        self._placed += (robot,)
         for known in self._robots.values():
             known.clear_until_tick = 0
 
-    def _is_free(self, pose: Pose, radius_m: float) -> bool:
+    def _is_free(self, pose: Pose, radius_m: float, ignoring: pymunk.ShapeFilter | None = None) -> bool:
         x_m, y_m, _ = pose
         width_m, height_m = self.model.size_m
         inside = abs(x_m) + radius_m <= width_m / 2 and abs(y_m) + radius_m <= height_m / 2
         space = self._view.space
-        return inside and space.point_query_nearest((x_m, y_m), radius_m, pymunk.ShapeFilter()) is None
+        return inside and space.point_query_nearest((x_m, y_m), radius_m, ignoring or pymunk.ShapeFilter()) is None
 
 
 def world_of(services: FleetServices) -> SimWorld:

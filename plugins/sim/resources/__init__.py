@@ -5,6 +5,7 @@ from __future__ import annotations
 from .base import Base
 from .battery import Battery
 from .camera import Camera
+from .faults import Faults
 from .odometry import Odometry
 from .pose import Pose
 from .roomba import Buttons, Leds, Song
@@ -20,6 +21,7 @@ __all__ = [
     "Camera",
     "Cliff",
     "Compass",
+    "Faults",
     "Leds",
     "Light",
     "Odometry",

@@ -20,7 +20,7 @@ from eal_actors.plugin import (
 )
 
 from ..models import MAKES
-from ..motion import Move
+from ..motion import Motion, Move
 from ..robot import SimRobot
 from ..world import SimWorld
 from .on_robot import OnRobot
@@ -194,7 +194,7 @@ class Base(OnRobot):
             while not move.is_over:
                 yield move.remaining_s
                 with self._world.caught_up():
-                    self._check_battery()
+                    self._check_going(move)
             return 1
         finally:
             with self._world.caught_up():
@@ -213,9 +213,11 @@ class Base(OnRobot):
         while drive is not None and not drive.is_over and self._robot.motion is drive:
             yield drive.remaining_s
             with self._world.caught_up():
-                self._check_battery()
+                self._check_going(drive)
         return 1
 
-    def _check_battery(self) -> None:
-        if self._robot.motion is None and self._robot.battery.is_empty:
-            raise UnavailableError(f"battery is empty: robot {self._robot.name!r} has stopped")
+    def _check_going(self, motion: Motion) -> None:
+        """Raise UnavailableError if the motion was cut short."""
+        if self._robot.motion is None and not motion.is_over:
+            why = "battery is empty" if self._robot.battery.is_empty else "its motors had no power for a while"
+            raise UnavailableError(f"{why}: robot {self._robot.name!r} has stopped")

@@ -2,30 +2,173 @@
 
 from __future__ import annotations
 
-from eal_actors.plugin import DataType, EALData, ResourceType, ValueInfo, config
+import math
+import threading
+from typing import TYPE_CHECKING, Final
+from weakref import WeakKeyDictionary
 
-from ..sensors import CAMERA_HEIGHT_PX, CAMERA_WIDTH_PX, draw_test_card
+from eal_actors.plugin import (
+    ArgumentError,
+    DataType,
+    EALData,
+    ResourceType,
+    UnavailableError,
+    ValueInfo,
+    config,
+    config_setter,
+    request,
+)
+
+from ..robot import SimRobot
+from ..world import SimWorld
 from .on_robot import OnRobot
+
+if TYPE_CHECKING:
+    from ..camera.eye import Eye, Lens
+    from ..camera.movers import Mover
+    from ..camera.scene import Scene
+
+_SIZE: Final = ValueInfo(DataType.INT, "px", 16, 4096)
+
+_scenes: Final[WeakKeyDictionary[SimWorld, Scene]] = WeakKeyDictionary()
+_scenes_lock: Final = threading.Lock()
 
 
 class Camera(OnRobot):
-    """Test card showing the heading; not a view of the world (the perspective camera is not built yet)."""
+    """Camera that looks ahead, or where the turret faces: pictures of the room, what stands in it, other robots."""
 
     types = ResourceType.SENSOR
-    value = ValueInfo(DataType.CHAR, shape=(CAMERA_HEIGHT_PX, CAMERA_WIDTH_PX, 3), description="RGB, rows from the top")
+    value = ValueInfo(DataType.CHAR, shape=(None, None, 3), description="RGB, rows from the top")
+
+    def __init__(self, world: SimWorld, robot: SimRobot) -> None:
+        super().__init__(world, robot)
+        self._width, self._height = 640, 480
+        self._fov_deg = 60.0
+        self._noise = 0.0
+        self._exposure = 1.0
+        self._offset_m = 0.0
 
     def get_value(self) -> EALData:
-        """Return the test card for the present heading."""
+        """Return the picture of this moment, shape (height, width, 3); the first one of a world takes longest.
+
+        Raises:
+            UnavailableError: OpenCV is not installed, or the robot has no place in the world.
+        """
+        try:
+            from ..camera.exposing import exposed
+            from ..camera.render import render
+        except ImportError as error:
+            raise UnavailableError(f"pictures need OpenCV ({error}): pip install 'eal-actors[vision]'") from None
+        scene = _scene_of(self._world)
         with self._world.caught_up() as now_s:
-            _, _, yaw_rad = self._robot.pose
-        return EALData.of(draw_test_card(yaw_rad), frame_id=f"{self._robot.name}/camera", stamp_s=now_s)
+            eye, movers = self._eye(), self._movers()
+            seed = int(self._robot.sensor_generator.integers(2**63)) if self._noise else 0
+        image = exposed(render(scene, movers, eye), self._exposure, self._noise, seed)
+        return EALData.of(image, frame_id=f"{self._robot.name}/camera", stamp_s=now_s)
 
-    @config("width", ValueInfo(DataType.INT, "px"))
+    @request("intrinsics", ValueInfo(DataType.DOUBLE, "px", shape=(3, 3)))
+    def intrinsics(self) -> EALData:
+        """Tell the camera matrix: from x right, y down, z ahead to pixels, the middle of the first one at 0, 0."""
+        return EALData.of(self._lens().matrix, unit="px")
+
+    @config("width", _SIZE)
     def width(self) -> int:
-        """Width of the image."""
-        return CAMERA_WIDTH_PX
+        """Width of the picture."""
+        return self._width
 
-    @config("height", ValueInfo(DataType.INT, "px"))
+    @config_setter("width")
+    def set_width(self, width: int) -> None:
+        """Set the width of later pictures."""
+        self._width = width
+
+    @config("height", _SIZE)
     def height(self) -> int:
-        """Height of the image."""
-        return CAMERA_HEIGHT_PX
+        """Height of the picture."""
+        return self._height
+
+    @config_setter("height")
+    def set_height(self, height: int) -> None:
+        """Set the height of later pictures."""
+        self._height = height
+
+    @config("fov_deg", ValueInfo(DataType.DOUBLE, "deg", 10, 150))
+    def fov_deg(self) -> float:
+        """Field of view, from the left edge of the picture to the right edge."""
+        return self._fov_deg
+
+    @config_setter("fov_deg")
+    def set_fov_deg(self, fov_deg: float) -> None:
+        """Set the field of view of later pictures."""
+        self._fov_deg = float(fov_deg)
+
+    @config("noise", ValueInfo(DataType.DOUBLE, minimum=0, maximum=100))
+    def noise(self) -> float:
+        """Standard deviation of the noise of every number of a picture, in grey levels."""
+        return self._noise
+
+    @config_setter("noise")
+    def set_noise(self, noise: float) -> None:
+        """Set the noise of later pictures."""
+        self._noise = float(noise)
+
+    @config("exposure", ValueInfo(DataType.DOUBLE, minimum=0, maximum=16))
+    def exposure(self) -> float:
+        """Factor on the grey levels: 2 is twice as bright, and what gets too bright is white."""
+        return self._exposure
+
+    @config_setter("exposure")
+    def set_exposure(self, exposure: float) -> None:
+        """Set the exposure of later pictures."""
+        self._exposure = float(exposure)
+
+    @config("offset_m", ValueInfo(DataType.DOUBLE, "m", -1, 1))
+    def offset_m(self) -> float:
+        """How far ahead of the axis that it turns on the camera is."""
+        return self._offset_m
+
+    @config_setter("offset_m")
+    def set_offset_m(self, offset_m: float) -> None:
+        """Put the camera elsewhere on its robot."""
+        most_m = self._robot.make.radius_m
+        if abs(offset_m) > most_m:
+            raise ArgumentError(
+                f"configuration key 'offset_m': the {self._robot.make.name} has a radius of {most_m:g} m, "
+                f"and {offset_m:g} m is beyond it"
+            )
+        self._offset_m = float(offset_m)
+
+    def _lens(self) -> Lens:
+        from ..camera.eye import Lens
+
+        return Lens(self._width, self._height, self._fov_deg)
+
+    def _eye(self) -> Eye:
+        from ..camera.eye import Eye
+
+        x_m, y_m, yaw_rad = self._robot.pose
+        yaw_rad += self._robot.turret_yaw_rad
+        x_m, y_m = x_m + self._offset_m * math.cos(yaw_rad), y_m + self._offset_m * math.sin(yaw_rad)
+        return Eye(x_m, y_m, self._robot.make.camera_height_m, yaw_rad, self._lens())
+
+    def _movers(self) -> list[Mover]:
+        """Return the boxes and the other robots where they are. Thread: inside `caught_up`."""
+        from ..camera.movers import BoxAt, Look, RobotAt
+
+        movers: list[Mover] = [BoxAt(number, *box.pose) for number, box in enumerate(self._world.boxes)]
+        for robot in self._world.robots:
+            if robot is not self._robot:
+                make = robot.make
+                look = Look(make.radius_m, make.height_m, make.body_colour, make.camera_height_m)
+                movers.append(RobotAt(look, *robot.pose, robot.turret_yaw_rad))
+        return movers
+
+
+def _scene_of(world: SimWorld) -> Scene:
+    """Return the scene of a world, which is made when the first picture of it is taken."""
+    from ..camera.scene import Scene
+
+    with _scenes_lock:
+        scene = _scenes.get(world)
+        if scene is None:
+            scene = _scenes[world] = Scene(world.model)
+        return scene

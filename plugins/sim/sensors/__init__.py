@@ -5,19 +5,15 @@ from __future__ import annotations
 from .contact import Cliffs, DroppedWheels, dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
 from .field import compass_rad, light_lux, seen_beacons
 from .geometry import wrapped_rad
-from .heading_card import CAMERA_HEIGHT_PX, CAMERA_WIDTH_PX, draw_test_card
 from .rays import MAX_RANGE_M, RAY_ANGLES_RAD, RAYS, ranges_m
 
 __all__ = [
-    "CAMERA_HEIGHT_PX",
-    "CAMERA_WIDTH_PX",
     "MAX_RANGE_M",
     "RAYS",
     "RAY_ANGLES_RAD",
     "Cliffs",
     "DroppedWheels",
     "compass_rad",
-    "draw_test_card",
     "dropped_wheels",
     "is_wall_near",
     "light_lux",

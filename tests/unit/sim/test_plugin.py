@@ -15,7 +15,7 @@ from eal_actors.plugin import EALData, Resource
 from plugins.sim import plugin as sim
 from tests.unit.sim.rig import Fleet, arena
 
-COMMON = ["Base", "Odometry", "Battery", "Pose", "Bump", "Range", "Compass", "Light", "Beacons", "Camera"]
+COMMON = ["Base", "Odometry", "Battery", "Pose", "Bump", "Range", "Compass", "Light", "Beacons", "Camera", "Faults"]
 
 
 @pytest.mark.parametrize(

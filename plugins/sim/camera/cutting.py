@@ -1,0 +1,84 @@
+"""Blocks that overlap are cut up, so that no two parts do: then they have an order of depth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from .solids import Block, Face, Point
+
+_Polygon = tuple[Point, ...]
+_THIN_M = 1e-6
+
+
+def without_overlaps(blocks: Sequence[Block]) -> list[Block]:
+    """Return blocks that look the same and do not overlap: where several do, the tallest one is left."""
+    tallest_first = sorted(blocks, key=lambda block: -block.height_m)
+    kept: list[Block] = []
+    for number, block in enumerate(tallest_first):
+        parts = [block.corners]
+        for taller in tallest_first[:number]:
+            parts = [piece for part in parts for piece in _outside(part, taller.corners)]
+        kept += [block] if parts == [block.corners] else [_part(block, part) for part in parts]
+    return kept
+
+
+def cut_out(blocks: Sequence[Block], hole: _Polygon, height_m: float) -> list[Block]:
+    """Return blocks without what a taller solid of a convex outline hides of them."""
+    kept = []
+    for block in blocks:
+        parts = [block.corners] if block.height_m > height_m else _outside(block.corners, hole)
+        kept += [block] if parts == [block.corners] else [_part(block, part) for part in parts]
+    return kept
+
+
+def _outside(polygon: _Polygon, hole: _Polygon) -> list[_Polygon]:
+    """Return convex pieces of what of a convex polygon is outside another."""
+    pieces, rest = [], polygon
+    for start, end in zip(hole, hole[1:] + hole[:1], strict=True):
+        piece = _clipped(rest, end, start)
+        if piece:
+            pieces.append(piece)
+        rest = _clipped(rest, start, end)
+        if not rest:
+            return [polygon]  # they do not overlap
+    return pieces
+
+
+def _clipped(polygon: _Polygon, start: Point, end: Point) -> _Polygon:
+    """Return what of a convex polygon is to the left of a line; nothing where that is but a sliver."""
+    length_m = math.dist(start, end)
+    along_x, along_y = (end[0] - start[0]) / length_m, (end[1] - start[1]) / length_m
+    sides = [along_x * (y - start[1]) - along_y * (x - start[0]) for x, y in polygon]
+    if max(sides) < _THIN_M:
+        return ()
+    if min(sides) > -_THIN_M:
+        return polygon
+    kept: list[Point] = []
+    for number, (x, y) in enumerate(polygon):
+        before, side = sides[number - 1], sides[number]
+        if (before < 0) != (side < 0):
+            x0, y0 = polygon[number - 1]
+            share = before / (before - side)
+            kept.append((x0 + share * (x - x0), y0 + share * (y - y0)))
+        if side >= 0:
+            kept.append((x, y))
+    return tuple(point for number, point in enumerate(kept) if math.dist(point, kept[number - 1]) > _THIN_M)
+
+
+def _part(block: Block, corners: _Polygon) -> Block:
+    edges = zip(corners, corners[1:] + corners[:1], strict=True)
+    faces = (_face_between(block.faces, start, end) for start, end in edges)
+    return replace(block, corners=corners, faces=tuple(face for face in faces if face))
+
+
+def _face_between(faces: Sequence[Face], left: Point, right: Point) -> Face | None:
+    """Return the part of a face between two points; None where they are on no face: such a cut is never seen."""
+    for face in faces:
+        if all(
+            abs((x - face.left[0]) * face.normal[0] + (y - face.left[1]) * face.normal[1]) < _THIN_M
+            for x, y in (left, right)
+        ):
+            return replace(face, left=left, right=right, offset_m=face.offset_m + math.dist(face.left, left))
+    return None

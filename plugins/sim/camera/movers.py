@@ -1,0 +1,255 @@
+"""What moves in a room: robots and boxes, as they look."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .light import SIDES
+from .solids import Block, Drum, Plane, Point, Tower
+from .texture import Image, Texture, samples
+
+_PER_M: Final = 400.0
+_HEAD_SHARE, _BASE_SHARE = 0.62, 0.55  # of the radius and of the height
+_POST_M: Final = 0.035
+_DARK, _GLASS, _PALE, _RED = (38, 40, 44), (24, 30, 40), (238, 238, 232), (205, 40, 35)
+SHADOW_M: Final = 0.16
+"""How far the shadow at its foot reaches beyond what stands on the floor."""
+
+_SHADOW_DARK: Final = 0.5
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a make of robot looks like.
+
+    Attributes:
+        radius_m: of the robot, an upright disc.
+        height_m: from the floor to its top.
+        colour: red, green and blue.
+        camera_height_m: of its own camera over the floor.
+    """
+
+    radius_m: float
+    height_m: float
+    colour: tuple[int, int, int]
+    camera_height_m: float
+
+
+@dataclass(frozen=True)
+class RobotAt:
+    """A robot in view.
+
+    Attributes:
+        look: of its make.
+        x_m: its place.
+        y_m: its place.
+        yaw_rad: where it faces.
+        head_yaw_rad: where its turret faces, from straight ahead.
+    """
+
+    look: Look
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    head_yaw_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class BoxAt:
+    """A movable box in view.
+
+    Attributes:
+        number: which of the world's boxes it is, the first is 0.
+        x_m: its middle.
+        y_m: its middle.
+        yaw_rad: its turn.
+    """
+
+    number: int
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+
+Mover = RobotAt | BoxAt
+
+
+@dataclass(frozen=True)
+class RobotKit:
+    """A robot at the origin, facing along x, and its shadow on the floor."""
+
+    drums: tuple[Drum, ...]
+    shadow: Texture
+
+    @classmethod
+    def of(cls, look: Look) -> RobotKit:
+        """Return the robot that looks so."""
+        has_head = look.height_m > look.radius_m
+        base_m = look.height_m * (_BASE_SHARE if has_head else 1.0)
+        drums = [_drum(look, look.radius_m, (0.0, base_m), _body_side, _body_top)]
+        if has_head:
+            heights_m = base_m, look.height_m
+            drums.append(_drum(look, look.radius_m * _HEAD_SHARE, heights_m, _head_side, _head_top))
+        elif look.camera_height_m > look.height_m:
+            heights_m = base_m, look.camera_height_m + 0.02
+            drums.append(_drum(look, _POST_M, heights_m, _head_side, _head_top))
+        return cls(tuple(drums), disc_shadow(look.radius_m))
+
+    @property
+    def middle_m(self) -> float:
+        """Half its height."""
+        return self.drums[-1].height_m / 2
+
+    def at(self, robot: RobotAt, gains: NDArray[np.float64]) -> Tower:
+        """Return the robot where it is, in the light there, as `Light.around` tells it."""
+        middle = robot.x_m, robot.y_m
+        placed = []
+        for number, drum in enumerate(self.drums):
+            yaw_rad = robot.yaw_rad + (robot.head_yaw_rad if number else 0.0)
+            top = replace(drum.top, middle=middle, yaw_rad=yaw_rad, gain=float(gains[-1]))
+            placed.append(replace(drum, middle=middle, yaw_rad=yaw_rad, top=top, gains=gains[:-1]))
+        return Tower(tuple(placed))
+
+
+@dataclass(frozen=True)
+class BoxKit:
+    """A movable box at the origin, and its shadow on the floor."""
+
+    block: Block
+    shadow: Texture
+
+    @property
+    def middle_m(self) -> float:
+        """Half its height."""
+        return self.block.height_m / 2
+
+    def at(self, box: BoxAt, gains: NDArray[np.float64]) -> Block:
+        """Return the box where it is, in the light there, as `Light.around` tells it."""
+        cos, sin = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
+
+        def moved(point: Point) -> Point:
+            return box.x_m + cos * point[0] - sin * point[1], box.y_m + sin * point[0] + cos * point[1]
+
+        faces = []
+        for face in self.block.faces:
+            turn = (math.atan2(face.normal[1], face.normal[0]) + box.yaw_rad) / (2 * math.pi) % 1.0
+            gain = float(np.interp(turn * SIDES, np.arange(SIDES + 1), gains[:-1]))
+            faces.append(replace(face, left=moved(face.left), right=moved(face.right), gain=gain))
+        top = replace(self.block.top, middle=(box.x_m, box.y_m), yaw_rad=box.yaw_rad, gain=float(gains[-1]))
+        return Block(tuple(moved(corner) for corner in self.block.corners), self.block.height_m, tuple(faces), top)
+
+
+def disc_shadow(radius_m: float) -> Texture:
+    """Return the shadow round a disc: the factors on what is below it."""
+    return box_shadow((0.0, 0.0), radius_m)
+
+
+def box_shadow(size_m: tuple[float, float], radius_m: float = 0.0) -> Texture:
+    """Return the shadow round a rectangle with round corners: the factors on what is below it, 255 for 1."""
+    reach_m = radius_m + SHADOW_M
+    whole_m = size_m[0] + 2 * reach_m, size_m[1] + 2 * reach_m
+    x_m, y_m = (np.linspace(-length_m / 2, length_m / 2, samples(length_m, 80.0)) for length_m in whole_m)
+    outside = (np.maximum(np.abs(place) - size / 2, 0) for place, size in zip((x_m, y_m), size_m, strict=True))
+    away_x, away_y = outside
+    away_m = np.maximum(np.hypot(away_x[np.newaxis], away_y[:, np.newaxis]) - radius_m, 0)
+    fade = np.clip(1 - away_m / SHADOW_M, 0, 1)
+    factors = 255 * (1 - _SHADOW_DARK * fade**2)
+    return Texture(np.repeat(factors[..., np.newaxis], 4, axis=2).astype(np.uint8), whole_m)
+
+
+def _drum(look: Look, radius_m: float, heights_m: tuple[float, float], side: Any, top: Any) -> Drum:
+    bottom_m, height_m = heights_m
+    size_m = 2 * math.pi * radius_m, height_m - bottom_m
+    image = _blank(size_m, look.colour)
+    side(image, look.colour)
+    across_m = 2 * radius_m
+    disc = _blank((across_m, across_m), look.colour)
+    top(disc, look.colour)
+    plane = Plane(height_m, (0.0, 0.0), 0.0, Texture(disc, (across_m, across_m)))
+    return Drum((0.0, 0.0), radius_m, bottom_m, height_m, 0.0, Texture(image, size_m), plane)
+
+
+def _blank(size_m: tuple[float, float], colour: tuple[int, int, int]) -> Image:
+    columns, rows = (samples(length_m, _PER_M) for length_m in size_m)
+    image = np.full((rows, columns, 4), 255, np.uint8)
+    image[..., :3] = colour
+    return image
+
+
+def _body_side(image: Image, colour: tuple[int, int, int]) -> None:
+    """Draw a skirt with wheels, panels, a pale band, an arrow and lamps in front, and red lamps at the back."""
+    rows, columns = image.shape[:2]
+    image[: max(1, rows // 24), :, :3] = _shaded(colour, 1.25)
+    for seam in range(8):
+        at = columns * (2 * seam + 1) // 16
+        image[:, at : at + 2, :3] = _shaded(colour, 0.6)
+    _bar(image, (0.0, 1.0), (0.72, 1.0), _DARK)
+    for middle in (0.25, 0.75):  # the wheels, right and left
+        _bar(image, (middle - 0.07, middle + 0.07), (0.66, 1.0), (18, 18, 20))
+        for spoke in range(5):
+            at = middle - 0.06 + 0.12 * spoke / 4
+            _bar(image, (at - 0.004, at + 0.004), (0.7, 1.0), (62, 62, 66))
+    _bar(image, (0.0, 1.0), (0.56, 0.62), _PALE)
+    _bar(image, (0.42, 0.58), (0.14, 0.5), _GLASS)
+    for side in (-1, 1):
+        _spot(image, (0.5 + side * 0.055, 0.32), 0.1, (250, 244, 200))
+        _bar(image, (0.02 if side > 0 else 0.93, 0.07 if side > 0 else 0.98), (0.2, 0.36), _RED)
+
+
+def _head_side(image: Image, colour: tuple[int, int, int]) -> None:
+    """Draw a dark window with the lens of the camera in front, and vents at the back."""
+    image[..., :3] = _shaded(colour, 0.82)
+    _bar(image, (0.0, 1.0), (0.0, 0.06), _DARK)
+    _bar(image, (0.0, 1.0), (0.92, 1.0), _DARK)
+    _bar(image, (0.34, 0.66), (0.2, 0.62), _GLASS)
+    _spot(image, (0.5, 0.41), 0.17, (92, 104, 122))
+    _spot(image, (0.5, 0.41), 0.11, (12, 14, 18))
+    _spot(image, (0.507, 0.37), 0.03, (225, 235, 245))
+    for vent in range(4):
+        for left, right in ((0.0, 0.1), (0.9, 1.0)):
+            _bar(image, (left, right), (0.25 + 0.14 * vent, 0.31 + 0.14 * vent), _shaded(colour, 0.4))
+
+
+def _body_top(image: Image, colour: tuple[int, int, int]) -> None:
+    """Draw a lid with a rim, and an arrow that points ahead."""
+    _disc(image, 0.5, _shaded(colour, 1.12))
+    _disc(image, 0.44, _shaded(colour, 0.9))
+    _disc(image, 0.43, _shaded(colour, 1.05))
+    _disc(image, 0.2, _shaded(colour, 0.75))
+    side = image.shape[0] - 1
+    arrow = np.array([[0.94, 0.5], [0.7, 0.66], [0.7, 0.34]]) * side
+    cv2.fillConvexPoly(image, np.rint(arrow * 16).astype(np.int32), (*_PALE, 255), cv2.LINE_AA, 4)
+
+
+def _head_top(image: Image, colour: tuple[int, int, int]) -> None:
+    _body_top(image, _shaded(colour, 0.9))
+
+
+def _disc(image: Image, share: float, colour: tuple[int, int, int]) -> None:
+    side = image.shape[0] - 1
+    cv2.circle(image, (side * 8, side * 8), round(share * side * 16), (*colour, 255), -1, cv2.LINE_AA, 4)
+
+
+def _bar(image: Image, along: tuple[float, float], down: tuple[float, float], colour: tuple[int, int, int]) -> None:
+    rows, columns = image.shape[:2]
+    left, right = (round(share * columns) for share in along)
+    top, bottom = (round(share * rows) for share in down)
+    image[top:bottom, left:right, :3] = colour
+
+
+def _spot(image: Image, place: tuple[float, float], share: float, colour: tuple[int, int, int]) -> None:
+    """Draw a disc, its radius a share of the height."""
+    rows, columns = image.shape[:2]
+    centre = round(place[0] * (columns - 1) * 16), round(place[1] * (rows - 1) * 16)
+    cv2.circle(image, centre, round(share * rows * 16), (*colour, 255), -1, cv2.LINE_AA, 4)
+
+
+def _shaded(colour: tuple[int, int, int], factor: float) -> tuple[int, int, int]:
+    red, green, blue = (min(255, round(channel * factor)) for channel in colour)
+    return red, green, blue

@@ -1,0 +1,208 @@
+"""A world as a camera sees it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from eal_actors.plugin import WorldModel
+
+from . import baking
+from .baking import Bakery
+from .cutting import cut_out, without_overlaps
+from .light import Light
+from .movers import BoxAt, BoxKit, Look, Mover, RobotAt, RobotKit, box_shadow
+from .patterns import albedo
+from .solids import Block, Drum, Face, Plane, Point, Solid, Tower
+from .texture import Texture
+
+_MOST_SAMPLES: Final = 14e6  # of all fixed surfaces, at 4 bytes
+_ROUND: Final = 24  # corners of the outline of a pillar, for its shadow
+
+
+class Scene:
+    """The fixed surfaces of a world, with their textures, and how what moves in it looks.
+
+    Args:
+        model: the world. The same world gives the same textures, everywhere.
+
+    Attributes:
+        light: how bright its surfaces are.
+        walls: the four walls, seen from inside.
+        posters: what hangs on them.
+        floor: the floor.
+        ceiling: the ceiling.
+        solids: what stands on the floor and does not move; no two blocks overlap.
+
+    Thread: any.
+    """
+
+    def __init__(self, model: WorldModel) -> None:
+        self.light: Final = Light(model)
+        bakery = Bakery(model, self.light, min(1.0, math.sqrt(_MOST_SAMPLES / _samples(model))))
+        ends = _room_corners(model.size_m)
+        self.walls: Final = tuple(
+            bakery.wall(left, right) for left, right in zip(ends, ends[1:] + ends[:1], strict=True)
+        )
+        self.posters: Final = tuple(_poster(bakery, model, poster) for poster in model.posters)
+        self.floor: Final = bakery.floor(_outlines(model))
+        self.ceiling: Final = bakery.ceiling()
+        self.solids: Final = _solids(bakery, model)
+        self._boxes: Final = tuple(_box_kit(bakery, model, box) for box in model.boxes)
+        self._robots: dict[Look, RobotKit] = {}
+
+    def placed(self, movers: Sequence[Mover]) -> tuple[list[Solid], list[Plane]]:
+        """Return what moves, as solids, and the shadows of it on the floor."""
+        if not movers:
+            return [], []
+        kits = [self._kit(mover) for mover in movers]
+        places = [(mover.x_m, mover.y_m, kit.middle_m) for mover, kit in zip(movers, kits, strict=True)]
+        gains = self.light.around(np.array(places))
+        solids: list[Solid] = []
+        shadows: list[Plane] = []
+        for mover, kit, gain in zip(movers, kits, gains, strict=True):
+            solids.append(kit.at(mover, gain))  # type: ignore[arg-type]  # each kind of mover has its kind of kit
+            shadows.append(Plane(0.0, (mover.x_m, mover.y_m), mover.yaw_rad, kit.shadow))
+        return solids, shadows
+
+    def _kit(self, mover: Mover) -> RobotKit | BoxKit:
+        if isinstance(mover, BoxAt):
+            return self._boxes[mover.number]
+        kit = self._robots.get(mover.look)
+        return kit or self._robots.setdefault(mover.look, RobotKit.of(mover.look))
+
+
+def _room_corners(size_m: tuple[float, float]) -> list[Point]:
+    """Return the corners of the room in the order in which who stands inside sees them, from left to right."""
+    x_m, y_m = size_m[0] / 2, size_m[1] / 2
+    return [(-x_m, y_m), (x_m, y_m), (x_m, -y_m), (-x_m, -y_m)]
+
+
+_WALLS: Final = ("north", "east", "south", "west")
+
+
+def _poster(bakery: Bakery, model: WorldModel, poster: Any) -> Face:
+    ends = _room_corners(model.size_m)
+    number = _WALLS.index(poster.wall)
+    left, right = ends[number], ends[(number + 1) % 4]
+    axis = number % 2  # of the place along the wall
+    sign = 1.0 if right[axis] > left[axis] else -1.0
+    half_m = poster.size_m[0] / 2
+    ends_m = poster.at_m - sign * half_m, poster.at_m + sign * half_m
+    places = [(along_m, left[1]) if axis == 0 else (left[0], along_m) for along_m in ends_m]
+    heights_m = poster.bottom_m, poster.bottom_m + poster.size_m[1]
+    return bakery.face(places[0], places[1], heights_m, poster.texture, baking.POSTER_PER_M)
+
+
+def _solids(bakery: Bakery, model: WorldModel) -> tuple[Solid, ...]:
+    blocks: list[Block] = []
+    towers: list[Tower] = []
+    for obstacle in model.solid_obstacles:
+        if obstacle.kind == "box":
+            blocks.append(_block(bakery, obstacle))
+        else:
+            towers.append(_pillar(bakery, model, obstacle, obstacle.texture))
+    towers += [_pillar(bakery, model, beacon, beacon.colour) for beacon in model.beacons]
+    blocks = without_overlaps(blocks)
+    for tower in towers:
+        drum = tower.drums[0]
+        blocks = cut_out(blocks, tuple(_round(drum.middle, drum.radius_m * 0.97, 12)), drum.height_m)
+    return (*blocks, *towers)
+
+
+def _block(bakery: Bakery, obstacle: Any) -> Block:
+    yaw_rad = math.radians(obstacle.yaw_deg)
+    middle = obstacle.x_m, obstacle.y_m
+    corners = tuple(_turned(corner, middle, yaw_rad) for corner in _rectangle(obstacle.size_m))
+    edges = zip(corners, corners[1:] + corners[:1], strict=True)
+    heights_m = 0.0, obstacle.height_m
+    return Block(
+        corners,
+        obstacle.height_m,
+        tuple(bakery.face(left, right, heights_m, obstacle.texture, baking.SOLID_PER_M) for left, right in edges),
+        bakery.top(middle, obstacle.size_m, yaw_rad, obstacle.height_m, obstacle.texture),
+    )
+
+
+def _pillar(bakery: Bakery, model: WorldModel, thing: Any, look: str | tuple[int, int, int] | None) -> Tower:
+    """Return a round obstacle with a texture, or a beacon of a colour."""
+    middle, radius_m, height_m = (thing.x_m, thing.y_m), thing.radius_m, thing.height_m
+    canvas = bakery.canvas((2 * math.pi * radius_m, height_m), baking.SOLID_PER_M, wraps=True)
+    top = bakery.top(middle, (2 * radius_m, 2 * radius_m), 0.0, height_m, look if isinstance(look, str) else None)
+    if isinstance(look, tuple):
+        colours = np.empty((canvas.rows, canvas.columns, 3), np.float32)
+        colours[:] = look
+        bands = (canvas.up_m[:, 0] / 0.2) % 1.0 < 0.3
+        colours[bands] = 235
+    else:
+        colours = albedo(model, look, canvas)
+    side = bakery.side(middle, radius_m, height_m, colours, canvas)
+    return Tower((Drum(middle, radius_m, 0.0, height_m, 0.0, side, top),))
+
+
+def _box_kit(bakery: Bakery, model: WorldModel, box: Any) -> BoxKit:
+    corners = tuple(_rectangle(box.size_m))
+    faces = []
+    for left, right in zip(corners, corners[1:] + corners[:1], strict=True):
+        faces.append(
+            Face(left, right, 0.0, box.height_m, _unlit(bakery, model, box, (math.dist(left, right), box.height_m)))
+        )
+    top = Plane(box.height_m, (0.0, 0.0), 0.0, _unlit(bakery, model, box, box.size_m))
+    return BoxKit(Block(corners, box.height_m, tuple(faces), top), box_shadow(box.size_m))
+
+
+def _unlit(bakery: Bakery, model: WorldModel, box: Any, size_m: tuple[float, float]) -> Texture:
+    """Return one side of a movable box, a little darker at its edges."""
+    canvas = bakery.canvas(size_m, baking.SOLID_PER_M)
+    from_edge_m = np.minimum(
+        np.minimum(canvas.along_m, size_m[0] - canvas.along_m), np.minimum(canvas.up_m, size_m[1] - canvas.up_m)
+    )
+    dark = 1 - 0.25 * np.exp(-from_edge_m / 0.012)
+    return Texture(baking.lit(albedo(model, box.texture, canvas), np.ones((1, 1)), dark), size_m)
+
+
+def _outlines(model: WorldModel) -> list[tuple[list[Point], float]]:
+    """Return corners and height of what stands on the floor and does not move."""
+    outlines = []
+    for thing in (*model.solid_obstacles, *model.beacons):
+        middle = thing.x_m, thing.y_m
+        if hasattr(thing, "radius_m"):
+            outlines.append((_round(middle, thing.radius_m, _ROUND), thing.height_m))
+        else:
+            yaw_rad = math.radians(thing.yaw_deg)
+            outlines.append(([_turned(c, middle, yaw_rad) for c in _rectangle(thing.size_m)], thing.height_m))
+    return outlines
+
+
+def _rectangle(size_m: tuple[float, float]) -> list[Point]:
+    x_m, y_m = size_m[0] / 2, size_m[1] / 2
+    return [(-x_m, -y_m), (x_m, -y_m), (x_m, y_m), (-x_m, y_m)]
+
+
+def _round(middle: Point, radius_m: float, count: int) -> list[Point]:
+    turns = [2 * math.pi * number / count for number in range(count)]
+    return [(middle[0] + radius_m * math.cos(turn), middle[1] + radius_m * math.sin(turn)) for turn in turns]
+
+
+def _turned(point: Point, middle: Point, yaw_rad: float) -> Point:
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    return middle[0] + cos * point[0] - sin * point[1], middle[1] + sin * point[0] + cos * point[1]
+
+
+def _samples(model: WorldModel) -> float:
+    """Return about how many samples the textures of a world have in full detail."""
+    (x_m, y_m), up_m = model.size_m, model.height_m
+    total = (
+        x_m * y_m * (baking.FLOOR_PER_M**2 + baking.CEILING_PER_M**2) + 2 * (x_m + y_m) * up_m * baking.WALL_PER_M**2
+    )
+    total += sum(math.prod(poster.size_m) for poster in model.posters) * baking.POSTER_PER_M**2
+    for corners, height_m in _outlines(model):
+        around_m = sum(math.dist(corner, corners[number - 1]) for number, corner in enumerate(corners))
+        total += around_m * height_m * baking.SOLID_PER_M**2
+    return total
+
+
+__all__ = ["BoxAt", "Look", "Mover", "RobotAt", "Scene"]

@@ -1,0 +1,150 @@
+"""Faults on purpose, by plan and by call."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+from eal_actors.plugin import (
+    Activity,
+    ArgumentError,
+    Clock,
+    ConfigInfo,
+    DataType,
+    EALData,
+    Link,
+    ResourceInfo,
+    ResourceType,
+    ValueInfo,
+    command,
+)
+
+from ..faults import HEALTHY, FaultPlan, FaultSet
+from ..robot import SimRobot
+from ..world import SimWorld
+from .on_robot import OnRobot
+
+_FROZEN: Final = "frozen"
+_UNITS: Final = {"link_delay_s": "s"}
+
+
+def _value_info(name: str, default: object, limits: Sequence[Any]) -> ValueInfo:
+    if isinstance(default, bool):
+        return ValueInfo(DataType.BOOL)
+    if name == _FROZEN:
+        return ValueInfo(DataType.CHAR, description="names, separated by commas; empty for none")
+    bounds = {bound: getattr(limit, bound) for limit in limits for bound in ("ge", "le") if hasattr(limit, bound)}
+    unit = _UNITS.get(name)
+    return ValueInfo(DataType.DOUBLE, unit, bounds["ge"], bounds["le"], description="" if unit else "a share")
+
+
+_CONFIGS: Final = tuple(
+    ConfigInfo(name, _value_info(name, field.default, field.metadata), description=field.description or "")
+    for name, field in FaultSet.model_fields.items()
+)
+
+
+class Faults(OnRobot):
+    """Makes something wrong with the robot on purpose; get_status: 0 nothing is wrong, 1 something is.
+
+    It stands beside the robot: it answers over a cut link too, and when the robot is dead.
+
+    Args:
+        world: the world that the robot is in.
+        robot: the robot.
+        link: the way from controllers to the robot.
+        plan: what is to happen by itself.
+        clock: the fleet's clock, which the plan follows.
+        sensors: the robot's sensors that can freeze.
+    """
+
+    types = ResourceType.OTHER
+    value = ValueInfo(DataType.CHAR, description="JSON object of the faults that are there")
+
+    def __init__(
+        self, world: SimWorld, robot: SimRobot, link: Link, plan: FaultPlan, clock: Clock, sensors: Sequence[str]
+    ) -> None:
+        super().__init__(world, robot)
+        self._link = link
+        self._plan = plan
+        self._clock = clock
+        self._sensors = tuple(sensors)
+
+    def info(self) -> ResourceInfo:
+        """Return what it says of itself; each fault is a configuration key."""
+        return replace(super().info(), configs=_CONFIGS)
+
+    def background(self) -> Activity | None:
+        """Carry out the plan."""
+        return self._carry_out() if self._plan.next_s < math.inf else None
+
+    def get_status(self) -> int:
+        """Return 0 while nothing is wrong, 1 while something is."""
+        return int(bool(self._robot.faults.present))
+
+    def get_value(self) -> EALData:
+        """Return the faults that are there as a JSON object, such as `{"motor_left": 0.5}`."""
+        return EALData.of(json.dumps(self._robot.faults.present), stamp_s=self._clock.now())
+
+    def get_config(self, key: str) -> EALData:
+        """Return a fault's value.
+
+        Raises:
+            ArgumentError: there is no such fault.
+        """
+        name = self.info().config(key).name
+        value = getattr(self._robot.faults, name)
+        return EALData.of(",".join(value) if name == _FROZEN else value)
+
+    def set_config(self, key: str, data: EALData | None = None) -> None:
+        """Set a fault's value.
+
+        Raises:
+            ArgumentError: there is no such fault, or the value is outside its type or range.
+        """
+        info = self.info().config(key)
+        if data is None:
+            raise ArgumentError(f"configuration key {key!r} needs a value: {info.value.describe()}")
+        info.value.check(data, f"configuration key {key!r}")
+        value = data.value
+        if key == _FROZEN:
+            value = self._checked_sensors(value)
+        elif info.value.type is DataType.DOUBLE:
+            value = float(value)
+        self._inflict({key: value})
+
+    @command("clear")
+    def clear(self) -> None:
+        """End all faults; what is still planned happens nevertheless."""
+        self._inflict(HEALTHY.model_dump())
+
+    def _carry_out(self) -> Activity:
+        while True:
+            now_s = self._clock.now()
+            if self._plan.next_s <= now_s:
+                self._inflict(self._plan.take_due(now_s))
+            if self._plan.next_s == math.inf:
+                return
+            yield self._plan.next_s - now_s
+
+    def _inflict(self, changes: dict[str, Any]) -> None:
+        with self._world.caught_up():
+            faults = self._robot.faults = self._robot.faults.with_changes(changes)
+            if faults.dead or faults.battery_empty:
+                self._world.stop(self._robot)
+            if faults.dead and self._robot.turret:
+                self._robot.turret.stop()
+        self._link.impair(delay_s=faults.link_delay_s, loss=faults.link_loss, is_cut=faults.link_cut or faults.dead)
+
+    def _checked_sensors(self, text: str) -> tuple[str, ...]:
+        names = tuple(name.strip() for name in text.split(",") if name.strip())
+        for name in names:
+            if name not in self._sensors:
+                raise ArgumentError(
+                    f"{name!r} is no sensor of robot {self._robot.name!r} that can freeze; "
+                    f"these can: {', '.join(self._sensors)}"
+                )
+        return names

@@ -1,0 +1,80 @@
+"""Simulated serial ports: a real driver speaks its wire protocol to a robot of the world."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from eal_actors.errors import PluginError, ResourceFaultError, UnavailableError
+from eal_actors.facade.fleet import Fleet
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.testing import Simulation
+
+DRIVEN = {"real": {"plugins": {"mote_roomba": {"port": "sim://world/body"}}}}
+
+
+def test_a_driver_drives_a_robot_of_the_world_through_its_wire_protocol() -> None:
+    robots = {**DRIVEN, "body": {"model": "roomba", "start": (-1.0, 0.0, 90), "noise": True}}
+    with Simulation(robots) as simulation:
+        real = simulation["real"]
+        assert real["Base"].send_cmd("f0.5").get() == 1
+        pose = simulation.pose("body")
+        assert (pose.x_m, pose.y_m) == (pytest.approx(-1.0, abs=0.03), pytest.approx(0.5, abs=0.03))
+        assert real["Base"].send_cmd("r90").get() == 1
+        assert simulation.pose("body").yaw_rad == pytest.approx(0.0, abs=0.08)
+        x_m, y_m, yaw_rad = real["Odometry"].get_value().get().value
+        assert math.hypot(x_m, y_m) == pytest.approx(0.5, abs=0.02)
+        assert yaw_rad == pytest.approx(-math.pi / 2, abs=0.05)
+
+
+def test_the_driver_feels_walls_and_drops_of_the_world() -> None:
+    world = {"version": 1, "name": "edge", "size_m": (4, 2), "drops": ({"x_m": 1.0, "y_m": 0.0, "size_m": (0.6, 2.0)},)}
+    with Simulation({**DRIVEN, "body": {"model": "roomba", "start": (-1.0, 0.0, 180)}}, world) as simulation:
+        real = simulation["real"]
+        assert not real["Bump"].get_value().get().value
+        assert real["Base"].send_cmd("f1.5").get() == 1  # into the wall: the wheels turn on, as the encoders tell
+        assert simulation.pose("body").x_m == pytest.approx(-2.0 + 0.17, abs=0.005)
+        simulation.advance(0.2)
+        assert real["Bump"].get_value().get().value
+    with Simulation({**DRIVEN, "body": {"model": "roomba", "start": (-1.0, 0.0, 0)}}, world) as simulation:
+        real = simulation["real"]
+        with pytest.raises(ResourceFaultError, match="cliff"):
+            real["Base"].send_cmd("f3").get()
+        assert simulation.pose("body").x_m < 0.85
+
+
+def test_a_dead_robot_is_silent_on_the_wire() -> None:
+    with Simulation({**DRIVEN, "body": {"model": "roomba"}}) as simulation:
+        assert not simulation["real"]["Bump"].get_value().get().value
+        simulation.inject("body", dead=True)
+        simulation.advance(2.0)
+        with pytest.raises(UnavailableError):
+            simulation["real"]["Bump"].get_value().get()
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("sim://world/body/more", "is called sim://world/<robot>"),
+        ("sim://elsewhere/body", "is called sim://world/<robot>"),
+        ("sample://world/body", "makes no simulated ports"),
+    ],
+)
+def test_a_port_that_cannot_be_is_refused(url: str, words: str) -> None:
+    robots = {"real": {"plugins": {"mote_roomba": {"port": url}}}}
+    fleet = Fleet(EALConfigManager.of({"version": 1, "clock": {"rate": "max"}, "robots": robots}).fleet)
+    with fleet:
+        problems = "; ".join(str(problem) for problem in fleet["real"].problems)
+    assert words in problems or url.startswith("sample"), problems
+
+
+def test_a_robot_of_another_make_is_refused() -> None:
+    with pytest.raises((PluginError, UnavailableError, Exception), match="is a evbot2, not a roomba"):
+        Simulation({"body": {"model": "evbot2"}, **DRIVEN}).open()
+
+
+def test_the_port_is_in_no_file_of_the_driver() -> None:
+    folder = Path(__file__).parents[3] / "plugins/mote_roomba"
+    assert not any("plugins.sim" in path.read_text() for path in folder.glob("*.py"))
