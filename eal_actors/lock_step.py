@@ -258,14 +258,13 @@ class LockStepClock:
         with self._lock:
             if self._turns != turn or self._running is not holder:
                 return
-            is_missed = holder.is_alive() and self._next() is not None
+            if holder.is_alive() and self._next() is not None:
+                get_logger(thread=holder.name).warning(
+                    "a thread waits for something other than the fleet's clock: time goes on without it, and this run "
+                    "may not repeat"
+                )
             self._running = None
             self._dispatch_if_free()
-        if is_missed:
-            get_logger(thread=holder.name).warning(
-                "a thread waits for something other than the fleet's clock: time goes on without it, and this run "
-                "may not repeat"
-            )
 
 
 def _processor_time_s(thread: threading.Thread) -> float:

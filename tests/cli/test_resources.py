@@ -26,9 +26,10 @@ def test_robots_that_offer_the_same_share_a_table(eal: Any, write: Any) -> None:
     assert lines[0] == "bot1 to bot12 (12 robots)  ready"
     assert sum("SampleResource" in line for line in lines) == 1
     sim = eal("resources", "--fleet", bundled_path("fleets/sim.yaml")).stdout.splitlines()
-    assert [line.split()[:4] for line in sim[:3]] == [
+    assert [line.split()[:4] for line in sim if " ready " in line] == [
         [f"{make}-1", "ready", "type", make] for make in ("evbot2", "evbot3", "roomba")
     ]
+    assert sum(line.startswith("Base ") for line in sim) == 3, "each make has its own"
 
 
 def test_it_fits_into_80_columns(eal: Any, monkeypatch: Any) -> None:

@@ -75,5 +75,5 @@ def test_panorama_takes_eight_pictures(sim: Fleet, tmp_path: Path) -> None:
         names = sorted(path.name for path in (tmp_path / "panorama" / robot).iterdir())
         assert names == [f"frame.{number}.png" for number in range(8)]
         pictures = [imread(tmp_path / "panorama" / robot / name) for name in names]
-        assert all(picture.shape[:2] == (240, 320) for picture in pictures)
+        assert all(picture.shape[:2] == (480, 640) for picture in pictures)
         assert not any(np.array_equal(one, next_one) for one, next_one in itertools.pairwise(pictures))

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 
 import pytest
+from structlog.testing import capture_logs
 
 from eal_actors.clock import ScaledClock, new_waiter
 from eal_actors.lock_step import MAX, LockStepClock, clock_of
@@ -59,7 +60,8 @@ def test_sleepers_wake_in_the_order_of_their_times_and_then_of_their_sleeps() ->
 
 def test_a_wake_up_comes_before_time_goes_on() -> None:
     clock = LockStepClock()
-    waiter, heard = new_waiter(), []
+    waiter = new_waiter()
+    heard: list[tuple[object, float]] = []
 
     def wait() -> None:
         heard.append((clock.wait(waiter, 5.0), clock.now()))
@@ -129,7 +131,7 @@ def test_a_thread_outside_does_not_hold_up_time() -> None:
     assert clock.now() == 10.0
 
 
-def test_a_thread_that_waits_for_something_else_loses_its_turn_and_is_named(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_thread_that_waits_for_something_else_loses_its_turn_and_is_named() -> None:
     clock, ended = LockStepClock(), threading.Event()
 
     def sleep() -> None:
@@ -137,13 +139,13 @@ def test_a_thread_that_waits_for_something_else_loses_its_turn_and_is_named(capf
         ended.set()
 
     clock.sleep(0)
-    clock.start(threading.Thread(target=sleep, daemon=True))
-    assert ended.wait(ENOUGH_S)  # this thread still has the turn: only the watch can help
+    with capture_logs() as logs:
+        clock.start(threading.Thread(target=sleep, daemon=True))
+        assert ended.wait(ENOUGH_S)  # this thread still has the turn: only the watch can help
+    assert [log["thread"] for log in logs] == ["MainThread"]
     assert clock.now() == 10.0
     clock.sleep(1.0)  # and it counts again
     assert clock.now() == 11.0
-    said = capfd.readouterr()
-    assert "MainThread" in said.out + said.err
 
 
 def test_a_thread_that_ended_with_the_turn_holds_up_nobody() -> None:
