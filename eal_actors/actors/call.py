@@ -41,6 +41,8 @@ class Call(Future[T]):
     """
 
     reply_to = None
+    begin_by_s: float | None = None
+    """The fleet's time after which it must not begin any more; None for none."""
 
     def __init__(self, cell: ResourceCell, method: str, arguments: tuple[Any, ...], timeout_s: float) -> None:
         if timeout_s != timeout_s:  # not a number: it would never be over

@@ -10,7 +10,7 @@ from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import RobotConnection, RobotState, RobotView
-from eal_actors.clock import REAL_TIME
+from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.data import EALData
 from eal_actors.errors import (
     EALError,
@@ -72,6 +72,30 @@ class ResourceHandle:
         if self._cell.info is None:
             raise self._cell._unavailable()  # a handle is the cell's public face
         return self._cell.info
+
+    def start_call(
+        self, method: str, arguments: tuple[Any, ...], timeout_s: float, begin_by_s: float | None = None
+    ) -> Call[Any]:
+        """Call any method with its packed arguments, in the lane where it belongs: for servers.
+
+        Args:
+            method: one of the nine methods, or `halt`.
+            arguments: the method's arguments, values as EALData.
+            timeout_s: seconds of the fleet's clock until its deadline.
+            begin_by_s: the fleet's time after which it must not begin any more; None for none.
+
+        Thread: any; does not block.
+        """
+        cell = self._cell
+        call: Call[Any] = Call(cell, method, arguments, timeout_s)
+        call.begin_by_s = begin_by_s
+        info = cell.info
+        stops = method == "halt" or (method == "send_cmd" and info is not None and arguments[0] in info.urgent_commands)
+        if stops or method == "get_status":
+            cell.submit_urgent(call, stops=stops)
+        else:
+            cell.submit(call)
+        return call
 
     def _call(self, method: str, arguments: tuple[Any, ...], timeout_s: float | None) -> Call[Any]:
         cell = self._cell
@@ -200,6 +224,8 @@ class RobotHandle(Mapping[str, ResourceHandle]):
             return ResourceHandle(cell)
         if not self._view.cells and self.state is RobotState.FAILED:
             raise self._failed()
+        if not self._view.cells and self.state in (RobotState.LOST, RobotState.STARTING):
+            raise self._unreached()
         left_out = "".join(f"; left out: {problem.message}" for problem in self.problems)
         raise ResourceNotFoundError(unknown_name("resource", name, self._view.cells) + left_out, robot=self.name)
 
@@ -218,6 +244,11 @@ class RobotHandle(Mapping[str, ResourceHandle]):
     def halt(self, *, timeout_s: float | None = None) -> Future[list[int]]:
         """Stop whatever moves on this robot, at once; see ResourceHandle.halt."""
         return gather([self[name].halt(timeout_s=timeout_s) for name in self])
+
+    @property
+    def clock(self) -> Clock:
+        """The fleet's clock."""
+        return self._view.clock
 
     @property
     def stopped_because(self) -> str | None:
@@ -258,6 +289,8 @@ class RobotHandle(Mapping[str, ResourceHandle]):
             raise UnavailableError(f"{what} within {timeout_s:g} s", robot=self.name) from None
         if self.state is RobotState.FAILED:
             raise self._failed()
+        if self.state is RobotState.LOST:
+            raise self._unreached()
 
     def require_started(self) -> None:
         """Raise unless every resource has been up.
@@ -270,6 +303,12 @@ class RobotHandle(Mapping[str, ResourceHandle]):
             raise UnavailableError("has not started yet; see the log, or give connect more time", robot=self.name)
         if self.state is RobotState.FAILED:
             raise self._failed()
+        if self.state is RobotState.LOST:
+            raise self._unreached()
+
+    def _unreached(self) -> UnavailableError:
+        message = self.problems[-1].message if self.problems else "has not started yet"
+        return UnavailableError(message, robot=self.name)
 
     def _failed(self) -> RobotFailedError:
         message = self.problems[-1].message if self.problems else "has failed"

@@ -19,6 +19,7 @@ from eal_actors.errors import (
     PreemptedError,
     ResourceFaultError,
     ReturnTypeError,
+    StaleCommandError,
     UnavailableError,
     shown,
 )
@@ -244,6 +245,9 @@ class ResourceActor(EALActor):
             deadline_s = max(deadline_s, self.clock.now() + self.cell.timeout_s)
         elif deadline_s <= self.clock.now():
             call.fail(DeadlineError(f"{call.method} waited in the mailbox until its deadline; it was not executed"))
+            return
+        if call.begin_by_s is not None and self.clock.now() > call.begin_by_s and not call.stops:
+            call.fail(StaleCommandError(f"{call.method} waited too long to be begun; it was not executed"))
             return
         if self.cell.latch.reason is not None and self.cell.latch.refuses(call):  # it passed the slot just before
             return

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from eal_actors import __version__
-from eal_actors.cli import call, check, plugin, resources, run, schema, world
+from eal_actors.cli import call, check, keys, plugin, resources, router, run, schema, serve, world
 from eal_actors.cli.exit_codes import EPILOG, ExitCode, report
 from eal_actors.cli.help import Command, Group
 from eal_actors.cli.interrupts import heed_signals
@@ -69,6 +69,9 @@ app.command("schema", cls=Command)(schema.print_schema)
 app.command("world", cls=Command)(world.show_world)
 app.command("resources", cls=Command)(resources.list_resources)
 app.command("call", cls=Command, context_settings={"ignore_unknown_options": True})(call.call_method)  # -5 is a number
+app.command("serve", cls=Command)(serve.serve_robot)
+app.command("router", cls=Command)(router.run_router)
+app.add_typer(keys.app, name="keys")
 app.add_typer(plugin.app, name="plugin")
 
 

@@ -14,6 +14,7 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import CLOSE_TIMEOUT_S, RobotHandle, close_robots
 from eal_actors.actors.robot_actor import RobotSpec, start_robot
+from eal_actors.actors.robot_view import RobotState, RobotView
 from eal_actors.actors.supervision import Restart
 from eal_actors.clock import Clock
 from eal_actors.errors import (
@@ -31,6 +32,8 @@ from eal_actors.log import get_logger
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.plugins import EALPluginManager
+from eal_actors.net.client import RemoteRobot, RemoteSpec
+from eal_actors.net.controller import Controller
 from eal_actors.plugin import FleetServices
 
 START_TIMEOUT_S: Final = 30.0
@@ -58,6 +61,7 @@ class Fleet(Mapping[str, RobotHandle]):
         self._plugins = EALPluginManager(config.plugin_dirs)
         self.services = FleetServices(self.clock, config.seed, config.world, self._plugins.open_port)
         self._robots: dict[str, RobotHandle] = {}
+        self._controller: Controller | None = None
         self._start_lock = threading.Lock()
 
     @classmethod
@@ -117,16 +121,21 @@ class Fleet(Mapping[str, RobotHandle]):
             except RobotFailedError:  # its own actor has logged why
                 pass
             except UnavailableError as error:
+                if self[name].state is RobotState.LOST:  # its connection has logged why
+                    continue
                 get_logger(robot=name).error("robot is late", reason=error.message)
 
     def _check_plugins(self, robots: Iterable[RobotConfig]) -> None:
         problems: set[Problem] = set()
         for robot in robots:
-            problems.update(self._plugins.check(robot)[0])
+            if robot.address is None:  # the plugins of the others are in their own processes
+                problems.update(self._plugins.check(robot)[0])
         if problems:
             raise ConfigError(sorted(problems))
 
     def _start(self, robot: RobotConfig) -> RobotHandle:
+        if robot.address is not None:
+            return RobotHandle(partial(self._start_remote, robot, robot.address), robot.name, robot.types, robot.tags)
         spec = RobotSpec(
             name=robot.name,
             clock=self.clock,
@@ -139,6 +148,21 @@ class Fleet(Mapping[str, RobotHandle]):
             link=self.services.link(robot.name),
         )
         return RobotHandle(partial(start_robot, spec), robot.name, robot.types, robot.tags)
+
+    def _start_remote(self, robot: RobotConfig, address: str) -> tuple[RemoteRobot, RobotView]:
+        if self._controller is None:
+            self._controller = Controller(self.config, self.clock).launch()
+        view = RobotView(robot.name, self.clock)
+        spec = RemoteSpec(robot.name, address, self.clock, robot.timeout_s, self.services.link(robot.name))
+        return RemoteRobot(spec, view, self._controller).launch(), view
+
+    def _leave_network(self, timeout_s: float) -> None:
+        """Close the network once no robot is left that needs it. Thread: holds the start lock."""
+        controller, self._controller = self._controller, None
+        if controller is not None:
+            controller.shut_down()
+            if not controller.join(timeout_s):
+                get_logger(fleet=self.name).error("the network did not close in time and was left behind")
 
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
         """Halt everything that moves, disconnect every robot and end its threads. Calling it twice is harmless.
@@ -154,6 +178,7 @@ class Fleet(Mapping[str, RobotHandle]):
         with self._start_lock:
             self._robots = {name: robot for name, robot in self._robots.items() if robots.get(name) is not robot}
             if not self._robots:
+                self._leave_network(timeout_s)
                 _open_fleets.discard(self)
         if not _open_fleets:
             end_as_before()

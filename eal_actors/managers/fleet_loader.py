@@ -15,6 +15,8 @@ from eal_actors.managers.fleet_model import (
     robot_config,
 )
 from eal_actors.managers.in_memory import tree_of
+from eal_actors.managers.network_check import network_problems
+from eal_actors.managers.network_model import network_config
 from eal_actors.strict_model import did_you_mean, problems_from
 from eal_actors.world import WorldModel, load_world
 from eal_actors.yaml_source import load_yaml
@@ -57,6 +59,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
         raise ConfigError(reader.problems)
     resolver = _Resolver(YamlTree(root), sound=reader.sound)
     merged = resolver.robots()
+    resolver.check_network()
     world = resolver.world()
     plugin_dirs = resolver.plugin_dirs()
     problems = {*reader.problems, *resolver.problems}  # numbered robots may all repeat one
@@ -71,6 +74,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
         world=world,
         plugin_dirs=plugin_dirs,
         robots={name: robot_config(name, levels, types) for name, levels, types in merged},
+        network=network_config(fleet.network, _beside(YamlTree(root).mark_at(("network", "security", "keys")), "")),
     )
 
 
@@ -145,6 +149,7 @@ class _Resolver:
         self._sound = sound
         self._types = _section(tree.root, "types")
         self._robots = _section(tree.root, "robots")
+        self._entries: dict[str, tuple[str, MarkedDict]] = {}
 
     def robots(self) -> list[tuple[str, MarkedDict, tuple[str, ...]]]:
         """Return each robot's name, its levels merged into one, and the chain of its types."""
@@ -164,8 +169,15 @@ class _Resolver:
                     self._report(("robots", key), f"the robot '{name}' is there already, from {place}", key=True)
                     continue
                 made[name] = mark
-                merged.append((name, *self._levels(key, own)))
+                levels, types = self._levels(key, own)
+                self._entries[name] = (key, levels)
+                merged.append((name, levels, types))
         return merged
+
+    def check_network(self) -> None:
+        """Look for contradictions between the network and the robots that `robots` returned."""
+        if self._sound:
+            self.problems += network_problems(self._tree, self._entries)
 
     def world(self) -> WorldModel | None:
         """Return the world, or None if the fleet has none or it is not right."""

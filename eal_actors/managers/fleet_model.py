@@ -11,6 +11,13 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat
 
 from eal_actors.errors import Problem
 from eal_actors.lock_step import Rate
+from eal_actors.managers.network_model import (
+    DEFAULT_NETWORK,
+    AddressText,
+    EndpointText,
+    NetworkConfig,
+    NetworkSection,
+)
 from eal_actors.strict_model import NAMES_ONLY, Name, NameTemplate, StrictModel, Version1, problems_from
 from eal_actors.world import WorldModel
 from eal_actors.yaml_tree import MarkedDict, YamlPath, YamlTree
@@ -70,6 +77,11 @@ class RobotSection(TypeSection):
     """Make robots 1 to `count`."""
     range: tuple[NonNegativeInt, NonNegativeInt] | None = Field(default=None, strict=False)
     """Make robots from the first number to the last, both included."""
+    address: AddressText | None = None
+    """Where controllers reach the robot, such as `tcp/192.168.1.11:50000`, or `router` if it dials out to the network's
+    routers; a robot without an address lives in the controller's process."""
+    listen: EndpointText | None = None
+    """Where the robot listens, if that is not its address, such as `tcp/0.0.0.0:50000`."""
 
 
 class FleetFile(StrictModel):
@@ -87,6 +99,7 @@ class FleetFile(StrictModel):
     """Folders of plugins, relative to this file; the bundled plugins are always found."""
     include: tuple[Text, ...] = Field(default=(), strict=False)
     """Fleet files to build on, relative to this file; later ones override earlier ones, and this file all of them."""
+    network: NetworkSection = NetworkSection()
     defaults: Level = Level()
     types: dict[Name, TypeSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
     robots: dict[NameTemplate, RobotSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
@@ -136,6 +149,9 @@ class RobotConfig:
         max_restarts: restarts within the window that are borne.
         restart_window_s: the window, in seconds of the fleet's clock.
         plugins: by name of the instance; never empty.
+        address: endpoint at which controllers reach it, `router` if it dials out to the routers, or None if it lives
+            in the controller's process.
+        listen: endpoint at which it listens, or None if that is its address.
     """
 
     name: str
@@ -148,6 +164,8 @@ class RobotConfig:
     max_restarts: int
     restart_window_s: float
     plugins: dict[str, PluginSettings]
+    address: str | None = None
+    listen: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +180,7 @@ class FleetConfig:
         world: the arena of the simulated robots, if there is one.
         plugin_dirs: folders to search for plugins before the bundled ones, in this order.
         robots: by name, in the order of the file; never empty.
+        network: how robots that have an address are reached.
     """
 
     name: str
@@ -171,6 +190,7 @@ class FleetConfig:
     world: WorldModel | None
     plugin_dirs: tuple[Path, ...]
     robots: dict[str, RobotConfig]
+    network: NetworkConfig = DEFAULT_NETWORK
 
 
 def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> RobotConfig:
@@ -191,6 +211,8 @@ def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> Robot
         max_restarts=section.max_restarts,
         restart_window_s=section.restart_window_s,
         plugins=plugins,
+        address=section.address,
+        listen=section.listen,
     )
 
 

@@ -1,0 +1,35 @@
+"""`eal serve`: offer a robot's resources to the network."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.text import Text
+
+from eal_actors.cli.interrupts import heed_signals
+from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.options import FleetOption
+from eal_actors.cli.output import stdout
+from eal_actors.clock import REAL_TIME, new_waiter
+from eal_actors.facade.service import RobotService
+
+
+def serve_robot(
+    fleet: FleetOption,
+    robot: Annotated[str, typer.Option("--robot", "-r", help="The robot's name.", show_default=False)],
+) -> None:
+    """Run a robot in this process, and serve its resources at its address until Ctrl-C or SIGTERM.
+
+    Controllers use the same fleet file. When this ends, everything that moves is halted.
+    """
+    heed_signals()
+    with RobotService(read_fleet(fleet, [robot]), robot) as service:
+        out = stdout()
+        resources = ", ".join(service.robot)
+        out.print(Text.assemble((robot, "bold"), f" serves {resources}"), soft_wrap=True)
+        out.print(f"listening at {', '.join(service.endpoints)}", soft_wrap=True)
+        try:
+            REAL_TIME.wait(new_waiter(), None)
+        except KeyboardInterrupt:
+            out.print("halting and leaving the network")

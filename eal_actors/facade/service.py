@@ -1,0 +1,87 @@
+"""RobotService: a robot of a fleet file, run in this process and offered to the network."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import replace
+from types import TracebackType
+from typing import Final, Self
+
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.errors import ConfigError, Problem
+from eal_actors.facade.fleet import Fleet
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.net.server import RobotServer
+from eal_actors.net.session import endpoints_of, open_session, robot_config
+
+_CLOSE_S: Final = 1.5
+"""Real seconds that each part of the end may take."""
+
+
+class RobotService:
+    """Runs one robot of a fleet and serves its resources, for the length of a `with` block.
+
+    Args:
+        config: the fleet.
+        robot: the robot's name.
+
+    Attributes:
+        endpoints: where it listens, or which routers it dials out to.
+
+    Raises:
+        RobotNotFoundError: the fleet has no such robot.
+        ConfigError: the robot has no address.
+    """
+
+    def __init__(self, config: FleetConfig, robot: str) -> None:
+        (wanted,) = EALConfigManager(config).select([robot])
+        if wanted.address is None:
+            message = f"robot {robot!r} has no address, so nobody can reach it; give it one, such as tcp/0.0.0.0:50000"
+            raise ConfigError([Problem(str(config.source), 0, 0, f"robots.{robot}", message)])
+        self._config = config
+        self._name = robot
+        self._network = robot_config(config, robot)
+        self.endpoints: Final = endpoints_of(self._network)
+        self._fleet = Fleet(replace(config, robots={robot: replace(wanted, address=None, listen=None)}))
+        self._stack = ExitStack()
+
+    @property
+    def robot(self) -> RobotHandle:
+        """The robot as this process sees it."""
+        return self._fleet[self._name]
+
+    def open(self) -> Self:
+        """Start the robot, then open the network: whoever finds it finds it ready.
+
+        Raises:
+            ConfigError: what its plugins refuse.
+            RobotFailedError: it could not start.
+            UnavailableError: the port is in use, or no router answers.
+
+        Thread: blocks the caller.
+        """
+        with ExitStack() as stack:
+            stack.callback(self._fleet.close, _CLOSE_S)
+            self._fleet.connect()
+            self.robot.require_started()
+            session = stack.enter_context(open_session(self._network))
+            server = RobotServer(self._config.name, self.robot, session, self._config.network).launch()
+            stack.callback(server.close, _CLOSE_S)
+            self._stack = stack.pop_all()
+        return self
+
+    def close(self) -> None:
+        """Take leave of the network, halt everything and stop the robot. Calling it twice is harmless.
+
+        Thread: blocks the caller, for a bounded time.
+        """
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        return self.open()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()

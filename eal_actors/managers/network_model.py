@@ -1,0 +1,251 @@
+"""What a fleet file may say about its network, and the network that comes of it."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+from pydantic import AfterValidator, Field
+
+from eal_actors.strict_model import Name, StrictModel, did_you_mean
+
+PROTOCOLS: Final = ("tcp", "tls", "quic", "udp")
+SECURE_PROTOCOLS: Final = ("tls", "quic")
+BEHIND_ROUTER: Final = "router"
+"""The address of a robot that listens nowhere and dials out to the network's routers."""
+
+_HOST_NAME: Final = re.compile(r"(?=.{1,253}$)[A-Za-z0-9_]([A-Za-z0-9_-]*[A-Za-z0-9_])?(\.[A-Za-z0-9_-]+)*\.?")
+_FORM: Final = "write it as tcp/192.168.1.11:50000"
+
+Role = Literal["controller", "observer"]
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """Where somebody listens.
+
+    Attributes:
+        protocol: one of PROTOCOLS.
+        host: a name or an IP address; an IPv6 address without its brackets.
+        port: 1 to 65535.
+    """
+
+    protocol: str
+    host: str
+    port: int
+
+
+def parse_endpoint(text: str) -> Endpoint:
+    """Take an endpoint such as `tls/robot.local:50000` or `tcp/[::1]:50000` apart.
+
+    Raises:
+        ValueError: it is none; the message says what is wrong and what was meant.
+    """
+    protocol, slash, place = text.partition("/")
+    if not slash:
+        raise ValueError(f"{text!r} lacks the protocol; write tcp/{text}")
+    if protocol not in PROTOCOLS:
+        raise ValueError(f"unknown protocol {protocol!r} in {text!r}{did_you_mean(protocol, PROTOCOLS)}")
+    host, colon, port = place.rpartition(":")
+    if not colon or "]" in port or (":" in host and not host.startswith("[")):
+        raise ValueError(f"{text!r} {_what_is_amiss(place)}")
+    if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
+        raise ValueError(f"the port in {text!r} must be a whole number from 1 to 65535, not {port!r}")
+    return Endpoint(protocol, _host(host, text), int(port))
+
+
+def _what_is_amiss(place: str) -> str:
+    if place.count(":") > 1 and not place.endswith("]"):
+        return "has an IPv6 address without brackets; write it as tcp/[fe80::1]:50000"
+    return f"lacks the port; {_FORM}"
+
+
+def _host(host: str, text: str) -> str:
+    is_bracketed = host.startswith("[") and host.endswith("]")
+    bare = host[1:-1] if is_bracketed else host
+    try:
+        version = ipaddress.ip_address(bare).version
+    except ValueError:
+        looks_like_ip = re.fullmatch(r"[0-9.]+", host) is not None
+        if is_bracketed or looks_like_ip or not _HOST_NAME.fullmatch(host):
+            raise ValueError(f"{host!r} in {text!r} is neither a host name nor an IP address; {_FORM}") from None
+        return host
+    if is_bracketed != (version == 6):
+        raise ValueError(f"{host!r} in {text!r}: brackets are for IPv6 addresses alone; {_FORM}")
+    return bare
+
+
+def _check_endpoint(text: str) -> str:
+    parse_endpoint(text.replace("{n}", "1"))
+    return text
+
+
+def check_address(text: str) -> str:
+    """Return what a robot's address says, if it is something that a controller can dial; `{n}` may stand for a number.
+
+    Raises:
+        ValueError: it is not.
+    """
+    if text == BEHIND_ROUTER:
+        return text
+    host = parse_endpoint(text.replace("{n}", "1")).host
+    if host in ("0.0.0.0", "::"):  # noqa: S104  # it is refused here
+        raise ValueError(f"{host} is where a robot may listen, not where it is reached; put it under 'listen'")
+    return text
+
+
+EndpointText = Annotated[str, AfterValidator(_check_endpoint)]
+"""An endpoint, in which `{n}` may stand for a robot's number."""
+
+AddressText = Annotated[str, AfterValidator(check_address)]
+"""Where a robot is reached: an endpoint, or `router`."""
+
+
+class GrantSection(StrictModel):
+    """A role that is limited to some robots, or to some resources of each."""
+
+    name: Name
+    """Name of the certificate."""
+    robots: tuple[Name, ...] | None = Field(default=None, strict=False, min_length=1)
+    """Only these robots; all if left out."""
+    resources: tuple[Name, ...] | None = Field(default=None, strict=False, min_length=1)
+    """Only these resources; all if left out."""
+
+
+class RolesSection(StrictModel):
+    """Who may do what, by the names of certificates; whoever is not named may do nothing."""
+
+    controllers: tuple[Name | GrantSection, ...] = Field(default=(), strict=False)
+    """May do everything."""
+    observers: tuple[Name | GrantSection, ...] = Field(default=(), strict=False)
+    """May read values, states, events and streams, and send requests."""
+    routers: tuple[Name, ...] = Field(default=(), strict=False)
+    """Pass on what others send, and check what those may do."""
+
+
+class SecuritySection(StrictModel):
+    """Mutual TLS and access control; `eal keys` makes the certificates."""
+
+    keys: Annotated[str, Field(min_length=1)] = "keys"
+    """Folder of certificates, relative to this file."""
+    controller: Name = "controller"
+    """Name of the certificate that programs which use this file dial with."""
+    roles: RolesSection = RolesSection()
+
+
+class NetworkSection(StrictModel):
+    """How controllers reach the robots that have an address."""
+
+    lease_s: float = Field(default=2.0, ge=0.3, le=60.0)
+    """Seconds of silence after which the other end of a connection counts as lost."""
+    dead_man_s: float = Field(default=2.0, ge=0.1, le=60.0)
+    """Seconds of silence of the controller after which a robot halts what it moves."""
+    compression: bool = False
+    """Compress all traffic; for slow links only, and nothing is compressed unless both ends do it."""
+    discovery: bool = False
+    """Let robots that listen, and routers, answer to `eal discover`, which asks by multicast."""
+    routers: tuple[EndpointText, ...] = Field(default=(), strict=False)
+    """Endpoints of routers, which robots with the address `router`, and controllers, dial out to."""
+    security: SecuritySection | None = None
+    """Left out, anybody on the network may command the robots."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grant:
+    """What a role allows to whom.
+
+    Attributes:
+        name: name of the certificate.
+        role: `controller` for everything, `observer` for reading.
+        robots: to which robots it is limited, or None.
+        resources: to which resources of each robot it is limited, or None.
+    """
+
+    name: str
+    role: Role
+    robots: tuple[str, ...] | None = None
+    resources: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SecurityConfig:
+    """Who may do what, and the keys that prove who somebody is.
+
+    Attributes:
+        keys: folder of the certificates.
+        controller: name of the certificate that this fleet's controllers dial with.
+        grants: what is allowed; everything else is not.
+        routers: names of the routers' certificates.
+    """
+
+    keys: Path
+    controller: str
+    grants: tuple[Grant, ...]
+    routers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkConfig:
+    """The network of a fleet.
+
+    Attributes:
+        lease_s: silence after which the other end of a connection counts as lost, in real seconds.
+        dead_man_s: silence of the controller after which a robot halts what it moves, in real seconds.
+        compression: whether all traffic is compressed.
+        discovery: whether robots and routers answer when asked by multicast.
+        routers: endpoints of routers.
+        security: keys and roles, or None for an open network.
+    """
+
+    lease_s: float = 2.0
+    dead_man_s: float = 2.0
+    compression: bool = False
+    discovery: bool = False
+    routers: tuple[str, ...] = ()
+    security: SecurityConfig | None = None
+
+
+DEFAULT_NETWORK: Final = NetworkConfig()
+"""The network of a fleet whose file says nothing about it."""
+
+
+def network_config(section: NetworkSection, folder: Path) -> NetworkConfig:
+    """Make the network of its section.
+
+    Args:
+        section: what the fleet file says.
+        folder: folder of the file that names the keys.
+    """
+    security = section.security
+    return NetworkConfig(
+        lease_s=section.lease_s,
+        dead_man_s=section.dead_man_s,
+        compression=section.compression,
+        discovery=section.discovery,
+        routers=section.routers,
+        security=None
+        if security is None
+        else SecurityConfig(
+            keys=folder / security.keys,
+            controller=security.controller,
+            grants=tuple(_grants(security.roles)),
+            routers=security.roles.routers,
+        ),
+    )
+
+
+def _grants(roles: RolesSection) -> Iterator[Grant]:
+    entries: tuple[tuple[Role, tuple[Name | GrantSection, ...]], ...] = (
+        ("controller", roles.controllers),
+        ("observer", roles.observers),
+    )
+    for role, grants in entries:
+        for grant in grants:
+            if isinstance(grant, str):
+                yield Grant(grant, role)
+            else:
+                yield Grant(grant.name, role, grant.robots, grant.resources)

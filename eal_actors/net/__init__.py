@@ -1,0 +1,1 @@
+"""The network layer: robots served to controllers elsewhere, over zenoh."""

@@ -1,0 +1,213 @@
+"""Controller: a fleet's end of the network: one session, the signs of life of its robots, and its own heartbeat."""
+
+from __future__ import annotations
+
+import secrets
+import threading
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Final
+
+from eal_actors.actors.actor import EALActor
+from eal_actors.clock import Clock
+from eal_actors.data import Payload
+from eal_actors.errors import EALError, ProtocolError, shown
+from eal_actors.log import get_logger
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.net import keys
+from eal_actors.net.client import RemoteRobot
+from eal_actors.net.session import controller_config, open_session
+from eal_actors.net.wire import Heartbeat, decode_event, encode_heartbeat
+
+if TYPE_CHECKING:
+    import zenoh
+
+_BEATS: Final = 4
+"""Heartbeats in the time of the dead-man's switch."""
+
+
+class Controller(EALActor):
+    """The network of one fleet in this process; it opens when the first robot joins.
+
+    Args:
+        config: the fleet.
+        clock: the fleet's clock.
+        robots: names of the robots to reach.
+
+    Attributes:
+        fleet: the fleet's name.
+        client: names this controller, anew in each process.
+
+    Thread: an actor, which opens the session and sends the heartbeat. What zenoh's threads tell is passed on at once.
+    """
+
+    def __init__(self, config: FleetConfig, clock: Clock, robots: Iterable[str] | None = None) -> None:
+        super().__init__(f"{config.name} network", clock)
+        self.fleet: Final = config.name
+        self.client: Final = secrets.token_hex(8)
+        self._config = config
+        self._wanted = None if robots is None else list(robots)
+        self._lock = threading.Lock()
+        self._robots: dict[str, RemoteRobot] = {}
+        self._alive: set[str] = set()
+        self._session: zenoh.Session | None = None
+        self._stack = ExitStack()
+        self._sequence = 0
+
+    # Life.
+
+    def on_start(self) -> None:
+        """Open the session. Thread: the actor's own; may take seconds where a router does not answer."""
+        self._open()
+
+    def _open(self) -> None:
+        import zenoh
+
+        try:
+            config = controller_config(self._config, self._wanted)
+            session = self._stack.enter_context(open_session(config))
+        except EALError as error:
+            get_logger(fleet=self.fleet).error("the network cannot be opened", reason=error.message)
+            with self._lock:
+                robots = list(self._robots.values())
+            for robot in robots:
+                robot.gone(f"cannot be reached: {error.message}")
+            self.actor_inbox.call_later(self.clock.of_real(1.0), self._open)
+            return
+        self._session = session
+        callback = zenoh.handlers.Callback
+        session.liveliness().declare_subscriber(
+            keys.alive_keys(self.fleet), callback(self._on_liveliness, indirect=False), history=True
+        )
+        session.declare_subscriber(keys.event_keys(self.fleet), callback(self._on_event, indirect=False))
+        self._beat()
+
+    def _beat(self) -> None:
+        self._sequence += 1
+        if self._session is not None:
+            import zenoh
+
+            beat = encode_heartbeat(Heartbeat(self.client, 0, self._sequence))
+            try:
+                self._session.put(
+                    keys.heartbeat_key(self.fleet, self.client),
+                    beat,
+                    priority=zenoh.Priority.REAL_TIME,
+                    congestion_control=zenoh.CongestionControl.DROP,
+                    express=True,
+                )
+            except zenoh.ZError as error:
+                get_logger(fleet=self.fleet).debug("a heartbeat could not be sent", reason=shown(error))
+        period_s = self._config.network.dead_man_s / _BEATS
+        self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
+
+    def shut_down(self) -> None:
+        """Close the session, and end. Thread: any; does not block."""
+        try:
+            self.actor_inbox.call_soon(self._stop)
+        except EALError:
+            return
+
+    def on_stop(self) -> None:
+        """Close the session. Thread: the actor's own; bounded in time."""
+        self._session = None
+        self._stack.close()
+
+    def on_crash(self, error: BaseException) -> None:
+        """See on_stop."""
+        get_logger(fleet=self.fleet).error("the network has crashed", error=shown(error))
+        self.on_stop()
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait (real time) for its end; return whether it came. Thread: blocks the caller."""
+        if self.thread is None:
+            return True
+        with self.clock.outside():
+            self.thread.join(timeout_s)
+        return not self.thread.is_alive()
+
+    # Robots. Thread: any.
+
+    def add(self, robot: RemoteRobot) -> None:
+        """Tell a robot's connection of its signs of life from now on."""
+        with self._lock:
+            self._robots[robot.spec.name] = robot
+            is_alive = robot.spec.name in self._alive
+        if is_alive:
+            robot.found()
+
+    def remove(self, robot: RemoteRobot) -> None:
+        """Tell it no more."""
+        with self._lock:
+            if self._robots.get(robot.spec.name) is robot:
+                del self._robots[robot.spec.name]
+
+    def is_alive(self, robot: str) -> bool:
+        """Return whether the robot's sign of life is there."""
+        return robot in self._alive
+
+    def get(
+        self,
+        key: str,
+        on_reply: Callable[[zenoh.Reply], None],
+        on_done: Callable[[], None],
+        envelope: bytes,
+        payload: Payload,
+        timeout_s: float,
+        *,
+        is_urgent: bool = False,
+    ) -> None:
+        """Send a query; `on_done` comes last, whatever happens. Thread: any; blocks only while the link is full."""
+        session = self._session
+        if session is None:
+            on_done()
+            return
+        import zenoh
+
+        try:
+            session.get(
+                key,
+                zenoh.handlers.Callback(on_reply, on_done, indirect=False),
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=timeout_s,
+                priority=zenoh.Priority.REAL_TIME if is_urgent else zenoh.Priority.DATA,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                express=True,
+                payload=bytes(payload) if len(payload) else None,
+                attachment=envelope,
+            )
+        except zenoh.ZError as error:
+            get_logger(fleet=self.fleet).debug("a query could not be sent", key=key, reason=shown(error))
+            on_done()
+
+    # What comes from the network, in zenoh's threads.
+
+    def _on_liveliness(self, sample: zenoh.Sample) -> None:
+        import zenoh
+
+        try:
+            _, name, _, _ = keys.parse_key(str(sample.key_expr))
+        except ProtocolError:
+            return
+        is_there = sample.kind == zenoh.SampleKind.PUT
+        with self._lock:
+            (self._alive.add if is_there else self._alive.discard)(name)
+            robot = self._robots.get(name)
+        if robot is not None:
+            if is_there:
+                robot.found()
+            else:
+                robot.gone("is out of reach")
+
+    def _on_event(self, sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        try:
+            _, name, _, _ = keys.parse_key(str(sample.key_expr))
+            event = decode_event(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+        except ProtocolError as error:
+            get_logger(fleet=self.fleet).warning("an event makes no sense", reason=error.message)
+            return
+        with self._lock:
+            robot = self._robots.get(name)
+        if robot is not None:
+            robot.tell(event)

@@ -1,0 +1,140 @@
+"""The key space: where on the network a robot's methods, events and signs of life are found.
+
+    eal/<fleet>/<robot>/<resource>/<method>     a method of a resource, as a query
+    eal/<fleet>/<robot>/<resource>/stream       what a resource streams
+    eal/<fleet>/<robot>/_/<method>              a method of the robot itself
+    eal/<fleet>/<robot>/_/events                what happens on a robot
+    eal/<fleet>/<robot>/_/alive                 liveliness token of a robot
+    eal/<fleet>/_/heartbeat/<client>            sign of life of a controller, for every robot of the fleet
+
+Every name becomes one chunk of a key. Letters, digits, `_`, `.`, `-` and `~` stand for themselves, everything else is
+percent-encoded, so no name can hold what zenoh gives a meaning (`/ * $ # ? @`). There is exactly one key for each
+name: another spelling, such as `Son%61r`, is refused, since access control compares keys as they are written.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Final
+from urllib.parse import quote, unquote
+
+from eal_actors.errors import ProtocolError
+from eal_actors.info import METHODS
+
+ROOT: Final = "eal"
+ROBOT: Final = "_"
+"""Stands in the place of a resource for the robot itself, of a robot for the fleet; names begin with a letter."""
+
+HELLO: Final = "hello"
+"""Robot: its versions, resources with their information, state, and running commands."""
+PING: Final = "ping"
+"""Robot: its time, at once."""
+STOP: Final = "stop"
+"""Robot: emergency stop, until RESUME."""
+RESUME: Final = "resume"
+"""Robot: end an emergency stop."""
+REATTACH: Final = "reattach"
+"""Robot: follow commands that are running already."""
+CANCEL: Final = "cancel"
+"""Robot: give up a running command."""
+LEAVE: Final = "leave"
+"""Robot: a controller goes; what it commanded is halted."""
+ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE)
+
+HALT: Final = "halt"
+"""Resource: stop what moves."""
+INFO: Final = "info"
+"""Resource: what it says of itself."""
+RESOURCE_METHODS: Final = (*METHODS, HALT, INFO)
+
+EVENTS: Final = "events"
+STREAM: Final = "stream"
+ALIVE: Final = "alive"
+HEARTBEAT: Final = "heartbeat"
+
+
+def robot_key(fleet: str, robot: str) -> str:
+    """Return the key under which everything of a robot lies; with `/**` behind it, the robot's own key expression.
+
+    Raises:
+        ProtocolError: a name is empty.
+    """
+    return f"{ROOT}/{_encode(fleet)}/{_encode(robot)}"
+
+
+def method_key(fleet: str, robot: str, resource: str, method: str) -> str:
+    """Return the key of a method of a resource, or of the robot itself.
+
+    Args:
+        fleet: name of the fleet, any text.
+        robot: name of the robot.
+        resource: name of the resource; ROBOT for the robot itself.
+        method: one of RESOURCE_METHODS or ROBOT_METHODS; or STREAM, EVENTS or ALIVE.
+
+    Raises:
+        ProtocolError: a name is empty.
+    """
+    return f"{robot_key(fleet, robot)}/{_encode(resource)}/{_encode(method)}"
+
+
+def alive_keys(fleet: str) -> str:
+    """Return the key expression of the liveliness tokens of all robots of a fleet."""
+    return f"{ROOT}/{_encode(fleet)}/*/{ROBOT}/{ALIVE}"
+
+
+def event_keys(fleet: str) -> str:
+    """Return the key expression of the events of all robots of a fleet."""
+    return f"{ROOT}/{_encode(fleet)}/*/{ROBOT}/{EVENTS}"
+
+
+def heartbeat_key(fleet: str, client: str) -> str:
+    """Return the key on which a controller shows that it lives."""
+    return f"{ROOT}/{_encode(fleet)}/{ROBOT}/{HEARTBEAT}/{_encode(client)}"
+
+
+def heartbeat_keys(fleet: str) -> str:
+    """Return the key expression of the heartbeats of all controllers of a fleet."""
+    return f"{ROOT}/{_encode(fleet)}/{ROBOT}/{HEARTBEAT}/*"
+
+
+@lru_cache(maxsize=4096)
+def parse_key(key: str) -> tuple[str, str, str, str]:
+    """Return the fleet, robot, resource and last name of a key with five chunks.
+
+    Raises:
+        ProtocolError: the key is none of this key space, or a name is not spelt as `method_key` does.
+    """
+    root, *chunks = key.split("/")
+    if root != ROOT or len(chunks) != 4:
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/<robot>/<resource>/<method>")
+    fleet, robot, resource, last = (_decode(chunk, key) for chunk in chunks)
+    return fleet, robot, resource, last
+
+
+def parse_method(key: str) -> tuple[str, str, str, str]:
+    """Return the fleet, robot, resource (ROBOT for the robot itself) and method that a query's key means.
+
+    Raises:
+        ProtocolError: the key means no method.
+    """
+    fleet, robot, resource, method = parse_key(key)
+    known = ROBOT_METHODS if resource == ROBOT else RESOURCE_METHODS
+    if robot == ROBOT or method not in known:
+        raise ProtocolError(f"key {key!r}: there is no method {method!r} here; there are {', '.join(known)}")
+    return fleet, robot, resource, method
+
+
+def _encode(name: str) -> str:
+    if not name:
+        raise ProtocolError("an empty name has no place in a key")
+    return quote(name, safe="", errors="surrogatepass")  # file names may hold what is no UTF-8, as lone surrogates
+
+
+def _decode(chunk: str, key: str) -> str:
+    try:
+        name = unquote(chunk, errors="surrogatepass")
+    except UnicodeDecodeError as error:
+        raise ProtocolError(f"key {key!r}: {chunk!r} is no percent-encoded UTF-8") from error
+    if not name or quote(name, safe="", errors="surrogatepass") != chunk:
+        raise ProtocolError(f"key {key!r}: {chunk!r} is not how a name is spelt in a key")
+    return name

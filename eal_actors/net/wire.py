@@ -1,0 +1,428 @@
+"""The envelopes: a call, its answer, an event and a heartbeat as bytes and back. docs/network.md has the tables.
+
+What is sent is a pair: the envelope, msgpack in zenoh's attachment, and the payload, the bytes of an EALData as they
+are, so that a frame is never copied into an envelope. Whatever bytes arrive, decoding gives a valid object or
+a ProtocolError.
+
+Thread: any; nothing here keeps state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple, TypeAlias, final
+
+from eal_actors.data import EALData, Payload
+from eal_actors.data.forms import shown
+from eal_actors.data.storage import as_bytes
+from eal_actors.errors import DataError, EALError, ProtocolError
+from eal_actors.net.packing import (
+    PROTOCOL_VERSION,
+    Buffer,
+    checked_row,
+    data_from,
+    data_header,
+    error_body,
+    error_from,
+    pack,
+    unpack_map,
+    unpack_row,
+)
+
+__all__ = [
+    "ACCEPTED",
+    "MAX_PAYLOAD_BYTES",
+    "PROTOCOL_VERSION",
+    "Accepted",
+    "Answer",
+    "CallHeader",
+    "CallId",
+    "Event",
+    "Heartbeat",
+    "RobotTime",
+    "decode_answer",
+    "decode_call",
+    "decode_event",
+    "decode_heartbeat",
+    "decode_reply",
+    "encode_answer",
+    "encode_call",
+    "encode_event",
+    "encode_heartbeat",
+]
+
+MAX_PAYLOAD_BYTES: Final = 64 * 1024**2
+
+_CLIENT_BYTES: Final = 8
+_STATUS, _DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
+_NO_PAYLOAD: Final = b""
+
+
+class CallId(NamedTuple):
+    """Which call: unique over all controllers and their restarts.
+
+    Attributes:
+        client: 16 hexadecimal digits, new in each process of a controller.
+        epoch: how often that client has connected to the robot.
+        sequence: number of the call within the epoch.
+    """
+
+    client: str
+    epoch: int
+    sequence: int
+
+
+class CallHeader(NamedTuple):
+    """What a call carries beside its key and its value.
+
+    Attributes:
+        client: see CallId.
+        epoch: see CallId.
+        sequence: see CallId.
+        ttl_s: seconds after its receipt within which the robot may begin with it.
+        deadline_s: seconds left until the caller's deadline when it was sent; below 0 once it has passed.
+        start_s: robot's fleet time at which to begin, in seconds; None for at once.
+        arguments: the method's arguments that are text or int, in their order, of at most 64 bits.
+        era: of a command: the run of the robot's server that the echo is from; see receipts.
+        echo_s: of a command: the robot's clock as an answer brought it, in seconds.
+        held_s: of a command: seconds from that answer to the sending.
+    """
+
+    client: str
+    epoch: int
+    sequence: int
+    ttl_s: float
+    deadline_s: float
+    start_s: float | None = None
+    arguments: tuple[str | int, ...] = ()
+    era: str = ""
+    echo_s: float = 0.0
+    held_s: float = 0.0
+
+    @property
+    def call_id(self) -> CallId:
+        """Which call it is."""
+        return CallId(self.client, self.epoch, self.sequence)
+
+
+@final
+class Accepted:
+    """The answer to a long command: it has begun, its outcome comes as an event."""
+
+    def __repr__(self) -> str:
+        return "ACCEPTED"
+
+
+ACCEPTED: Final = Accepted()
+
+Answer: TypeAlias = int | EALData | EALError | dict[str, Any] | Accepted
+"""A status; a value; an error; fields by name (of `hello`, `ping` and `info`); or ACCEPTED."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """What a robot tells all its controllers.
+
+    Attributes:
+        kind: such as `result`; readers pass over kinds that they do not know.
+        stamp_s: when it happened, in seconds of the robot's fleet time.
+        call: the call it is about, or None.
+        answer: the outcome of that call, or None.
+        fields: more, by name; plain values.
+    """
+
+    kind: str
+    stamp_s: float
+    call: CallId | None = None
+    answer: Answer | None = None
+    fields: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """The sign of life of a controller.
+
+    Attributes:
+        client: see CallId.
+        epoch: see CallId.
+        sequence: number of the heartbeat within the epoch.
+        name: who it is, for people, such as `anna@lab-pc`.
+    """
+
+    client: str
+    epoch: int
+    sequence: int
+    name: str = ""
+
+
+def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes, Payload]:
+    """Return a call's envelope and payload.
+
+    Raises:
+        DataError: the payload is over MAX_PAYLOAD_BYTES, or something in the header cannot be sent.
+    """
+    client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, *echo = header
+    about = None if data is None else data_header(data)
+    row = [PROTOCOL_VERSION, _packed_client(client), epoch, sequence, ttl_s, deadline_s, start_s, arguments, about]
+    if any(echo):
+        row += echo
+    return pack(row, "call"), _NO_PAYLOAD if data is None else _payload_of(data)
+
+
+def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHeader, EALData | None]:
+    """Return the header and the value of a call.
+
+    Raises:
+        ProtocolError: it is none, or of another version.
+    """
+    row = unpack_row(envelope, "call", 9, 3)
+    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, era, echo_s, held_s = row
+    if type(arguments) is not list or any(type(item) not in (str, int) for item in arguments):
+        raise ProtocolError(f"call: arguments {shown(arguments)} are not a list of texts and ints")
+    header = CallHeader(
+        _checked_client(client, "call"),
+        _checked_count(epoch, "call: epoch"),
+        _checked_count(sequence, "call: sequence"),
+        _checked_seconds(ttl_s, "call: ttl_s"),
+        _checked_seconds(deadline_s, "call: deadline_s"),
+        None if start_s is None else _checked_time(start_s, "call: start_s"),
+        tuple(arguments),
+        *(("", 0.0, 0.0) if era is None else _echo_from(era, echo_s, held_s)),
+    )
+    data = _data_of(about, payload, "call")
+    return header, data
+
+
+class RobotTime(NamedTuple):
+    """A reading of a robot's clock.
+
+    Attributes:
+        era: the run of the robot's server.
+        time_s: its clock, in seconds.
+    """
+
+    era: str
+    time_s: float
+
+
+def encode_answer(answer: Answer, time: RobotTime | None = None) -> tuple[bytes, Payload]:
+    """Return an answer's envelope and payload.
+
+    Args:
+        answer: the answer.
+        time: the robot's clock as it answers, which proves commands fresh; see receipts.
+
+    Raises:
+        DataError: the payload is over MAX_PAYLOAD_BYTES, or something in the answer cannot be sent.
+    """
+    kind, body, payload = _answer_parts(answer)
+    return pack((PROTOCOL_VERSION, kind, body, *(time or ())), "answer"), payload
+
+
+def decode_answer(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> Answer:
+    """Return an answer; an error is returned, not raised.
+
+    Raises:
+        ProtocolError: it is none, or of another version.
+    """
+    return decode_reply(envelope, payload)[0]
+
+
+def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[Answer, RobotTime | None]:
+    """Return an answer, and the robot's clock if it came along; an error is returned, not raised.
+
+    Raises:
+        ProtocolError: it is none, or of another version.
+    """
+    _, *answer, era, time_s = unpack_row(envelope, "answer", 3, 2)
+    time = None
+    if era is not None:
+        time = RobotTime(_checked_text(era, "answer: era"), _checked_time(time_s, "answer: time_s"))
+    return _answer_from(answer, payload, "answer"), time
+
+
+def encode_event(event: Event) -> tuple[bytes, Payload]:
+    """Return an event's envelope and payload.
+
+    Raises:
+        DataError: the payload is over MAX_PAYLOAD_BYTES, or something in the event cannot be sent.
+    """
+    fields: dict[str, Any] = {"version": PROTOCOL_VERSION, "kind": event.kind, "stamp_s": event.stamp_s}
+    payload: Payload = _NO_PAYLOAD
+    if event.call is not None:
+        client, epoch, sequence = event.call
+        fields["call"] = _packed_client(client), epoch, sequence
+    if event.answer is not None:
+        kind, body, payload = _answer_parts(event.answer)
+        fields["answer"] = kind, body
+    if event.fields:
+        fields["fields"] = dict(event.fields)
+    return pack(fields, "event"), payload
+
+
+def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> Event:
+    """Return an event.
+
+    Raises:
+        ProtocolError: it is none, or of another version.
+    """
+    fields = unpack_map(envelope, "event")
+    call, answer, more = fields.get("call"), fields.get("answer"), fields.get("fields", {})
+    if type(more) is not dict:
+        raise ProtocolError(f"event: fields {shown(more)} are no map")
+    if answer is None:
+        _data_of(None, payload, "event")
+    return Event(
+        _checked_text(fields.get("kind"), "event: kind"),
+        _checked_time(fields.get("stamp_s"), "event: stamp_s"),
+        None if call is None else _call_id_from(call),
+        None if answer is None else _answer_from(checked_row(answer, "event: answer", 2), payload, "event: answer"),
+        more,
+    )
+
+
+def encode_heartbeat(beat: Heartbeat) -> bytes:
+    """Return a heartbeat's envelope; it has no payload.
+
+    Raises:
+        DataError: something in it cannot be sent.
+    """
+    client = _packed_client(beat.client)
+    return pack(
+        {
+            "version": PROTOCOL_VERSION,
+            "client": client,
+            "epoch": beat.epoch,
+            "sequence": beat.sequence,
+            "name": beat.name,
+        },
+        "heartbeat",
+    )
+
+
+def decode_heartbeat(envelope: Buffer) -> Heartbeat:
+    """Return a heartbeat.
+
+    Raises:
+        ProtocolError: it is none, or of another version.
+    """
+    fields = unpack_map(envelope, "heartbeat")
+    return Heartbeat(
+        _checked_client(fields.get("client"), "heartbeat"),
+        _checked_count(fields.get("epoch"), "heartbeat: epoch"),
+        _checked_count(fields.get("sequence"), "heartbeat: sequence"),
+        _checked_text(fields.get("name", ""), "heartbeat: name"),
+    )
+
+
+def _answer_parts(answer: Answer) -> tuple[int, Any, Payload]:
+    if isinstance(answer, EALData):
+        return _DATA, data_header(answer), _payload_of(answer)
+    if isinstance(answer, EALError):
+        return _ERROR, error_body(answer), _NO_PAYLOAD
+    if isinstance(answer, dict):
+        return _FIELDS, answer, _NO_PAYLOAD
+    if isinstance(answer, Accepted):
+        return _ACCEPTED, None, _NO_PAYLOAD
+    return _STATUS, int(answer), _NO_PAYLOAD  # True is a status too
+
+
+def _answer_from(row: list[Any], payload: Buffer, what: str) -> Answer:
+    kind, body = row
+    if kind == _DATA and type(kind) is int:
+        return data_from(body, _checked_payload(payload, what), what)
+    _data_of(None, payload, what)
+    if type(kind) is int:
+        if kind == _STATUS and type(body) is int:
+            return body
+        if kind == _ERROR:
+            return error_from(body, what)
+        if kind == _FIELDS and type(body) is dict:
+            return body
+        if kind == _ACCEPTED and body is None:
+            return ACCEPTED
+    raise ProtocolError(f"{what}: {shown(body)} is not an answer of kind {shown(kind)}, which is 0 to {_ACCEPTED}")
+
+
+def _payload_of(data: EALData) -> Payload:
+    if data.length > MAX_PAYLOAD_BYTES:
+        raise DataError(f"a value of {data.length} bytes is over the {MAX_PAYLOAD_BYTES} that one message may carry")
+    return data.payload
+
+
+def _checked_payload(payload: Buffer, what: str) -> Payload:
+    try:
+        view = as_bytes(payload)
+    except DataError as error:
+        raise ProtocolError(f"{what}: {error.message}") from error
+    if len(view) > MAX_PAYLOAD_BYTES:
+        raise ProtocolError(f"{what}: a payload of {len(view)} bytes, more than {MAX_PAYLOAD_BYTES}")
+    return view
+
+
+def _data_of(header: object, payload: Buffer, what: str) -> EALData | None:
+    if header is not None:
+        return data_from(header, _checked_payload(payload, what), what)
+    if len(_checked_payload(payload, what)):
+        raise ProtocolError(f"{what}: a payload without a type")
+    return None
+
+
+def _echo_from(era: object, echo_s: object, held_s: object) -> tuple[str, float, float]:
+    return (
+        _checked_text(era, "call: era"),
+        _checked_time(echo_s, "call: echo_s"),
+        _checked_time(held_s, "call: held_s"),
+    )
+
+
+def _packed_client(client: str) -> bytes:
+    try:
+        packed = bytes.fromhex(client)
+    except (ValueError, TypeError):
+        packed = b""
+    if len(packed) != _CLIENT_BYTES:
+        raise DataError(f"client {shown(client)} is not {2 * _CLIENT_BYTES} hexadecimal digits")
+    return packed
+
+
+def _checked_client(client: object, what: str) -> str:
+    if type(client) is not bytes or len(client) != _CLIENT_BYTES:
+        raise ProtocolError(f"{what}: client {shown(client)} is not {_CLIENT_BYTES} bytes")
+    return client.hex()
+
+
+def _checked_count(count: object, what: str) -> int:
+    if type(count) is not int or count < 0:
+        raise ProtocolError(f"{what} {shown(count)} is not an int from 0")
+    return count
+
+
+def _checked_seconds(seconds: object, what: str) -> float:
+    if type(seconds) not in (float, int) or seconds != seconds:
+        raise ProtocolError(f"{what} {shown(seconds)} is no number of seconds")
+    return float(seconds)  # type: ignore[arg-type]  # mypy does not follow `type(x) in`
+
+
+def _checked_time(seconds: object, what: str) -> float:
+    time_s = _checked_seconds(seconds, what)
+    if not math.isfinite(time_s):
+        raise ProtocolError(f"{what} {time_s} is no time")
+    return time_s
+
+
+def _checked_text(text: object, what: str) -> str:
+    if type(text) is not str:
+        raise ProtocolError(f"{what} {shown(text)} is no text")
+    return text
+
+
+def _call_id_from(row: object) -> CallId:
+    client, epoch, sequence = checked_row(row, "event: call", 3)
+    return CallId(
+        _checked_client(client, "event: call"),
+        _checked_count(epoch, "event: call: epoch"),
+        _checked_count(sequence, "event: call: sequence"),
+    )
