@@ -96,9 +96,16 @@ class Future(pykka.Future[T]):
             raise TypeError("set_exception needs an exception where none is being handled")
         self._finish(None, error)
 
-    def _finish(self, value: Any, error: BaseException | None) -> bool:
+    def finish_unless_watched(self, value: Any, error: BaseException | None) -> bool:
+        """Set an outcome from a thread that must run no callback; return whether that was possible.
+
+        Thread: any, such as one of a network engine; only those that wait in `get` are woken.
+        """
+        return self._finish(value, error, unless_watched=True) or self._done
+
+    def _finish(self, value: Any, error: BaseException | None, *, unless_watched: bool = False) -> bool:
         with self._lock:
-            if self._done:
+            if self._done or (unless_watched and self._callbacks):
                 return False
             self._value = value
             if error is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from eal_actors.actors.actor import EALActor
@@ -109,6 +110,7 @@ class RemoteRobot(EALActor):
         self._controller = controller
         self._stamper = Stamper(controller.client)
         self._commands: dict[CallId, Call[Any]] = {}
+        self._heard: tuple[RobotTime, float] | None = None
         self._is_greeting = False
         self._log = get_logger(robot=spec.name)
 
@@ -242,6 +244,7 @@ class RemoteRobot(EALActor):
         stamper, is_command = self._stamper, call.method not in READS and call.method != keys.HALT
         try:
             if is_command:
+                self._take_in_time()
                 stamp = stamper.stamp(TTL_S, REAL_TIME.now())
                 client, epoch, sequence = stamp.call
                 header = CallHeader(
@@ -256,21 +259,42 @@ class RemoteRobot(EALActor):
             return
         key = keys.method_key(self._controller.fleet, self.spec.name, call.cell.name, call.method)
         exchange = _Exchange(
-            lambda answer, time: self.soon(lambda: self._take(call, header, answer, time)),
+            partial(self._take_command if is_command else self._take_reading, call, header),
             lambda: self.soon(lambda: self._miss(call, header, is_command=is_command)),
         )
         self._controller.get(key, exchange.reply, exchange.drop, envelope, payload, left_s, is_urgent=call.stops)
 
-    def _take(self, call: Call[Any], header: CallHeader, answer: Answer, time: RobotTime | None) -> None:
+    def _take_reading(self, call: Call[Any], _: CallHeader, answer: Answer, time: RobotTime | None) -> None:
+        """Finish a call that only reads. Thread: zenoh's, which may wake those who wait, but run no callback."""
         self._note_time(time)
-        if answer is ACCEPTED:
-            return
+        if isinstance(answer, EALError):
+            is_finished = call.finish_unless_watched(None, answer.at(self.spec.name, call.cell.name))
+        else:
+            is_finished = answer is not ACCEPTED and call.finish_unless_watched(answer, None)
+        if not is_finished:
+            self.soon(lambda: _conclude(call, answer))
+
+    def _take_command(self, call: Call[Any], header: CallHeader, answer: Answer, time: RobotTime | None) -> None:
+        """Finish a command, unless it goes on. Thread: zenoh's."""
+        self._note_time(time)
+        if answer is not ACCEPTED:
+            self.soon(lambda: self._end_command(call, header, answer))
+
+    def _end_command(self, call: Call[Any], header: CallHeader, answer: Answer) -> None:
         self._commands.pop(header.call_id, None)
         _conclude(call, answer)
 
     def _note_time(self, time: RobotTime | None) -> None:
+        """Keep the robot's clock for the next stamp. Thread: any, for it is one assignment."""
         if time is not None:
-            self._stamper.heard(time.era, time.time_s, REAL_TIME.now())
+            self._heard = time, REAL_TIME.now()
+
+    def _take_in_time(self) -> None:
+        """Let the stamper know what the robot's clock showed last."""
+        heard, self._heard = self._heard, None
+        if heard is not None:
+            time, now_s = heard
+            self._stamper.heard(time.era, time.time_s, now_s)
 
     def _miss(self, call: Call[Any], header: CallHeader, *, is_command: bool) -> None:
         """There was no answer: what only reads is asked again, a command never."""
@@ -357,9 +381,9 @@ class RemoteRobot(EALActor):
 
         def heard(answer: Answer, time: RobotTime | None) -> None:
             self._note_time(time)
-            take(answer)
+            self.soon(lambda: take(answer))
 
-        exchange = _Exchange(lambda answer, time: self.soon(lambda: heard(answer, time)), lambda: self.soon(miss))
+        exchange = _Exchange(heard, lambda: self.soon(miss))
         is_urgent = method in (keys.STOP, keys.RESUME)
         self._controller.get(key, exchange.reply, exchange.drop, envelope, payload, timeout_s, is_urgent=is_urgent)
 
