@@ -19,9 +19,13 @@ IMAGES: Final = ROOT / "docs/images"
 SEED: Final = 7
 
 
-def draw_run(scenario: str, robots: Mapping[str, Mapping[str, Any]], world: str | Mapping[str, Any], title: str, out: Path) -> None:
-    """Run a shipped scenario, and draw where the robots went."""
-    with Simulation(robots, world, seed=SEED) as simulation:
+def draw_run(
+    scenario: str, robots: Mapping[str, Mapping[str, Any]], title: str, out: Path, step_m: float = 0.5
+) -> None:
+    """Run a shipped scenario in an empty room, and draw where the robots went."""
+    with Simulation(robots, "empty", seed=SEED) as simulation:
+        for name in robots:
+            simulation[name]["Base"].set_config("step_m", step_m).get()
         start_s = simulation.now_s
         with PoseRecorder(simulation.fleet, robots) as recorder:
             report = run_scenario(ROOT / "scenarios" / scenario, simulation.fleet)
@@ -33,11 +37,10 @@ def draw_run(scenario: str, robots: Mapping[str, Mapping[str, Any]], world: str 
 def draw_square(out: Path) -> None:
     """Draw the thesis's square, forward and back, as bases do it that nobody has calibrated (thesis figure 6.4)."""
     robots = {
-        model: {"model": model, "calibrated": False, "start": (x_m, 0.25, 0)}
-        for model, x_m in (("evbot2", -2.2), ("evbot3", -0.1), ("roomba", 2.0))
+        model: {"model": model, "calibrated": False, "start": (x_m, 0.5, 0)}
+        for model, x_m in (("evbot2", -2.3), ("evbot3", -0.4), ("roomba", 1.5))
     }
-    strip = {"version": 1, "name": "strip", "size_m": (5.6, 2.2)}
-    draw_run("square.yaml", robots, strip, "the square, forward and back, uncalibrated", out)
+    draw_run("square.yaml", robots, "the square, forward and back, uncalibrated", out, step_m=1.0)
 
 
 def draw_dance(out: Path) -> None:
@@ -46,7 +49,7 @@ def draw_dance(out: Path) -> None:
         model: {"model": model, "start": (x_m, 0.0, 0)}
         for model, x_m in (("evbot2", -1.5), ("evbot3", 0.0), ("roomba", 1.5))
     }
-    draw_run("dance.yaml", robots, "empty", "the dance", out)
+    draw_run("dance.yaml", robots, "the dance", out)
 
 
 def draw_view(out: Path) -> None:

@@ -129,7 +129,7 @@ def test_the_field_has_a_place_for_each_robot_of_the_swarm() -> None:
 
     assert swarm.world == world("field")
     assert len(swarm.robots) == len(world("field").start_poses) == 100
-    assert swarm.rate == 1.0
+    assert swarm.rate == "max"
     assert all(dict(robot.plugins["sim"].settings) == {"model": "roomba"} for robot in swarm.robots.values())
 
 
