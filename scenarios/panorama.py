@@ -1,7 +1,4 @@
-"""Every robot with a camera turns in place and takes a picture each 45 degrees (thesis §6.2.2), all at the same time.
-
-The simulated camera shows a test card with the heading, not a view of the world.
-"""
+"""Every robot with a camera turns in place and takes a picture each 45 degrees (thesis §6.2.2), all at once."""
 
 import argparse
 from pathlib import Path

@@ -56,8 +56,8 @@ def test_arrays_are_printed_whole_while_they_are_short(eal: Any) -> None:
     image = eal("call", "roomba-1", "Camera", "get_value", "-f", fleet)
     assert image.stdout == "480 x 640 x 3 char; --json prints every element\n"
     whole = json.loads(eal("call", "roomba-1", "Camera", "get_value", "-f", fleet, "--json").stdout)
-    assert whole["shape"] == [240, 320, 3]
-    assert [len(whole["value"]), len(whole["value"][0]), len(whole["value"][0][0])] == [240, 320, 3]
+    assert whole["shape"] == [480, 640, 3]
+    assert [len(whole["value"]), len(whole["value"][0]), len(whole["value"][0][0])] == [480, 640, 3]
     assert eal("call", "roomba-1", "Bump", "send_req", "left", "-f", fleet).stdout == "false\n"
 
 

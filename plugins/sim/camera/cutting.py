@@ -20,7 +20,7 @@ def without_overlaps(blocks: Sequence[Block]) -> list[Block]:
         parts = [block.corners]
         for taller in tallest_first[:number]:
             parts = [piece for part in parts for piece in _outside(part, taller.corners)]
-        kept += [block] if parts == [block.corners] else [_part(block, part) for part in parts]
+        kept += _parts(block, parts)
     return kept
 
 
@@ -29,7 +29,7 @@ def cut_out(blocks: Sequence[Block], hole: _Polygon, height_m: float) -> list[Bl
     kept = []
     for block in blocks:
         parts = [block.corners] if block.height_m > height_m else _outside(block.corners, hole)
-        kept += [block] if parts == [block.corners] else [_part(block, part) for part in parts]
+        kept += _parts(block, parts)
     return kept
 
 
@@ -67,18 +67,39 @@ def _clipped(polygon: _Polygon, start: Point, end: Point) -> _Polygon:
     return tuple(point for number, point in enumerate(kept) if math.dist(point, kept[number - 1]) > _THIN_M)
 
 
-def _part(block: Block, corners: _Polygon) -> Block:
-    edges = zip(corners, corners[1:] + corners[:1], strict=True)
-    faces = (_face_between(block.faces, start, end) for start, end in edges)
-    return replace(block, corners=corners, faces=tuple(face for face in faces if face))
+def _parts(block: Block, outlines: Sequence[_Polygon]) -> list[Block]:
+    if list(outlines) == [block.corners]:
+        return [block]
+    parts = []
+    for outline in outlines:
+        others = [corner for other in outlines if other is not outline for corner in other]
+        edges = zip(outline, outline[1:] + outline[:1], strict=True)
+        faces = (_face_between(block.faces, start, end, others) for start, end in edges)
+        parts.append(replace(block, corners=outline, faces=tuple(face for face in faces if face)))
+    return parts
 
 
-def _face_between(faces: Sequence[Face], left: Point, right: Point) -> Face | None:
-    """Return the part of a face between two points; None where they are on no face: such a cut is never seen."""
+def _face_between(faces: Sequence[Face], left: Point, right: Point, others: Sequence[Point]) -> Face | None:
+    """Return the part of a face between two points; None where they are on no face: such a cut is never seen.
+
+    Args:
+        faces: of the whole block.
+        left: one end.
+        right: the other end.
+        others: the corners of the other parts, with which the face goes on.
+    """
+
+    def goes_on(end: Point, whole: Point) -> bool:
+        return math.dist(end, whole) > _THIN_M and any(math.dist(end, other) < _THIN_M for other in others)
+
     for face in faces:
-        if all(
-            abs((x - face.left[0]) * face.normal[0] + (y - face.left[1]) * face.normal[1]) < _THIN_M
-            for x, y in (left, right)
-        ):
-            return replace(face, left=left, right=right, offset_m=face.offset_m + math.dist(face.left, left))
+        if _is_on(face, left) and _is_on(face, right):
+            offset_m = face.offset_m + math.dist(face.left, left)
+            joins = goes_on(left, face.left) or face.goes_on[0], goes_on(right, face.right) or face.goes_on[1]
+            return replace(face, left=left, right=right, offset_m=offset_m, goes_on=joins)
     return None
+
+
+def _is_on(face: Face, point: Point) -> bool:
+    away_x, away_y = point[0] - face.left[0], point[1] - face.left[1]
+    return abs(away_x * face.normal[0] + away_y * face.normal[1]) < _THIN_M

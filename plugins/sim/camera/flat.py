@@ -11,13 +11,18 @@ from numpy.typing import NDArray
 
 from .eye import NEAR_M, Eye, Floats
 from .layers import Layer, Rect
-from .solids import Face, Plane, Point
+from .solids import Block, Face, Plane, Point
 from .texture import PAD, Image, Texture
 
-_Matrix = NDArray[np.float64]
+_Line = tuple[float, float, float]
+_Matrix = tuple[_Line, _Line, _Line]
 _WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 _WHITE = (255, 255, 255, 255)
-_NARROW_PX = 16  # OpenCV is slow at what is narrower
+_STRIP_PX = 16  # OpenCV is slow at what is narrower, or no multiple of it
+UNDERLAP_PX = 1.0
+"""How far a top reaches below its front edge, where a side is painted over it: nothing shines through between them."""
+
+_FEW_ROWS = 12  # of the image: one version of a texture does for them
 _HORIZON_PX = 0.25  # what is nearer to the horizon is taken to be there
 
 
@@ -61,9 +66,9 @@ def _face_layer(eye: Eye, face: Face) -> Layer | None:
         first,
         eye.rows(face.top_m, nearness),
         eye.rows(face.bottom_m, nearness),
-        lambda rect: _fill_face(eye, face, distance_m, rect, nearness),
-        left_share=1.0 if left < -0.5 else first + 0.5 - left,
-        right_share=1.0 if right > end else min(1.0, right - max(last - 0.5, left)),
+        lambda rect, target: _fill_face(eye, face, distance_m, rect, nearness, target),
+        left_share=1.0 if face.goes_on[0] or left < -0.5 else first + 0.5 - left,
+        right_share=1.0 if face.goes_on[1] or right > end else min(1.0, right - max(last - 0.5, left)),
     )
 
 
@@ -83,7 +88,7 @@ def _clipped(left: Point, right: Point) -> tuple[Point, Point] | None:
     return left, right
 
 
-def _fill_face(eye: Eye, face: Face, distance_m: float, rect: Rect, nearness: Floats) -> Image:
+def _fill_face(eye: Eye, face: Face, distance_m: float, rect: Rect, nearness: Floats, target: Image) -> None:
     texture, per_px = face.texture, 1 / eye.focal_px
 
     def levels(ahead_m: float) -> tuple[int, int]:
@@ -91,18 +96,17 @@ def _fill_face(eye: Eye, face: Face, distance_m: float, rect: Rect, nearness: Fl
         return along, texture.level(ahead_m * per_px * texture.per_m[1], 1)
 
     matrix = face_homography(eye, face, distance_m)
-    colours = np.empty((rect.bottom - rect.top, rect.right - rect.left, 4), np.uint8)
     everywhere = levels(1 / float(nearness[0]))
     if everywhere == levels(1 / float(nearness[-1])):
-        _warp(texture, everywhere, matrix, rect, colours)
+        _warp(texture, everywhere, matrix, rect, target)
     else:
         ahead_m = 1 / nearness
         along = texture.levels(ahead_m**2 / distance_m * per_px * texture.per_m[0], 0)
         across = texture.levels(ahead_m * per_px * texture.per_m[1], 1)
-        for start, end in _runs(along * 64 + across, _NARROW_PX):
-            part = Rect(rect.left + start, rect.left + end, rect.top, rect.bottom)
-            _warp(texture, (int(along[start]), int(across[start])), matrix, part, colours[:, start:end])
-    return _dimmed(colours, face.gain)
+        for start, end in _runs(along * 64 + across, _STRIP_PX):
+            part, middle = Rect(rect.left + start, rect.left + end, rect.top, rect.bottom), (start + end) // 2
+            _warp(texture, (int(along[middle]), int(across[middle])), matrix, part, target[:, start:end])
+    _dim(target, face.gain)
 
 
 def face_homography(eye: Eye, face: Face, distance_m: float) -> _Matrix:
@@ -115,21 +119,9 @@ def face_homography(eye: Eye, face: Face, distance_m: float) -> _Matrix:
     along = _across(eye.ahead, face.along) - column * along_step
     per_x, per_y = face.texture.per_m
     above_m = face.top_m - eye.z_m
-    return np.array(
-        [
-            [
-                per_x * (to_eye_m * scale_step - distance_m * along_step),
-                0,
-                per_x * (to_eye_m * scale - distance_m * along),
-            ],
-            [
-                per_y * above_m * scale_step,
-                -per_y * distance_m / focal_px,
-                per_y * (above_m * scale + distance_m * row / focal_px),
-            ],
-            [scale_step, 0.0, scale],
-        ]
-    )
+    along_row = to_eye_m * scale_step - distance_m * along_step, 0.0, to_eye_m * scale - distance_m * along
+    down_row = above_m * scale_step, -distance_m / focal_px, above_m * scale + distance_m * row / focal_px
+    return _times(along_row, per_x), _times(down_row, per_y), (scale_step, 0.0, scale)
 
 
 def plane_homography(eye: Eye, plane: Plane) -> _Matrix:
@@ -139,42 +131,55 @@ def plane_homography(eye: Eye, plane: Plane) -> _Matrix:
     cos, sin = math.cos(plane.yaw_rad), math.sin(plane.yaw_rad)
     to_eye = eye.x_m - plane.middle[0], eye.y_m - plane.middle[1]
 
-    def line(vector: Point, edge_m: float, per_m: float) -> list[float]:
+    def line(vector: Point, edge_m: float, per_m: float) -> _Line:
         step = below_m * _across(eye.right, vector)
         at_m = _across(to_eye, vector) + edge_m
         start = below_m * eye.focal_px * _across(eye.ahead, vector) - column * step - at_m * row
-        return [per_m * step, per_m * at_m, per_m * start]
+        return per_m * step, per_m * at_m, per_m * start
 
     (width_m, height_m), (per_x, per_y) = plane.texture.size_m, plane.texture.per_m
-    return np.array([line((cos, sin), width_m / 2, per_x), line((sin, -cos), height_m / 2, per_y), [0.0, 1.0, -row]])
+    return line((cos, sin), width_m / 2, per_x), line((sin, -cos), height_m / 2, per_y), (0.0, 1.0, -row)
 
 
-def fill_plane(eye: Eye, plane: Plane, rect: Rect) -> Image:
-    """Return the colours of a level surface in a part of the image, which must be on its side of the horizon."""
+def _times(line: _Line, factor: float) -> _Line:
+    return line[0] * factor, line[1] * factor, line[2] * factor
+
+
+def fill_plane(eye: Eye, plane: Plane, rect: Rect, target: Image) -> None:
+    """Put the colours of a level surface into a part of the image, which must be on its side of the horizon."""
     texture = plane.texture
-    below_m = eye.z_m - plane.height_m
-    per_px = min(texture.per_m) / eye.focal_px / math.sqrt(abs(below_m))
+    below_m = max(abs(eye.z_m - plane.height_m), NEAR_M)
+    per_px = min(texture.per_m) / eye.focal_px / math.sqrt(below_m)
 
-    def levels(rows: NDArray[np.intp]) -> NDArray[np.intp]:
-        down = np.abs(rows - eye.centre_px[1])
-        ahead_m = eye.focal_px * abs(below_m) / np.maximum(down, _HORIZON_PX)
-        wanted = ahead_m**1.5 * per_px  # a compromise: pixels are long and narrow on it
-        return np.minimum(texture.levels(wanted, 0), texture.levels(wanted, 1))
+    def levels(rows: NDArray[np.intp] | int) -> NDArray[np.intp]:
+        down_px = np.maximum(np.abs(rows - eye.centre_px[1]), _HORIZON_PX)
+        ahead_m = eye.focal_px * below_m / down_px
+        counts = ahead_m**1.5 * per_px  # a compromise: pixels are long and narrow on it
+        return np.minimum(texture.levels(counts, 0), texture.deepest[1])
 
     matrix = plane_homography(eye, plane)
-    colours = np.empty((rect.bottom - rect.top, rect.right - rect.left, 4), np.uint8)
-    level = levels(np.arange(rect.top, rect.bottom))
-    for start, end in _runs(level):
-        part = Rect(rect.left, rect.right, rect.top + start, rect.top + end)
-        _warp(texture, (int(level[start]), int(level[start])), matrix, part, colours[start:end])
-    return _dimmed(colours, plane.gain)
+    if rect.bottom - rect.top <= _FEW_ROWS:
+        level = int(levels((rect.top + rect.bottom) // 2))
+        _warp(texture, (level, level), matrix, rect, target)
+    else:
+        level_of = levels(np.arange(rect.top, rect.bottom))
+        for start, end in _runs(level_of):
+            part = Rect(rect.left, rect.right, rect.top + start, rect.top + end)
+            _warp(texture, (int(level_of[start]), int(level_of[start])), matrix, part, target[start:end])
+    _dim(target, plane.gain)
 
 
-def fill_near_plane(eye: Eye, plane: Plane, rect: Rect) -> Image:
-    """Return the same where the texture is so coarse that no pixel holds several samples."""
+def near_plane(eye: Eye, plane: Plane, rect: Rect) -> Image:
+    """Return the colours of a level surface whose texture is so coarse that no pixel holds several samples."""
     colours = np.empty((rect.bottom - rect.top, rect.right - rect.left, 4), np.uint8)
     _warp(plane.texture, (0, 0), plane_homography(eye, plane), rect, colours)
     return colours
+
+
+def block_layers(eye: Eye, block: Block, faces: Sequence[Face]) -> list[Layer]:
+    """Return the layers of a block in the order in which they are painted, given those of its faces that matter."""
+    top = polygon_layer(eye, block.top, block.corners)
+    return [*([top] if top else []), *face_layers(eye, faces)]
 
 
 def polygon_layer(eye: Eye, plane: Plane, corners: Sequence[Point]) -> Layer | None:
@@ -185,14 +190,13 @@ def polygon_layer(eye: Eye, plane: Plane, corners: Sequence[Point]) -> Layer | N
         plane: the surface.
         corners: counter-clockwise, x and y in metres.
     """
-    seen = [eye.seen(corner) for corner in corners]
-    nearest_m, farthest_m = min(ahead_m for _, ahead_m in seen), max(ahead_m for _, ahead_m in seen)
-    if eye.z_m <= plane.height_m or farthest_m <= NEAR_M:
+    if eye.z_m <= plane.height_m:
         return None
-    left, right = -0.5, eye.lens.width - 0.5
-    if nearest_m > NEAR_M:
-        columns = [eye.column(*point) for point in seen]
-        left, right = max(left, min(columns)), min(right, max(columns))
+    seen = [eye.seen(corner) for corner in corners]
+    columns = [eye.column(*point) for point in _in_front(seen)]
+    if not columns:
+        return None
+    left, right = max(-0.5, min(columns)), min(eye.lens.width - 0.5, max(columns))
     if left >= right:
         return None
     first, last = math.floor(left + 0.5), min(math.floor(right + 0.5), eye.lens.width - 1)
@@ -200,11 +204,21 @@ def polygon_layer(eye: Eye, plane: Plane, corners: Sequence[Point]) -> Layer | N
     return Layer(
         first,
         eye.rows(plane.height_m, 1 / np.maximum(left_m, entered_m)),
-        eye.rows(plane.height_m, 1 / entered_m),
-        lambda rect: fill_plane(eye, plane, rect),
+        eye.rows(plane.height_m, 1 / entered_m) + UNDERLAP_PX * (left_m > entered_m),
+        lambda rect, target: fill_plane(eye, plane, rect, target),
         left_share=min(1.0, first + 0.5 - left),
         right_share=min(1.0, right - (last - 0.5)),
     )
+
+
+def _in_front(corners: Sequence[Point]) -> list[Point]:
+    """Return the corners of what of a polygon, right and ahead, is in front of the camera."""
+    kept = [corner for corner in corners if corner[1] >= NEAR_M]
+    for number, (x1, z1) in enumerate(corners):
+        x0, z0 = corners[number - 1]
+        if (z0 < NEAR_M) != (z1 < NEAR_M):
+            kept.append((x0 + (x1 - x0) * (NEAR_M - z0) / (z1 - z0), NEAR_M))
+    return kept
 
 
 def _crossed(
@@ -222,32 +236,40 @@ def _crossed(
     return np.maximum(entered, NEAR_M), np.maximum(left, NEAR_M)
 
 
-def _dimmed(colours: Image, gain: float) -> Image:
-    return colours if gain == 1.0 else np.asarray(cv2.convertScaleAbs(colours, alpha=gain), dtype=np.uint8)
+def _dim(target: Image, gain: float) -> None:
+    if gain != 1.0:
+        cv2.convertScaleAbs(target, dst=target, alpha=gain)
 
 
 def _runs(levels: NDArray[np.intp], least: int = 1) -> Iterator[tuple[int, int]]:
-    """Yield start and end of each run of equal numbers; one that is shorter than the least is part of its neighbour."""
+    """Yield start and end of each run of equal numbers, or of about equal ones, in whole multiples of the least."""
     start, size = 0, len(levels)
     for change in (np.flatnonzero(np.diff(levels)) + 1).tolist():
-        if least <= change - start and least <= size - change:
-            yield start, change
-            start = change
+        end = round(change / least) * least
+        if start < end <= size - least:
+            yield start, end
+            start = end
     yield start, size
 
 
 def _warp(texture: Texture, level: tuple[int, int], matrix: _Matrix, part: Rect, target: Image) -> None:
     """Warp a version of a texture into an array for a part of the image."""
-    moved = matrix.copy()
-    moved[:, 2] += matrix[:, 0] * part.left + matrix[:, 1] * part.top
-    moved[0] = moved[0] * 0.5 ** level[0] + PAD * moved[2]
-    moved[1] = moved[1] * 0.5 ** level[1] + PAD * moved[2]
+    scale = _moved(matrix[2], part)
+    lines = [
+        [factor * value + PAD * share for value, share in zip(_moved(line, part), scale, strict=True)]
+        for line, factor in zip(matrix, (0.5 ** level[0], 0.5 ** level[1]), strict=False)
+    ]
     cv2.warpPerspective(
         texture.version(*level),
-        moved,
+        np.array([*lines, scale]),
         (part.right - part.left, part.bottom - part.top),
         dst=target,
         flags=_WARP,
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=_WHITE,
     )
+
+
+def _moved(line: _Line, part: Rect) -> _Line:
+    """Return a line of a homography, for columns and rows counted from the corner of a part of the image."""
+    return line[0], line[1], line[2] + line[0] * part.left + line[1] * part.top

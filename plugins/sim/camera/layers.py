@@ -23,8 +23,8 @@ class Rect(NamedTuple):
     bottom: int
 
 
-Fill: TypeAlias = Callable[[Rect], Image]
-"""Makes the colours of a part of the image."""
+Fill: TypeAlias = Callable[[Rect, Image], None]
+"""Puts the colours of a part of the image into that part."""
 
 
 _THIN_PX: Final = 0.05
@@ -42,7 +42,7 @@ class Layer:
         first: its first column.
         tops: upper edge in each column.
         bottoms: lower edge in each column.
-        fill: makes its colours.
+        fill: puts its colours into a part of the image.
         left_share: how much of its first column it covers, 0..1.
         right_share: how much of its last column it covers, 0..1.
     """
@@ -68,33 +68,46 @@ class Layer:
         )
         if rect.top >= rect.bottom or high - low < _THIN_PX:
             return
-        colours = self.fill(rect)
         target = image[rect.top : rect.bottom, self.columns]
-        start, end = rect.top, rect.top
-        if colours.size > _SMALL:
-            start = min(max(math.ceil(float(self.tops.max()) + 0.5), rect.top), rect.bottom)
-            end = max(min(math.floor(float(self.bottoms.min()) - 0.5) + 1, rect.bottom), start)
-        if end > start:
-            self._paint_full(target[start - rect.top : end - rect.top], colours[start - rect.top : end - rect.top])
-        for top, bottom in ((rect.top, start), (end, rect.bottom)):
-            if top < bottom:
-                part = slice(top - rect.top, bottom - rect.top)
-                self._paint_partly(target[part], colours[part], top)
+        if target.size > _SMALL:
+            self._paint_large(target, rect)
+            return
+        under = target.copy()
+        self.fill(rect, target)
+        self._blend(target, under, rect.top)
 
-    def _paint_full(self, target: Image, colours: Image) -> None:
-        """Paint rows that it covers in all its columns."""
-        target[:, 1:-1] = colours[:, 1:-1]
-        for side, share in ((0, self.left_share), (-1, self.right_share)):
-            mix = target[:, side] + (colours[:, side].astype(np.float32) - target[:, side]) * share
-            target[:, side] = (mix + 0.5).astype(np.uint8)
+    def _paint_large(self, target: Image, rect: Rect) -> None:
+        """Paint it, without a look at each pixel of the rows that it covers in all columns."""
+        start = min(max(math.ceil(float(self.tops.max()) + 0.5), rect.top), rect.bottom)
+        end = max(min(math.floor(float(self.bottoms.min()) - 0.5) + 1, rect.bottom), start)
+        first, last = start - rect.top, end - rect.top
+        upper, whole, lower = target[:first], target[first:last], target[last:]
+        under_upper, under_lower = upper.copy(), lower.copy()
+        sides = [(side, share) for side, share in ((0, self.left_share), (-1, self.right_share)) if share < 1.0]
+        under_sides = [whole[:, side].astype(np.float32) for side, _ in sides]
+        self.fill(rect, target)
+        for (side, share), under in zip(sides, under_sides, strict=True):
+            whole[:, side] = under + (whole[:, side] - under) * np.float32(share) + np.float32(0.5)
+        self._blend(upper, under_upper, rect.top)
+        self._blend(lower, under_lower, end)
 
-    def _paint_partly(self, target: Image, colours: Image, first_row: int) -> None:
-        """Paint each pixel of some rows as far as it is covered."""
-        rows = np.arange(first_row, first_row + len(target), dtype=np.float32)[:, np.newaxis]
-        above, below = self.bottoms.astype(np.float32) - rows, self.tops.astype(np.float32) - rows
-        share = np.minimum(above, 0.5, out=above)
-        share -= np.maximum(below, -0.5, out=below)
+    def _blend(self, target: Image, under: Image, first_row: int) -> None:
+        """Put back, in some rows, what was there before, as far as it is not covered."""
+        if len(target):
+            share = self._share(first_row, len(target))
+            cv2.blendLinear(target, under, share, 1 - share, target)
+
+    def _share(self, first_row: int, rows: int) -> NDArray[np.float32]:
+        """Return how much of each pixel of some rows it covers, (rows, columns), 0..1."""
+        row = np.arange(first_row, first_row + rows, dtype=np.float32)[:, np.newaxis]
+        if float(self.bottoms.min()) >= first_row + rows - 0.5:
+            share = np.minimum(row + 0.5 - self.tops.astype(np.float32), 1.0)
+        else:
+            share = np.minimum(self.bottoms.astype(np.float32) - row, 0.5)
+            share -= np.maximum(self.tops.astype(np.float32) - row, -0.5)
         np.maximum(share, 0.0, out=share)
-        share[:, 0] *= self.left_share
-        share[:, -1] *= self.right_share
-        cv2.blendLinear(colours, target, share, 1 - share, target)
+        if self.left_share < 1.0:
+            share[:, 0] *= self.left_share
+        if self.right_share < 1.0:
+            share[:, -1] *= self.right_share
+        return np.asarray(share)

@@ -22,7 +22,7 @@ _PROBES_PER_SIDE: Final = 12
 SIDES: Final = 12
 """Directions round the compass in which the light on what moves is worked out."""
 
-_TURNS: Final = np.arange(SIDES + 1) * (2 * math.pi / SIDES)
+_TURNS: Final = np.arange(SIDES + 1) * (2 * math.pi / SIDES) - math.pi
 _DIRECTIONS: Final = np.array([*((math.cos(turn), math.sin(turn), 0.0) for turn in _TURNS.tolist()), (0.0, 0.0, 1.0)])
 
 
@@ -71,7 +71,7 @@ class Light:
             places: in the world's frame, (n, 3), in metres.
 
         Returns:
-            (n, SIDES + 2): facing along x, on counter-clockwise in equal steps back to there, and then facing up.
+            (n, SIDES + 2): facing against x, on counter-clockwise in equal steps back to there, and then facing up.
         """
         points = np.repeat(places, len(_DIRECTIONS), axis=0)
         return self.gain(points, np.tile(_DIRECTIONS, (len(places), 1))).reshape(len(places), -1)

@@ -138,8 +138,8 @@ class BoxKit:
 
         faces = []
         for face in self.block.faces:
-            turn = (math.atan2(face.normal[1], face.normal[0]) + box.yaw_rad) / (2 * math.pi) % 1.0
-            gain = float(np.interp(turn * SIDES, np.arange(SIDES + 1), gains[:-1]))
+            turn = (math.atan2(face.normal[1], face.normal[0]) + box.yaw_rad) / (2 * math.pi) + 0.5
+            gain = float(np.interp(turn % 1.0 * SIDES, np.arange(SIDES + 1), gains[:-1]))
             faces.append(replace(face, left=moved(face.left), right=moved(face.right), gain=gain))
         top = replace(self.block.top, middle=(box.x_m, box.y_m), yaw_rad=box.yaw_rad, gain=float(gains[-1]))
         return Block(tuple(moved(corner) for corner in self.block.corners), self.block.height_m, tuple(faces), top)

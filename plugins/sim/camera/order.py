@@ -110,8 +110,10 @@ def _widest_gap(block: Block, other: Block) -> tuple[float, _Line]:
     return widest_m, best
 
 
-def _columns(layers: Sequence[Layer]) -> tuple[int, int]:
-    return min(layer.columns.start for layer in layers), max(layer.columns.stop for layer in layers)
+def _columns(layers: Sequence[Layer]) -> tuple[float, float]:
+    """Return from where to where layers reach: solids between which no ray runs through both have no order."""
+    left = min(layer.columns.start + 0.5 - layer.left_share for layer in layers)
+    return left, max(layer.columns.stop - 1.5 + layer.right_share for layer in layers)
 
 
 def _middle(solid: Solid) -> Point:

@@ -65,12 +65,14 @@ class Canvas:
             grid[:, -1] = grid[:, 0]
         return np.asarray(cv2.resize(grid, (self.columns, self.rows), interpolation=cv2.INTER_LINEAR))
 
-    def tones(self, row: NDArray[Any], column: NDArray[Any], spread: float) -> Colours:
+    def numbers(self, along_m: Colours, tile_m: float) -> NDArray[np.intp]:
+        """Return the number of the tile that each place is on; round a pillar, they begin again."""
+        number: NDArray[np.intp] = np.floor(along_m / tile_m).astype(np.intp)
+        return number % max(1, round(self.size_m[0] / tile_m)) if self.wraps else number
+
+    def tones(self, row: NDArray[np.intp], column: NDArray[np.intp], spread: float) -> Colours:
         """Return a brightness about 1 for each tile, given the tiles' numbers at each sample."""
-        row, column = (number.astype(np.intp) - int(number.min()) for number in (row, column))
         tones = 1 + spread * self.generator.standard_normal((row.max() + 1, column.max() + 1), dtype=np.float32)
-        if self.wraps:
-            tones[:, -1] = tones[:, 0]
         return np.asarray(tones[row, column])
 
 
@@ -98,10 +100,9 @@ _PLASTER_GRAINS: Final = ((1.0, 2.0), (0.9, 0.6), (0.7, 0.2), (0.6, 0.07), (0.5,
 
 def _checker(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
     tile_m = canvas.fitted(tile_m)
-    column, row = np.floor(canvas.along_m / tile_m), np.floor(canvas.up_m / tile_m)
-    index = (column + row).astype(np.intp) % len(palette)
-    rows, columns = np.broadcast_arrays(row, column)
-    shade = canvas.tones(rows, columns, 0.02) * (1 + 0.01 * canvas.clouds((0.05, 0.05)))
+    column, row = canvas.numbers(canvas.along_m, tile_m), _rows(canvas, tile_m)
+    index = (column + row) % len(palette)
+    shade = canvas.tones(row, column, 0.02) * (1 + 0.01 * canvas.clouds((0.05, 0.05)))
     shade *= 1 - 0.35 * _joint(canvas.along_m, tile_m, canvas, 0) * np.ones_like(shade)
     shade *= 1 - 0.35 * _joint(canvas.up_m, tile_m, canvas, 1)
     return np.asarray(shade[..., np.newaxis] * palette[index])
@@ -109,21 +110,20 @@ def _checker(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
 
 def _stripes(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
     tile_m = canvas.fitted(tile_m)
-    column = np.floor(canvas.along_m / tile_m)
+    column = canvas.numbers(canvas.along_m, tile_m)
     shade = 1 + 0.015 * canvas.clouds((0.6, 0.006)) + 0.01 * canvas.clouds((0.3, 0.3))
     shade *= 1 - 0.4 * _joint(canvas.along_m, tile_m, canvas, 0)
-    return np.asarray(shade[..., np.newaxis] * palette[column.astype(np.intp) % len(palette)])
+    return np.asarray(shade[..., np.newaxis] * palette[column % len(palette)])
 
 
 def _planks(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
-    row = np.floor(canvas.up_m / tile_m)
-    shift_m = canvas.generator.random(int(row.max()) + 1, dtype=np.float32)[row.astype(np.intp)] * tile_m * 8
+    row = _rows(canvas, tile_m)
+    shift_m = canvas.generator.random(row.max() + 1, dtype=np.float32)[row] * np.float32(tile_m * 8)
     length_m = canvas.fitted(tile_m * 8)
     along_m = canvas.along_m + shift_m
-    plank = np.floor(along_m / length_m)
-    rows = np.broadcast_to(row, plank.shape)
+    plank = canvas.numbers(along_m, length_m)
     grain = canvas.clouds((tile_m * 2.5, tile_m / 14)) + 0.7 * canvas.clouds((tile_m, tile_m / 40))
-    mix = np.clip(0.45 + 0.3 * (canvas.tones(rows, plank, 1.0) - 1) + 0.16 * grain, 0, 1)[..., np.newaxis]
+    mix = np.clip(0.45 + 0.3 * (canvas.tones(row, plank, 1.0) - 1) + 0.16 * grain, 0, 1)[..., np.newaxis]
     colours = palette[0] * (1 - mix) + palette[-1] * mix
     gaps = np.maximum(_joint(along_m, length_m, canvas, 0), _joint(canvas.up_m, tile_m, canvas, 1))
     return np.asarray(colours * (1 - 0.6 * gaps)[..., np.newaxis])
@@ -131,19 +131,22 @@ def _planks(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
 
 def _bricks(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
     tile_m, course_m = canvas.fitted(tile_m), tile_m * 0.4
-    course = np.floor(canvas.up_m / course_m)
-    along_m = canvas.along_m + (course % 2) * tile_m / 2
-    brick = np.floor(along_m / tile_m)
-    if canvas.wraps:
-        brick %= brick.max()
+    course = _rows(canvas, course_m)
+    along_m = canvas.along_m + (course % 2).astype(np.float32) * np.float32(tile_m / 2)
+    brick = canvas.numbers(along_m, tile_m)
     rough = 0.04 * canvas.clouds((0.015, 0.015)) + 0.03 * canvas.clouds((0.1, 0.1))
-    shade = canvas.tones(np.broadcast_to(course, brick.shape), brick, 0.11) + rough
+    shade = canvas.tones(course, brick, 0.11) + rough
     joint = np.maximum(
         _joint(along_m, tile_m, canvas, 0, tile_m * 0.05), _joint(canvas.up_m, course_m, canvas, 1, tile_m * 0.05)
     )[..., np.newaxis]
     return np.asarray(
         shade[..., np.newaxis] * palette[0] * (1 - joint) + (0.92 + rough)[..., np.newaxis] * palette[-1] * joint
     )
+
+
+def _rows(canvas: Canvas, tile_m: float) -> NDArray[np.intp]:
+    """Return the number of the row of tiles that each sample is in, from below, (rows, 1)."""
+    return np.asarray(np.floor(canvas.up_m / tile_m), dtype=np.intp)
 
 
 def _joint(place_m: Colours, tile_m: float, canvas: Canvas, axis: int, width_m: float = _GAP_M) -> Colours:

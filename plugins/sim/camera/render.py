@@ -9,17 +9,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .culling import may_be_seen
 from .eye import Eye
-from .flat import face_layers, fill_near_plane, fill_plane, polygon_layer
+from .flat import block_layers, face_layers, fill_plane, near_plane
 from .layers import Layer, Rect
 from .movers import Mover
 from .order import Seen, far_to_near
 from .round import tower_layers
 from .scene import Scene
-from .solids import Plane, Solid, Tower
+from .solids import Plane, Tower
 from .texture import Image
-
-_MOST_REACH_M = 1.0  # of what moves, with its shadow
 
 
 def render(scene: Scene, movers: Sequence[Mover], eye: Eye) -> NDArray[np.uint8]:
@@ -32,31 +31,27 @@ def render(scene: Scene, movers: Sequence[Mover], eye: Eye) -> NDArray[np.uint8]
         movers: the robots and boxes, without the robot that carries the camera.
         eye: the camera, inside the room.
     """
-    solids, shadows = scene.placed([mover for mover in movers if _may_be_seen(eye, mover)])
-    seen: list[Seen] = [(solid, layers) for solid in (*scene.solids, *solids) if (layers := _layers(eye, solid))]
-    ordered = far_to_near(eye, seen)
-    walls = face_layers(eye, scene.walls, closed=True)
+    moving, shadows = scene.placed([mover for mover in movers if may_be_seen(eye, mover)])
+    walls, posters, *faces_of_blocks = scene.faces.in_view(eye)
+    solids: list[Seen] = [(tower, tower_layers(eye, tower)) for tower in scene.towers]
+    for block, faces in zip(scene.blocks, faces_of_blocks, strict=True):
+        solids.append((block, block_layers(eye, block, faces)))
+    for mover in moving:
+        layers = tower_layers(eye, mover) if isinstance(mover, Tower) else block_layers(eye, mover, mover.faces)
+        solids.append((mover, layers))
+    ordered = far_to_near(eye, [(solid, layers) for solid, layers in solids if layers])
     shown, horizon = _visible(eye, ordered)
+    wall_layers = face_layers(eye, walls, closed=True)
+    poster_layers = [layer for poster in posters for layer in face_layers(eye, [poster])]
     image = np.empty((eye.lens.height, eye.lens.width, 4), np.uint8)
-    _paint_room(image, scene, eye, walls, shadows, horizon)
+    _paint_floor_and_ceiling(image, scene, eye, wall_layers, shadows)
+    for layer in (*wall_layers, *poster_layers):
+        if _rises_above([layer], horizon):
+            layer.paint(image)
     for layers in shown:
         for layer in layers:
             layer.paint(image)
     return cv2.cvtColor(image, cv2.COLOR_RGBA2RGB)  # type: ignore[return-value]
-
-
-def _may_be_seen(eye: Eye, mover: Mover) -> bool:
-    right_m, ahead_m = eye.seen((mover.x_m, mover.y_m))
-    slope = eye.lens.width / 2 / eye.focal_px
-    return abs(right_m) - ahead_m * slope < _MOST_REACH_M * math.hypot(1, slope)
-
-
-def _layers(eye: Eye, solid: Solid) -> list[Layer]:
-    """Return the layers of a solid in the order in which they are painted."""
-    if isinstance(solid, Tower):
-        return tower_layers(eye, solid)
-    top = polygon_layer(eye, solid.top, solid.corners)
-    return [*([top] if top else []), *face_layers(eye, solid.faces)]
 
 
 def _visible(eye: Eye, ordered: Sequence[Seen]) -> tuple[list[list[Layer]], NDArray[np.float64]]:
@@ -83,23 +78,21 @@ def _rises_above(layers: Iterable[Layer], horizon: NDArray[np.float64]) -> bool:
     return any(bool((np.maximum(layer.tops, -0.5) < horizon[layer.columns]).any()) for layer in layers)
 
 
-def _paint_room(
-    image: Image, scene: Scene, eye: Eye, walls: list[Layer], shadows: Iterable[Plane], horizon: NDArray[np.float64]
+def _paint_floor_and_ceiling(
+    image: Image, scene: Scene, eye: Eye, walls: list[Layer], shadows: Iterable[Plane]
 ) -> None:
+    """Paint both as far as the walls leave them free, and what darkens the floor."""
     width, height = eye.lens.width, eye.lens.height
     first_floor_row = max(math.floor(min(layer.bottoms.min() for layer in walls)), math.floor(eye.centre_px[1]) + 1)
     if first_floor_row < height:
         floor = Rect(0, width, first_floor_row, height)
-        image[floor.top :] = fill_plane(eye, scene.floor, floor)
+        fill_plane(eye, scene.floor, floor, image[floor.top :])
         for shadow in shadows:
             _paint_shadow(image, eye, shadow, floor)
     last_ceiling_row = min(math.ceil(max(layer.tops.max() for layer in walls)), math.ceil(eye.centre_px[1]) - 1)
     if last_ceiling_row >= 0:
-        image[: last_ceiling_row + 1] = fill_plane(eye, scene.ceiling, Rect(0, width, 0, last_ceiling_row + 1))
-    posters = [layer for poster in scene.posters for layer in face_layers(eye, [poster])]
-    for layer in (*walls, *posters):
-        if _rises_above([layer], horizon):
-            layer.paint(image)
+        ceiling = Rect(0, width, 0, last_ceiling_row + 1)
+        fill_plane(eye, scene.ceiling, ceiling, image[: ceiling.bottom])
 
 
 def _paint_shadow(image: Image, eye: Eye, shadow: Plane, floor: Rect) -> None:
@@ -121,4 +114,4 @@ def _paint_shadow(image: Image, eye: Eye, shadow: Plane, floor: Rect) -> None:
         )
     if rect.left < rect.right and rect.top < rect.bottom:
         part = image[rect.top : rect.bottom, rect.left : rect.right]
-        cv2.multiply(part, fill_near_plane(eye, shadow, rect), dst=part, scale=1 / 255)
+        cv2.multiply(part, near_plane(eye, shadow, rect), dst=part, scale=1 / 255)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .eye import NEAR_M, Eye
-from .flat import fill_plane
+from .flat import UNDERLAP_PX, fill_plane
 from .layers import Layer, Rect
 from .solids import Drum, Tower
 from .texture import PAD, Image
@@ -21,12 +21,15 @@ _WIDEST_RAD = math.radians(89.0)
 
 @dataclass(frozen=True)
 class _Outline:
-    """Where a drum is in the image: its columns, and how far ahead its side is in them, in front and at the back."""
+    """Where a drum is in the image: its columns, and how far ahead its side is in them, in front and at the back.
+
+    `facing` tells where the side faces there, counter-clockwise from the x axis, in turns, -0.5..0.5.
+    """
 
     first: int
     near_m: NDArray[np.float64]
     far_m: NDArray[np.float64]
-    hits: NDArray[np.float64]
+    facing: NDArray[np.float64]
     shares: tuple[float, float]
 
 
@@ -60,51 +63,53 @@ def _outline(eye: Eye, drum: Drum) -> _Outline | None:
     if right <= -0.5 or left >= end:
         return None
     first, last = math.floor(max(left, 0.0) + 0.5), math.floor(min(right, end - 0.5) + 0.5)
-    rays = np.clip(eye.slopes[first : last + 1], slopes[0], slopes[1])
+    rays = np.minimum(np.maximum(eye.slopes[first : last + 1], slopes[0]), slopes[1])
     square = 1 + rays**2
     middle = (ahead_m + rays * right_m) / square
     half_chord = np.sqrt(np.maximum(middle**2 - (distance_m**2 - drum.radius_m**2) / square, 0.0))
     near_m = np.maximum(middle - half_chord, NEAR_M)
-    hits = near_m * (eye.ahead[0] + rays * eye.right[0]), near_m * (eye.ahead[1] + rays * eye.right[1])
+    hits = [
+        near_m * (ahead + rays * right) + (eye_m - middle_m)
+        for ahead, right, eye_m, middle_m in zip(eye.ahead, eye.right, (eye.x_m, eye.y_m), drum.middle, strict=True)
+    ]
     return _Outline(
         first,
         near_m,
         np.maximum(middle + half_chord, near_m),
-        np.stack([hits[0] + (eye.x_m - drum.middle[0]), hits[1] + (eye.y_m - drum.middle[1])], axis=1),
+        np.arctan2(hits[1], hits[0]) / (2 * math.pi),
         (1.0 if left < -0.5 else first + 0.5 - left, 1.0 if right > end else min(1.0, right - max(last - 0.5, left))),
     )
 
 
 def _top(eye: Eye, drum: Drum, outline: _Outline) -> Layer:
     tops, bottoms = (eye.rows(drum.height_m, 1 / ahead_m) for ahead_m in (outline.far_m, outline.near_m))
-    return Layer(outline.first, tops, bottoms, lambda rect: fill_plane(eye, drum.top, rect), *outline.shares)
+    bottoms += UNDERLAP_PX
+    return Layer(
+        outline.first, tops, bottoms, lambda rect, target: fill_plane(eye, drum.top, rect, target), *outline.shares
+    )
 
 
 def _side(eye: Eye, drum: Drum, outline: _Outline) -> Layer:
     tops, bottoms = (eye.rows(height_m, 1 / outline.near_m) for height_m in (drum.height_m, drum.bottom_m))
-    return Layer(outline.first, tops, bottoms, lambda rect: _fill_side(eye, drum, outline, rect), *outline.shares)
+    return Layer(
+        outline.first, tops, bottoms, lambda rect, target: _fill_side(eye, drum, outline, rect, target), *outline.shares
+    )
 
 
-def _fill_side(eye: Eye, drum: Drum, outline: _Outline, rect: Rect) -> Image:
+def _fill_side(eye: Eye, drum: Drum, outline: _Outline, rect: Rect, target: Image) -> None:
     texture, focal_px = drum.side, eye.focal_px
     px_per_m = focal_px / float(outline.near_m.min())
     along, across = (texture.level(texture.per_m[axis] / px_per_m, axis) for axis in (0, 1))
     image = texture.version(along, across)
-    angles = np.arctan2(outline.hits[:, 1], outline.hits[:, 0]) - drum.yaw_rad
-    turns = (angles / (2 * math.pi) + 0.5) % 1.0
+    turns = (outline.facing - (drum.yaw_rad / (2 * math.pi) - 0.5)) % 1.0
     down = np.arange(rect.top, rect.bottom, dtype=np.float32) - np.float32(eye.centre_px[1])
     per_m = texture.per_m[1] / 2**across
-    columns = np.tile((turns * (image.shape[1] - 1 - 2 * PAD) + PAD).astype(np.float32), (len(down), 1))
+    columns = np.empty((len(down), len(turns)), np.float32)
+    columns[:] = turns * (image.shape[1] - 1 - 2 * PAD) + PAD
     rows = down[:, np.newaxis] * (outline.near_m * per_m / focal_px).astype(np.float32)
     rows += np.float32((drum.height_m - eye.z_m) * per_m + PAD)
-    colours = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    if drum.gains is None:
-        return colours  # type: ignore[return-value]
-    return np.asarray(np.minimum(colours * side_gains(drum, outline.hits)[:, np.newaxis] + 0.5, 255), np.uint8)
-
-
-def side_gains(drum: Drum, offsets: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return how bright a drum's side is, (n,), in these directions from its middle, (n, 2)."""
-    gains = np.ones(2) if drum.gains is None else drum.gains
-    turns = np.arctan2(offsets[:, 1], offsets[:, 0]) / (2 * math.pi) % 1.0
-    return np.interp(turns, np.linspace(0, 1, len(gains)), gains).astype(np.float32)
+    cv2.remap(image, columns, rows, cv2.INTER_LINEAR, dst=target, borderMode=cv2.BORDER_REPLICATE)
+    if drum.gains is not None:
+        gains = np.empty(target.shape[:2], np.float32)
+        gains[:] = np.interp(outline.facing, np.linspace(-0.5, 0.5, len(drum.gains)), drum.gains)
+        cv2.blendLinear(target, np.zeros_like(target), gains, 1 - gains, target)

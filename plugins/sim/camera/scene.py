@@ -12,6 +12,7 @@ from eal_actors.plugin import WorldModel
 
 from . import baking
 from .baking import Bakery
+from .culling import Faces
 from .cutting import cut_out, without_overlaps
 from .light import Light
 from .movers import BoxAt, BoxKit, Look, Mover, RobotAt, RobotKit, box_shadow
@@ -20,7 +21,7 @@ from .solids import Block, Drum, Face, Plane, Point, Solid, Tower
 from .texture import Texture
 
 _MOST_SAMPLES: Final = 14e6  # of all fixed surfaces, at 4 bytes
-_ROUND: Final = 24  # corners of the outline of a pillar, for its shadow
+_ROUND: Final = 24  # corners of the outline of a pillar, where it casts a shadow or cuts a block
 
 
 class Scene:
@@ -35,7 +36,9 @@ class Scene:
         posters: what hangs on them.
         floor: the floor.
         ceiling: the ceiling.
-        solids: what stands on the floor and does not move; no two blocks overlap.
+        blocks: the blocks that do not move; no two overlap.
+        towers: the pillars and beacons.
+        faces: the faces of the walls, of the posters, and of each block.
 
     Thread: any.
     """
@@ -50,7 +53,8 @@ class Scene:
         self.posters: Final = tuple(_poster(bakery, model, poster) for poster in model.posters)
         self.floor: Final = bakery.floor(_outlines(model))
         self.ceiling: Final = bakery.ceiling()
-        self.solids: Final = _solids(bakery, model)
+        self.blocks, self.towers = _solids(bakery, model)
+        self.faces: Final = Faces([self.walls, self.posters, *(block.faces for block in self.blocks)])
         self._boxes: Final = tuple(_box_kit(bakery, model, box) for box in model.boxes)
         self._robots: dict[Look, RobotKit] = {}
 
@@ -97,7 +101,7 @@ def _poster(bakery: Bakery, model: WorldModel, poster: Any) -> Face:
     return bakery.face(places[0], places[1], heights_m, poster.texture, baking.POSTER_PER_M)
 
 
-def _solids(bakery: Bakery, model: WorldModel) -> tuple[Solid, ...]:
+def _solids(bakery: Bakery, model: WorldModel) -> tuple[tuple[Block, ...], tuple[Tower, ...]]:
     blocks: list[Block] = []
     towers: list[Tower] = []
     for obstacle in model.solid_obstacles:
@@ -109,8 +113,8 @@ def _solids(bakery: Bakery, model: WorldModel) -> tuple[Solid, ...]:
     blocks = without_overlaps(blocks)
     for tower in towers:
         drum = tower.drums[0]
-        blocks = cut_out(blocks, tuple(_round(drum.middle, drum.radius_m * 0.97, 12)), drum.height_m)
-    return (*blocks, *towers)
+        blocks = cut_out(blocks, tuple(_round(drum.middle, drum.radius_m * 0.995, _ROUND)), drum.height_m)
+    return tuple(blocks), tuple(towers)
 
 
 def _block(bakery: Bakery, obstacle: Any) -> Block:

@@ -26,6 +26,7 @@ class Face:
         texture: what it looks like; the texture's upper edge is at `top_m`.
         offset_m: how far its left end is from the texture's left edge.
         gain: how bright it is; 1 where the light is in the texture.
+        goes_on: whether another face goes on where it ends, on the left and on the right.
     """
 
     left: Point
@@ -35,6 +36,7 @@ class Face:
     texture: Texture
     offset_m: float = 0.0
     gain: float = 1.0
+    goes_on: tuple[bool, bool] = (False, False)
 
     @cached_property
     def along(self) -> Point:
@@ -96,7 +98,7 @@ class Drum:
         yaw_rad: where the middle of its side's texture faces, counter-clockwise from the x axis.
         side: its side, unrolled; left to right as it is seen from outside.
         top: its top.
-        gains: how bright its side is where it faces along x, and on counter-clockwise in equal steps back to there,
+        gains: how bright its side is where it faces against x, and on counter-clockwise in equal steps back to there,
             (n,); None where the light is in the texture.
     """
 

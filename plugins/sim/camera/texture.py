@@ -37,6 +37,7 @@ class Texture:
 
     Attributes:
         per_m: samples in a metre, along and across.
+        deepest: how often it can be halved, along and across.
 
     Thread: any.
     """
@@ -44,7 +45,7 @@ class Texture:
     def __init__(self, image: Image, size_m: tuple[float, float]) -> None:
         self.size_m: Final = size_m
         self.per_m: Final = (image.shape[1] - 1) / size_m[0], (image.shape[0] - 1) / size_m[1]
-        self._deepest = _halvings(image.shape[1] - 1), _halvings(image.shape[0] - 1)
+        self.deepest: Final = _halvings(image.shape[1] - 1), _halvings(image.shape[0] - 1)
         self._versions: dict[tuple[int, int], Image] = {(0, 0): _padded(image)}
 
     @property
@@ -54,12 +55,12 @@ class Texture:
 
     def level(self, samples_per_px: float, axis: int) -> int:
         """Return how often to halve along an axis (0 along, 1 across) where a pixel holds so many samples."""
-        return min(max(round(math.log2(samples_per_px) - _SHARPNESS), 0), self._deepest[axis])
+        return min(max(round(math.log2(samples_per_px) - _SHARPNESS), 0), self.deepest[axis])
 
     def levels(self, samples_per_px: NDArray[np.float64], axis: int) -> NDArray[np.intp]:
         """Return the same for each of several pixels."""
         wanted = np.rint(np.log2(samples_per_px) - _SHARPNESS)
-        return np.clip(wanted, 0, self._deepest[axis]).astype(np.intp)
+        return np.clip(wanted, 0, self.deepest[axis]).astype(np.intp)
 
     def version(self, along: int, across: int) -> Image:
         """Return the image, halved so often along and across, with PAD more samples on each side."""

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..camera.movers import Mover
     from ..camera.scene import Scene
 
+_FROM_WALL_M: Final = 0.002  # a camera at the rim of a robot that pushes a wall is still in the room
 _SIZE: Final = ValueInfo(DataType.INT, "px", 16, 4096)
 
 _scenes: Final[WeakKeyDictionary[SimWorld, Scene]] = WeakKeyDictionary()
@@ -148,6 +149,8 @@ class Camera(OnRobot):
         x_m, y_m, yaw_rad = self._robot.pose
         yaw_rad += self._robot.turret_yaw_rad
         x_m, y_m = x_m + self._offset_m * math.cos(yaw_rad), y_m + self._offset_m * math.sin(yaw_rad)
+        most_x_m, most_y_m = (size_m / 2 - _FROM_WALL_M for size_m in self._world.model.size_m)
+        x_m, y_m = min(max(x_m, -most_x_m), most_x_m), min(max(y_m, -most_y_m), most_y_m)
         return Eye(x_m, y_m, self._robot.make.camera_height_m, yaw_rad, self._lens())
 
     def _movers(self) -> list[Mover]:

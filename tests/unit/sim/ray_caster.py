@@ -58,7 +58,7 @@ def cast(scene: Scene, movers: Sequence[Mover], eye: Eye, rays_per_side: int = 3
 def psnr_db(image: Array, truth: Array) -> float:
     """Return the peak signal-to-noise ratio between two images."""
     square = np.mean((image.astype(float) - truth) ** 2)
-    return float(10 * math.log10(255**2 / square))
+    return float(10 * math.log10(255**2 / square)) if square else math.inf
 
 
 def _colours(surfaces: Sequence[Surface], origin: Array, directions: Array) -> Array:
@@ -84,7 +84,7 @@ def _surfaces(scene: Scene, movers: Sequence[Mover]) -> Iterator[Surface]:
         yield _face(wall)
     for poster in scene.posters:
         yield _face(poster, 1 - 1e-9)
-    for solid in (*scene.solids, *solids):
+    for solid in (*scene.blocks, *scene.towers, *solids):
         yield from _solid(solid)
 
 
@@ -109,14 +109,18 @@ def _face(face: Face, nearness: float = 1.0) -> Surface:
     normal = np.array([along[1], -along[0]])
 
     def meet(origin: Array, directions: Array) -> Array:
-        towards = directions[:, :2] @ normal
-        with np.errstate(divide="ignore", invalid="ignore"):
-            times = np.where(towards < 0, ((left - origin[:2]) @ normal) / towards, np.inf)
-            points = origin + directions * times[:, np.newaxis]
-            on = (points[:, :2] - left) @ along
-        inside = (times > 0) & (on >= 0) & (on <= length_m)
-        inside &= (points[:, 2] >= face.bottom_m) & (points[:, 2] <= face.top_m)
-        return np.where(inside, times * nearness, np.inf)
+        times = np.full(len(directions), np.inf)
+        distance_m = float((left - origin[:2]) @ normal)
+        towards = directions[:, 0] * normal[0] + directions[:, 1] * normal[1]
+        ahead = np.flatnonzero(towards < 0)
+        if distance_m >= 0:
+            return times
+        time = distance_m / towards[ahead]
+        on = (origin[:2] - left) @ along + time * (directions[ahead, 0] * along[0] + directions[ahead, 1] * along[1])
+        up = origin[2] + time * directions[ahead, 2]
+        inside = (on >= 0) & (on <= length_m) & (up >= face.bottom_m) & (up <= face.top_m)
+        times[ahead[inside]] = time[inside] * nearness
+        return times
 
     def look(points: Array) -> Array:
         on = (points[:, :2] - left) @ along + face.offset_m
@@ -133,11 +137,12 @@ def _level(origin: Array, directions: Array, height_m: float) -> Array:
 
 def _top(plane: Plane, is_on: Callable[[Array], Array]) -> Surface:
     def meet(origin: Array, directions: Array) -> Array:
-        times = _level(origin, directions, plane.height_m)
-        times[(directions[:, 2] >= 0) | ~np.isfinite(times)] = np.inf
-        there = np.flatnonzero(np.isfinite(times))
-        points = origin[:2] + directions[there, :2] * times[there, np.newaxis]
-        times[there[~is_on(points)]] = np.inf
+        times = np.full(len(directions), np.inf)
+        if origin[2] > plane.height_m:
+            below = np.flatnonzero(directions[:, 2] < 0)
+            time = (plane.height_m - origin[2]) / directions[below, 2]
+            on = is_on(origin[:2] + directions[below, :2] * time[:, np.newaxis])
+            times[below[on]] = time[on]
         return times
 
     return Surface(meet, lambda points: _plane_colours(plane, points))
@@ -153,14 +158,17 @@ def _in_polygon(corners: Array, points: Array) -> Array:
 
 def _side(drum: Drum) -> Surface:
     def meet(origin: Array, directions: Array) -> Array:
+        times = np.full(len(directions), np.inf)
         away = origin[:2] - drum.middle
-        a = (directions[:, :2] ** 2).sum(axis=1)
-        b = directions[:, :2] @ away
+        a = directions[:, 0] ** 2 + directions[:, 1] ** 2
+        b = directions[:, 0] * away[0] + directions[:, 1] * away[1]
         inner = b**2 - a * (away @ away - drum.radius_m**2)
-        times = np.where(inner >= 0, (-b - np.sqrt(np.maximum(inner, 0))) / a, np.inf)
-        with np.errstate(invalid="ignore"):
-            heights = origin[2] + directions[:, 2] * times
-        return np.where((times > 0) & (heights >= drum.bottom_m) & (heights <= drum.height_m), times, np.inf)
+        through = np.flatnonzero((inner >= 0) & (b < 0))
+        time = (-b[through] - np.sqrt(inner[through])) / a[through]
+        up = origin[2] + directions[through, 2] * time
+        met = (time > 0) & (up >= drum.bottom_m) & (up <= drum.height_m)
+        times[through[met]] = time[met]
+        return times
 
     def look(points: Array) -> Array:
         offset = points[:, :2] - drum.middle
@@ -168,8 +176,8 @@ def _side(drum: Drum) -> Surface:
         around = np.mod(facing - drum.yaw_rad + math.pi, 2 * math.pi) * drum.radius_m
         colours = _sampled(drum.side, around, drum.height_m - points[:, 2])
         if drum.gains is not None:
-            steps = np.linspace(0, 2 * math.pi, len(drum.gains))
-            colours *= np.interp(np.mod(facing, 2 * math.pi), steps, drum.gains)[:, np.newaxis]
+            steps = np.linspace(-math.pi, math.pi, len(drum.gains))
+            colours *= np.interp(facing, steps, drum.gains)[:, np.newaxis]
         return np.minimum(colours, 255)
 
     return Surface(meet, look)

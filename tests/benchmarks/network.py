@@ -1,0 +1,180 @@
+"""Robots of another process over zenoh on loopback, beside the bare engine in the same run."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from eal_actors import Fleet, gather
+from eal_actors.actors.robot_view import RobotState
+from tests.benchmarks.crowd import resident_bytes
+from tests.benchmarks.network_host import ENVELOPE, fleet_of
+from tests.benchmarks.result import Result
+from tests.net.links import free_port
+
+ROOT = Path(__file__).parents[2]
+
+
+@contextmanager
+def hosted(robots: int) -> Iterator[tuple[Fleet, Any, subprocess.Popen[str]]]:
+    """Serve robots in a process of their own; give their fleet, connected, and a bare session to the same process."""
+    import json
+
+    import zenoh
+
+    port = free_port()
+    host = subprocess.Popen(
+        [sys.executable, "-m", "tests.benchmarks.network_host", str(robots), str(port)],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert host.stdout is not None
+    try:
+        if host.stdout.readline() != "up\n":
+            raise AssertionError("the host did not come up")
+        bare = {
+            "mode": "peer",
+            "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+            "listen": {"endpoints": []},
+            "connect": {"endpoints": [f"tcp/127.0.0.1:{port}"]},
+        }
+        with zenoh.open(zenoh.Config.from_json5(json.dumps(bare))) as session, Fleet(fleet_of(robots, port)) as fleet:
+            yield fleet, session, host
+    finally:
+        host.kill()
+        host.communicate()
+
+
+def bare_round(session: Any, keys: list[str], payload: bytes = b"") -> float:
+    """Return how long the bare engine takes to ask all the keys at once, and to hear all the answers."""
+    import zenoh
+
+    left, lock, done = len(keys), threading.Lock(), threading.Event()
+
+    def heard(reply: Any) -> None:
+        nonlocal left
+        reply.ok.payload.to_bytes()
+        with lock:
+            left -= 1
+            if left == 0:
+                done.set()
+
+    start = time.perf_counter()
+    for key in keys:
+        session.get(
+            key,
+            zenoh.handlers.Callback(heard, indirect=False),
+            consolidation=zenoh.ConsolidationMode.NONE,
+            payload=payload or None,
+            attachment=ENVELOPE,
+            express=True,
+            timeout=10.0,
+        )
+    if not done.wait(20):
+        raise AssertionError("the bare engine did not answer")
+    return time.perf_counter() - start
+
+
+def timed(action: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
+
+
+def in_turns(times: int, ours: Callable[[], float], bare: Callable[[], float]) -> tuple[float, float, float]:
+    """Return the median of ours, of the bare engine, and of their ratio, measured turn by turn."""
+    pairs = [(ours(), bare()) for _ in range(times)]
+    mine, theirs = (statistics.median(column) for column in zip(*pairs, strict=True))
+    return mine, theirs, mine / theirs
+
+
+def one_robot() -> list[Result]:
+    """Small readings and whole frames."""
+    with hosted(1) as (fleet, session, _):
+        lamp, eye = fleet["bot1"]["Lamp"], fleet["bot1"]["Eye"]
+        get_s, bare_s, ratio = in_turns(
+            3000, lambda: timed(lambda: lamp.get_value().get()), lambda: bare_round(session, ["bare/0/value"])
+        )
+        frame_s, bare_frame_s, frame_ratio = in_turns(
+            150, lambda: timed(lambda: eye.get_value().get()), lambda: bare_round(session, ["bare/0/frame"])
+        )
+    what = "remote get_value, p50"
+    rates = f"{1 / frame_s:.0f} frames/s", f"bare zenoh: {1 / bare_frame_s:.0f} frames/s"
+    return [
+        Result(what, f"{get_s * 1e6:.0f} µs", f"bare zenoh get: {bare_s * 1e6:.0f} µs", ratio, 1.6),
+        Result("921,600-byte frame by request", *rates, 1 / frame_ratio, 0.8, at_least=True),
+    ]
+
+
+def hundred_robots() -> list[Result]:
+    """One command to all, and a stop."""
+    with hosted(100) as (fleet, session, host):
+        lamps = [robot["Lamp"] for robot in fleet.values()]
+        keys = [f"bare/{number}/command" for number in range(100)]
+        ours_s, bare_s, ratio = in_turns(
+            40,
+            lambda: timed(lambda: gather([lamp.send_cmd("on") for lamp in lamps]).get()),
+            lambda: bare_round(session, keys),
+        )
+        flashing = [lamp.send_cmd("flash") for lamp in lamps]
+        stop_s = timed(lambda: fleet.stop("bench").get())
+        for future in flashing:
+            future.exception()
+        fleet.resume().get()
+        gone = threading.Event()
+        watcher = threading.Thread(target=lambda: (_wait_lost(fleet), gone.set()))
+        host.kill()
+        killed = time.perf_counter()
+        watcher.start()
+        gone.wait(10)
+        lost_s = time.perf_counter() - killed
+        watcher.join()
+    commands = f"{ours_s * 1e3:.1f} ms", f"bare zenoh: {bare_s * 1e3:.1f} ms"
+    return [
+        Result("one command to 100 robots and all answers", *commands, ratio, 1.6),
+        Result("stop confirmed by 100 robots", f"{stop_s * 1e3:.0f} ms", "", stop_s * 1e3, 50, "ms"),
+        Result("kill of the robots' process seen as lost", f"{lost_s:.2f} s", "", lost_s, 0.5, "s"),
+    ]
+
+
+def _wait_lost(fleet: Fleet) -> None:
+    while any(robot.state is RobotState.READY for robot in fleet.values()):
+        time.sleep(0.002)
+
+
+def thousand_robots() -> list[Result]:
+    """Connecting, commanding, memory."""
+    port_fleet = hosted(1000)
+    before = resident_bytes()
+    with port_fleet as (fleet, _, _):
+        connect_s = _reconnect(fleet)
+        weight = (resident_bytes() - before) / 1000
+        lamps = [robot["Lamp"] for robot in fleet.values()]
+        rounds = [timed(lambda: gather([lamp.send_cmd("on") for lamp in lamps]).get()) for _ in range(5)]
+    command_s = statistics.median(rounds)
+    return [
+        Result("1,000 robots on one controller: connect", f"{connect_s:.1f} s", "", connect_s, 10, "s"),
+        Result("one command to 1,000 robots and all answers", f"{command_s:.2f} s", "", command_s, 0.5, "s"),
+        Result("controller's memory for each of them", f"{weight / 1e3:.0f} kB", "", weight / 1e3, 300, "kB"),
+    ]
+
+
+def _reconnect(fleet: Fleet) -> float:
+    fleet.close()
+    return timed(fleet.connect)
+
+
+def run() -> list[Result]:
+    """Measure on all cores of the machine: robots and controller are processes of their own."""
+    print(f"cores: {sorted(os.sched_getaffinity(0))}", file=sys.stderr)
+    return [*one_robot(), *hundred_robots(), *thousand_robots()]

@@ -1,0 +1,97 @@
+"""A process that serves many robots behind one endpoint, beside bare zenoh queryables that answer the same.
+
+Run as `python -m tests.benchmarks.network_host ROBOTS PORT`; it says `up`, and ends with its standard input.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from eal_actors.clock import SystemClock
+from eal_actors.data import EALData
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.net.server import RobotServer
+from eal_actors.net.session import open_session, robot_config
+from eal_actors.net.turnstile import Turnstile
+from eal_actors.resource import Activity, Resource, ResourceType, command
+from tests.robots import running_robot
+
+FRAME: Final = np.zeros((480, 640, 3), dtype=np.uint8)
+VALUE: Final = bytes(24)
+ENVELOPE: Final = bytes(40)
+
+
+class Lamp(Resource):
+    """A light that can be switched, and flashes for a while."""
+
+    types = ResourceType.ACTUATOR
+
+    def get_value(self) -> EALData:
+        return EALData.of(1.0, stamp_s=0.0)
+
+    @command("on")
+    def on(self) -> int:
+        """Switch it on."""
+        return 1
+
+    @command("flash")
+    def flash(self) -> Activity:
+        """Flash for a minute."""
+        yield 60.0
+        return 1
+
+
+class Eye(Resource):
+    """A camera that always sees the same."""
+
+    types = ResourceType.SENSOR
+
+    def get_value(self) -> EALData:
+        return EALData.of(FRAME)
+
+
+def fleet_of(robots: int, port: int) -> FleetConfig:
+    """Return a fleet whose robots are all served at one port of this machine."""
+    endpoint = f"tcp/127.0.0.1:{port}"
+    content = {"version": 1, "robots": {"bot1": {"address": endpoint, "plugins": {"sample": {}}}}}
+    config = EALConfigManager.of(content, name="crowd").fleet
+    first = config.robots["bot1"]
+    names = [f"bot{number}" for number in range(1, robots + 1)]
+    return replace(config, robots={name: replace(first, name=name) for name in names})
+
+
+def main() -> None:
+    """Serve until the standard input ends."""
+    import zenoh
+
+    robots, port = int(sys.argv[1]), int(sys.argv[2])
+    config = fleet_of(robots, port)
+    with ExitStack() as stack:
+        session = stack.enter_context(open_session(robot_config(config, "bot1")))
+        turnstile = Turnstile()
+        for name in config.robots:
+            made: dict[str, Callable[[], Resource]] = {"Lamp": Lamp, "Eye": Eye} if robots == 1 else {"Lamp": Lamp}
+            robot = stack.enter_context(running_robot(made, name=name, clock=SystemClock()))
+            server = RobotServer(config.name, robot, session, config.network, turnstile).launch()
+            stack.callback(server.close, 5.0)
+
+        def answer(query: zenoh.Query) -> None:
+            key = str(query.key_expr)
+            with query:
+                query.reply(key, FRAME.tobytes() if key.endswith("frame") else VALUE, attachment=ENVELOPE, express=True)
+
+        for number in range(robots):
+            session.declare_queryable(f"bare/{number}/**", zenoh.handlers.Callback(answer, indirect=False))
+        print("up", flush=True)
+        sys.stdin.read()
+
+
+if __name__ == "__main__":
+    main()
