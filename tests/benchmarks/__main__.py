@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from tests.benchmarks import crowd, engine, hop, simulation
+from tests.benchmarks import camera, crowd, engine, hop, network, simulation
 
 HEADINGS = ("what", "ours", "reference, same run", "figure", "limit", "")
 PAGE = Path(__file__).parents[2] / "docs" / "benchmarks.md"
@@ -21,7 +21,7 @@ def main() -> int:
     """Return 1 if a figure missed its limit."""
     console = Console()
     results = []
-    for benchmark in (hop, crowd, engine, simulation):
+    for benchmark in (hop, crowd, engine, simulation, camera, network):
         with console.status(f"measuring: {benchmark.__doc__}"):
             results += benchmark.run()
     table = Table(*HEADINGS)

@@ -94,6 +94,7 @@ def crowd(folder: Path, robots: int, duration_s: float, *, rays: bool, at_least:
         bases = [robot["Base"] for robot in fleet.values()]
         ranges = [robot["Range"] for robot in fleet.values()] if rays else []
         driving = gather([base.send_cmd(f"f{duration_s}", timeout_s=2000) for base in bases])
+        times_real(fleet, 1.0, lambda: gather([one.get_value() for one in ranges]).get(), 1 / RAYS_HZ)  # warm up
         ours = times_real(fleet, duration_s, lambda: gather([one.get_value() for one in ranges]).get(), 1 / RAYS_HZ)
         if driving.done():
             raise AssertionError("the robots do not drive any more")

@@ -70,14 +70,14 @@ class Bakery:
     def wall(self, left: Point, right: Point) -> Face:
         """Return a lit wall of the room, dark in its corners."""
         height_m = self._model.height_m
-        canvas = self.canvas((math.dist(left, right), height_m), WALL_PER_M)
         plain = self.face(left, right, (0.0, height_m), self._model.surfaces.walls, WALL_PER_M)
+        length_m = plain.texture.size_m[0]
         rows, columns = plain.texture.finest.shape[:2]
-        along_m = np.linspace(0, canvas.size_m[0], columns)[np.newaxis]
+        along_m = np.linspace(0, length_m, columns)[np.newaxis]
         up_m = np.linspace(height_m, 0, rows)[:, np.newaxis]
-        dark = _corner(along_m) * _corner(canvas.size_m[0] - along_m) * _corner(height_m - up_m)
+        dark = _corner(along_m) * _corner(length_m - along_m) * _corner(height_m - up_m)
         image = np.asarray(plain.texture.finest * dark[..., np.newaxis], dtype=np.uint8)
-        return Face(left, right, 0.0, height_m, Texture(image, canvas.size_m))
+        return Face(left, right, 0.0, height_m, Texture(image, plain.texture.size_m))
 
     def ceiling(self) -> Plane:
         """Return the ceiling with its lamps on it."""

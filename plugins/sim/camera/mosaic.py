@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 _Image = NDArray[np.float32]
+
+_KINDS: Final = 5
+_FINE: Final = 128  # places along each side of a tile at which its motif is worked out
+_JOINT_DARK: Final = 0.45
 
 
 def mosaic(
@@ -21,41 +28,55 @@ def mosaic(
         palette: red, green and blue of each colour, (n, 3).
         generator: of what is drawn by lot.
     """
-    along = np.linspace(0, size_m[0] / tile_m, columns, dtype=np.float32)[np.newaxis]
-    up = np.linspace(size_m[1] / tile_m, 0, rows, dtype=np.float32)[:, np.newaxis]
-    column = np.minimum(np.floor(along), np.ceil(along[0, -1] - 1e-4) - 1).astype(np.intp)
-    row = np.minimum(np.floor(up), np.ceil(up[0, 0] - 1e-4) - 1).astype(np.intp)
+    along = np.linspace(0, size_m[0] / tile_m, columns, dtype=np.float32)
+    up = np.linspace(size_m[1] / tile_m, 0, rows, dtype=np.float32)
+    column, row = _tiles(along), _tiles(up)
     tiles = int(row.max()) + 1, int(column.max()) + 1
-    ground, motif, kind, turn = (generator.integers(0, most, tiles) for most in (len(palette), len(palette), 5, 4))
-    motif = np.where(motif == ground, (motif + 1) % len(palette), motif)
+    ground, other, motif = (generator.integers(0, most, tiles) for most in (len(palette), len(palette), 4 * _KINDS))
+    other = np.where(other == ground, (other + 1) % len(palette), other)
+    tone = 1 + 0.05 * generator.standard_normal((*tiles, 1), dtype=np.float32)
     x, y = along - column, up - row
-    x, y = _turned(x, y, turn[row, column])
     soft = tile_m / size_m[0] * (columns - 1)  # samples in a tile
-    inside = np.clip(_depth(x, y, kind[row, column]) * soft + 0.5, 0, 1)
-    tone = 1 + 0.05 * generator.standard_normal(tiles, dtype=np.float32)
-    colours = (
-        palette[ground[row, column]] * (1 - inside)[..., np.newaxis]
-        + palette[motif[row, column]] * inside[..., np.newaxis]
-    )
-    edge = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y))
-    joint = 1 - 0.45 * np.clip((0.025 - edge) * soft + 0.5, 0, 1)
-    return np.asarray(np.clip(colours * (tone[row, column] * joint)[..., np.newaxis], 0, 255), dtype=np.float32)
+    inside = np.clip(_depths() * np.float32(soft) + np.float32(0.5), 0, 1)
+    at = np.ix_(row, column)
+    share = inside[motif[at], _fine(y)[:, np.newaxis], _fine(x)[np.newaxis]][..., np.newaxis]
+    joint = _joint(y, soft)[:, np.newaxis] * _joint(x, soft)[np.newaxis]
+    first, second = palette[ground] * tone, palette[other] * tone
+    colours = first[at] + (second - first)[at] * share
+    return np.asarray(np.clip(colours * joint[..., np.newaxis], 0, 255), dtype=np.float32)
 
 
-def _turned(x: _Image, y: _Image, turn: NDArray[np.int64]) -> tuple[_Image, _Image]:
-    """Return places in tiles that are turned by quarters."""
-    x, y = np.broadcast_arrays(x, y)
-    return np.choose(turn, [x, y, 1 - x, 1 - y]), np.choose(turn, [y, 1 - x, 1 - y, x])
+def _tiles(places: _Image) -> NDArray[np.intp]:
+    """Return the number of each place's tile; the last edge belongs to the last tile."""
+    last = max(int(np.ceil(places.max() - 1e-4)) - 1, 0)
+    return np.minimum(places.astype(np.intp), last)
 
 
-def _depth(x: _Image, y: _Image, kind: NDArray[np.int64]) -> _Image:
-    """Return how far inside its tile's motif each place is, in tiles; negative outside."""
+def _fine(places: _Image) -> NDArray[np.intp]:
+    return np.minimum(places * _FINE, _FINE - 1).astype(np.intp)
+
+
+def _joint(places: _Image, soft: float) -> _Image:
+    """Return the factor that darkens the edges of tiles, given places in tiles, 0..1."""
+    from_edge = np.minimum(places, 1 - places)
+    return np.asarray(1 - _JOINT_DARK * np.clip((0.025 - from_edge) * soft + 0.5, 0, 1), dtype=np.float32)
+
+
+@cache
+def _depths() -> _Image:
+    """Return how far inside the motif each place of a tile is, in tiles, negative outside: (motifs, y, x)."""
+    middles = (np.arange(_FINE, dtype=np.float32) + 0.5) / _FINE
+    x, y = (np.asarray(grid, dtype=np.float32) for grid in np.meshgrid(middles, middles))
+    turns = ((x, y), (y, 1 - x), (1 - x, 1 - y), (1 - y, x))
+    return np.array([depth for x, y in turns for depth in _kinds(x, y)], dtype=np.float32)
+
+
+def _kinds(x: _Image, y: _Image) -> list[_Image]:
     from_middle = np.hypot(x - 0.5, y - 0.5)
-    motifs = [
+    return [
         0.85 - np.hypot(x, y),
         0.32 - from_middle,
         0.1 - np.abs(from_middle - 0.3),
-        (x - y) * 0.7,
-        0.33 - (np.abs(x - 0.5) + np.abs(y - 0.5)) * 0.7,
+        (x - y) * np.float32(0.7),
+        0.33 - (np.abs(x - 0.5) + np.abs(y - 0.5)) * np.float32(0.7),
     ]
-    return np.asarray(np.choose(kind, motifs), dtype=np.float32)

@@ -20,7 +20,7 @@ from .patterns import albedo
 from .solids import Block, Drum, Face, Plane, Point, Solid, Tower
 from .texture import Texture
 
-_MOST_SAMPLES: Final = 14e6  # of all fixed surfaces, at 4 bytes
+_MOST_SAMPLES: Final = 10e6  # of all fixed surfaces, at 4 bytes
 _ROUND: Final = 24  # corners of the outline of a pillar, where it casts a shadow or cuts a block
 
 
