@@ -9,7 +9,7 @@ STAMP := $(VENV)/.installed
 SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 INSTALL_VENV := { echo "Installing python3-venv, which $(PYTHON) -m venv needs"; $(SUDO) apt-get update -qq && $(SUDO) DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv >/dev/null; }
 
-.PHONY: demo test check bench figures format clean help
+.PHONY: demo demo-network test check bench figures format clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -24,6 +24,9 @@ $(STAMP): pyproject.toml
 
 demo: $(STAMP)  ## run the dance on the simulated fleet and show where its picture is
 	$(BIN)/eal run scenarios/dance.yaml --fleet fleets/sim.yaml --show
+
+demo-network: $(STAMP)  ## the same dance over the network: three robots, each served by a process of its own
+	$(BIN)/eal demo-network
 
 test: $(STAMP)  ## run every test
 	$(BIN)/python -m pytest -n auto --dist loadfile

@@ -22,7 +22,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from typing import Final, Literal, TypeAlias
+from typing import ClassVar, Final, Literal, TypeAlias
 
 from eal_actors.clock import REAL_TIME, Clock, ScaledClock, acquire_alert, new_waiter, release
 from eal_actors.log import get_logger
@@ -36,7 +36,9 @@ Rate: TypeAlias = float | Literal["max"]
 
 _LOOK_S: Final = 0.25
 _IDLE_LOOKS: Final = 2
-"""A thread that has the turn and uses no processor time from look to look, this many times, waits for something."""
+_IDLE_S: Final = 0.001
+"""A thread that has the turn and uses less processor time than this from look to look, this many times, waits for
+something; who wakes up now and then to see whether it came, uses some."""
 
 _PATIENCE_S: Final = 30.0
 """Real seconds that a thread may compute before time goes on without it."""
@@ -91,6 +93,9 @@ class LockStepClock:
         self._waits: dict[threading.Lock, _Wait] = {}
         self._timed: TimerHeap[_Wait] = TimerHeap()
         self._watch: threading.Lock | None = None
+
+    _in_step: ClassVar[set[threading.Thread]] = set()
+    """The threads that wait for their turn, on whatever clock."""
 
     def now(self) -> float:
         """See Clock."""
@@ -163,7 +168,7 @@ class LockStepClock:
         try:
             yield
         finally:
-            if has_turn:
+            if has_turn and self._running is not me:  # a wait on the clock has given the turn back already
                 wait = _Wait(me)
                 with self._lock:
                     self._ready.append(wait)
@@ -218,11 +223,14 @@ class LockStepClock:
 
     def _await_turn(self, wait: _Wait) -> None:
         try:
+            self._in_step.add(wait.thread)
             acquire_alert(wait.go, threading.TIMEOUT_MAX)
         except BaseException:  # Ctrl-C
             with self._lock:
                 self._end(wait)
             raise
+        finally:
+            self._in_step.discard(wait.thread)
 
     # The watch.
 
@@ -249,7 +257,8 @@ class LockStepClock:
                 if turn != turns:
                     turns, idle_looks, since_s = turn, 0, REAL_TIME.now()
                 else:
-                    idle_looks = idle_looks + 1 if used_s == used_before_s else 0
+                    is_idle = used_s - used_before_s < _IDLE_S and holder not in self._in_step
+                    idle_looks = idle_looks + 1 if is_idle else 0
                 if idle_looks >= _IDLE_LOOKS or REAL_TIME.now() - since_s > _PATIENCE_S or not holder.is_alive():
                     self._go_on_without(holder, turn)
             stop.acquire(timeout=_LOOK_S)

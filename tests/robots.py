@@ -50,6 +50,7 @@ class InlinePlugins:
 def running_robot(
     resources: Mapping[str, Callable[[], Resource]],
     *,
+    name: str = "robot",
     clock: Clock | None = None,
     close_timeout_s: float = 5.0,
     wait: bool = True,
@@ -57,8 +58,8 @@ def running_robot(
 ) -> Iterator[RobotHandle]:
     """Start a robot of the given resources, close it at the end."""
     plugins = InlinePlugins({name: InlineFactory(make) for name, make in resources.items()})
-    robot_spec = RobotSpec("robot", clock or SystemClock(), lambda: plugins, **spec)
-    robot = RobotHandle(partial(start_robot, robot_spec), "robot")
+    robot_spec = RobotSpec(name, clock or SystemClock(), lambda: plugins, **spec)
+    robot = RobotHandle(partial(start_robot, robot_spec), name)
     try:
         if wait:
             robot.wait_started(WAIT_S)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from typing import Any, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Envelope, Inbox
@@ -21,6 +21,10 @@ from eal_actors.errors import (
 from eal_actors.info import ResourceInfo
 from eal_actors.link import Link
 from eal_actors.resource import Resource
+
+if TYPE_CHECKING:
+    from eal_actors.actors.feeds import OpenFeed
+    from eal_actors.actors.streams import Stream
 
 T = TypeVar("T")
 
@@ -43,6 +47,12 @@ class Call(Future[T]):
     reply_to = None
     begin_by_s: float | None = None
     """The fleet's time after which it must not begin any more; None for none."""
+    start_s: float | None = None
+    """The fleet's time at which to begin; None for at once."""
+    began_s: float | None = None
+    """The fleet's time at which it began, of a call with `start_s`; None as long as that is not known."""
+    began_error_s: float = 0.0
+    """By how many seconds at most `began_s` is wrong: over 0 where another machine's clock told it."""
 
     def __init__(self, cell: ResourceCell, method: str, arguments: tuple[Any, ...], timeout_s: float) -> None:
         if timeout_s != timeout_s:  # not a number: it would never be over
@@ -142,6 +152,7 @@ class ResourceCell:
         error: why calls fail while there is no actor.
         link: what calls pass on their way; a perfect one of its own if None is given.
         latch: the robot's emergency stop.
+        open_feed: what brings values to streams; None where they are polled in this process.
     """
 
     def __init__(
@@ -164,11 +175,32 @@ class ResourceCell:
         self.actor: CallTarget | None = None
         self.info: ResourceInfo | None = None
         self.error: EALError = UnavailableError("it has not started yet")
+        self.open_feed: OpenFeed | None = None
+        self._streams: set[Stream] = set()
+        self._is_closed = False
+
+    def close(self, error: EALError) -> None:
+        """Serve nothing more, and end the streams: nothing brings the resource back. Thread: its robot's actor."""
+        self.error = error.copy()
+        self.actor = None
+        self._is_closed = True
+        for stream in list(self._streams):
+            stream.end(error)
+
+    def join_stream(self, stream: Stream) -> None:
+        """Tell a stream when everything is over. Thread: any."""
+        self._streams.add(stream)
+        if self._is_closed:
+            stream.end(self.error)
+
+    def leave_stream(self, stream: Stream) -> None:
+        """Tell it no more. Thread: any."""
+        self._streams.discard(stream)
 
     def submit(self, call: Call[Any]) -> None:
         """Put a call in the normal lane; a refusal becomes the call's outcome. Thread: any; never blocks."""
         if self.link.is_faulty:
-            self._carry(lambda: self._submit(call))
+            self.carry(lambda: self._submit(call))
         else:
             self._submit(call)
 
@@ -177,7 +209,7 @@ class ResourceCell:
         if self.latch.reason is not None and self.latch.refuses(call):
             return
         if actor is None:
-            call.fail(self._unavailable())
+            call.fail(self.unavailable())
             return
         try:
             actor.actor_inbox.put(call)
@@ -195,14 +227,14 @@ class ResourceCell:
         """
         call.stops = stops
         if self.link.is_faulty:
-            self._carry(lambda: self._submit_urgent(call))
+            self.carry(lambda: self._submit_urgent(call))
         else:
             self._submit_urgent(call)
 
     def _submit_urgent(self, call: Call[Any]) -> None:
         stops, actor = call.stops, self.actor
         if actor is None:
-            call.fail(self._unavailable())
+            call.fail(self.unavailable())
             return
         try:
             dropped = actor.actor_inbox.put_urgent(call, bounded=not stops, drop=_is_motion if stops else None)
@@ -215,7 +247,7 @@ class ResourceCell:
     def give_up(self, call: Call[Any]) -> None:
         """Tell the actor that nobody waits for the call any more. Thread: any; never blocks."""
         if self.link.is_faulty:
-            self._carry(lambda: self._give_up(call))
+            self.carry(lambda: self._give_up(call))
         else:
             self._give_up(call)
 
@@ -223,8 +255,8 @@ class ResourceCell:
         if self.actor is not None:
             self.actor.stop_activity_of(call)
 
-    def _carry(self, deliver: Callable[[], None]) -> None:
-        """Deliver something over the faulty link: later, or never."""
+    def carry(self, deliver: Callable[[], None]) -> None:
+        """Deliver something over the link: at once, later, or never. Thread: any; never blocks."""
         delay_s = 0.0 if self.name in self.link.spared else self.link.delay_of_next_s()
         if delay_s is None:
             return
@@ -237,5 +269,6 @@ class ResourceCell:
         if not self.link.is_cut:  # what was on its way is lost with the rest
             deliver()
 
-    def _unavailable(self) -> EALError:
+    def unavailable(self) -> EALError:
+        """Return why calls fail now. Thread: any."""
         return self.error.copy().at(self.robot, self.name)

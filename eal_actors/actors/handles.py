@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, TypeVar
 
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
+from eal_actors.actors.feeds import Encoding, Feed, Sink, StreamSpec
 from eal_actors.actors.future import Future
-from eal_actors.actors.robot_view import RobotConnection, RobotState, RobotView
+from eal_actors.actors.polling import PolledFeed
+from eal_actors.actors.robot_view import Ping, RobotConnection, RobotState, RobotView
+from eal_actors.actors.streams import Stream
 from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.data import EALData
 from eal_actors.errors import (
+    ArgumentError,
     EALError,
     ResourceNotFoundError,
     RobotFailedError,
@@ -20,6 +25,7 @@ from eal_actors.errors import (
     WaitTimeoutError,
 )
 from eal_actors.info import ResourceInfo, unknown_name
+from eal_actors.link import Link
 from eal_actors.log import get_logger
 from eal_actors.resource import Resource
 
@@ -63,6 +69,11 @@ class ResourceHandle:
         return self._cell.robot
 
     @property
+    def link(self) -> Link:
+        """What calls pass on their way."""
+        return self._cell.link
+
+    @property
     def info(self) -> ResourceInfo:
         """What the resource says of itself.
 
@@ -70,11 +81,16 @@ class ResourceHandle:
             UnavailableError: it has never been up.
         """
         if self._cell.info is None:
-            raise self._cell._unavailable()  # a handle is the cell's public face
+            raise self._cell.unavailable()
         return self._cell.info
 
     def start_call(
-        self, method: str, arguments: tuple[Any, ...], timeout_s: float, begin_by_s: float | None = None
+        self,
+        method: str,
+        arguments: tuple[Any, ...],
+        timeout_s: float,
+        begin_by_s: float | None = None,
+        start_s: float | None = None,
     ) -> Call[Any]:
         """Call any method with its packed arguments, in the lane where it belongs: for servers.
 
@@ -83,12 +99,13 @@ class ResourceHandle:
             arguments: the method's arguments, values as EALData.
             timeout_s: seconds of the fleet's clock until its deadline.
             begin_by_s: the fleet's time after which it must not begin any more; None for none.
+            start_s: the fleet's time at which to begin; None for at once, as stops always do.
 
         Thread: any; does not block.
         """
         cell = self._cell
         call: Call[Any] = Call(cell, method, arguments, timeout_s)
-        call.begin_by_s = begin_by_s
+        call.begin_by_s, call.start_s = begin_by_s, start_s
         info = cell.info
         stops = method == "halt" or (method == "send_cmd" and info is not None and arguments[0] in info.urgent_commands)
         if stops or method == "get_status":
@@ -97,9 +114,20 @@ class ResourceHandle:
             cell.submit(call)
         return call
 
-    def _call(self, method: str, arguments: tuple[Any, ...], timeout_s: float | None) -> Call[Any]:
+    def open_feed(self, spec: StreamSpec, sink: Sink) -> Feed:
+        """Have values brought to a sink until the feed is closed: for servers. Thread: any; does not block."""
+        return PolledFeed(self._cell, spec, sink)
+
+    def _call(
+        self, method: str, arguments: tuple[Any, ...], timeout_s: float | None, at_s: float | None = None
+    ) -> Call[Any]:
         cell = self._cell
         call: Call[Any] = Call(cell, method, arguments, cell.timeout_s if timeout_s is None else timeout_s)
+        if at_s is not None:
+            if not math.isfinite(at_s):
+                call.fail(ArgumentError(f"at_s must be a time of the fleet's clock, not {at_s!r}"))
+                return call
+            call.start_s = at_s
         cell.submit(call)
         return call
 
@@ -119,24 +147,34 @@ class ResourceHandle:
         """Ask for the value."""
         return self._call("get_value", (), timeout_s)
 
-    def set_value(self, value: Any, *, timeout_s: float | None = None) -> Future[int]:
-        """Set the value; the answer is a status int."""
-        return self._call("set_value", (EALData.of(value),), timeout_s)
+    def set_value(self, value: Any, *, timeout_s: float | None = None, at_s: float | None = None) -> Future[int]:
+        """Set the value; the answer is a status int. `at_s` is as with send_cmd."""
+        return self._call("set_value", (EALData.of(value),), timeout_s, at_s)
 
     def send_req(self, req: str, *, timeout_s: float | None = None) -> Future[EALData]:
         """Send a request; the answer is its data."""
         return self._call("send_req", (req,), timeout_s)
 
-    def send_cmd(self, cmd: str, data: Any = None, *, timeout_s: float | None = None) -> Future[int]:
+    def send_cmd(
+        self, cmd: str, data: Any = None, *, timeout_s: float | None = None, at_s: float | None = None
+    ) -> Future[int]:
         """Send a command; the future is done when the command is, with a status int.
 
         A newer command takes over from a running one, whose future fails with PreemptedError. A stop overtakes
         everything that waits, and drops the commands that wait.
+
+        Args:
+            cmd: the command.
+            data: its argument, where its text does not hold it.
+            timeout_s: seconds of the fleet's clock until its deadline, which counts from now on.
+            at_s: when to begin, by the fleet's clock; None, or a time that is past when the resource reads it, for at
+                once. Until then the resource goes on with what it does, and a newer command or a stop calls it off
+                with PreemptedError. Stops take no time: they begin at once.
         """
         info, arguments = self._cell.info, (cmd, _as_data(data))
         if info is not None and cmd in info.urgent_commands:
             return self._urgent_call("send_cmd", arguments, timeout_s, stops=True)
-        return self._call("send_cmd", arguments, timeout_s)
+        return self._call("send_cmd", arguments, timeout_s, at_s)
 
     def read_comm(self, length: int, *, timeout_s: float | None = None) -> Future[EALData]:
         """Read up to `length` bytes; the answer holds what was read."""
@@ -159,6 +197,24 @@ class ResourceHandle:
         """Stop what moves, at once: overtakes everything, closes the running command, drops those that wait."""
         return self._urgent_call("halt", (), timeout_s, stops=True)
 
+    def stream(self, rate_hz: float = 10.0, encoding: Encoding = "raw", *, timeout_s: float | None = None) -> Stream:
+        """Read the newest value again and again; see Stream. Close it, as a `with` block does.
+
+        Args:
+            rate_hz: values in a second of the fleet's clock, at most; over 0, up to 1000.
+            encoding: how images travel through a network: `raw`, `jpeg` (small, loses a little) or `png` (loses
+                nothing). The reader gets an image in any case; within a process nothing is encoded.
+            timeout_s: how long a reader waits for a value; None for the fleet file's default and one period.
+
+        Raises:
+            ArgumentError: such a rate or encoding does not exist, or the value is no uint8 image (height, width, 3).
+            UnsupportedError: the resource has no value; or OpenCV is needed for the encoding and not installed.
+
+        Thread: any; does not block.
+        """
+        spec = StreamSpec(rate_hz, encoding)
+        return Stream(self._cell, spec, self._cell.timeout_s + spec.period_s if timeout_s is None else timeout_s)
+
     def resource(self) -> Resource:
         """Return the resource object itself (Source: thesis B.2.4). For debugging: its actor still uses it.
 
@@ -167,7 +223,7 @@ class ResourceHandle:
         """
         actor = self._cell.actor
         if actor is None or actor.resource is None:
-            raise self._cell._unavailable()  # a handle is the cell's public face
+            raise self._cell.unavailable()
         return actor.resource
 
 
@@ -249,6 +305,16 @@ class RobotHandle(Mapping[str, ResourceHandle]):
     def clock(self) -> Clock:
         """The fleet's clock."""
         return self._view.clock
+
+    def ping(self) -> Future[Ping]:
+        """Ask the robot how it is, how long the way to it takes, and how far its clock is from ours.
+
+        A robot of this process answers at once, without having been asked; one that cannot be reached fails with
+        UnavailableError. Each ping makes the offset of the clocks better known.
+
+        Thread: any; does not block.
+        """
+        return self._actor.ping()
 
     @property
     def stopped_because(self) -> str | None:

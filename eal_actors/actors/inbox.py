@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -58,6 +59,7 @@ class Inbox:
         self._lock = threading.Lock()
         self._wakeup = new_waiter()
         self._reader_waits = False
+        self._wakes_at_s = math.inf
         self._urgent: deque[Envelope] = deque()
         self._normal: deque[tuple[int, Envelope]] = deque()
         self._timers: TimerHeap[Action] = TimerHeap()
@@ -126,7 +128,7 @@ class Inbox:
         with self._lock:
             timer = Action(time_s, next(self._order), action)
             self._timers.add(timer)
-            if self._timers.first() is timer:
+            if time_s < self._wakes_at_s:  # else the reader looks in time by itself
                 self._wake_reader()
         return timer
 
@@ -159,6 +161,7 @@ class Inbox:
                 if self._normal:
                     return self._normal.popleft()[1]
                 self._reader_waits = True
+                self._wakes_at_s = math.inf if timer is None else timer.time_s
             self.clock.wait(self._wakeup, timeout_s)
             # After a time-out a writer may still believe that we wait: its release only makes one wait too short.
 

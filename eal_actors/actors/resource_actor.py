@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from eal_actors.actors.actor import AbandonedThread, EALActor
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
+from eal_actors.actors.starts import PendingStart
 from eal_actors.data import EALData
 from eal_actors.errors import (
     DeadlineError,
@@ -118,6 +119,7 @@ class ResourceActor(EALActor):
         self._current: Call[Any] | None = None
         self._motion: _Running | None = None
         self._background: _Running | None = None
+        self._pending = PendingStart(self.actor_inbox, self._execute)
         self._log = get_logger(robot=cell.robot, resource=cell.name)
 
     # Life.
@@ -187,7 +189,7 @@ class ResourceActor(EALActor):
 
     def abandon(self, error: EALError) -> None:
         """Fail the calls under way too; see EALActor."""
-        under_way = [self._current, self._motion.call if self._motion is not None else None]
+        under_way = [self._current, self._motion.call if self._motion is not None else None, self._pending.call]
         super().abandon(error)
         for call in under_way:
             if call is not None:
@@ -198,6 +200,7 @@ class ResourceActor(EALActor):
         self._end(PreemptedError("the resource was stuck and has been abandoned"))
 
     def _end(self, reason: EALError) -> None:
+        self._pending.call_off(reason.copy())
         self._close_motion(reason)
         if self._background is not None:
             self._close_activity(self._background)
@@ -251,6 +254,11 @@ class ResourceActor(EALActor):
             return
         if self.cell.latch.reason is not None and self.cell.latch.refuses(call):  # it passed the slot just before
             return
+        if call.start_s is not None and not call.stops:
+            if self._pending.is_early(call) and call.method in self._info.methods:
+                self._hold(call)
+                return
+            call.began_s = self.clock.now()
         self._current = call
         self._busy(deadline_s)
         set_call(call.call_id)
@@ -288,18 +296,39 @@ class ResourceActor(EALActor):
         fault.__cause__ = error
         return fault
 
+    def _hold(self, call: Call[Any]) -> None:
+        """Let a command wait for its start; one that would be refused then is refused now, and disturbs nothing."""
+        try:
+            (self._check_command if call.method == "send_cmd" else self._check_new_value)(*call.arguments)
+        except EALError as error:
+            call.fail(error)
+            return
+        self._pending.call_off(PreemptedError(f"a newer command took over: {call.shown()}"))
+        self._pending.hold(call)
+
+    def _check_command(self, cmd: str, data: EALData | None) -> None:
+        if self._info.commands:
+            self._info.parse_command(cmd, data)
+
+    def _check_new_value(self, data: EALData) -> None:
+        if self._info.value is not None:
+            self._info.value.check(data, "its value")
+
+    def _take_over(self, reason: PreemptedError) -> None:
+        self._pending.call_off(reason.copy())
+        self._close_motion(reason)
+
     def _send_cmd(self, cmd: str, data: EALData | None) -> Any:
         if "send_cmd" in self._info.methods:  # else it raises UnsupportedError, and must not stop what runs
-            if self._motion is not None and self._info.commands:
-                self._info.parse_command(cmd, data)  # nor must a command that is refused
-            self._close_motion(PreemptedError(f"a newer command took over: {cmd!r}"))
+            if self._motion is not None or self._pending.call is not None:
+                self._check_command(cmd, data)  # nor must a command that is refused
+            self._take_over(PreemptedError(f"a newer command took over: {cmd!r}"))
         return self._started(self._opened.send_cmd(cmd, data))
 
     def _set_value(self, data: EALData) -> Any:
         if "set_value" in self._info.methods:  # else it raises UnsupportedError, and must not stop what runs
-            if self._info.value is not None:
-                self._info.value.check(data, "its value")
-            self._close_motion(PreemptedError("a newer set_value took over"))
+            self._check_new_value(data)
+            self._take_over(PreemptedError("a newer set_value took over"))
         return self._started(self._opened.set_value(data))
 
     def _started(self, result: Any) -> Any:
@@ -314,7 +343,7 @@ class ResourceActor(EALActor):
         return _data(self._opened.get_config(key), value)
 
     def _halt(self) -> int:
-        self._close_motion(PreemptedError("halted"))
+        self._take_over(PreemptedError("halted"))
         self._opened.halt()
         return 1
 
@@ -333,6 +362,7 @@ class ResourceActor(EALActor):
                 self.actor_inbox.call_soon(lambda: self._give_up(call))
 
     def _give_up(self, call: Call[Any]) -> None:
+        self._pending.forget(call)
         if self._motion is not None and self._motion.call is call:
             self._busy(self.clock.now())  # it is over its time already
             try:

@@ -15,7 +15,7 @@ from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.resource_actor import ResourceActor, ResourceFactory
-from eal_actors.actors.robot_view import RobotState, RobotView
+from eal_actors.actors.robot_view import Ping, RobotState, RobotView, release
 from eal_actors.actors.supervision import ChildSpec, Restart, RestartIntensity, wants_restart
 from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.errors import EALError, PluginError, RobotFailedError, UnavailableError, shown
@@ -246,6 +246,14 @@ class RobotActor(EALActor):
             self._threads.append(watch)
         self._on_down(actor, error)
 
+    # What everybody may ask.
+
+    def ping(self) -> Future[Ping]:
+        """See RobotConnection: answered at once, whatever the robot does."""
+        future: Future[Ping] = Future()
+        future.set(Ping(self.view.state, release(), len(self.view.cells), self.view.latch.reason))
+        return future
+
     # Emergency stop.
 
     def stop_now(self, reason: str) -> Future[None]:
@@ -275,8 +283,7 @@ class RobotActor(EALActor):
 
     def _shut_down_children(self, error: EALError) -> None:
         for cell in self.view.cells.values():
-            cell.error = error.copy()
-            cell.actor = None
+            cell.close(error)
         for actor in self._children.values():
             actor.shut_down()
 

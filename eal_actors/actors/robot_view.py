@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import version
 from typing import Protocol
 
 from eal_actors.actors.call import ResourceCell, StopLatch
 from eal_actors.actors.future import Future
 from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.errors import EALError
+
+
+@cache
+def release() -> str:
+    """Return the release of the framework."""
+    return version("eal-actors")
 
 
 class RobotState(enum.Enum):
@@ -20,6 +30,31 @@ class RobotState(enum.Enum):
     """It was ready, and is out of reach; it is looked for, and comes back by itself."""
     FAILED = "failed"
     STOPPED = "stopped"
+
+
+@dataclass(frozen=True, slots=True)
+class Ping:
+    """A robot's answer to a ping.
+
+    Attributes:
+        state: where the robot is in its life, as it says itself.
+        release: the release of the framework that runs it.
+        resources: how many resources it has.
+        stopped: why an emergency stop holds it; None if none does.
+        holders: by the names of resources, the controllers that hold them.
+        round_trip_s: real seconds that this ping was under way; 0 for a robot of this process.
+        offset_s: the robot's clock minus the controller's, both in real seconds; 0 for a robot of this process.
+        offset_error_s: by how many seconds at most `offset_s` is wrong, either way.
+    """
+
+    state: RobotState
+    release: str
+    resources: int
+    stopped: str | None = None
+    holders: Mapping[str, str] = field(default_factory=dict)
+    round_trip_s: float = 0.0
+    offset_s: float = 0.0
+    offset_error_s: float = 0.0
 
 
 class RobotView:
@@ -57,6 +92,10 @@ class RobotConnection(Protocol):
     @property
     def clock(self) -> Clock:
         """The fleet's clock."""
+        ...
+
+    def ping(self) -> Future[Ping]:
+        """Ask how the robot is, and how far its clock is from ours. Thread: any; does not block."""
         ...
 
     def stop_now(self, reason: str) -> Future[None]:

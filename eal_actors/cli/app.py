@@ -8,7 +8,22 @@ from typing import Annotated, Any
 import typer
 
 from eal_actors import __version__
-from eal_actors.cli import call, check, keys, plugin, resources, router, run, schema, serve, world
+from eal_actors.cli import (
+    call,
+    check,
+    demo_network,
+    discover,
+    keys,
+    ping,
+    plugin,
+    resources,
+    router,
+    run,
+    schema,
+    serve,
+    stop,
+    world,
+)
 from eal_actors.cli.exit_codes import EPILOG, ExitCode, report
 from eal_actors.cli.help import Command, Group
 from eal_actors.cli.interrupts import heed_signals
@@ -70,9 +85,14 @@ app.command("world", cls=Command)(world.show_world)
 app.command("resources", cls=Command)(resources.list_resources)
 app.command("call", cls=Command, context_settings={"ignore_unknown_options": True})(call.call_method)  # -5 is a number
 app.command("serve", cls=Command)(serve.serve_robot)
+app.command("ping", cls=Command)(ping.ping_robots)
+app.command("stop", cls=Command)(stop.stop_robots)
+app.command("resume", cls=Command)(stop.resume_robots)
+app.command("discover", cls=Command)(discover.discover_robots)
 app.command("router", cls=Command)(router.run_router)
 app.add_typer(keys.app, name="keys")
 app.add_typer(plugin.app, name="plugin")
+app.command("demo-network", cls=Command, hidden=True)(demo_network.demo_network)  # for `make demo-network`
 
 
 def main() -> None:

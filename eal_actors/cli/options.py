@@ -8,13 +8,17 @@ from typing import Annotated, Literal
 
 import typer
 
-from eal_actors.facade.eal import FLEET_VARIABLE
+from eal_actors.facade.elsewhere import FLEET_VARIABLE
 from eal_actors.log import LogFormat
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 
 FleetOption = Annotated[
     Path, typer.Option("--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="The fleet file.")
+]
+RobotsArgument = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[ROBOT]...", show_default=False, help="Names of robots; all if none is given."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 

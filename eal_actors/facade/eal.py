@@ -14,16 +14,15 @@ from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.bundled import bundled_path
 from eal_actors.data import EALData
 from eal_actors.errors import RobotNotFoundError, UnavailableError
+from eal_actors.facade.elsewhere import FLEET_VARIABLE, endpoint_of, fleet_at, robot_at, unknown_robot
 from eal_actors.facade.fleet import Fleet
-from eal_actors.facade.shared import acquire_fleet, occupy, release_fleet, vacate
+from eal_actors.facade.shared import acquire_fleet, acquire_fleet_at, occupy, release_fleet, vacate
 from eal_actors.info import ResourceInfo
+from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.resources import EALResourceManager
 from eal_actors.resource import Resource
 
 T = TypeVar("T")
-
-FLEET_VARIABLE: Final = "EAL_FLEET"
-"""The environment variable that names the fleet file of `connect` calls that name none."""
 
 DEFAULT_PORT: Final = 50000
 """The thesis's port (Source: thesis table 6.3)."""
@@ -35,29 +34,35 @@ def connect(host: str | None = None, port: int = DEFAULT_PORT, *, fleet: str | P
     Without arguments it is the thesis's local case: the sample plugin in this process.
 
     Args:
-        host: the robot's name in the fleet; None where the fleet has just one robot.
-        port: the port of a robot's server; a robot that lives in this process needs none.
+        host: the robot's name in the fleet, or the machine that serves it: a host name or IP address, or an endpoint
+            such as `tls/host:50000`; None where the fleet has just one robot. A robot that is served somewhere need
+            not be in any fleet file.
+        port: the port of a robot's server, where `host` is a machine; a robot with a name needs none.
         fleet: a fleet file, or a connected Fleet; None takes the file that $EAL_FLEET names, else the bundled
             `fleets/local.yaml`. Connections of one process to the same file share one fleet.
 
     Raises:
         ConfigError: what is wrong with the fleet file.
-        RobotNotFoundError: the fleet has no such robot, or several and none was named.
+        RobotNotFoundError: the fleet has no such robot, or several and none was named, and there is no such machine;
+            or several robots are reached there.
         RobotFailedError: the robot could not start.
-        UnavailableError: the robot has not started in time, or the fleet given is not connected.
+        UnavailableError: the robot has not started in time, or nobody answers, or the fleet given is not connected.
 
     Thread: blocks the caller while the robot starts.
     """
-    shared = not isinstance(fleet, Fleet)
     if isinstance(fleet, Fleet):
-        opened = fleet
+        return EAL(_choose(fleet, host, port))
+    path = Path(fleet or os.environ.get(FLEET_VARIABLE) or bundled_path("fleets/local.yaml"))
+    config = EALConfigManager.load(path).fleet
+    if host is None or robot_at(config, host, port) is not None:
+        opened = acquire_fleet(path)
     else:
-        opened = acquire_fleet(Path(fleet or os.environ.get(FLEET_VARIABLE) or bundled_path("fleets/local.yaml")))
+        endpoint = endpoint_of(config, host, port)
+        opened, host = acquire_fleet_at(endpoint, lambda: fleet_at(endpoint, config)), None
     try:
-        return EAL(_choose(opened, host, port), opened if shared else None)
+        return EAL(_choose(opened, host, port), opened)
     except BaseException:
-        if shared:
-            release_fleet(opened)
+        release_fleet(opened)
         raise
 
 
@@ -68,12 +73,10 @@ def _choose(fleet: Fleet, host: str | None, port: int) -> RobotHandle:
         if len(fleet) != 1:
             raise RobotNotFoundError(f"fleet {fleet.name!r} has {len(fleet)} robots; name one of {', '.join(fleet)}")
         host = next(iter(fleet))
-    if host not in fleet:
-        raise RobotNotFoundError(
-            f"fleet {fleet.name!r} knows no robot {host!r} (port {port}); it has {', '.join(fleet)}. "
-            f"Name another fleet file with `fleet=` or ${FLEET_VARIABLE}"
-        )
-    robot = fleet[host]
+    name = robot_at(fleet.config, host, port)
+    if name is None:
+        raise unknown_robot(fleet.config, host, port)
+    robot = fleet[name]
     robot.require_started()
     return robot
 

@@ -12,7 +12,7 @@ from typing import Final, Self
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
-from eal_actors.actors.handles import CLOSE_TIMEOUT_S, RobotHandle, close_robots
+from eal_actors.actors.handles import CLOSE_TIMEOUT_S, ResourceHandle, RobotHandle, close_robots
 from eal_actors.actors.robot_actor import RobotSpec, start_robot
 from eal_actors.actors.robot_view import RobotState, RobotView
 from eal_actors.actors.supervision import Restart
@@ -26,11 +26,13 @@ from eal_actors.errors import (
     UnavailableError,
 )
 from eal_actors.facade.endings import end_as_before, end_in_good_order
+from eal_actors.facade.together import Command, Together, start_together
 from eal_actors.info import unknown_name
-from eal_actors.lock_step import clock_of
+from eal_actors.lock_step import MAX, clock_of
 from eal_actors.log import get_logger
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
+from eal_actors.managers.network_check import no_lock_step
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.net.client import RemoteRobot, RemoteSpec
 from eal_actors.net.controller import Controller
@@ -93,13 +95,14 @@ class Fleet(Mapping[str, RobotHandle]):
             timeout_s: real seconds to wait at most; whoever is late is left starting.
 
         Raises:
-            ConfigError: a plugin that does not exist, or settings that it refuses; nothing is connected then.
+            ConfigError: a plugin that does not exist, or settings that it refuses, or rate max with robots of other
+            processes; nothing is connected then.
             RobotNotFoundError: the fleet has no robot of one of the names.
 
         Thread: blocks the caller.
         """
         wanted = EALConfigManager(self.config).select(robots)
-        self._check_plugins(wanted)
+        self._check(wanted)
         try:
             with self._start_lock:
                 _open_fleets.add(self)
@@ -125,11 +128,13 @@ class Fleet(Mapping[str, RobotHandle]):
                     continue
                 get_logger(robot=name).error("robot is late", reason=error.message)
 
-    def _check_plugins(self, robots: Iterable[RobotConfig]) -> None:
+    def _check(self, robots: Iterable[RobotConfig]) -> None:
         problems: set[Problem] = set()
         for robot in robots:
             if robot.address is None:  # the plugins of the others are in their own processes
                 problems.update(self._plugins.check(robot)[0])
+            elif self.config.rate == MAX:
+                problems.add(Problem(str(self.config.source), 0, 0, "clock.rate", no_lock_step(robot.name)))
         if problems:
             raise ConfigError(sorted(problems))
 
@@ -253,6 +258,31 @@ class Fleet(Mapping[str, RobotHandle]):
     def halt(self, *, timeout_s: float | None = None) -> Future[list[list[int]]]:
         """Stop whatever moves on every robot, at once. Thread: any; does not block."""
         return gather([robot.halt(timeout_s=timeout_s) for robot in self._robots.values()])
+
+    def together(
+        self, commands: Mapping[ResourceHandle, Command], *, lead_s: float = 0.1, timeout_s: float | None = None
+    ) -> Together:
+        """Send commands to many resources, which begin at one time however long the way to each is.
+
+            start = fleet.together({robot["Base"]: "r45" for robot in fleet.values()})
+            print(start.record.get().skew_s)
+
+        The time is far enough off for the slowest link: the clocks of robots on the network are compared by pings
+        first. A command that comes late all the same begins as it comes, and the record tells. Stops do not wait.
+
+        Args:
+            commands: by resource, the command; or the command and its argument.
+            lead_s: seconds of the fleet's clock between the last sending and the start, beside what the links take.
+            timeout_s: until the deadline of each command, from now on; None for the fleet file's default.
+
+        Raises:
+            RobotNotFoundError: a resource is of no robot of this fleet.
+            ArgumentError: `lead_s` is below 0 or no number.
+
+        Thread: blocks the caller for a few round trips where robots are on the network, at most 0.5 s of real time.
+        """
+        robots = [self[name] for name in dict.fromkeys(handle.robot for handle in commands)]
+        return start_together(commands, robots, self.clock, lead_s, timeout_s)
 
     def stop(self, reason: str = "") -> Future[list[None]]:
         """Emergency stop of every robot: halt whatever moves, and refuse motions until `resume`; see RobotHandle.stop.

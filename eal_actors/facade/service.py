@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from types import TracebackType
 from typing import Final, Self
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.errors import ConfigError, Problem
+from eal_actors.errors import ConfigError, EALError, Problem
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
@@ -31,13 +31,16 @@ class RobotService:
 
     Raises:
         RobotNotFoundError: the fleet has no such robot.
-        ConfigError: the robot has no address.
+        ConfigError: the robot has no address, or no plugins.
     """
 
     def __init__(self, config: FleetConfig, robot: str) -> None:
         (wanted,) = EALConfigManager(config).select([robot])
         if wanted.address is None:
             message = f"robot {robot!r} has no address, so nobody can reach it; give it one, such as tcp/0.0.0.0:50000"
+            raise ConfigError([Problem(str(config.source), 0, 0, f"robots.{robot}", message)])
+        if not wanted.plugins:
+            message = f"robot {robot!r} has no plugins here, so there is nothing to serve; give it one under 'plugins'"
             raise ConfigError([Problem(str(config.source), 0, 0, f"robots.{robot}", message)])
         self._config = config
         self._name = robot
@@ -68,8 +71,14 @@ class RobotService:
             session = stack.enter_context(open_session(self._network))
             server = RobotServer(self._config.name, self.robot, session, self._config.network).launch()
             stack.callback(server.close, _CLOSE_S)
+            stack.callback(self._halt)
             self._stack = stack.pop_all()
         return self
+
+    def _halt(self) -> None:
+        """Stop what moves while whoever moves it can still be told, and let nothing begin any more."""
+        with suppress(EALError):
+            self.robot.stop("its server is being stopped").get(timeout=self.robot.clock.of_real(_CLOSE_S / 3))
 
     def close(self) -> None:
         """Take leave of the network, halt everything and stop the robot. Calling it twice is harmless.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,7 @@ class _Shared:
 
 
 _lock = threading.Lock()
-_fleets: dict[Path, _Shared] = {}
+_fleets: dict[Path | str, _Shared] = {}
 _connections: Counter[RobotHandle] = Counter()
 
 
@@ -30,10 +31,25 @@ def acquire_fleet(path: Path) -> Fleet:
 
     Thread: any; blocks while the fleet connects.
     """
-    key = path.resolve()
+    return _acquire(path.resolve(), lambda: Fleet.load(path))
+
+
+def acquire_fleet_at(endpoint: str, make: Callable[[], Fleet]) -> Fleet:
+    """Return the process's fleet of one robot at an endpoint, connected; each call wants one `release_fleet`.
+
+    Args:
+        endpoint: where the robot is.
+        make: makes the fleet, if there is none yet.
+
+    Thread: any; blocks while the fleet connects.
+    """
+    return _acquire(endpoint, make)
+
+
+def _acquire(key: Path | str, make: Callable[[], Fleet]) -> Fleet:
     with _lock:
         if key not in _fleets:
-            _fleets[key] = _Shared(Fleet.load(path).connect())
+            _fleets[key] = _Shared(make().connect())
         shared = _fleets[key]
         shared.users += 1
         return shared.fleet

@@ -276,7 +276,7 @@ class _Resolver:
         for section in sections[1:]:
             merged = merge(merged, section)
         is_complete = step is None and len(sections) == len(entries) and self._sound
-        if is_complete and merged.get("plugins", {}) == {}:
+        if is_complete and merged.get("plugins", {}) == {} and merged.get("address") is None:
             message = "the robot has no plugins; give it one under 'plugins', or a type that has one"
             self._report(("robots", key), message, key=True)
         return merged, tuple(chain)

@@ -148,7 +148,7 @@ class RobotConfig:
         restart: `permanent`, `transient` (after a crash only) or `temporary` (never).
         max_restarts: restarts within the window that are borne.
         restart_window_s: the window, in seconds of the fleet's clock.
-        plugins: by name of the instance; never empty.
+        plugins: by name of the instance; empty only where the robot has an address, for those who serve it know them.
         address: endpoint at which controllers reach it, `router` if it dials out to the routers, or None if it lives
             in the controller's process.
         listen: endpoint at which it listens, or None if that is its address.

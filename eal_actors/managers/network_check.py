@@ -5,11 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from eal_actors.errors import Problem
+from eal_actors.lock_step import MAX
 from eal_actors.managers.network_model import BEHIND_ROUTER, SECURE_PROTOCOLS, check_address, parse_endpoint
 from eal_actors.strict_model import did_you_mean
 from eal_actors.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree
 
 _NEEDS_KEYS = "needs keys: make them with `eal keys init`, and name them under network.security"
+
+
+def no_lock_step(robot: str) -> str:
+    """Return why a fleet with a robot in another process cannot run at rate max."""
+    return f"rate max is for robots of one process, for processes cannot share its clock: '{robot}' has an address"
 
 
 def network_problems(tree: YamlTree, robots: Mapping[str, tuple[str, MarkedDict]]) -> list[Problem]:
@@ -22,7 +28,7 @@ def network_problems(tree: YamlTree, robots: Mapping[str, tuple[str, MarkedDict]
     network = tree.root.get("network")
     network = network if isinstance(network, MarkedDict) else MarkedDict(tree.root.mark)
     check = _NetworkCheck(tree, network, robots)
-    return [*check.addresses(), *check.routers(), *check.roles()]
+    return [*check.clock(), *check.addresses(), *check.routers(), *check.roles()]
 
 
 class _NetworkCheck:
@@ -34,6 +40,14 @@ class _NetworkCheck:
         self._routers = _items(network, "routers")
         security = network.get("security")
         self._security = security if isinstance(security, MarkedDict) else None
+
+    def clock(self) -> Iterator[Problem]:
+        """Yield what is wrong with the clock in view of the robots."""
+        clock = self._tree.root.get("clock")
+        if isinstance(clock, MarkedDict) and clock.get("rate") == MAX:
+            remote = [name for name, (_, levels) in self._robots.items() if levels.get("address") is not None]
+            if remote:
+                yield self._tree.problem(("clock", "rate"), no_lock_step(remote[0]))
 
     def addresses(self) -> Iterator[Problem]:
         """Yield what is wrong with the robots' addresses."""

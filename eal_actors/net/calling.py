@@ -48,6 +48,7 @@ def start_call(
     data: EALData | None,
     timeout_s: float,
     begin_by_s: float | None,
+    start_s: float | None = None,
 ) -> Call[Any]:
     """Call a resource as another machine asked for it; see ResourceHandle.start_call. Thread: any; does not block.
 
@@ -59,4 +60,4 @@ def start_call(
         raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
     if method in _TAKE_DATA:
         arguments = (data, *plain) if method in ("set_value", "write_comm") else (*plain, data)
-    return handle.start_call(method, arguments, timeout_s, begin_by_s)
+    return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s)

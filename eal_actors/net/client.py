@@ -11,20 +11,22 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.future import Future
-from eal_actors.actors.robot_view import RobotState, RobotView
+from eal_actors.actors.robot_view import Ping, RobotState, RobotView
 from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.errors import EALError, ProtocolError, RemoteError, UnavailableError, shown
 from eal_actors.link import Link
 from eal_actors.log import get_logger
 from eal_actors.net import keys
 from eal_actors.net.calling import READS, split_arguments
+from eal_actors.net.exchange import Exchange
+from eal_actors.net.pinging import PING_TIMEOUT_S, Pinger
 from eal_actors.net.receipts import Stamper
 from eal_actors.net.resource_info import info_from
-from eal_actors.net.wire import ACCEPTED, Answer, CallHeader, CallId, Event, RobotTime, decode_reply, encode_call
+from eal_actors.net.streams import RemoteFeeds
+from eal_actors.net.timing import fleet_time_of, real_time_of
+from eal_actors.net.wire import ACCEPTED, Answer, CallHeader, CallId, Event, RobotTime, encode_call
 
 if TYPE_CHECKING:
-    import zenoh
-
     from eal_actors.net.controller import Controller
 
 TTL_S: Final = 1.0
@@ -35,7 +37,12 @@ CONNECT_S: Final = 3.0
 
 _HELLO_TIMEOUT_S: Final = 2.0
 _LEAVE_TIMEOUT_S: Final = 0.5
+_ANSWER_S: Final = 2.0
+"""Real seconds in which a robot answers a command, if only that it has accepted it."""
+
 _RETRY_S: Final = 0.05
+_GRACE_S: Final = 0.5
+"""What zenoh may be late with telling that there is no answer, in real seconds."""
 _HELLO_RETRY_S: Final = 0.5
 
 
@@ -58,40 +65,6 @@ class RemoteSpec:
     link: Link
 
 
-class _Exchange:
-    """One query under way. Its two callbacks run in zenoh's threads."""
-
-    __slots__ = ("is_answered", "on_answer", "on_nothing")
-
-    def __init__(self, on_answer: Callable[[Answer, RobotTime | None], None], on_nothing: Callable[[], None]) -> None:
-        self.on_answer = on_answer
-        self.on_nothing = on_nothing
-        self.is_answered = False
-
-    def reply(self, reply: zenoh.Reply) -> None:
-        """Take in an answer."""
-        self.is_answered = True
-        sample = reply.ok
-        time: RobotTime | None = None
-        if sample is None:
-            failed = reply.err
-            reason = failed.payload.to_bytes().decode("utf-8", "replace") if failed is not None else "no reason given"
-            answer: Answer = UnavailableError(f"the network refuses: {reason}")
-        else:
-            try:
-                attachment = sample.attachment
-                envelope = attachment.to_bytes() if attachment is not None else b""
-                answer, time = decode_reply(envelope, sample.payload.to_bytes())
-            except ProtocolError as error:
-                answer = error
-        self.on_answer(answer, time)
-
-    def drop(self) -> None:
-        """There will be no further answer."""
-        if not self.is_answered:
-            self.on_nothing()
-
-
 class RemoteRobot(EALActor):
     """Speaks with one robot.
 
@@ -111,6 +84,9 @@ class RemoteRobot(EALActor):
         self._stamper = Stamper(controller.client)
         self._commands: dict[CallId, Call[Any]] = {}
         self._heard: tuple[RobotTime, float] | None = None
+        self._pinger = Pinger()
+        self._feeds = RemoteFeeds(spec.name, self, controller, self._pinger, self._ask)
+        self._owed_stop: str | None = None
         self._is_greeting = False
         self._log = get_logger(robot=spec.name)
 
@@ -124,7 +100,7 @@ class RemoteRobot(EALActor):
     def _wait_no_longer(self) -> None:
         if self.view.state is RobotState.STARTING:
             self._note_lost(f"does not answer at {self.spec.address}; it is looked for all the same")
-            self.view.started.set(None)
+        self.view.started.set(None)
 
     def found(self) -> None:
         """Its sign of life is there. Thread: any; does not block."""
@@ -150,7 +126,7 @@ class RemoteRobot(EALActor):
             return
         self._is_greeting = True
         self._stamper.reconnect()
-        self._ask(keys.HELLO, (), _HELLO_TIMEOUT_S, self._welcome, self._not_welcome)
+        self._ask(keys.HELLO, (), _HELLO_TIMEOUT_S, self._welcome, miss=self._not_welcome)
 
     def _not_welcome(self) -> None:
         self._is_greeting = False
@@ -182,6 +158,7 @@ class RemoteRobot(EALActor):
                 cell = cells[info.name] = ResourceCell(
                     spec.name, info.name, self.clock, self.actor_inbox, spec.timeout_s, spec.link, latch
                 )
+                cell.open_feed = self._feeds.open
             cell.info = info
             cell.actor = self
         for name in cells.keys() - {info.name for info in infos}:
@@ -189,15 +166,19 @@ class RemoteRobot(EALActor):
             cells[name].error = UnavailableError("the robot does not have it any more")
         self.view.cells = cells
         self.view.problems = tuple(UnavailableError(problem, robot=self.spec.name) for problem in problems)
-        if stopped is None:
-            self.view.latch.clear()
-        else:
+        if stopped is not None:
+            self._owed_stop = None
             self.view.latch.set(str(stopped))
+        elif self._owed_stop is not None:
+            self.stop_now(self._owed_stop)
+        else:
+            self.view.latch.clear()
         if self.view.state is not RobotState.READY:
             self._log.info("robot is ready", address=self.spec.address)
         self.view.state = RobotState.READY
         self.view.started.set(None)
         self._reattach()
+        self._feeds.renew()
 
     def _lose(self, reason: str) -> None:
         if self.view.state is RobotState.READY:
@@ -243,26 +224,29 @@ class RemoteRobot(EALActor):
         plain, data = split_arguments(call)
         stamper, is_command = self._stamper, call.method not in READS and call.method != keys.HALT
         try:
-            if is_command:
+            start_s = None if call.start_s is None else self._time_on_robot(call.start_s)
+            if call.method not in READS:  # halts too, so that what they overtake on their way is refused
                 self._take_in_time()
                 stamp = stamper.stamp(TTL_S, REAL_TIME.now())
                 client, epoch, sequence = stamp.call
                 header = CallHeader(
-                    client, epoch, sequence, TTL_S, left_s, None, plain, stamp.era, stamp.echo_s, stamp.held_s
+                    client, epoch, sequence, TTL_S, left_s, start_s, plain, stamp.era, stamp.echo_s, stamp.held_s
                 )
-                self._commands[stamp.call] = call
             else:
                 header = CallHeader(stamper.client, stamper.epoch, 0, left_s, left_s, None, plain)
             envelope, payload = encode_call(header, data)
         except EALError as error:
             call.fail(error)
             return
+        if is_command:
+            self._commands[header.call_id] = call
         key = keys.method_key(self._controller.fleet, self.spec.name, call.cell.name, call.method)
-        exchange = _Exchange(
+        exchange = Exchange(
             partial(self._take_command if is_command else self._take_reading, call, header),
             lambda: self.soon(lambda: self._miss(call, header, is_command=is_command)),
         )
-        self._controller.get(key, exchange.reply, exchange.drop, envelope, payload, left_s, is_urgent=call.stops)
+        wait_s = min(left_s, _ANSWER_S) if is_command else left_s
+        self._controller.get(key, exchange.reply, exchange.drop, envelope, payload, wait_s, is_urgent=call.stops)
 
     def _take_reading(self, call: Call[Any], _: CallHeader, answer: Answer, time: RobotTime | None) -> None:
         """Finish a call that only reads. Thread: zenoh's, which may wake those who wait, but run no callback."""
@@ -278,11 +262,23 @@ class RemoteRobot(EALActor):
         """Finish a command, unless it goes on. Thread: zenoh's."""
         self._note_time(time)
         if answer is not ACCEPTED:
-            self.soon(lambda: self._end_command(call, header, answer))
+            self.soon(lambda: self._end_command(call, header, answer, None if time is None else time.began_s))
 
-    def _end_command(self, call: Call[Any], header: CallHeader, answer: Answer) -> None:
+    def _end_command(self, call: Call[Any], header: CallHeader, answer: Answer, began_s: float | None) -> None:
         self._commands.pop(header.call_id, None)
+        self._note_begin(call, began_s)
         _conclude(call, answer)
+
+    def _time_on_robot(self, fleet_s: float) -> float:
+        real_s = real_time_of(self.clock, fleet_s)
+        return real_s + self._pinger.offset(real_s).offset_s
+
+    def _note_begin(self, call: Call[Any], began_s: object) -> None:
+        """Take in when a command began by the robot's clock, and how well that is known by ours."""
+        if isinstance(began_s, float) and call.start_s is not None:
+            offset = self._pinger.offset(REAL_TIME.now())
+            call.began_s = fleet_time_of(self.clock, began_s - offset.offset_s)
+            call.began_error_s = self.clock.of_real(offset.error_s)
 
     def _note_time(self, time: RobotTime | None) -> None:
         """Keep the robot's clock for the next stamp. Thread: any, for it is one assignment."""
@@ -322,6 +318,7 @@ class RemoteRobot(EALActor):
         if event.kind == "result" and event.call is not None and event.answer is not None:
             call = self._commands.pop(event.call, None)
             if call is not None:
+                self._note_begin(call, event.fields.get("began_s"))
                 _conclude(call, event.answer)
         elif event.kind == "state":
             self._log.info("robot's state", state=event.fields.get("state"))
@@ -353,7 +350,7 @@ class RemoteRobot(EALActor):
 
         Thread: any; does not block.
         """
-        future: Future[Mapping[str, Any]] = Future()
+        future: Future[Mapping[str, Any]] = Future(REAL_TIME, REAL_TIME.now() + timeout_s + _GRACE_S)
 
         def take(answer: Answer) -> None:
             if isinstance(answer, EALError):
@@ -364,7 +361,7 @@ class RemoteRobot(EALActor):
         def miss() -> None:
             future.set_exception(UnavailableError("the robot did not answer", robot=self.spec.name))
 
-        self.soon(lambda: self._ask(method, arguments, timeout_s, take, miss))
+        self.soon(lambda: self._ask(method, arguments, timeout_s, take, miss=miss))
         return future
 
     def _ask(
@@ -373,29 +370,62 @@ class RemoteRobot(EALActor):
         arguments: tuple[str | int, ...],
         timeout_s: float,
         take: Callable[[Answer], None] = lambda _: None,
+        resource: str = keys.ROBOT,
         miss: Callable[[], None] = lambda: None,
     ) -> None:
         header = CallHeader(self._stamper.client, self._stamper.epoch, 0, timeout_s, timeout_s, None, arguments)
         envelope, payload = encode_call(header)
-        key = keys.method_key(self._controller.fleet, self.spec.name, keys.ROBOT, method)
+        key = keys.method_key(self._controller.fleet, self.spec.name, resource, method)
+        sent_s = REAL_TIME.now()
 
         def heard(answer: Answer, time: RobotTime | None) -> None:
+            answered_s = REAL_TIME.now()
             self._note_time(time)
+            self.soon(lambda: self._pinger.note(time, sent_s, answered_s))
             self.soon(lambda: take(answer))
 
-        exchange = _Exchange(heard, lambda: self.soon(miss))
+        exchange = Exchange(heard, lambda: self.soon(miss))
         is_urgent = method in (keys.STOP, keys.RESUME)
         self._controller.get(key, exchange.reply, exchange.drop, envelope, payload, timeout_s, is_urgent=is_urgent)
+
+    def ping(self) -> Future[Ping]:
+        """See RobotConnection."""
+        future: Future[Ping] = Future(REAL_TIME, REAL_TIME.now() + PING_TIMEOUT_S + _GRACE_S)
+        self.soon(lambda: self._ping(future))
+        return future
+
+    def _ping(self, future: Future[Ping]) -> None:
+        header = CallHeader(self._stamper.client, self._stamper.epoch, 0, PING_TIMEOUT_S, PING_TIMEOUT_S)
+        envelope, payload = encode_call(header)
+        key = keys.method_key(self._controller.fleet, self.spec.name, keys.ROBOT, keys.PING)
+        sent_s = REAL_TIME.now()
+
+        def heard(answer: Answer, time: RobotTime | None) -> None:
+            answered_s = REAL_TIME.now()
+            self._note_time(time)
+            self.soon(lambda: self._pinger.take(future, answer, time, sent_s, answered_s))
+
+        def miss() -> None:
+            future.set_exception(UnavailableError("the robot did not answer", robot=self.spec.name))
+
+        exchange = Exchange(heard, lambda: self.soon(miss))
+        self._controller.get(key, exchange.reply, exchange.drop, envelope, payload, PING_TIMEOUT_S)
 
     def stop_now(self, reason: str) -> Future[None]:
         """See RobotConnection."""
         self.view.latch.set(reason)
-        return self.ask(keys.STOP, (reason,)).map(lambda _: None)
+        self._owed_stop = reason
+
+        def held(_: Mapping[str, Any]) -> None:
+            self._owed_stop = None
+
+        return self.ask(keys.STOP, (reason,)).map(held)
 
     def resume(self) -> Future[None]:
         """See RobotConnection."""
 
         def cleared(_: Mapping[str, Any]) -> None:
+            self._owed_stop = None
             self.view.latch.clear()
 
         return self.ask(keys.RESUME).map(cleared)
@@ -411,15 +441,14 @@ class RemoteRobot(EALActor):
         self.view.state = RobotState.STOPPED
         error = UnavailableError("the robot is disconnected")
         for cell in self.view.cells.values():
-            cell.error = error.copy()
-            cell.actor = None
+            cell.close(error)
         for call in self._commands.values():
             call.fail(error.copy())
         self._commands.clear()
         self._controller.remove(self)
         if was_ready:
             self.actor_inbox.call_later(self.clock.of_real(_LEAVE_TIMEOUT_S), self._stop)
-            self._ask(keys.LEAVE, (), _LEAVE_TIMEOUT_S, lambda _: self._stop(), self._stop)
+            self._ask(keys.LEAVE, (), _LEAVE_TIMEOUT_S, lambda _: self._stop(), miss=self._stop)
         else:
             self._stop()
 
@@ -430,6 +459,7 @@ class RemoteRobot(EALActor):
     def on_stop(self) -> None:
         """Tell everybody. Thread: the actor's own."""
         self._controller.remove(self)
+        self._feeds.close()
         self.view.state = RobotState.STOPPED
         self.view.started.set(None)
         self.view.stopped.set(None)

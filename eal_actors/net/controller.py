@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import secrets
 import threading
 from collections.abc import Callable, Iterable
@@ -17,6 +18,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net import keys
 from eal_actors.net.client import RemoteRobot
 from eal_actors.net.session import controller_config, open_session
+from eal_actors.net.turnstile import Turnstile
 from eal_actors.net.wire import Heartbeat, decode_event, encode_heartbeat
 
 if TYPE_CHECKING:
@@ -53,6 +55,7 @@ class Controller(EALActor):
         self._session: zenoh.Session | None = None
         self._stack = ExitStack()
         self._sequence = 0
+        self._turnstile = Turnstile()
 
     # Life.
 
@@ -146,6 +149,29 @@ class Controller(EALActor):
         """Return whether the robot's sign of life is there."""
         return robot in self._alive
 
+    def subscribe(self, key: str, take: Callable[[zenoh.Sample], None]) -> Callable[[], None] | None:
+        """Take what is published on a key, in zenoh's threads.
+
+        Returns:
+            What ends it; None where the network is not open yet.
+        """
+        session = self._session
+        if session is None:
+            return None
+        import zenoh
+
+        try:
+            subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(take, indirect=False))
+        except zenoh.ZError as error:
+            get_logger(fleet=self.fleet).debug("a subscription failed", key=key, reason=shown(error))
+            return None
+
+        def end() -> None:
+            with contextlib.suppress(zenoh.ZError):  # the session is closed
+                subscriber.undeclare()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
+
+        return end
+
     def get(
         self,
         key: str,
@@ -157,7 +183,32 @@ class Controller(EALActor):
         *,
         is_urgent: bool = False,
     ) -> None:
-        """Send a query; `on_done` comes last, whatever happens. Thread: any; blocks only while the link is full."""
+        """Send a query; `on_done` comes last, whatever happens.
+
+        What is urgent is sent past everything that waits.
+
+        Thread: any; blocks only while a link is full, at most until the engine gives that link up.
+        """
+
+        def send() -> None:
+            self._send(key, on_reply, on_done, envelope, payload, timeout_s, is_urgent=is_urgent)
+
+        if is_urgent:
+            send()
+        else:
+            self._turnstile.leave(send)
+
+    def _send(
+        self,
+        key: str,
+        on_reply: Callable[[zenoh.Reply], None],
+        on_done: Callable[[], None],
+        envelope: bytes,
+        payload: Payload,
+        timeout_s: float,
+        *,
+        is_urgent: bool,
+    ) -> None:
         session = self._session
         if session is None:
             on_done()

@@ -1,7 +1,7 @@
 """The key space: where on the network a robot's methods, events and signs of life are found.
 
     eal/<fleet>/<robot>/<resource>/<method>     a method of a resource, as a query
-    eal/<fleet>/<robot>/<resource>/stream       what a resource streams
+    eal/<fleet>/<robot>/<resource>/stream/<encoding>/<rate>     what a resource streams
     eal/<fleet>/<robot>/_/<method>              a method of the robot itself
     eal/<fleet>/<robot>/_/events                what happens on a robot
     eal/<fleet>/<robot>/_/alive                 liveliness token of a robot
@@ -45,12 +45,16 @@ HALT: Final = "halt"
 """Resource: stop what moves."""
 INFO: Final = "info"
 """Resource: what it says of itself."""
-RESOURCE_METHODS: Final = (*METHODS, HALT, INFO)
+STREAM: Final = "stream"
+"""Resource: publish its values for a while; begins the keys on which it does."""
+RESOURCE_METHODS: Final = (*METHODS, HALT, INFO, STREAM)
 
 EVENTS: Final = "events"
-STREAM: Final = "stream"
 ALIVE: Final = "alive"
 HEARTBEAT: Final = "heartbeat"
+
+ALL_ALIVE: Final = f"{ROOT}/*/*/{ROBOT}/{ALIVE}"
+"""Key expression of the liveliness tokens of all robots of all fleets."""
 
 
 def robot_key(fleet: str, robot: str) -> str:
@@ -69,12 +73,17 @@ def method_key(fleet: str, robot: str, resource: str, method: str) -> str:
         fleet: name of the fleet, any text.
         robot: name of the robot.
         resource: name of the resource; ROBOT for the robot itself.
-        method: one of RESOURCE_METHODS or ROBOT_METHODS; or STREAM, EVENTS or ALIVE.
+        method: one of RESOURCE_METHODS or ROBOT_METHODS; or EVENTS or ALIVE.
 
     Raises:
         ProtocolError: a name is empty.
     """
     return f"{robot_key(fleet, robot)}/{_encode(resource)}/{_encode(method)}"
+
+
+def stream_key(fleet: str, robot: str, resource: str, encoding: str, rate: str) -> str:
+    """Return the key on which a robot publishes the values of a resource at a rate in an encoding."""
+    return f"{method_key(fleet, robot, resource, STREAM)}/{_encode(encoding)}/{_encode(rate)}"
 
 
 def alive_keys(fleet: str) -> str:

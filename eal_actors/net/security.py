@@ -148,7 +148,7 @@ class _Access:
             if grant.role == "controller":
                 yield f"{base}/{resource}/**"
             else:
-                for name in (*READING_METHODS, STREAM):
+                for name in (*READING_METHODS, f"{STREAM}/**"):
                     yield f"{base}/{resource}/{name}"
 
     def _allow(self, name: str, flow: _Flow, messages: Sequence[str], keys: Sequence[str]) -> None:

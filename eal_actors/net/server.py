@@ -1,28 +1,36 @@
 """RobotServer: offers the resources of a robot of this process to the controllers of a network.
 
-Zenoh's threads only decode, check and put calls into the resources' mailboxes. Values are answered by the thread of
-the resource that made them; everything about commands goes through the server's own mailbox, so that a controller
-that reads no answers cannot hold up an actuator.
+Zenoh's threads only decode, check and put calls into the resources' mailboxes. Answers leave from the thread of the
+resource that made them; those to commands from the server's own, so that a controller that reads none cannot hold up
+an actuator.
 """
 
 from __future__ import annotations
 
+import contextlib
 import secrets
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.actors.actor import EALActor
-from eal_actors.actors.call import MOTION_METHODS
+from eal_actors.actors.call import MOTION_METHODS, Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.actors.robot_view import RobotState
+from eal_actors.actors.robot_view import RobotState, release
 from eal_actors.clock import REAL_TIME
 from eal_actors.data import EALData
-from eal_actors.errors import DeadlineError, EALError, ProtocolError, ResourceFaultError, UnavailableError, shown
+from eal_actors.errors import (
+    DeadlineError,
+    EALError,
+    ProtocolError,
+    ResourceFaultError,
+    StaleCommandError,
+    UnavailableError,
+    shown,
+)
 from eal_actors.info import ResourceType
 from eal_actors.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
@@ -30,7 +38,10 @@ from eal_actors.net import keys
 from eal_actors.net.calling import READS, start_call
 from eal_actors.net.deadman import DeadMan
 from eal_actors.net.leases import Leases
+from eal_actors.net.publishing import StreamPublisher
 from eal_actors.net.receipts import Receipts, Stamp
+from eal_actors.net.timing import fleet_time_of, real_time_of
+from eal_actors.net.turnstile import Turnstile
 from eal_actors.net.wire import (
     ACCEPTED,
     Answer,
@@ -48,7 +59,7 @@ if TYPE_CHECKING:
     import zenoh
 
 AT_ONCE_S: Final = 0.1
-"""Real seconds in which a command may end and still answer its query; a longer one is accepted, and tells later."""
+"""Real seconds that a command's query waits at least for its end; after that it is accepted, and tells later."""
 
 _CLAIMING: Final = MOTION_METHODS | {"set_config"}
 """What takes an actuator for one controller."""
@@ -64,12 +75,14 @@ class _Running:
         key: of its method, on which it is answered.
         query: what waits for the answer; None once that was given.
         call: the call to the resource.
+        since_s: when it came.
     """
 
     call_id: CallId
     key: str
     query: zenoh.Query | None
-    call: Future[Any]
+    call: Call[Any]
+    since_s: float
 
 
 class RobotServer(EALActor):
@@ -80,22 +93,32 @@ class RobotServer(EALActor):
         robot: a started robot of this process.
         session: an open session, which outlives the server.
         network: the fleet's network.
+        turnstile: through which the answers of all servers of the session pass; one of its own if None.
 
     Thread: an actor.
     """
 
-    def __init__(self, fleet: str, robot: RobotHandle, session: zenoh.Session, network: NetworkConfig) -> None:
+    def __init__(
+        self,
+        fleet: str,
+        robot: RobotHandle,
+        session: zenoh.Session,
+        network: NetworkConfig,
+        turnstile: Turnstile | None = None,
+    ) -> None:
         super().__init__(f"{robot.name} server", robot.clock)
         self._fleet = fleet
         self._robot = robot
         self._session = session
         self._network = network
+        self._turnstile = turnstile if turnstile is not None else Turnstile()
         self._era = secrets.token_hex(4)
         self._guard = threading.Lock()
         self._receipts: Receipts[Answer] = Receipts(self._era)
         self._leases = Leases(_actuators(robot), network.dead_man_s)
         self._dead_man = DeadMan(network.dead_man_s)
         self._running: dict[CallId, _Running] = {}
+        self._publisher = StreamPublisher(fleet, robot, session, self._era)
         self._declared: list[Any] = []
         self._state = robot.state
         self._log = get_logger(robot=robot.name)
@@ -133,6 +156,7 @@ class RobotServer(EALActor):
         for declared in reversed(self._declared):
             declared.undeclare()
         self._declared = []
+        self._publisher.close()
         self._stop()
 
     def _own_key(self, method: str) -> str:
@@ -145,8 +169,9 @@ class RobotServer(EALActor):
             self._log.debug("the server has ended; something came too late")
 
     def _look(self) -> None:
-        """Halt what silent controllers left moving, and tell of the robot's state, again and again."""
+        """See after silent controllers, long commands and the robot's state, again and again."""
         self._halt_silent()
+        self._accept_long()
         if self._robot.state is not self._state:
             self._state = self._robot.state
             self._publish(Event("state", REAL_TIME.now(), fields={"state": self._state.value}))
@@ -207,19 +232,41 @@ class RobotServer(EALActor):
         if method == keys.INFO:
             self._answer(query, key, handle.info.to_dict())
             return
+        if method == keys.STREAM:
+            with self._guard:
+                self._publisher.serve(handle, header)
+            self._answer(query, key, 1)
+            return
         if header.deadline_s <= 0:
             raise DeadlineError(f"{method} came after its deadline; it was not executed")
-        if method in READS or method == keys.HALT:
+        stops = method == keys.HALT or _is_stop(handle, method, header)
+        if method in READS or stops:
+            if stops:
+                self._note_stop(handle, header)
             call = start_call(handle, method, header.arguments, data, header.deadline_s, None)
             call.add_done_callback(lambda done: self._answer(query, key, _outcome(done)))
-            if method == keys.HALT:
-                with self._guard:
-                    self._dead_man.halted(handle.name)
             return
         begin_by_s = self.clock.now() + self.clock.of_real(self._check(handle, method, header))
-        call = start_call(handle, method, header.arguments, data, header.deadline_s, begin_by_s)
-        running = _Running(header.call_id, key, query, call)
-        self._soon(lambda: self._follow(running))
+        start_s = None if header.start_s is None else fleet_time_of(self.clock, header.start_s)
+        try:
+            call = start_call(handle, method, header.arguments, data, header.deadline_s, begin_by_s, start_s)
+        except EALError as error:
+            with self._guard:
+                self._receipts.finish(header.call_id, error)
+            raise
+        running = _Running(header.call_id, key, query, call, REAL_TIME.now())
+        with self._guard:
+            self._running[running.call_id] = running
+        call.add_done_callback(lambda _: self._finish(running))
+
+    def _note_stop(self, handle: ResourceHandle, header: CallHeader) -> None:
+        """Refuse from now on the commands that a stop has overtaken on its way; it is itself obeyed however old."""
+        stamp = Stamp(header.call_id, header.ttl_s, header.era, header.echo_s, header.held_s)
+        with self._guard:
+            with contextlib.suppress(StaleCommandError):  # then whatever it has overtaken is stale too
+                self._receipts.accept(stamp, handle.name, REAL_TIME.now())
+                self._receipts.finish(header.call_id, 1)
+            self._dead_man.halted(handle.name)
 
     def _check(self, handle: ResourceHandle, method: str, header: CallHeader) -> float:
         """Let a command pass: fresh, for the first time, and from whoever holds the resource.
@@ -242,35 +289,44 @@ class RobotServer(EALActor):
                 self._dead_man.commanded(header.client, handle.name, now_s)
         return stamp.begin_by_s - now_s
 
-    # Commands, in the server's own thread.
-
-    def _follow(self, running: _Running) -> None:
-        self._running[running.call_id] = running
-        running.call.add_done_callback(lambda _: self._soon(lambda: self._finish(running)))
-        if not running.call.done():
-            self.actor_inbox.call_later(self.clock.of_real(AT_ONCE_S), lambda: self._accept(running))
-
-    def _accept(self, running: _Running) -> None:
-        query, running.query = running.query, None
-        if query is not None:
-            self._answer(query, running.key, ACCEPTED)
+    # Commands.
 
     def _finish(self, running: _Running) -> None:
+        """Tell what a command came to. Thread: whichever finishes it, mostly its resource's."""
         outcome = _outcome(running.call)
-        self._running.pop(running.call_id, None)
         with self._guard:
+            self._running.pop(running.call_id, None)
             self._receipts.finish(running.call_id, outcome)
-        query, running.query = running.query, None
+            query, running.query = running.query, None
+        began_s = running.call.began_s
+        if began_s is not None:
+            began_s = real_time_of(self.clock, began_s)
         if query is not None:
-            self._answer(query, running.key, outcome)
+            self._answer(query, running.key, outcome, later=True, began_s=began_s)
         else:
-            self._publish(Event("result", REAL_TIME.now(), running.call_id, outcome))
+            fields = {} if began_s is None else {"began_s": began_s}
+            event = Event("result", REAL_TIME.now(), running.call_id, outcome, fields)
+            self._soon(lambda: self._publish(event))
+
+    def _accept_long(self) -> None:
+        """Answer the queries of commands that take long: their outcome will be told as an event."""
+        with self._guard:
+            early_s = REAL_TIME.now() - AT_ONCE_S
+            taken = [running for running in self._running.values() if running.query and running.since_s <= early_s]
+            queries = [(running.query, running.key) for running in taken]
+            for running in taken:
+                running.query = None
+        for query, key in queries:
+            if query is not None:
+                self._answer(query, key, ACCEPTED)
 
     # The robot itself.
 
     def _serve_robot(self, method: str, query: zenoh.Query, key: str, header: CallHeader) -> None:
         if method == keys.PING:
-            self._answer(query, key, {"received_s": REAL_TIME.now(), "state": self._robot.state.value})
+            received_s = REAL_TIME.now()
+            about = {**self._about(), "resources": len(self._robot)}
+            self._answer(query, key, {**about, "received_s": received_s, "replied_s": REAL_TIME.now()})
         elif method == keys.STOP:
             reason = " ".join(map(str, header.arguments))
             self._log.warning("emergency stop", reason=reason)
@@ -293,22 +349,31 @@ class RobotServer(EALActor):
             answer = act()
         except EALError as error:
             answer = error.at(self._robot.name)
+        except Exception as error:  # noqa: BLE001  # what a controller sends must not end the server
+            answer = ProtocolError(f"the query makes no sense: {shown(error)}", robot=self._robot.name)
         self._answer(query, key, answer)
 
     def _hello(self, header: CallHeader) -> Answer:
         with self._guard:
             now_s = REAL_TIME.now()
             self._receipts.enter(header.client, header.epoch, now_s)
-            holders = self._leases.holders(now_s)
+            running = [[*call_id] for call_id in self._running]
         if self._robot.state is RobotState.STARTING:
             raise UnavailableError("it is still starting")
         return {
-            "release": version("eal-actors"),
-            "state": self._robot.state.value,
-            "stopped": self._robot.stopped_because,
+            **self._about(),
             "problems": [shown(problem) for problem in self._robot.problems],
             "resources": [handle.info.to_dict() for handle in self._robot.values()],
-            "running": [[*call_id] for call_id in self._running],
+            "running": running,
+        }
+
+    def _about(self) -> dict[str, Any]:
+        with self._guard:
+            holders = self._leases.holders(REAL_TIME.now())
+        return {
+            "release": release(),
+            "state": self._robot.state.value,
+            "stopped": self._robot.stopped_because,
             "holders": holders,
         }
 
@@ -330,7 +395,8 @@ class RobotServer(EALActor):
 
     def _cancel(self, header: CallHeader) -> Answer:
         epoch, sequence = (int(number) for number in header.arguments)
-        running = self._running.get(CallId(header.client, epoch, sequence))
+        with self._guard:
+            running = self._running.get(CallId(header.client, epoch, sequence))
         if running is not None:
             running.call.cancel()
         return 1
@@ -340,23 +406,43 @@ class RobotServer(EALActor):
         with self._guard:
             resources = self._dead_man.leave(header.client)
             self._leases.leave(header.client)
+            self._publisher.leave(header.client)
         for resource in resources:
             self._robot[resource].halt()
         return 1
 
     # Answers.
 
-    def _answer(self, query: zenoh.Query, key: str, answer: Answer) -> None:
-        """Answer a query, once. Thread: any; may block while the link to the controller is full."""
+    def _answer(
+        self, query: zenoh.Query, key: str, answer: Answer, *, later: bool = False, began_s: float | None = None
+    ) -> None:
+        """Answer a query, once.
+
+        Args:
+            query: the query.
+            key: of its method.
+            answer: what to answer.
+            later: send it from the server's own thread: no actuator waits for a controller that does not read.
+            began_s: when the command began, of one with a time to begin.
+
+        Thread: any; else may block while the link to the controller is full.
+        """
         try:
-            envelope, payload = encode_answer(answer, RobotTime(self._era, REAL_TIME.now()))
+            envelope, payload = encode_answer(answer, RobotTime(self._era, REAL_TIME.now(), began_s))
         except EALError as error:  # too large, say
             envelope, payload = encode_answer(error.at(self._robot.name), RobotTime(self._era, REAL_TIME.now()))
-        try:
-            with query:
-                query.reply(key, bytes(payload), attachment=envelope, express=True)
-        except Exception as error:  # noqa: BLE001  # zenoh's own: the link broke, or the session is being closed
-            self._log.debug("an answer could not be sent", key=key, reason=shown(error))
+
+        def send() -> None:
+            try:
+                with query:
+                    query.reply(key, bytes(payload), attachment=envelope, express=True)
+            except Exception as error:  # noqa: BLE001  # zenoh's own: the link broke, or the session is being closed
+                self._log.debug("an answer could not be sent", key=key, reason=shown(error))
+
+        if later:
+            self._soon(lambda: self._turnstile.enter(send))
+        else:
+            self._turnstile.enter(send)
 
     def _publish(self, event: Event) -> None:
         envelope, payload = encode_event(event)
@@ -373,6 +459,11 @@ def _outcome(done: Future[Any]) -> Answer:
         value = done.get()
         return 1 if value is None else value
     return error if isinstance(error, EALError) else ResourceFaultError(shown(error))
+
+
+def _is_stop(handle: ResourceHandle, method: str, header: CallHeader) -> bool:
+    """Return whether a call is a command that only stops: anybody may give it at any time, as a halt."""
+    return method == "send_cmd" and header.arguments[:1] != () and header.arguments[0] in handle.info.urgent_commands
 
 
 def _actuators(robot: RobotHandle) -> list[str]:

@@ -78,8 +78,8 @@ def controller_config(fleet: FleetConfig, robots: Iterable[str] | None = None) -
     network = fleet.network
     remote = [name for name in (fleet.robots if robots is None else robots) if fleet.robots[name].address is not None]
     addresses = [address for name in remote if (address := fleet.robots[name].address) is not None]
-    direct = [address for address in addresses if address != BEHIND_ROUTER]
-    if len(direct) == len(addresses):
+    direct = list(dict.fromkeys(address for address in addresses if address != BEHIND_ROUTER))
+    if BEHIND_ROUTER not in addresses:
         config = _config(network, "peer", connect=direct, sessions=2 * len(direct))
     elif direct:
         config = _config(network, "peer", connect=[network.routers[0], *direct], sessions=2 * len(direct))
@@ -88,6 +88,23 @@ def controller_config(fleet: FleetConfig, robots: Iterable[str] | None = None) -
     if network.security is not None:
         config["transport"]["link"]["tls"] = tls_config(network.security, network.security.controller)
         config["access_control"] = controller_access(fleet, network.security, remote)
+    return config
+
+
+def visitor_config(endpoint: str, network: NetworkConfig | None = None) -> dict[str, Any]:
+    """Return the zenoh configuration of somebody who only looks who is behind an endpoint.
+
+    Args:
+        endpoint: of a robot or a router.
+        network: whose keys to show; none if None.
+
+    Raises:
+        ConfigError: the keys are missing.
+    """
+    network = network or DEFAULT_NETWORK
+    config = _config(network, "client", connect=[endpoint], sessions=0)
+    if network.security is not None:
+        config["transport"]["link"]["tls"] = tls_config(network.security, network.security.controller)
     return config
 
 

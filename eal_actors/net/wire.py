@@ -83,7 +83,7 @@ class CallHeader(NamedTuple):
         sequence: see CallId.
         ttl_s: seconds after its receipt within which the robot may begin with it.
         deadline_s: seconds left until the caller's deadline when it was sent; below 0 once it has passed.
-        start_s: robot's fleet time at which to begin, in seconds; None for at once.
+        start_s: robot's clock at which to begin, as in its answers, in seconds; None for at once.
         arguments: the method's arguments that are text or int, in their order, of at most 64 bits.
         era: of a command: the run of the robot's server that the echo is from; see receipts.
         echo_s: of a command: the robot's clock as an answer brought it, in seconds.
@@ -201,10 +201,12 @@ class RobotTime(NamedTuple):
     Attributes:
         era: the run of the robot's server.
         time_s: its clock, in seconds.
+        began_s: when it began with the command that is answered, by the same clock, where that had a time to begin.
     """
 
     era: str
     time_s: float
+    began_s: float | None = None
 
 
 def encode_answer(answer: Answer, time: RobotTime | None = None) -> tuple[bytes, Payload]:
@@ -218,7 +220,8 @@ def encode_answer(answer: Answer, time: RobotTime | None = None) -> tuple[bytes,
         DataError: the payload is over MAX_PAYLOAD_BYTES, or something in the answer cannot be sent.
     """
     kind, body, payload = _answer_parts(answer)
-    return pack((PROTOCOL_VERSION, kind, body, *(time or ())), "answer"), payload
+    known = () if time is None else time[:2] if time.began_s is None else time
+    return pack((PROTOCOL_VERSION, kind, body, *known), "answer"), payload
 
 
 def decode_answer(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> Answer:
@@ -236,10 +239,11 @@ def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[Answe
     Raises:
         ProtocolError: it is none, or of another version.
     """
-    _, *answer, era, time_s = unpack_row(envelope, "answer", 3, 2)
+    _, *answer, era, time_s, began_s = unpack_row(envelope, "answer", 3, 3)
     time = None
     if era is not None:
-        time = RobotTime(_checked_text(era, "answer: era"), _checked_time(time_s, "answer: time_s"))
+        began_s = None if began_s is None else _checked_time(began_s, "answer: began_s")
+        time = RobotTime(_checked_text(era, "answer: era"), _checked_time(time_s, "answer: time_s"), began_s)
     return _answer_from(answer, payload, "answer"), time
 
 

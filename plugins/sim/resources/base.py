@@ -10,6 +10,7 @@ from eal_actors.plugin import (
     ArgumentError,
     DataType,
     EALData,
+    ResourceFaultError,
     ResourceInfo,
     ResourceType,
     UnavailableError,
@@ -23,6 +24,7 @@ from ..models import MAKES
 from ..motion import Motion, Move
 from ..robot import SimRobot
 from ..world import SimWorld
+from .ground import LOOK_S, minds_ground, require_ground
 from .on_robot import OnRobot
 
 _DISTANCE = ValueInfo(DataType.DOUBLE, "m", 0, 100)
@@ -46,6 +48,7 @@ class Base(OnRobot):
         self._turn_rate_deg_s = robot.make.turn_rate_deg_s
         self._step_m = 0.5
         self._twist_timeout_s = 0.5
+        self._minds_ground = minds_ground(world, robot)
         self._general_info: ResourceInfo | None = None
         self._own_info: ResourceInfo
 
@@ -181,20 +184,25 @@ class Base(OnRobot):
             )
 
     def _drive(self, distance_m: float) -> Activity:
-        return self._run(Move.straight(self._robot.make, distance_m, self._speed_m_s, self._world.tick_s))
+        move = Move.straight(self._robot.make, distance_m, self._speed_m_s, self._world.tick_s)
+        return self._run(move, forward=distance_m > 0)
 
     def _turn(self, degrees: float) -> Activity:
         rate_rad_s = math.radians(self._turn_rate_deg_s)
-        return self._run(Move.turn(self._robot.make, math.radians(degrees), rate_rad_s, self._world.tick_s))
+        move = Move.turn(self._robot.make, math.radians(degrees), rate_rad_s, self._world.tick_s)
+        return self._run(move, forward=False)
 
-    def _run(self, move: Move) -> Activity:
+    def _run(self, move: Move, *, forward: bool) -> Activity:
         with self._world.caught_up():
+            self._world.stop(self._robot)
+            self._check_ground(forward)
             self._world.start(self._robot, move)
         try:
             while not move.is_over:
-                yield move.remaining_s
+                yield self._until_look_s(move)
                 with self._world.caught_up():
                     self._check_going(move)
+                    self._check_ground(forward)
             return 1
         finally:
             with self._world.caught_up():
@@ -207,14 +215,30 @@ class Base(OnRobot):
         arm_m = turn_rate_rad_s * make.track_m / 2
         left_m_s, right_m_s = speed_m_s - arm_m, speed_m_s + arm_m
         excess = max(1.0, abs(left_m_s) / make.max_speed_m_s, abs(right_m_s) / make.max_speed_m_s)
+        forward = speed_m_s > 0
         with self._world.caught_up():
+            self._check_ground(forward)
             self._world.drive(self._robot, left_m_s / excess, right_m_s / excess, self._twist_timeout_s)
             drive = self._robot.motion
         while drive is not None and not drive.is_over and self._robot.motion is drive:
-            yield drive.remaining_s
+            yield self._until_look_s(drive)
             with self._world.caught_up():
                 self._check_going(drive)
+                self._check_ground(forward)
         return 1
+
+    def _until_look_s(self, motion: Motion) -> float:
+        return min(motion.remaining_s, LOOK_S) if self._minds_ground else motion.remaining_s
+
+    def _check_ground(self, forward: bool) -> None:
+        """Stop the robot and raise ResourceFaultError where it would notice that the floor ends."""
+        if not self._minds_ground:
+            return
+        try:
+            require_ground(self._world, self._robot, forward=forward)
+        except ResourceFaultError:
+            self._world.stop(self._robot)
+            raise
 
     def _check_going(self, motion: Motion) -> None:
         """Raise UnavailableError if the motion was cut short."""

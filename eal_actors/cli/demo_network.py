@@ -1,0 +1,71 @@
+"""`make demo-network`: every robot of a fleet served by a process of its own on this machine, and one scenario."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+from rich.text import Text
+
+from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.output import stderr
+from eal_actors.errors import UnavailableError
+
+_STOP_S: Final = 5.0
+"""Real seconds that a server has to end by itself."""
+_PROGRAM: Final = (sys.executable, "-m", "eal_actors")
+
+
+def demo_network(
+    scenario: Annotated[Path, typer.Argument()] = Path("scenarios/dance.yaml"),
+    fleet: Annotated[Path, typer.Option("--fleet", "-f")] = Path("fleets/loopback.yaml"),
+    runs_dir: Annotated[Path, typer.Option()] = Path("runs"),
+) -> None:
+    """Serve each robot of a fleet by a process of its own, run a scenario over the network, and stop the servers."""
+    served = [name for name, robot in read_fleet(fleet).robots.items() if robot.address is not None]
+    with _serving(fleet, served):
+        run = ("run", scenario, "--fleet", fleet, "--runs-dir", runs_dir, "--show")
+        code = subprocess.run([*_PROGRAM, *map(str, run)], check=False).returncode  # noqa: S603  # our own program
+    raise typer.Exit(code)
+
+
+@contextmanager
+def _serving(fleet: Path, robots: Sequence[str]) -> Iterator[None]:
+    """Start a server for each robot, wait until all of them listen, and stop them at the end."""
+    with ExitStack() as stack:
+        servers = [(robot, stack.enter_context(_server(fleet, robot))) for robot in robots]
+        for robot, server in servers:
+            stderr().print(Text(_last_line(robot, server), style="dim"), soft_wrap=True)
+        yield
+
+
+@contextmanager
+def _server(fleet: Path, robot: str) -> Iterator[subprocess.Popen[str]]:
+    command = [*_PROGRAM, "serve", "--fleet", str(fleet), "--robot", robot]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603  # our own program
+    try:
+        yield server
+    finally:
+        server.terminate()
+        try:
+            server.communicate(timeout=_STOP_S)
+        except subprocess.TimeoutExpired:
+            server.kill()
+            server.communicate()
+
+
+def _last_line(robot: str, server: subprocess.Popen[str]) -> str:
+    """Return what a server says when it listens.
+
+    Raises:
+        UnavailableError: it has ended instead; it has said why on stderr.
+    """
+    for line in server.stdout or ():
+        if line.startswith("listening"):
+            return f"{robot}: {line.rstrip()}"
+    raise UnavailableError("its server has ended; see above", robot=robot)

@@ -1,0 +1,179 @@
+"""`eal ping`: how far each robot of a fleet is, and how it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from statistics import median
+from typing import Annotated, Any
+
+import typer
+from rich.text import Text
+
+from eal_actors.actors.combine import gather
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.robot_view import Ping, RobotState
+from eal_actors.cli.exit_codes import ExitCode
+from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.options import FleetOption, JsonOption, RobotsArgument
+from eal_actors.cli.output import new_table, stdout, write_json
+from eal_actors.errors import EALError
+from eal_actors.facade.fleet import Fleet
+
+
+@dataclass
+class _Findings:
+    """What is known of one robot.
+
+    Attributes:
+        name: the robot's name.
+        address: where it is; None for one that would live in this process.
+        pings: its answers.
+        error: why it did not answer, the last time that it did not.
+        problems: what it says of itself.
+    """
+
+    name: str
+    address: str | None
+    pings: list[Ping] = field(default_factory=list)
+    error: EALError | None = None
+    problems: list[str] = field(default_factory=list)
+
+    @property
+    def last(self) -> Ping | None:
+        """The last answer, if the last ping had one."""
+        return self.pings[-1] if self.pings and self.error is None else None
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether it can be commanded, were it not for an emergency stop; what lives in no other process is."""
+        return self.address is None or (self.last is not None and self.last.state is RobotState.READY)
+
+
+def ping_robots(
+    fleet: FleetOption,
+    robots: RobotsArgument = None,
+    count: Annotated[int, typer.Option(min=1, max=10_000, help="How many pings each robot gets.")] = 10,
+    as_json: JsonOption = False,
+) -> None:
+    """Ask each robot how it is, and measure the way to it and the offset of its clock.
+
+    Robots without an address are not touched: they live in the process of each controller. Ends with 1 if a robot is
+    not ready.
+    """
+    config = read_fleet(fleet, robots or ())
+    findings = [_Findings(robot.name, robot.address) for robot in config.robots.values()]
+    remote = [entry for entry in findings if entry.address is not None]
+    if remote:
+        with Fleet(config).connect([entry.name for entry in remote]) as opened:
+            for _ in range(count):
+                _ping_once(opened, remote)
+    if as_json:
+        write_json({"fleet": config.name, "robots": [_described(entry) for entry in findings]})
+    else:
+        _print_table(findings)
+    if not all(entry.is_ready for entry in findings):
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _ping_once(fleet: Fleet, findings: list[_Findings]) -> None:
+    """Ping all robots at once; those that cannot be reached are not waited for."""
+    reached = [entry for entry in findings if _is_reached(fleet[entry.name], entry)]
+    answers = gather([fleet[entry.name].ping() for entry in reached], return_exceptions=True).get()
+    for entry, answer in zip(reached, answers, strict=True):
+        if isinstance(answer, Ping):
+            entry.pings.append(answer)
+            entry.error = None
+        else:
+            entry.error = answer
+        entry.problems = [problem.message for problem in fleet[entry.name].problems]
+
+
+def _is_reached(robot: RobotHandle, entry: _Findings) -> bool:
+    try:
+        robot.require_started()
+    except EALError as error:
+        entry.error = error
+        return False
+    return True
+
+
+def _described(entry: _Findings) -> dict[str, Any]:
+    last = entry.last
+    trips = [ping.round_trip_s for ping in entry.pings]
+    return {
+        "name": entry.name,
+        "address": entry.address,
+        "ready": entry.is_ready,
+        "state": _state(entry),
+        "reason": None if entry.error is None else entry.error.message,
+        "problems": entry.problems,
+        "answers": len(trips),
+        "round_trip_min_s": min(trips, default=None),
+        "round_trip_median_s": median(trips) if trips else None,
+        "clock_offset_s": last and last.offset_s,
+        "clock_offset_error_s": last and last.offset_error_s,
+        "release": last and last.release,
+        "resources": last and last.resources,
+        "stopped": last and last.stopped,
+        "holders": {} if last is None else dict(last.holders),
+    }
+
+
+def _state(entry: _Findings) -> str:
+    if entry.address is None:
+        return "local"
+    return RobotState.LOST.value if entry.last is None else entry.last.state.value
+
+
+def _print_table(findings: list[_Findings]) -> None:
+    table = new_table("robot", "state", "min / median", "clock offset", "release", "resources")
+    for entry in findings:
+        table.add_row(Text(entry.name, style="cyan"), _shown_state(entry), *_figures(entry))
+    console = stdout()
+    console.print(table)
+    for entry in findings:
+        for note in _notes(entry):
+            console.print(Text.assemble((entry.name, "cyan"), ": ", note), soft_wrap=True)
+
+
+def _shown_state(entry: _Findings) -> Text:
+    if entry.address is None:
+        return Text("local", style="dim")
+    if not entry.is_ready:
+        return Text(_state(entry), style="bold red")
+    if entry.last is not None and entry.last.stopped is not None:
+        return Text("stopped", style="yellow")
+    return Text(_state(entry), style="green")
+
+
+def _figures(entry: _Findings) -> tuple[str, str, str, str]:
+    last = entry.last
+    if last is None:
+        return "", "", "", ""
+    trips = [ping.round_trip_s for ping in entry.pings]
+    return (
+        f"{_ms(min(trips))} / {_ms(median(trips))} ms",
+        f"{last.offset_s:+.4f} s ± {_ms(last.offset_error_s)} ms",
+        last.release,
+        str(last.resources),
+    )
+
+
+def _notes(entry: _Findings) -> Iterator[Text]:
+    """Yield what else there is to say: why it is not there, what is wrong with it, who holds what."""
+    if entry.address is None:
+        yield Text("lives in the controller's process", style="dim")
+    if entry.error is not None:
+        yield Text(entry.error.message, style="red")
+    if entry.last is not None:
+        if entry.last.stopped is not None:
+            yield Text(f"emergency stop: {entry.last.stopped}", style="yellow")
+        for problem in entry.problems:
+            yield Text(problem, style="red")
+        for resource, holder in entry.last.holders.items():
+            yield Text(f"{resource} is held by controller {holder}")
+
+
+def _ms(duration_s: float) -> str:
+    return f"{duration_s * 1000:.2f}"

@@ -1,0 +1,130 @@
+"""Start together: one time for many robots to begin, and how close to it they came."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+from eal_actors.actors.call import Call
+from eal_actors.actors.combine import gather
+from eal_actors.actors.future import Future
+from eal_actors.actors.handles import ResourceHandle, RobotHandle
+from eal_actors.actors.robot_view import Ping, RobotState
+from eal_actors.clock import REAL_TIME, Clock
+from eal_actors.errors import ArgumentError, WaitTimeoutError
+
+Command: TypeAlias = str | tuple[str, Any]
+"""A command, or a command and its argument."""
+
+_PINGS: Final = 5
+_PINGING_S: Final = 0.5
+"""Real seconds that all pings together may take."""
+
+
+@dataclass(frozen=True, slots=True)
+class Begin:
+    """When one command began.
+
+    Attributes:
+        robot: the robot's name.
+        resource: the resource's name.
+        command: the command's text.
+        began_s: by the fleet's clock of whoever started it; None if it did not begin, or nobody heard of it.
+        error_s: by how many seconds at most `began_s` is wrong, either way; 0 in the same process.
+    """
+
+    robot: str
+    resource: str
+    command: str
+    began_s: float | None
+    error_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class StartRecord:
+    """How close together commands began.
+
+    Attributes:
+        start_s: when they were to begin, by the fleet's clock.
+        begins: when each did, in the order given.
+    """
+
+    start_s: float
+    begins: tuple[Begin, ...]
+
+    @property
+    def skew_s(self) -> float | None:
+        """Seconds from the first begin to the last; None where not all have begun."""
+        times = [begin.began_s for begin in self.begins if begin.began_s is not None]
+        return max(times) - min(times) if times and len(times) == len(self.begins) else None
+
+    @property
+    def skew_error_s(self) -> float:
+        """By how many seconds at most `skew_s` is wrong, either way."""
+        return sum(sorted(begin.error_s for begin in self.begins)[-2:])
+
+
+@dataclass(frozen=True, slots=True)
+class Together:
+    """Commands on their way to a common start.
+
+    Attributes:
+        start_s: when they are to begin, by the fleet's clock.
+        futures: of the commands, in the order given.
+        record: how close together they began; done when the last command is, whether it succeeds or fails.
+    """
+
+    start_s: float
+    futures: tuple[Future[int], ...]
+    record: Future[StartRecord]
+
+
+def start_together(
+    commands: Mapping[ResourceHandle, Command],
+    robots: Iterable[RobotHandle],
+    clock: Clock,
+    lead_s: float,
+    timeout_s: float | None,
+) -> Together:
+    """See Fleet.together."""
+    if not (math.isfinite(lead_s) and lead_s >= 0):
+        raise ArgumentError(f"lead_s must be seconds from 0, not {lead_s!r}")
+    way_s = clock.of_real(_longest_way_s(list(robots), clock))
+    way_s += max((handle.link.delay_s for handle in commands), default=0.0)
+    start_s = clock.now() + lead_s + way_s
+    calls = []
+    for handle, wanted in commands.items():
+        command, data = (wanted, None) if isinstance(wanted, str) else wanted
+        calls.append((handle, command, handle.send_cmd(command, data, timeout_s=timeout_s, at_s=start_s)))
+    futures = tuple(call for _, _, call in calls)
+    ended = gather(futures, return_exceptions=True)
+    record = ended.map(lambda _: StartRecord(start_s, tuple(_begin_of(*call) for call in calls)))
+    return Together(start_s, futures, record)
+
+
+def _longest_way_s(robots: list[RobotHandle], clock: Clock) -> float:
+    """Compare the clocks; return the longest round trip, with what the offset of that clock may be wrong by."""
+    longest_s = 0.0
+    end_s = REAL_TIME.now() + _PINGING_S
+    for _ in range(_PINGS):
+        pings = [robot.ping() for robot in robots if robot.state is RobotState.READY]
+        if not all(ping.done() for ping in pings):
+            try:
+                with clock.outside():
+                    gather(pings, return_exceptions=True).get(timeout=max(0.0, end_s - REAL_TIME.now()))
+            except WaitTimeoutError:
+                return max(longest_s, _PINGING_S)
+        told = [ping.get() for ping in pings if ping.exception() is None]
+        longest_s = max([longest_s, *map(_way_s, told)])
+    return longest_s
+
+
+def _way_s(ping: Ping) -> float:
+    return ping.round_trip_s + ping.offset_error_s
+
+
+def _begin_of(handle: ResourceHandle, command: str, future: Future[int]) -> Begin:
+    began_s, error_s = (future.began_s, future.began_error_s) if isinstance(future, Call) else (None, 0.0)
+    return Begin(handle.robot, handle.name, command, began_s, error_s)

@@ -1,0 +1,135 @@
+"""Who is there: robots behind an endpoint, and robots on this network that answer to scouting."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from eal_actors.clock import REAL_TIME
+from eal_actors.errors import EALError, ProtocolError, UnavailableError
+from eal_actors.log import get_logger
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import SECURE_PROTOCOLS, parse_endpoint
+from eal_actors.net import keys
+from eal_actors.net.session import open_session, visitor_config
+
+if TYPE_CHECKING:
+    import zenoh
+
+VISIT_S: Final = 2.0
+"""Real seconds that somebody has to answer at an endpoint."""
+
+_TOKENS_S: Final = 1.0
+_VISITS_AT_ONCE: Final = 8
+_MOST_ANSWERS: Final = 10_000
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class FoundRobot:
+    """A robot that is there.
+
+    Attributes:
+        fleet: its fleet's name.
+        robot: its name.
+        endpoint: where it, or a router that leads to it, was reached.
+    """
+
+    fleet: str
+    robot: str
+    endpoint: str
+
+
+@dataclass(frozen=True, slots=True)
+class Discovery:
+    """What scouting found.
+
+    Attributes:
+        robots: those that are there, by fleet and name.
+        closed: endpoints of others, which want certificates or have nothing to tell.
+    """
+
+    robots: tuple[FoundRobot, ...]
+    closed: tuple[str, ...]
+
+
+def robots_at(endpoint: str, fleet: FleetConfig | None = None, timeout_s: float = VISIT_S) -> list[FoundRobot]:
+    """Return the robots that are reached at an endpoint: one, or all those behind a router.
+
+    Args:
+        endpoint: such as `tcp/192.168.1.11:50000`.
+        fleet: whose keys to show, and whose robots to look for; any fleet's robots if None.
+        timeout_s: real seconds to wait at most until somebody answers.
+
+    Raises:
+        UnavailableError: nobody answers there.
+        ConfigError: the fleet's keys are missing.
+
+    Thread: blocks the caller.
+    """
+    network = None if fleet is None else fleet.network
+    wanted = keys.ALL_ALIVE if fleet is None else keys.alive_keys(fleet.name)
+    try:
+        with open_session(visitor_config(endpoint, network), timeout_s) as session:
+            replies = session.liveliness().get(wanted, timeout=_TOKENS_S)
+            return sorted(_robots_of((reply.ok for reply in replies if reply.ok is not None), endpoint))
+    except UnavailableError as error:
+        raise UnavailableError(f"nobody answers at {endpoint}") from error
+
+
+def _robots_of(tokens: Iterable[zenoh.Sample], endpoint: str) -> set[FoundRobot]:
+    found = set()
+    for token in tokens:
+        try:
+            fleet, robot, _, _ = keys.parse_key(str(token.key_expr))
+        except ProtocolError as error:
+            get_logger().debug("something on the network is no robot", reason=error.message)
+        else:
+            found.add(FoundRobot(fleet, robot, endpoint))
+    return found
+
+
+def discover(timeout_s: float) -> Discovery:
+    """Ask by multicast who is there, and each of those for its robots.
+
+    Args:
+        timeout_s: real seconds for answers to the multicast.
+
+    Thread: blocks the caller, for that time and a few seconds more where many answer.
+    """
+    nodes = _scout(timeout_s)
+    with ThreadPoolExecutor(_VISITS_AT_ONCE, "eal-net-visit") as visits:
+        outcomes = list(visits.map(_visit, nodes))
+    robots = sorted({robot for found in outcomes for robot in found})
+    closed = [node[0] for node, found in zip(nodes, outcomes, strict=True) if node and not found]
+    return Discovery(tuple(robots), tuple(sorted(closed)))
+
+
+def _scout(timeout_s: float) -> list[list[str]]:
+    """Return the endpoints of each node that answers."""
+    import zenoh
+
+    config = zenoh.Config.from_json5(json.dumps({"scouting": {"multicast": {"enabled": True}}}))
+    nodes: dict[str, list[str]] = {}  # each answers more than once
+    with zenoh.scout(zenoh.handlers.FifoChannel(_MOST_ANSWERS), what="peer|router", config=config) as scout:
+        REAL_TIME.sleep(timeout_s)
+        while (hello := scout.try_recv()) is not None:
+            nodes[str(hello.zid)] = list(hello.locators)
+    return list(nodes.values())
+
+
+def _visit(endpoints: list[str]) -> list[FoundRobot]:
+    """Return the robots of a node by the first of its endpoints that leads to some."""
+    for endpoint in endpoints:
+        try:
+            if parse_endpoint(endpoint).protocol in SECURE_PROTOCOLS:
+                continue
+            found = robots_at(endpoint)
+        except (EALError, ValueError) as error:
+            get_logger().debug("nothing is known of an endpoint", endpoint=endpoint, reason=str(error))
+        else:
+            if found:
+                return found
+    return []

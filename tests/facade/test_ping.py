@@ -1,0 +1,30 @@
+"""A ping of a robot in this process, and of one that is not there."""
+
+from __future__ import annotations
+
+import pytest
+
+from eal_actors import Fleet
+from eal_actors.actors.robot_view import Ping, RobotState
+from eal_actors.errors import UnavailableError
+from eal_actors.testing import Simulation
+from tests.net.links import fleet_of, free_port
+
+
+def test_a_robot_of_this_process_answers_at_once_whatever_it_does() -> None:
+    with Simulation({"a": {"model": "roomba"}}) as simulation:
+        robot = simulation["a"]
+        robot["Base"].send_cmd("f1")
+        answer = robot.ping()
+        assert answer.done()
+        ping = answer.get()
+        assert ping == Ping(RobotState.READY, ping.release, len(robot))
+        robot.stop("a dog").get()
+        assert robot.ping().get().stopped == "a dog"
+    assert robot.ping().get().state is RobotState.STOPPED
+
+
+def test_a_robot_that_is_not_there_fails_the_ping_and_holds_nobody_up() -> None:
+    config = fleet_of({}, {"r": f"tcp/127.0.0.1:{free_port()}"})
+    with Fleet(config).connect(timeout_s=0.0) as fleet, pytest.raises(UnavailableError, match="r: the robot did not"):
+        fleet["r"].ping().get()

@@ -1,0 +1,254 @@
+"""A plugin whose actuator writes down each beginning, end and halt, to be read from outside its process."""
+
+# ruff: noqa: N802  # the plugin API names the functions after the resources
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from eal_actors.plugin import (
+    Activity,
+    ArgumentError,
+    DataType,
+    EALData,
+    EALPlugin,
+    PluginContext,
+    PluginSettingsModel,
+    Resource,
+    ResourceType,
+    ValueInfo,
+    command,
+    config,
+    config_setter,
+    request,
+)
+
+FRAME_SHAPE = (480, 640, 3)
+_STEP_S = 0.02
+_SECONDS = ValueInfo(DataType.DOUBLE, "s", minimum=0)
+
+
+class Settings(PluginSettingsModel):
+    """What the fleet file may set."""
+
+    file: str
+    """Where to write down what happens."""
+
+
+class Notebook:
+    """Appends whole lines to a file, so that a process may be killed at any time."""
+
+    def __init__(self, context: PluginContext) -> None:
+        self.robot = context.robot
+        self.clock = context.clock
+        self._file = os.open(context.settings.file, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
+
+    def note(self, event: str, what: str = "-") -> None:
+        """Write a line: the machine's monotonic time, the robot, the event, what it is about."""
+        now_s = time.clock_gettime(time.CLOCK_MONOTONIC)
+        os.write(self._file, f"{now_s:.6f} {self.robot} {event} {what}\n".encode())
+
+
+class Arm(Resource):
+    """An actuator that moves for as long as it is told."""
+
+    types = ResourceType.ACTUATOR
+    value = ValueInfo(DataType.DOUBLE, minimum=-1, maximum=1)
+
+    def __init__(self, notebook: Notebook) -> None:
+        self._notebook = notebook
+        self._moving = 0
+        self._value = 0.0
+        self._speed = 0.5
+
+    def get_status(self) -> int:
+        return self._moving
+
+    def get_value(self) -> float:
+        return self._value
+
+    def set_value(self, data: EALData) -> None:
+        self._value = float(data.value)
+        self._notebook.note("set", f"{self._value:g}")
+
+    @contextmanager
+    def _move(self, what: str) -> Iterator[None]:
+        self._notebook.note("begin", what)
+        self._moving = 1
+        try:
+            yield
+            self._notebook.note("end", what)
+        finally:
+            self._moving = 0
+
+    @command("move<seconds>", _SECONDS)
+    def move(self, seconds: float) -> Activity:
+        """Move for so long; the answer is 7."""
+        with self._move(f"move{seconds:g}"):
+            end_s = self._notebook.clock.now() + seconds
+            while (left_s := end_s - self._notebook.clock.now()) > 0:
+                yield min(left_s, _STEP_S)
+        return 7
+
+    @command("step<number>", ValueInfo(DataType.INT))
+    def step(self, number: int) -> int:
+        """Note a number at once, and answer it."""
+        self._notebook.note("step", str(number))
+        return number
+
+    @command("put", ValueInfo(DataType.INT))
+    def put(self, number: int) -> None:
+        """Take a number that is no part of the text."""
+        self._notebook.note("put", str(number))
+
+    @command("jam")
+    def jam(self) -> Activity:
+        """Begin, and fail."""
+        yield 0.0
+        raise OSError("jammed")
+
+    @command("s", urgent=True)
+    def stop(self) -> None:
+        """Stop."""
+        self._notebook.note("stop")
+
+    @config("speed", ValueInfo(DataType.DOUBLE, "m/s", minimum=0, maximum=1))
+    def speed(self) -> float:
+        """How fast."""
+        return self._speed
+
+    @config_setter("speed")
+    def set_speed(self, speed: float) -> None:
+        self._speed = speed
+
+    @config("serial", ValueInfo(DataType.CHAR))
+    def serial(self) -> str:
+        """Which one it is."""
+        return "W-1"
+
+    def halt(self) -> None:
+        self._notebook.note("halt")
+
+
+class Gauge(Resource):
+    """A sensor with requests that take time or fail."""
+
+    types = ResourceType.SENSOR
+    value = ValueInfo(DataType.INT)
+
+    def __init__(self, notebook: Notebook) -> None:
+        self._notebook = notebook
+
+    def get_status(self) -> int:
+        return 3
+
+    def get_value(self) -> int:
+        return -42
+
+    @request("slow<seconds>", ValueInfo(DataType.DOUBLE), _SECONDS)
+    def slow(self, seconds: float) -> float:
+        """Hold up everything for so long."""
+        self._notebook.note("slow", f"{seconds:g}")
+        self._notebook.clock.sleep(seconds)
+        return seconds
+
+    @request("fault")
+    def fault(self) -> int:
+        """Raise."""
+        raise ZeroDivisionError("no gauge")
+
+    @request("refuse")
+    def refuse(self) -> int:
+        """Refuse."""
+        raise ArgumentError("not today")
+
+    @request("text", ValueInfo(DataType.INT))
+    def text(self) -> str:
+        """Answer something else than promised."""
+        return "text"
+
+
+class Eye(Resource):
+    """A sensor of large values, which takes large values too."""
+
+    types = ResourceType.SENSOR
+
+    def __init__(self) -> None:
+        self._frame = (np.arange(np.prod(FRAME_SHAPE)) % 251).astype(np.uint8).reshape(FRAME_SHAPE)
+
+    def get_value(self) -> EALData:
+        return EALData.of(self._frame)
+
+    def set_value(self, data: EALData) -> int:
+        return data.length
+
+    @request("blob<bytes>", None, ValueInfo(DataType.INT, minimum=0))
+    def blob(self, count: int) -> EALData:
+        """Answer so many bytes."""
+        return EALData.of(np.zeros(count, np.uint8))
+
+
+class Line(Resource):
+    """A line that gives back what was written to it."""
+
+    types = ResourceType.COMMUNICATION
+
+    def __init__(self) -> None:
+        self._bytes = b""
+
+    def read_comm(self, length: int) -> bytes:
+        taken, self._bytes = self._bytes[:length], self._bytes[length:]
+        return taken
+
+    def write_comm(self, data: EALData, length: int) -> int:
+        self._bytes += bytes(data.payload)[:length]
+        return length
+
+    def halt(self) -> None: ...
+
+
+class Witness(EALPlugin):
+    """Keeps the notebook of its resources."""
+
+    def __init__(self, notebook: Notebook) -> None:
+        super().__init__("Arm", "Gauge", "Eye", "Line")
+        self.notebook = notebook
+
+
+def connect(context: PluginContext) -> Witness:
+    return Witness(Notebook(context))
+
+
+def disconnect(plugin: Witness) -> None: ...
+
+
+def create_Arm(context: PluginContext) -> Arm:
+    return Arm(context.plugin.notebook)
+
+
+def destroy_Arm(resource: Arm) -> None: ...
+
+
+def create_Gauge(context: PluginContext) -> Gauge:
+    return Gauge(context.plugin.notebook)
+
+
+def destroy_Gauge(resource: Gauge) -> None: ...
+
+
+def create_Eye() -> Eye:
+    return Eye()
+
+
+def destroy_Eye(resource: Eye) -> None: ...
+
+
+def create_Line() -> Line:
+    return Line()
+
+
+def destroy_Line(resource: Line) -> None: ...

@@ -1,0 +1,158 @@
+"""`connect` to machines: by an address in a fleet file, and to robots that are in none."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from eal_actors import Fleet, classic, connect
+from eal_actors.errors import ConfigError, RobotNotFoundError, UnavailableError
+from eal_actors.facade.elsewhere import robot_at
+from eal_actors.facade.service import RobotService
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.net.certificates import make_authority, make_certificate
+from eal_actors.net.session import open_session, router_config
+from tests.net.links import eventually, fleet_of, free_port
+
+LOCALHOST = "127.0.0.1"
+
+
+def endpoint(port: int) -> str:
+    return f"tcp/{LOCALHOST}:{port}"
+
+
+@pytest.fixture
+def port() -> Iterator[int]:
+    """The port of a robot `r1` that is served."""
+    number = free_port()
+    with RobotService(fleet_of({}, {"r1": endpoint(number)}), "r1"):
+        yield number
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A fleet file that knows nothing of it, and is the one that is taken."""
+    file = tmp_path / "other.yaml"
+    file.write_text("version: 1\nrobots: {here: {plugins: {sample: {}}}}\n", encoding="utf-8")
+    monkeypatch.setenv("EAL_FLEET", str(file))
+    return file
+
+
+def test_a_robot_in_no_fleet_file_is_reached_by_host_and_port(port: int, file: Path) -> None:
+    with connect(LOCALHOST, port) as eal:
+        assert repr(eal) == "<EAL r1>"
+        sample = eal.find_resource("SampleResource")
+        assert eal.set_value(sample, 7) == 1
+        assert eal.get_value(sample).value == 7
+
+
+def test_connections_to_one_endpoint_share_a_robot(port: int, file: Path) -> None:
+    with connect(LOCALHOST, port) as first, connect(endpoint(port)) as second:
+        first.set_value(first.find_resource("SampleResource"), 3)  # else the actuator would be held by another
+        assert second.set_value(second.find_resource("SampleResource"), 4) == 1
+
+
+def test_the_thesis_s_call_reaches_it(port: int, file: Path) -> None:
+    eal = classic.EALconnect(LOCALHOST, port)
+    assert eal is not None
+    assert eal.getResourceList() == ["SampleResource"]
+    classic.EALdisconnect(eal)
+    assert classic.EALconnect(LOCALHOST, free_port()) is None
+
+
+def test_a_robot_of_the_fleet_file_is_found_by_its_address(port: int, file: Path) -> None:
+    file.write_text(f"version: 1\nname: f\nrobots: {{r1: {{address: '{endpoint(port)}'}}}}\n", encoding="utf-8")
+    with Fleet.load(file) as fleet, connect(LOCALHOST, port, fleet=fleet) as eal:
+        assert repr(eal) == "<EAL r1>"
+        with pytest.raises(RobotNotFoundError, match=f"knows no robot '{LOCALHOST}'"):
+            connect(LOCALHOST, port + 1, fleet=fleet)
+
+
+def test_where_nobody_answers_that_is_told(file: Path) -> None:
+    number = free_port()
+    with pytest.raises(UnavailableError, match=f"'other' has no robot there, and nobody answers at {endpoint(number)}"):
+        connect(LOCALHOST, number)
+
+
+def test_what_is_no_endpoint_is_told(file: Path) -> None:
+    with pytest.raises(RobotNotFoundError, match="unknown protocol 'tpc' in 'tpc/x:1'; did you mean 'tcp'"):
+        connect("tpc/x:1")
+
+
+def test_a_name_of_nothing_at_all_is_told_at_once(file: Path) -> None:
+    with pytest.raises(RobotNotFoundError, match=r"fleet 'other' knows no robot 'no_such'.*it has here"):
+        connect("no_such")
+
+
+def test_one_robot_behind_a_router_is_reached_and_several_are_named(file: Path) -> None:
+    number = free_port()
+    behind = fleet_of({"routers": [endpoint(number)]}, {"r1": "router", "r2": "router"})
+    with open_session(router_config([endpoint(number)])):
+        with pytest.raises(RobotNotFoundError, match="leads to no robot"):
+            connect(LOCALHOST, number)
+        with RobotService(behind, "r1"):
+            with connect(LOCALHOST, number) as eal:
+                assert eal.get_value(eal.find_resource("SampleResource")).value == 0
+            with RobotService(behind, "r2"), pytest.raises(RobotNotFoundError, match="2 robots, r1, r2: name one"):
+                connect(LOCALHOST, number)
+
+
+class TestKeys:
+    def test_an_endpoint_that_wants_keys_takes_those_of_the_fleet_file(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        keys, number = tmp_path / "keys", free_port()
+        make_authority(keys, "f")
+        make_certificate(keys, "r1", [LOCALHOST])
+        make_certificate(keys, "controller")
+        security = "network: {security: {keys: keys, roles: {controllers: [controller]}}}\n"
+        file = tmp_path / "f.yaml"
+        file.write_text(
+            f"version: 1\nname: f\n{security}robots: {{r1: {{address: 'tls/{LOCALHOST}:{number}', "
+            "plugins: {sample: {}}}}\n",
+            encoding="utf-8",
+        )
+        desk = tmp_path / "desk.yaml"
+        desk.write_text(f"version: 1\nname: f\n{security}robots: {{here: {{plugins: {{sample: {{}}}}}}}}\n", "utf-8")
+        with RobotService(EALConfigManager.load(file).fleet, "r1"):
+            with connect(f"tls/{LOCALHOST}:{number}", fleet=desk) as eal:
+                assert eal.set_value(eal.find_resource("SampleResource"), 1) == 1
+            with pytest.raises(UnavailableError, match="nobody answers"):
+                connect(f"tcp/{LOCALHOST}:{number}", fleet=desk)
+
+    def test_without_keys_it_is_refused(self, file: Path) -> None:
+        with pytest.raises(ConfigError, match="wants keys, and this fleet file names none"):
+            connect(f"tls/{LOCALHOST}:1")
+
+
+@pytest.mark.parametrize(
+    ("host", "port", "robot"),
+    [
+        ("a", 1, "a"),
+        ("10.0.0.1", 50000, "a"),
+        ("tcp/10.0.0.1:50000", 1, "a"),
+        ("udp/10.0.0.1:50000", 1, None),
+        ("10.0.0.1", 50001, None),
+        ("fe80::1", 5, "b"),
+        ("c", 50000, "c"),
+        ("d", 50000, None),
+        ("no host", 50000, None),
+    ],
+)
+def test_a_name_comes_before_an_address(host: str, port: int, robot: str | None) -> None:
+    fleet: FleetConfig = fleet_of({}, {"a": "tcp/10.0.0.1:50000", "b": "tcp/[fe80::1]:5", "c": None})
+    assert robot_at(fleet, host, port) == robot
+
+
+def test_sockets_of_visits_are_closed(port: int, file: Path) -> None:
+    def connected() -> bool:
+        with socket.create_connection((LOCALHOST, port)):
+            return True
+
+    for _ in range(3):
+        connect(LOCALHOST, port).disconnect()
+    assert eventually(connected)

@@ -1,0 +1,131 @@
+"""Several controllers of one robot, emergency stops and halts over the network."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eal_actors import Fleet
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.errors import (
+    PreemptedError,
+    ResourceBusyError,
+    StoppedError,
+)
+from eal_actors.net import keys
+from tests.net.links import eventually
+from tests.net.rig import WAIT_S, Rig, failure, ready
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    return Rig(tmp_path)
+
+
+@pytest.fixture
+def remote(rig: Rig) -> Iterator[RobotHandle]:
+    """A robot served in this process, through the network."""
+    with rig.served_here() as fleet:
+        yield fleet["r1"]
+
+
+# Stops.
+
+
+def test_an_emergency_stop_holds_over_the_network(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, ("r1", "r2"))
+    with rig.served_here() as fleet:
+        moves = [robot["Arm"].send_cmd("move30") for robot in fleet.values()]
+        assert eventually(lambda: len(rig.notes("begin")) == 2)
+        fleet.stop("somebody is in the way").get()
+        for robot, move in zip(fleet.values(), moves, strict=True):
+            failure(move, PreemptedError)
+            refused = failure(robot["Arm"].send_cmd("step1"), StoppedError)
+            assert "somebody is in the way" in str(refused)
+            assert robot["Gauge"].get_value().get().value == -42
+        with Fleet(rig.config) as other:  # who comes later is told
+            assert other["r1"].stopped_because == "somebody is in the way"
+            failure(other["r1"]["Arm"].send_cmd("step2"), StoppedError)
+        fleet.resume().get()
+        for number, robot in enumerate(fleet.values()):
+            assert robot.stopped_because is None
+            assert robot["Arm"].send_cmd(f"step{10 + number}").get() == 10 + number
+        assert [note.what for note in rig.notes("step")] == ["10", "11"]
+
+
+def test_a_stop_of_another_controller_is_a_stop(rig: Rig) -> None:
+    with rig.served_here() as fleet, ready(Fleet(rig.config)) as other:
+        move = fleet["r1"]["Arm"].send_cmd("move30")
+        assert rig.begun("move30")
+        other.stop("the other one").get()
+        failure(move, PreemptedError)
+        assert "the other one" in str(failure(fleet["r1"]["Arm"].send_cmd("step1"), StoppedError))
+        other.resume().get()
+        assert eventually(lambda: fleet["r1"]["Arm"].send_cmd("step2").exception(timeout=WAIT_S) is None)
+
+
+def test_a_halt_drops_what_waits_for_its_own_resource_alone(rig: Rig, remote: RobotHandle) -> None:
+    gate = threading.Event()
+    remote._actor.soon(lambda: gate.wait(WAIT_S) and None)  # type: ignore[attr-defined]  # the connection is held up
+    dropped, kept = remote["Arm"].send_cmd("step1"), remote["Eye"].set_value(np.zeros(3, np.uint8))
+    halt = remote["Arm"].halt()
+    gate.set()
+    assert halt.get() == 1
+    failure(dropped, PreemptedError)
+    assert kept.get() == 3
+    assert not rig.notes("step")
+
+
+# Several controllers.
+
+
+def test_an_actuator_obeys_one_controller_at_a_time(rig: Rig) -> None:
+    with rig.served_here() as fleet, ready(Fleet(rig.config)) as other:
+        assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
+        busy = failure(other["r1"]["Arm"].send_cmd("step2"), ResourceBusyError)
+        assert fleet._controller is not None
+        assert fleet._controller.client in str(busy)
+        assert other["r1"]["Arm"].get_value().get().value == 0.0
+        assert other["r1"]["Eye"].set_value(b"sensors are nobody's").get() == 20
+        assert other["r1"]["Arm"].halt().get() == 1  # which is for everybody
+        assert fleet["r1"]["Arm"].send_cmd("step3").get() == 3
+        fleet.close()
+        assert other["r1"]["Arm"].send_cmd("step4").get() == 4
+    assert [note.what for note in rig.notes("step")] == ["1", "3", "4"]
+
+
+def test_a_stop_command_is_for_everybody_too(rig: Rig) -> None:
+    with rig.served_here() as fleet, ready(Fleet(rig.config)) as other:
+        move = fleet["r1"]["Arm"].send_cmd("move30")
+        assert rig.begun("move30")
+        assert other["r1"]["Arm"].send_cmd("s").get() == 1
+        failure(move, PreemptedError)
+
+
+def test_who_comes_later_sees_what_runs(rig: Rig) -> None:
+    with rig.served_here() as fleet:
+        move = fleet["r1"]["Arm"].send_cmd("move30")
+        assert rig.begun("move30")
+        assert fleet._controller is not None
+        with ready(Fleet(rig.config)) as late:
+            hello = late["r1"]._actor.ask(keys.HELLO).get()  # type: ignore[attr-defined]
+            assert [call[0] for call in hello["running"]] == [fleet._controller.client]
+            assert hello["holders"] == {"Arm": fleet._controller.client}
+            assert late["r1"]["Arm"].get_status().get() == 1
+        assert not move.done()
+
+
+def test_a_controller_that_leaves_halts_what_it_moved(rig: Rig) -> None:
+    with rig.served_here() as fleet:
+        fleet["r1"]["Arm"].send_cmd("move30")
+        assert rig.begun("move30")
+        with ready(Fleet(rig.config)):
+            pass
+        assert fleet["r1"]["Arm"].get_status().get() == 1  # it was not the other one's
+        fleet.close()
+        assert eventually(lambda: rig.notes("halt"))
+    assert not rig.notes("end")

@@ -1,0 +1,276 @@
+"""Peers that make no sense, speak another version, replay commands, or are not allowed what they ask for."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zenoh
+
+from eal_actors import Fleet
+from eal_actors.actors.robot_view import RobotState
+from eal_actors.errors import (
+    DeadlineError,
+    EALError,
+    ProtocolError,
+    StaleCommandError,
+)
+from eal_actors.net.certificates import make_authority, make_certificate
+from eal_actors.net.packing import PROTOCOL_VERSION
+from eal_actors.net.session import controller_config, open_session
+from eal_actors.net.wire import Answer, CallHeader, RobotTime, decode_reply, encode_call
+from tests.net.links import eventually
+from tests.net.rig import WAIT_S, Rig, becomes, ready, served, servers
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    return Rig(tmp_path)
+
+
+# Peers that make no sense.
+
+
+def test_garbage_on_the_port_harms_nobody(rig: Rig) -> None:
+    with served(rig) as (_, fleet):
+        port = int(rig.content["robots"]["r1"]["address"].rpartition(":")[2])
+        for garbage in (
+            b"\x00" * 100_000,
+            bytes(range(256)) * 50,
+            b"GET / HTTP/1.1\r\n\r\n",
+            b"\xff\xff" + b"\x01" * 65535,
+            b"",
+        ):
+            with socket.create_connection(("127.0.0.1", port), WAIT_S) as peer:
+                try:
+                    peer.sendall(garbage)
+                except ConnectionError:
+                    continue
+                assert fleet["r1"]["Gauge"].get_value().get().value == -42
+        silent = [socket.create_connection(("127.0.0.1", port), WAIT_S) for _ in range(50)]
+        try:
+            assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
+            with ready(Fleet(rig.config)) as other:
+                assert other["r1"]["Gauge"].get_value().get().value == -42
+        finally:
+            for peer in silent:
+                peer.close()
+        assert fleet["r1"].state is RobotState.READY
+
+
+class Stranger:
+    """Speaks with a robot by hand-made queries."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+
+    def ask(self, key: str, envelope: bytes | None, payload: bytes | None = None) -> tuple[Answer, RobotTime | None]:
+        """Return the answer to a query; there must be one."""
+        replies = list(self._session.get(f"eal/f/r1/{key}", attachment=envelope, payload=payload, timeout=5.0))
+        assert len(replies) == 1, key
+        sample = replies[0].ok
+        assert sample is not None
+        assert sample.attachment is not None
+        return decode_reply(sample.attachment.to_bytes(), sample.payload.to_bytes())
+
+    def error(self, key: str, envelope: bytes | None, payload: bytes | None = None) -> EALError:
+        """Return the error with which a query is answered."""
+        answer, _ = self.ask(key, envelope, payload)
+        assert isinstance(answer, EALError), answer
+        return answer
+
+    def command(self, header: CallHeader) -> Answer:
+        """Return the answer to a command of the arm."""
+        return self.ask("Arm/send_cmd", encode_call(header)[0])[0]
+
+    def robot_time(self) -> RobotTime:
+        """Return what the robot's clock shows."""
+        _, time = self.ask("_/ping", encode_call(CallHeader("00" * 8, 0, 0, 1.0, 1.0))[0])
+        assert time is not None
+        return time
+
+
+@contextmanager
+def stranger(rig: Rig) -> Iterator[Stranger]:
+    with open_session(controller_config(rig.config)) as session:
+        assert eventually(lambda: list(session.liveliness().get("eal/f/r1/_/alive")))
+        yield Stranger(session)
+
+
+def header(sequence: int, time: RobotTime, command: str = "step1", **changes: Any) -> CallHeader:
+    """Return the header of a proper command."""
+    made = CallHeader("ab" * 8, 0, sequence, 5.0, 5.0, None, (command,), time.era, time.time_s, 0.0)
+    return made._replace(**changes)
+
+
+def test_wrong_versions_and_senseless_queries_are_answered_with_what_is_wrong(rig: Rig) -> None:
+    good = encode_call(CallHeader("ab" * 8, 0, 1, 1.0, 1.0))[0]
+    newer = msgpack.packb([PROTOCOL_VERSION + 1, *msgpack.unpackb(good)[1:]])
+    with served(rig) as (_, fleet), stranger(rig) as peer:
+        for key in ("_/hello", "Gauge/get_value", "Arm/send_cmd", "Arm/halt"):
+            error = peer.error(key, newer)
+            assert isinstance(error, ProtocolError), key
+            assert str(PROTOCOL_VERSION + 1) in error.message
+            assert str(PROTOCOL_VERSION) in error.message
+            for envelope in (None, b"", b"\xc1", b"\x00" * 1000, good[:-1], good + b"x", msgpack.packb({"a": 1})):
+                assert isinstance(peer.error(key, envelope), ProtocolError), (key, envelope)
+        for key in ("Arm/explode", "_/explode", "Arm/stream"):
+            assert isinstance(peer.error(key, good), ProtocolError), key
+        assert peer.error("Nothing/get_value", good).code == "resource_not_found"
+        assert isinstance(peer.error("Gauge/get_value", good, b"a payload without a type"), ProtocolError)
+        assert isinstance(peer.error("_/cancel", good), EALError)
+        assert isinstance(
+            peer.error("_/reattach", encode_call(CallHeader("ab" * 8, 0, 1, 1.0, 1.0, None, ("x", "y")))[0]), EALError
+        )
+        assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
+    assert rig.steps() == ["1"]
+
+
+def test_a_command_runs_at_most_once_and_only_when_fresh(rig: Rig) -> None:
+    with served(rig) as (_, fleet), stranger(rig) as peer:
+        time = peer.robot_time()
+        assert peer.command(header(5, time)) == 1
+        old = time._replace(time_s=time.time_s - 100.0)
+        for stale in (
+            header(5, time),  # a second time
+            header(4, time),  # overtaken
+            header(6, old),
+            header(7, time._replace(time_s=time.time_s + 100.0)),
+            header(8, time._replace(era="0" * 8)),  # of another run of the server
+            header(9, time, era="", echo_s=0.0),
+            header(10, time, ttl_s=0.0),
+            header(11, time, ttl_s=-1.0),
+        ):
+            assert isinstance(peer.command(stale), StaleCommandError), stale
+        late = peer.command(header(12, time, deadline_s=0.0))
+        assert isinstance(late, DeadlineError)
+        assert peer.command(header(13, time, "step2")) == 2
+        assert fleet["r1"].state is RobotState.READY
+    assert rig.steps() == ["1", "2"]
+
+
+def test_a_command_with_senseless_arguments_is_forgotten_again(rig: Rig) -> None:
+    with served(rig) as (_, _fleet), stranger(rig) as peer:
+        time = peer.robot_time()
+        assert isinstance(peer.command(header(1, time, arguments=(1, 2))), ProtocolError)
+        known, _ = peer.ask("_/reattach", encode_call(CallHeader("ab" * 8, 0, 0, 1.0, 1.0, None, (0, 1)))[0])
+        assert known == {"running": [], "unknown": []}
+
+
+def test_a_halt_that_overtakes_a_command_on_its_way_stops_it(rig: Rig) -> None:
+    with served(rig) as (_, _fleet), stranger(rig) as peer:
+        time = peer.robot_time()
+        answer, _ = peer.ask("Arm/halt", encode_call(header(7, time, arguments=()))[0])
+        assert answer == 1
+        assert isinstance(peer.command(header(6, time)), StaleCommandError)
+        assert peer.command(header(8, time, "step8")) == 8
+    assert rig.steps() == ["8"]
+
+
+def test_a_robot_of_another_version_is_not_let_in(rig: Rig) -> None:
+    """Somebody answers in the robot's place, in a version that nobody knows."""
+    from eal_actors.net.session import robot_config
+
+    with open_session(robot_config(rig.config, "r1")) as impostor:
+
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                query.reply(str(query.key_expr), b"", attachment=msgpack.packb([PROTOCOL_VERSION + 1, 3, {}]))
+
+        with (
+            impostor.declare_queryable("eal/f/r1/**", answer),
+            impostor.liveliness().declare_token("eal/f/r1/_/alive"),
+            Fleet(rig.config) as fleet,
+        ):
+            assert becomes(fleet["r1"], RobotState.LOST)
+            assert eventually(lambda: f"version {PROTOCOL_VERSION + 1}" in str(fleet["r1"].problems[0])), fleet.problems
+
+
+# Security.
+
+
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The keys of a robot and of those who would command it."""
+    folder = tmp_path_factory.mktemp("keys")
+    make_authority(folder, "f")
+    make_certificate(folder, "r1", ["127.0.0.1"])
+    for name in ("controller", "driver", "display", "stranger"):
+        make_certificate(folder, name)
+    return folder
+
+
+def secured(folder: Path, keys: Path) -> Rig:
+    roles = {
+        "controllers": ["controller", {"name": "driver", "resources": ["Arm"]}],
+        "observers": ["display"],
+    }
+    return Rig(folder, network={"security": {"keys": str(keys), "roles": roles}}, protocol="tls")
+
+
+@contextmanager
+def seen_by(rig: Rig, name: str, keys: Path | None = None) -> Iterator[Fleet]:
+    """Connect the fleet as somebody else, with a certificate of that name."""
+    config = rig.config
+    assert config.network.security is not None
+    security = replace(config.network.security, controller=name, keys=keys or config.network.security.keys)
+    with Fleet(replace(config, network=replace(config.network, security=security))) as fleet:
+        yield fleet
+
+
+def test_roles_hold_for_whole_robots(tmp_path: Path, keys: Path) -> None:
+    rig = secured(tmp_path, keys)
+    with served(rig) as (_, fleet):
+        assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
+        with seen_by(rig, "display") as display:
+            arm = display["r1"]["Arm"]
+            assert arm.get_value().get().value == 0.0
+            for call in (arm.send_cmd("step2", timeout_s=2.0), arm.halt(timeout_s=2.0), display["r1"].stop()):
+                assert isinstance(call.exception(timeout=WAIT_S), EALError)
+            assert display["r1"].state is RobotState.READY
+            assert fleet["r1"].stopped_because is None
+        assert fleet["r1"]["Arm"].send_cmd("step3").get() == 3
+    assert rig.steps() == ["1", "3"]
+    assert len(rig.notes("halt")) <= 3  # of those who left, and of the end
+
+
+def test_a_controller_of_one_resource_can_cancel_there(tmp_path: Path, keys: Path) -> None:
+    rig = secured(tmp_path, keys)
+    with servers(rig), seen_by(rig, "driver") as driver:
+        move = driver["r1"]["Arm"].send_cmd("move60")
+        assert rig.begun("move60")
+        move.cancel()
+        assert eventually(lambda: rig.notes("halt"))
+        assert isinstance(driver["r1"]["Eye"].set_value(b"x", timeout_s=1.0).exception(timeout=WAIT_S), EALError)
+
+
+@pytest.mark.parametrize("way", ["no role", "another authority", "no certificate"])
+def test_who_is_not_known_gets_nowhere(tmp_path: Path, keys: Path, way: str) -> None:
+    rig = secured(tmp_path, keys)
+    forged = tmp_path / "forged"
+    make_authority(forged, "f")
+    make_certificate(forged, "controller")
+    with served(rig) as (_, fleet):
+        if way == "no certificate":
+            config = controller_config(rig.config)
+            tls = config["transport"]["link"]["tls"]
+            config["transport"]["link"]["tls"] = {"root_ca_certificate": tls["root_ca_certificate"]}
+            with open_session(config) as impostor:
+                envelope = encode_call(CallHeader("ab" * 8, 0, 1, 1.0, 1.0))[0]
+                for _ in range(5):
+                    assert not list(impostor.get("eal/f/r1/Arm/halt", attachment=envelope, timeout=0.2))
+                    assert fleet["r1"]["Gauge"].get_value().get().value == -42
+        else:
+            name, folder = ("stranger", None) if way == "no role" else ("controller", forged)
+            with seen_by(rig, name, folder) as other:
+                assert other["r1"].state is RobotState.LOST
+                assert "does not answer at tls/127.0.0.1:" in str(other.problems[0])
+        assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
+        assert not rig.notes("halt")
+    assert rig.steps() == ["1"]
