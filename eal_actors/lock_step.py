@@ -5,8 +5,8 @@ woken has it, in the order of the wake-ups; where none was, everybody waits for 
 of a wait. So the threads run one after the other in an order that depends on nothing but what they do, however busy
 the machine is: whatever they do is repeatable.
 
-Where threads keep one another busy without end, such as one that asks for a value until it changes, time goes on after a
-number of turns: such a loop ends, if later than one that sleeps between two looks.
+Where threads keep one another busy without end, such as one that asks for a value until it changes, time goes on after
+a number of turns: such a loop ends, if later than one that sleeps between two looks.
 
 A thread counts as soon as it waits on the clock, or was started by `LockStepClock.start`. A thread that has the turn
 and waits for something else (a socket, a key, another thread) would keep everybody waiting. A watch notices it, takes

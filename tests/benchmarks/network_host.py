@@ -89,7 +89,8 @@ def main() -> None:
 
         for number in range(robots):
             session.declare_queryable(f"bare/{number}/**", zenoh.handlers.Callback(answer, indirect=False))
-        print("up", flush=True)
+        sys.stdout.write("up\n")
+        sys.stdout.flush()
         sys.stdin.read()
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from eal_actors.errors import ArgumentError, ConfigError, DeadlineError, EALError, UnavailableError
+from eal_actors.errors import ArgumentError, ConfigError, DeadlineError, EALError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.testing import Simulation
 

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors import Fleet
+from eal_actors.actors.robot_view import RobotState
 from eal_actors.bundled import bundled_path
 from eal_actors.facade import shared
 from scenarios.classic import camera, dance, square
 from tests.net.links import free_port
-from tests.net.rig import Servers, serving
+from tests.net.rig import Servers, becomes, serving
 
 ROBOTS = ("evbot2-1", "evbot3-1", "roomba-1")
 
@@ -37,50 +39,46 @@ def running(fleet_file: Path) -> Iterator[Servers]:
         yield servers
 
 
-def poses(fleet_file: Path) -> dict[str, tuple[float, ...]]:
+@pytest.fixture
+def fleet(running: Servers, fleet_file: Path) -> Iterator[Fleet]:
+    """The fleet that the programs share with their test."""
+    opened = shared.acquire_fleet(fleet_file)
+    yield opened
+    shared.release_fleet(opened)
+
+
+def poses(fleet: Fleet) -> dict[str, tuple[float, ...]]:
     """Return where the robots say that they are."""
-    fleet = shared.acquire_fleet(fleet_file)
-    try:
-        return {name: tuple(map(float, robot["Pose"].get_value().get().value)) for name, robot in fleet.items()}
-    finally:
-        shared.release_fleet(fleet)
+    ready = {name: robot for name, robot in fleet.items() if robot.state is RobotState.READY}
+    return {name: tuple(map(float, robot["Pose"].get_value().get().value)) for name, robot in ready.items()}
 
 
-def test_square(running: Servers, fleet_file: Path) -> None:
-    before = poses(fleet_file)
+def test_square(fleet: Fleet) -> None:
+    before = poses(fleet)
     assert square.main(["square.py", "roomba-1"]) == 0
-    after = poses(fleet_file)
+    after = poses(fleet)
     assert 0 < math.dist(before["roomba-1"][:2], after["roomba-1"][:2]) < 0.3
     assert {name: before[name] for name in ROBOTS[:2]} == {name: after[name] for name in ROBOTS[:2]}
 
 
-def test_camera(running: Servers, tmp_path: Path) -> None:
+def test_camera(fleet: Fleet, tmp_path: Path) -> None:
     assert camera.main(["camera.py", "evbot2-1", "50000", str(tmp_path)]) == 0
     pictures = sorted(tmp_path.glob("frame.*"))
     assert len(pictures) == 7
     assert len({picture.read_bytes() for picture in pictures}) == 7  # it turned between them
 
 
-def test_dance(running: Servers, fleet_file: Path) -> None:
-    before = poses(fleet_file)
+def test_dance_first_with_all_robots_then_without_one(fleet: Fleet, running: Servers) -> None:
+    before = poses(fleet)
     assert dance.main(["dance.py", *ROBOTS, "nobody"]) == 0
-    after = poses(fleet_file)
+    after = poses(fleet)
     right_deg = 45 - 90 + 90 - 10 + 10 - 10 + 360
     for name in ROBOTS:
         turned = (before[name][2] - after[name][2] - math.radians(right_deg) + math.pi) % (2 * math.pi) - math.pi
         assert abs(turned) < math.radians(45), name
-
-
-def test_dance_without_one_of_the_robots(running: Servers, fleet_file: Path) -> None:
     running["evbot3-1"].kill()
-    before = poses_of(fleet_file, "roomba-1")
+    assert becomes(fleet["evbot3-1"], RobotState.LOST)
     assert dance.main(["dance.py", *ROBOTS]) == 0
-    assert poses_of(fleet_file, "roomba-1") != before
-
-
-def poses_of(fleet_file: Path, name: str) -> tuple[float, ...]:
-    fleet = shared.acquire_fleet(fleet_file)
-    try:
-        return tuple(map(float, fleet[name]["Pose"].get_value().get().value))
-    finally:
-        shared.release_fleet(fleet)
+    last = poses(fleet)
+    assert sorted(last) == ["evbot2-1", "roomba-1"]
+    assert all(last[name] != after[name] for name in last)

@@ -148,6 +148,53 @@ def test_a_thread_that_waits_for_something_else_loses_its_turn_and_is_named() ->
     assert clock.now() == 11.0
 
 
+def test_a_wait_on_the_clock_outside_gives_the_turn_back() -> None:
+    clock = LockStepClock()
+    clock.sleep(1.0)
+    with clock.outside():
+        clock.sleep(1.0)
+    with capture_logs() as logs:
+        clock.sleep(1.0)
+    assert clock.now() == 3.0
+    assert not logs
+
+
+def test_a_thread_that_looks_up_now_and_then_loses_its_turn_too() -> None:
+    clock, real = LockStepClock(), ScaledClock()
+    slept = threading.Event()
+
+    def sleep() -> None:
+        clock.sleep(5.0)
+        slept.set()
+
+    with capture_logs() as logs:
+        clock.sleep(0)
+        clock.start(threading.Thread(target=sleep))
+        end_s = real.now() + ENOUGH_S
+        while not slept.is_set() and real.now() < end_s:
+            real.sleep(0.05)
+    assert slept.is_set()
+    assert [log["thread"] for log in logs] == [threading.current_thread().name]
+
+
+def test_who_waits_on_another_clock_keeps_the_turn_of_the_first() -> None:
+    first, second, real = LockStepClock(), LockStepClock(), ScaledClock()
+
+    def hold_up() -> None:
+        end_s = real.now() + 1.0  # longer than a watch is patient with one who waits for something
+        while real.now() < end_s:
+            sum(range(1000))
+
+    first.sleep(0)
+    first.start(threading.Thread(target=lambda: first.sleep(5.0)))
+    with capture_logs() as logs:
+        second.sleep(0)
+        second.start(threading.Thread(target=hold_up))
+        second.sleep(1.0)
+    assert not logs
+    assert (first.now(), second.now()) == (0.0, 1.0)
+
+
 def test_a_thread_that_ended_with_the_turn_holds_up_nobody() -> None:
     clock = LockStepClock()
     stranger = threading.Thread(target=lambda: clock.sleep(1.0))

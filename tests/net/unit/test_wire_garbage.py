@@ -153,7 +153,20 @@ def test_a_flipped_byte_is_refused_or_understood(good: tuple[str, bytes], data: 
 
 
 def changed(**fields: object) -> bytes:
-    names = ("version", "client", "epoch", "sequence", "ttl_s", "deadline_s", "start_s", "arguments", "data", "era", "echo_s", "held_s")
+    names = (
+        "version",
+        "client",
+        "epoch",
+        "sequence",
+        "ttl_s",
+        "deadline_s",
+        "start_s",
+        "arguments",
+        "data",
+        "era",
+        "echo_s",
+        "held_s",
+    )
     row = dict(zip(names, msgpack.unpackb(GOOD[0][1]), strict=True))
     return bytes(msgpack.packb(list((row | fields).values())))
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,16 +14,20 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.testing import Simulation
 
-DRIVEN = {"real": {"plugins": {"mote_roomba": {"port": "sim://world/body"}}}}
+DRIVEN: dict[str, Mapping[str, Any]] = {"real": {"plugins": {"mote_roomba": {"port": "sim://world/body"}}}}
 
 
 def test_a_driver_drives_a_robot_of_the_world_through_its_wire_protocol() -> None:
-    robots = {**DRIVEN, "body": {"model": "roomba", "start": (-1.0, 0.0, 90), "noise": True}}
+    robots: dict[str, Mapping[str, Any]] = {
+        **DRIVEN,
+        "body": {"model": "roomba", "start": (-1.0, 0.0, 90), "noise": True},
+    }
     with Simulation(robots) as simulation:
         real = simulation["real"]
         assert real["Base"].send_cmd("f0.5").get() == 1
         pose = simulation.pose("body")
-        assert (pose.x_m, pose.y_m) == (pytest.approx(-1.0, abs=0.03), pytest.approx(0.5, abs=0.03))
+        assert pose.x_m == pytest.approx(-1.0, abs=0.03)
+        assert pose.y_m == pytest.approx(0.5, abs=0.03)
         assert real["Base"].send_cmd("r90").get() == 1
         assert simulation.pose("body").yaw_rad == pytest.approx(0.0, abs=0.08)
         x_m, y_m, yaw_rad = real["Odometry"].get_value().get().value
