@@ -94,11 +94,6 @@ class Call(Future[T]):
         self.cell.give_up(self)
 
 
-def _is_motion(envelope: Envelope) -> bool:
-    message = envelope.message
-    return isinstance(message, Call) and message.method in MOTION_METHODS
-
-
 class CallTarget(Protocol):
     """Who serves a resource's calls: its actor."""
 
@@ -237,12 +232,17 @@ class ResourceCell:
             call.fail(self.unavailable())
             return
         try:
-            dropped = actor.actor_inbox.put_urgent(call, bounded=not stops, drop=_is_motion if stops else None)
+            dropped = actor.actor_inbox.put_urgent(call, bounded=not stops, drop=self._is_own_motion if stops else None)
         except EALError as error:
             call.fail(error)
             return
         for waiting in dropped:
             waiting.message.fail(PreemptedError(f"dropped by {call.shown()}"))
+
+    def _is_own_motion(self, envelope: Envelope) -> bool:
+        """Return whether it is a motion of this resource: a remote robot has one mailbox for all of its resources."""
+        message = envelope.message
+        return isinstance(message, Call) and message.cell is self and message.method in MOTION_METHODS
 
     def give_up(self, call: Call[Any]) -> None:
         """Tell the actor that nobody waits for the call any more. Thread: any; never blocks."""

@@ -302,6 +302,11 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         return gather([self[name].halt(timeout_s=timeout_s) for name in self])
 
     @property
+    def is_remote(self) -> bool:
+        """Whether the robot is in another process, and reached over a network."""
+        return self._actor.is_remote
+
+    @property
     def clock(self) -> Clock:
         """The fleet's clock."""
         return self._view.clock

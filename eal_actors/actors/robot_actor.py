@@ -87,6 +87,8 @@ class RobotActor(EALActor):
         view: where it tells everybody how it is.
     """
 
+    is_remote = False
+
     def __init__(self, spec: RobotSpec, view: RobotView) -> None:
         super().__init__(spec.name, spec.clock)
         self.spec = spec

@@ -94,6 +94,11 @@ class RobotConnection(Protocol):
         """The fleet's clock."""
         ...
 
+    @property
+    def is_remote(self) -> bool:
+        """Whether the robot is in another process."""
+        ...
+
     def ping(self) -> Future[Ping]:
         """Ask how the robot is, and how far its clock is from ours. Thread: any; does not block."""
         ...

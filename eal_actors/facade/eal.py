@@ -13,7 +13,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.bundled import bundled_path
 from eal_actors.data import EALData
-from eal_actors.errors import RobotNotFoundError, UnavailableError
+from eal_actors.errors import RemoteError, RobotNotFoundError, UnavailableError
 from eal_actors.facade.elsewhere import FLEET_VARIABLE, endpoint_of, fleet_at, robot_at, unknown_robot
 from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.shared import acquire_fleet, acquire_fleet_at, occupy, release_fleet, vacate
@@ -226,7 +226,10 @@ class EAL:
 
         Raises:
             ResourceInUseError: it is not checked out.
+            RemoteError: the robot is in another process, and never lent one.
         """
+        if self._robot.is_remote:
+            raise RemoteError("resources of a robot in another process cannot be lent", robot=self._robot.name)
         self._manager.check_in(resource)
         return 1
 

@@ -76,6 +76,8 @@ class RemoteRobot(EALActor):
     Thread: an actor; zenoh's threads only put answers into its mailbox.
     """
 
+    is_remote = True
+
     def __init__(self, spec: RemoteSpec, view: RobotView, controller: Controller) -> None:
         super().__init__(spec.name, spec.clock)
         self.spec = spec
@@ -245,7 +247,8 @@ class RemoteRobot(EALActor):
             partial(self._take_command if is_command else self._take_reading, call, header),
             lambda: self.soon(lambda: self._miss(call, header, is_command=is_command)),
         )
-        wait_s = min(left_s, _ANSWER_S) if is_command else left_s
+        real_s = left_s / self.clock.of_real(1.0)
+        wait_s = min(real_s, _ANSWER_S) if is_command else real_s
         self._controller.get(key, exchange.reply, exchange.drop, envelope, payload, wait_s, is_urgent=call.stops)
 
     def _take_reading(self, call: Call[Any], _: CallHeader, answer: Answer, time: RobotTime | None) -> None:
@@ -297,7 +300,7 @@ class RemoteRobot(EALActor):
         if call.done():
             self._commands.pop(header.call_id, None)
         elif not is_command:
-            if self.view.state is RobotState.READY and not call.stops:
+            if self.view.state is RobotState.READY and self.clock.now() < (call.deadline_s or 0.0):
                 self.actor_inbox.call_later(self.clock.of_real(_RETRY_S), lambda: self._send(call))
             else:
                 call.fail(UnavailableError("the robot did not answer"))

@@ -16,13 +16,26 @@ from eal_actors.errors import ConfigError, Problem
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import Grant, SecurityConfig
 from eal_actors.net.certificates import AUTHORITY, certificate_file, key_file
-from eal_actors.net.keys import ALIVE, EVENTS, HELLO, INFO, PING, REATTACH, ROBOT, STOP, STREAM, robot_key
+from eal_actors.net.keys import (
+    ALIVE,
+    CANCEL,
+    EVENTS,
+    HELLO,
+    INFO,
+    LEAVE,
+    PING,
+    REATTACH,
+    ROBOT,
+    STOP,
+    STREAM,
+    robot_key,
+)
 
 READING_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "get_config", INFO)
 """What an observer may do with a resource."""
 READING_ROBOT_METHODS: Final = (HELLO, PING)
 """What an observer may do with a robot."""
-BASIC_ROBOT_METHODS: Final = (HELLO, PING, REATTACH, STOP)
+BASIC_ROBOT_METHODS: Final = (HELLO, PING, REATTACH, STOP, CANCEL, LEAVE)
 """What a controller of single resources may do with a robot; stopping it is for everybody who moves it."""
 
 _ASKING: Final = ("query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")

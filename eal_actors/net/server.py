@@ -159,6 +159,12 @@ class RobotServer(EALActor):
         self._publisher.close()
         self._stop()
 
+    def on_crash(self, error: BaseException) -> None:
+        """Halt what nobody watches any more, and take leave. Thread: the actor's own."""
+        self._log.error("the server has crashed; the robot is halted", error=shown(error))
+        self._robot.halt()
+        self._shut_down()
+
     def _own_key(self, method: str) -> str:
         return keys.method_key(self._fleet, self._robot.name, keys.ROBOT, method)
 
@@ -445,9 +451,17 @@ class RobotServer(EALActor):
             self._turnstile.enter(send)
 
     def _publish(self, event: Event) -> None:
+        import zenoh
+
         envelope, payload = encode_event(event)
         try:
-            self._session.put(self._own_key(keys.EVENTS), bytes(payload), attachment=envelope, express=True)
+            self._session.put(
+                self._own_key(keys.EVENTS),
+                bytes(payload),
+                attachment=envelope,
+                express=True,
+                congestion_control=zenoh.CongestionControl.BLOCK,  # an outcome must not be lost
+            )
         except Exception as error:  # noqa: BLE001  # as above
             self._log.debug("an event could not be sent", kind=event.kind, reason=shown(error))
 

@@ -37,6 +37,19 @@ def places(model: WorldModel) -> Iterator[Pose]:
         yield x_m, y_m, 0.0
 
 
+def is_on_floor(model: WorldModel, pose: Pose, radius_m: float) -> bool:
+    """Return whether a disc stands on the floor with all of it, over no drop."""
+    x_m, y_m, _ = pose
+    for drop in model.drops:
+        yaw_rad = math.radians(drop.yaw_deg)
+        cos, sin, dx, dy = math.cos(yaw_rad), math.sin(yaw_rad), x_m - drop.x_m, y_m - drop.y_m
+        ahead_m, left_m = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
+        beyond_m = max(0.0, ahead_m - drop.size_m[0] / 2), max(0.0, left_m - drop.size_m[1] / 2)
+        if math.hypot(*beyond_m) < radius_m:
+            return False
+    return True
+
+
 def corners(size_m: tuple[float, float]) -> list[tuple[float, float]]:
     """Return the corners of a rectangle about its middle."""
     half_x, half_y = size_m[0] / 2, size_m[1] / 2

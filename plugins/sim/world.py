@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +14,7 @@ import pymunk
 
 from eal_actors.plugin import Clock, FleetServices, PluginError, WorldModel
 
-from .arena import places
+from .arena import is_on_floor, places
 from .models import Make
 from .motion import Drive, Motion
 from .nearness import Nearness
@@ -215,8 +216,13 @@ class SimWorld:
 
     def _place_waiting(self) -> None:
         spots = list(places(self.model))
-        for robot in sorted(self._waiting, key=lambda robot: robot.name):
-            free = (number for number, spot in enumerate(spots) if self._is_free(spot, robot.make.radius_m))
+        for robot in sorted(self._waiting, key=lambda robot: _counted(robot.name)):
+            radius_m = robot.make.radius_m
+            free = (
+                number
+                for number, spot in enumerate(spots)
+                if is_on_floor(self.model, spot, radius_m) and self._is_free(spot, radius_m)
+            )
             if (number := next(free, None)) is not None:
                 self._place(robot, spots.pop(number))
         self._waiting.clear()
@@ -238,6 +244,11 @@ class SimWorld:
         inside = abs(x_m) + radius_m <= width_m / 2 and abs(y_m) + radius_m <= height_m / 2
         space = self._view.space
         return inside and space.point_query_nearest((x_m, y_m), radius_m, ignoring or pymunk.ShapeFilter()) is None
+
+
+def _counted(name: str) -> tuple[list[str | int], str]:
+    """Return what orders names as one counts: robot2 comes before robot10."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)], name
 
 
 def world_of(services: FleetServices) -> SimWorld:

@@ -15,12 +15,13 @@ import numpy as np
 
 from eal_actors.clock import SystemClock
 from eal_actors.data import EALData
+from eal_actors.info import ResourceType
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.server import RobotServer
 from eal_actors.net.session import open_session, robot_config
 from eal_actors.net.turnstile import Turnstile
-from eal_actors.resource import Activity, Resource, ResourceType, command
+from eal_actors.resource import Activity, Resource, command
 from tests.robots import running_robot
 
 FRAME: Final = np.zeros((480, 640, 3), dtype=np.uint8)

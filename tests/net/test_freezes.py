@@ -95,6 +95,7 @@ def test_a_freeze_beyond_the_lease_loses_the_robot_and_its_commands(tmp_path: Pa
         assert becomes(robot, RobotState.LOST)
         lost_s = clock.now()
         failure(robot["Arm"].send_cmd("step3"), UnavailableError)
+        outlast_ttl(robot)  # what is younger may still be obeyed
         running["r1"].thaw()
         assert becomes(robot, RobotState.READY)
         for call in old:

@@ -15,6 +15,7 @@ import zenoh
 
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
+from eal_actors.clock import SystemClock
 from eal_actors.errors import (
     DeadlineError,
     EALError,
@@ -177,6 +178,7 @@ def test_a_robot_of_another_version_is_not_let_in(rig: Rig) -> None:
     """Somebody answers in the robot's place, in a version that nobody knows."""
     from eal_actors.net.session import robot_config
 
+    clock = SystemClock()
     with open_session(robot_config(rig.config, "r1")) as impostor:
 
         def answer(query: zenoh.Query) -> None:
@@ -188,6 +190,7 @@ def test_a_robot_of_another_version_is_not_let_in(rig: Rig) -> None:
             impostor.liveliness().declare_token("eal/f/r1/_/alive"),
             Fleet(rig.config) as fleet,
         ):
+            assert clock.now() < 15.0  # it was not waited for as one that still starts
             assert becomes(fleet["r1"], RobotState.LOST)
             assert eventually(lambda: f"version {PROTOCOL_VERSION + 1}" in str(fleet["r1"].problems[0])), fleet.problems
 

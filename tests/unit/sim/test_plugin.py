@@ -105,6 +105,19 @@ def test_a_robot_that_joins_again_is_where_it_was() -> None:
         fleet.add("r1", model="evbot3")
 
 
+def test_numbers_in_names_count() -> None:
+    fleet = Fleet(arena(9.0, 9.0, starts={"shape": "line", "count": 11, "spacing_m": 0.6}))
+    robots = {number: fleet.add(f"r{number}") for number in (10, 2, 11, 1, *range(3, 10))}
+    places_m = [robots[number].pose[1] for number in range(1, 12)]
+    assert places_m == sorted(places_m, reverse=True)
+
+
+def test_a_place_of_the_grid_is_over_no_drop() -> None:
+    fleet = Fleet(arena(4.0, 4.0, drops=({"x_m": 0.0, "y_m": 0.0, "size_m": (1.0, 1.0)},)))
+    x_m, y_m, _ = fleet.add("r1").pose
+    assert max(abs(x_m), abs(y_m)) >= 0.5 + 0.17
+
+
 def test_start_poses_of_the_world_are_given_first_in_the_order_of_names() -> None:
     starts = ({"x_m": 1.0, "y_m": 1.0, "yaw_deg": 90.0}, {"x_m": -2.9, "y_m": 0.0}, {"x_m": -1.0, "y_m": -1.0})
     fleet = Fleet(arena(starts=starts))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,46 @@ def test_the_driver_feels_walls_and_drops_of_the_world() -> None:
         with pytest.raises(ResourceFaultError, match="cliff"):
             real["Base"].send_cmd("f3").get()
         assert simulation.pose("body").x_m < 0.85
+
+
+@pytest.mark.parametrize(
+    ("robots", "body"),
+    [
+        ({**DRIVEN, "body": {"model": "roomba", "start": (-1.0, 0.0)}}, "body"),
+        ({"real": {"model": "roomba", "start": (-1.0, 0.0)}}, "real"),
+    ],
+    ids=["driver", "twin"],
+)
+def test_where_the_floor_ends_a_driver_and_its_twin_halt_alike(robots: dict[str, Any], body: str) -> None:
+    drop = {"x_m": 0.3, "y_m": 0.0, "size_m": (0.6, 1.0)}
+    with Simulation(robots, {"version": 1, "name": "edge", "size_m": (4, 2), "drops": (drop,)}) as simulation:
+        base = simulation["real"]["Base"]
+        with pytest.raises(ResourceFaultError, match=re.escape("halted: cliff (front left, front right)")):
+            base.send_cmd("f3").get()
+        assert simulation.pose(body).x_m == pytest.approx(-0.15, abs=0.03)
+        simulation.advance(0.2)
+        with pytest.raises(ResourceFaultError, match="halted: cliff"):
+            base.send_cmd("g").get()
+        with pytest.raises(ResourceFaultError, match="halted: cliff"):
+            base.set_value([0.2, 0.0]).get()
+        assert base.send_cmd("l10").get() == 1
+        assert base.send_cmd("b0.3").get() == 1  # backing off is allowed
+        assert simulation.pose(body).x_m == pytest.approx(-0.45, abs=0.03)
+        base.set_config("twist_timeout_s", 2.0).get()
+        with pytest.raises(ResourceFaultError, match="halted: cliff"):
+            base.set_value([0.4, 0.0]).get()
+        simulation.advance(0.1)
+        stopped = simulation.pose(body)
+        simulation.advance(1.0)
+        assert simulation.pose(body) == stopped
+
+
+@pytest.mark.parametrize("model", ["evbot2", "evbot3"])
+def test_who_has_no_cliff_sensors_drives_on(model: str) -> None:
+    world = {"version": 1, "name": "edge", "size_m": (4, 2), "drops": ({"x_m": 0.6, "y_m": 0.0, "size_m": (0.6, 0.6)},)}
+    with Simulation({"blind": {"model": model, "start": (-0.5, 0.0)}}, world) as simulation:
+        assert simulation["blind"]["Base"].send_cmd("f1.5", timeout_s=60).get() == 1
+        assert simulation.pose("blind").x_m > 0.9
 
 
 def test_a_dead_robot_is_silent_on_the_wire() -> None:
