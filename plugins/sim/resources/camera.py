@@ -102,9 +102,7 @@ class Camera(OnRobot):
         """Set the field of view of later pictures."""
         self._fov_deg = float(fov_deg)
 
-    @config(
-        "noise", ValueInfo(DataType.DOUBLE, minimum=0, maximum=100, description="levels of 255, standard deviation")
-    )
+    @config("noise", ValueInfo(DataType.DOUBLE, minimum=0, maximum=100, description="grey levels"))
     def noise(self) -> float:
         """Standard deviation of the noise of every number of a picture, in grey levels."""
         return self._noise
@@ -114,9 +112,7 @@ class Camera(OnRobot):
         """Set the noise of later pictures."""
         self._noise = float(noise)
 
-    @config(
-        "exposure", ValueInfo(DataType.DOUBLE, minimum=0, maximum=16, description="times the one that suits the room")
-    )
+    @config("exposure", ValueInfo(DataType.DOUBLE, minimum=0, maximum=16, description="factor on the grey levels"))
     def exposure(self) -> float:
         """Factor on the grey levels: 2 is twice as bright, and what gets too bright is white."""
         return self._exposure
