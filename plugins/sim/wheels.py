@@ -66,10 +66,11 @@ class Wheels:
     @property
     def counted_m(self) -> tuple[float, float]:
         """What the encoders have counted in all, left and right, in whole steps."""
-        return self._whole_steps_m(self._left_m), self._whole_steps_m(self._right_m)
-
-    def _whole_steps_m(self, travel_m: float) -> float:
-        return math.floor(travel_m / self._step_m + _ROUNDING) * self._step_m
+        step_m = self._step_m
+        return (
+            math.floor(self._left_m / step_m + _ROUNDING) * step_m,
+            math.floor(self._right_m / step_m + _ROUNDING) * step_m,
+        )
 
 
 class DeadReckoning:
@@ -90,7 +91,8 @@ class DeadReckoning:
 
     def follow(self, counted_m: tuple[float, float]) -> None:
         """Take in what the encoders have counted by now."""
-        left_m, right_m = (now - before for now, before in zip(counted_m, self._counted_m, strict=True))
+        before_m = self._counted_m
+        left_m, right_m = counted_m[0] - before_m[0], counted_m[1] - before_m[1]
         self._counted_m = counted_m
         self.pose = moved(self.pose, (left_m + right_m) / 2, (right_m - left_m) / self._track_m)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+import weakref
+from contextlib import AbstractContextManager
 from itertools import count
 from typing import Final
 
@@ -55,6 +55,7 @@ class SimWorld:
         self._clock = clock
         self._seed = seed
         self._lock = threading.Lock()
+        self._hold = _Hold(self)
         self._rate_hz = self.model.physics.rate_hz
         self.tick_s: Final = 1.0 / self._rate_hz
         self._tick = 0
@@ -139,12 +140,23 @@ class SimWorld:
         if robot in self._waiting:
             self._waiting.remove(robot)
 
-    @contextmanager
-    def caught_up(self) -> Iterator[float]:
+    def caught_up(self) -> AbstractContextManager[float]:
         """Hold the lock on a world that is up to date; gives the world's time in seconds of the fleet's clock."""
-        with self._lock:
+        return self._hold
+
+    def hold(self) -> float:
+        """Take the lock and catch up; see `caught_up`."""
+        self._lock.acquire()
+        try:
             self._catch_up()
-            yield self._now_s()
+        except BaseException:
+            self._lock.release()
+            raise
+        return self._now_s()
+
+    def let_go(self) -> None:
+        """Give the lock back."""
+        self._lock.release()
 
     def start(self, robot: SimRobot, motion: Motion) -> None:
         """Begin a robot's motion with the next tick, in place of a running one. Thread: inside `caught_up`.
@@ -249,6 +261,19 @@ class SimWorld:
 def _counted(name: str) -> tuple[list[str | int], str]:
     """Return what orders names as one counts: robot2 comes before robot10."""
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)], name
+
+
+class _Hold:
+    """The context of `SimWorld.caught_up`: one for all, for the lock lets one in at a time."""
+
+    def __init__(self, world: SimWorld) -> None:
+        self._world = weakref.proxy(world)
+
+    def __enter__(self) -> float:
+        return self._world.hold()  # type: ignore[no-any-return]  # a proxy has no types
+
+    def __exit__(self, *_: object) -> None:
+        self._world.let_go()
 
 
 def world_of(services: FleetServices) -> SimWorld:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import subprocess
 import sys
@@ -154,11 +155,18 @@ def thousand_robots() -> list[Result]:
         connect_s = _reconnect(fleet)
         weight = (resident_bytes() - before) / 1000
         lamps = [robot["Lamp"] for robot in fleet.values()]
-        rounds = [timed(lambda: gather([lamp.send_cmd("on") for lamp in lamps]).get()) for _ in range(5)]
-    command_s = statistics.median(rounds)
+        refused = 0
+
+        def command() -> None:
+            nonlocal refused
+            answers = gather([lamp.send_cmd("on") for lamp in lamps], return_exceptions=True).get()
+            refused += sum(answer != 1 for answer in answers)
+
+        command_s = statistics.median(timed(command) for _ in range(5))
+    told = f"{command_s:.2f} s" + (f", {refused / 5000:.0%} refused as stale" if refused else "")
     return [
         Result("1,000 robots on one controller: connect", f"{connect_s:.1f} s", "", connect_s, 10, "s"),
-        Result("one command to 1,000 robots and all answers", f"{command_s:.2f} s", "", command_s, 0.5, "s"),
+        Result("one command to 1,000 robots and all answers", told, "", math.inf if refused else command_s, 0.5, "s"),
         Result("controller's memory for each of them", f"{weight / 1e3:.0f} kB", "", weight / 1e3, 300, "kB"),
     ]
 
