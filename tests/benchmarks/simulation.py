@@ -14,6 +14,8 @@ import pymunk
 
 from eal_actors import Fleet, gather
 from eal_actors.scenario import load_scenario, run_scenario
+from eal_actors.testing import Simulation
+from plugins.sim.models import MAKES
 from tests.benchmarks.result import Result
 
 ROOT = Path(__file__).parents[2]
@@ -122,12 +124,30 @@ def square(folder: Path) -> Result:
     return Result(what, f"{ours:.0f}x real time", "real time", ours, 200, "x real time", at_least=True)
 
 
+def sink() -> Result:
+    """Each make drives at a wall at full speed, straight and aslant, and goes on pushing."""
+    deepest_mm, radii_m = 0.0, {make.name: make.radius_m for make in MAKES.values()}
+    for model, radius_m in radii_m.items():
+        for yaw_deg in (0, 30, 60):
+            with Simulation({"it": {"model": model, "start": (2.2, 0.0, yaw_deg)}}, "empty") as simulation:
+                base = simulation["it"]["Base"]
+                base.set_config("speed_m_s", base.info.config("speed_m_s").value.maximum).get()
+                drive = base.send_cmd("f2")
+                while not drive.done():
+                    simulation.advance(TICK_S)
+                    pose = simulation.pose("it")
+                    deepest_mm = max(deepest_mm, 1e3 * (max(pose.x_m - 3.0, abs(pose.y_m) - 2.0) + radius_m))
+    what = "a robot pushing a wall sinks in, each make, three angles"
+    return Result(what, f"{deepest_mm:.2f} mm", "", deepest_mm, 2, "mm")
+
+
 def run() -> list[Result]:
     """Measure once each: a run of seconds is its own mean."""
     with tempfile.TemporaryDirectory() as name, one_core():
         folder = Path(name)
         return [
             square(folder),
+            sink(),
             crowd(folder, 100, 10.0, rays=True, at_least=10),
             crowd(folder, 1000, 4.0, rays=False, at_least=2),
         ]
