@@ -222,7 +222,7 @@ class SimWorld:
         pushing = self._nearness.pushing(self._driven, self._tick)
         held = self._touching.run_tick(pushing)
         for robot in self._driven:
-            robot.arrive(held.get(robot, robot.next_pose))
+            robot.arrive(held.get(robot, robot.next_pose) if held else robot.next_pose)
         for robot in [robot for robot in self._driven if robot.is_done]:
             self.stop(robot)
 

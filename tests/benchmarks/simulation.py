@@ -23,6 +23,7 @@ RAYS, RAY_M, RAYS_HZ = 16, 4.0, 10
 TICK_S = 0.02
 SPACING_M = 1.5
 SPEED_M_S = 0.3
+TURNS = 3
 
 
 def fleet_file(folder: Path, robots: int) -> Path:
@@ -91,18 +92,25 @@ def bare_times_real(robots: int, duration_s: float, *, rays: bool) -> float:
 
 
 def crowd(folder: Path, robots: int, duration_s: float, *, rays: bool, at_least: float) -> Result:
-    """Drive a fleet, with or without looking round; a look at one pose has the physics of all keep up."""
+    """Drive a fleet, with or without looking round; a look at one pose has the physics of all keep up.
+
+    The fastest of three turns counts, for ours and for the bare engine: it is what a busy machine disturbs least.
+    """
     with Fleet.load(fleet_file(folder, robots)) as fleet:
         bases = [robot["Base"] for robot in fleet.values()]
         looks = [robot["Range"] for robot in fleet.values()] if rays else [next(iter(fleet.values()))["Pose"]]
-        driving = gather([base.send_cmd(f"f{duration_s}", timeout_s=2000) for base in bases])
-        times_real(fleet, 1.0, lambda: gather([one.get_value() for one in looks]).get(), 1 / RAYS_HZ)  # warm up
-        ours = times_real(fleet, duration_s, lambda: gather([one.get_value() for one in looks]).get(), 1 / RAYS_HZ)
+        driving = gather([base.send_cmd("f50", timeout_s=2000) for base in bases])
+
+        def look() -> None:
+            gather([one.get_value() for one in looks]).get()
+
+        times_real(fleet, 1.0, look, 1 / RAYS_HZ)  # warm up
+        ours = max(times_real(fleet, duration_s, look, 1 / RAYS_HZ) for _ in range(TURNS))
         if driving.done():
             raise AssertionError("the robots do not drive any more")
         fleet.halt().get()
         driving.exception()
-    bare = bare_times_real(robots, duration_s, rays=rays)
+    bare = max(bare_times_real(robots, duration_s, rays=rays) for _ in range(TURNS))
     what = f"{robots:,} simulated robots driving, " + (f"{RAYS} rays each at {RAYS_HZ} Hz" if rays else "no rays")
     reference = f"bare pymunk: {bare:.1f}x real time"
     return Result(what, f"{ours:.1f}x real time", reference, ours, at_least, "x real time", at_least=True)
@@ -148,6 +156,6 @@ def run() -> list[Result]:
         return [
             square(folder),
             sink(),
-            crowd(folder, 100, 10.0, rays=True, at_least=10),
-            crowd(folder, 1000, 4.0, rays=False, at_least=2),
+            crowd(folder, 100, 5.0, rays=True, at_least=10),
+            crowd(folder, 1000, 2.0, rays=False, at_least=2),
         ]

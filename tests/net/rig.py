@@ -225,8 +225,9 @@ class Process:
         self._popen.wait(WAIT_S)
 
     def freeze(self) -> None:
-        """Stop all its threads where they are."""
+        """Stop all its threads where they are, and return once they stand."""
         self.signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, self.pid, os.WSTOPPED)
 
     def thaw(self) -> None:
         """Let it go on."""
