@@ -9,7 +9,7 @@ STAMP := $(VENV)/.installed
 SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 INSTALL_VENV := { echo "Installing python3-venv, which $(PYTHON) -m venv needs"; $(SUDO) apt-get update -qq && $(SUDO) DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv >/dev/null; }
 
-.PHONY: demo demo-network test check bench figures format clean help
+.PHONY: demo demo-network test test-slow check bench figures format clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -19,7 +19,7 @@ $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || $(INSTALL_VENV)
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --quiet --editable '.[sim,vision]' --group dev
+	$(BIN)/python -m pip install --quiet --editable '.[sim,vision,record,system]' --group dev
 	@touch $(STAMP)
 
 demo: $(STAMP)  ## run the dance on the simulated fleet and show where its picture is
@@ -30,6 +30,9 @@ demo-network: $(STAMP)  ## the same dance over the network: three robots, each s
 
 test: $(STAMP)  ## run every test
 	$(BIN)/python -m pytest -n auto --dist loadfile
+
+test-slow: $(STAMP)  ## run the tests that take many seeds
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
 
 check: $(STAMP)  ## format, lint, types, layers, and the commands in the docs
 	$(BIN)/ruff format --check .

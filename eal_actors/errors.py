@@ -21,6 +21,7 @@
     │   ├── ResourceBusyError   (RuntimeError)      another controller holds the actuator
     │   ├── StoppedError        (RuntimeError)      an emergency stop holds until it is resumed
     │   └── UnavailableError    (ConnectionError)   the resource is restarting, stopped or gone
+    │       └── NotReadyError                       its device is away; it is tried again by itself
     ├── RobotError
     │   ├── RobotNotFoundError  (KeyError)          no robot of that name, tag or type
     │   ├── RobotFailedError    (ConnectionError)   the robot gave up and was stopped safely
@@ -231,6 +232,12 @@ class UnavailableError(CallError, ConnectionError):
     """The resource is restarting, stopped or gone: nothing was executed."""
 
     code = "unavailable"
+
+
+class NotReadyError(UnavailableError):
+    """The device is absent, off or not connected at present: nothing was executed, and it is tried again by itself."""
+
+    code = "not_ready"
 
 
 class RobotError(EALError):

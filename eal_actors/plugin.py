@@ -26,6 +26,7 @@ from eal_actors.errors import (
     ArgumentError,
     DataError,
     EALError,
+    NotReadyError,
     PluginError,
     ResourceFaultError,
     UnavailableError,
@@ -34,8 +35,11 @@ from eal_actors.errors import (
 from eal_actors.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
 from eal_actors.link import Link
 from eal_actors.log import get_logger
+from eal_actors.ports import BytePort, ReopeningPort, TcpPort, open_serial, open_tcp
+from eal_actors.record.recorded_run import RecordedCall, RecordedRun
 from eal_actors.resource import Activity, Resource, command, config, config_setter, request
 from eal_actors.strict_model import StrictModel
+from eal_actors.wheels import WheelCalibration
 from eal_actors.world import WorldModel
 
 __all__ = [
@@ -53,21 +57,29 @@ __all__ = [
     "Field",
     "FleetServices",
     "Link",
+    "NotReadyError",
     "PluginContext",
     "PluginError",
     "PluginSettingsModel",
+    "RecordedCall",
+    "RecordedRun",
+    "ReopeningPort",
     "Resource",
     "ResourceFaultError",
     "ResourceInfo",
     "ResourceType",
+    "TcpPort",
     "UnavailableError",
     "UnsupportedError",
     "ValueInfo",
+    "WheelCalibration",
     "WorldModel",
     "command",
     "config",
     "config_setter",
     "get_logger",
+    "open_serial",
+    "open_tcp",
     "request",
 ]
 
@@ -110,31 +122,6 @@ class EALPlugin:
             raise PluginError(
                 f"{type(self).__name__} does not call super().__init__ with its resources' names"
             ) from None
-
-
-class BytePort(Protocol):
-    """What a driver uses of a serial port. Pyserial's ports have it, with a `timeout` of 0, and simulated ones."""
-
-    @property
-    def in_waiting(self) -> int:
-        """How many bytes can be read."""
-        ...
-
-    def read(self, size: int = 1) -> bytes:
-        """Return what has arrived, at most so many bytes; does not wait."""
-        ...
-
-    def write(self, data: bytes) -> int | None:
-        """Send bytes."""
-        ...
-
-    def reset_input_buffer(self) -> None:
-        """Forget what has arrived."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the port."""
-        ...
 
 
 class PortMaker(Protocol):

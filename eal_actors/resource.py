@@ -125,7 +125,10 @@ class Resource:
         raise self._unsupported("get_status")
 
     def get_value(self) -> Any:
-        """Return the sensor's value (Source: thesis B.2.3.1)."""
+        """Return the sensor's value, or an activity that does when it is there (Source: thesis B.2.3.1).
+
+        Such an activity goes on beside a motion, and beside other calls; so do those of requests and configuration.
+        """
         raise self._unsupported("get_value")
 
     def set_value(self, data: EALData) -> Any:
@@ -159,11 +162,17 @@ class Resource:
         return handler() if argument is None else handler(argument.value)
 
     def read_comm(self, length: int) -> Any:
-        """Return up to `length` bytes (Source: thesis B.2.3.5)."""
+        """Return up to `length` bytes, or an activity that does when they are there (Source: thesis B.2.3.5).
+
+        Such an activity goes on beside a motion, and beside other reads.
+        """
         raise self._unsupported("read_comm")
 
-    def write_comm(self, data: EALData, length: int) -> int:
-        """Write the first `length` bytes; return how many were written (Source: thesis B.2.3.6)."""
+    def write_comm(self, data: EALData, length: int) -> Any:
+        """Write the first `length` bytes; return how many were written (Source: thesis B.2.3.6).
+
+        An activity that does so a piece at a time goes on beside a motion, and is closed by a halt.
+        """
         raise self._unsupported("write_comm")
 
     def get_config(self, key: str) -> Any:
@@ -207,6 +216,15 @@ class Resource:
 
         Called on a halt, a missed deadline, a crash and before `close`. Every actuator overrides it.
         """
+
+    def not_ready(self) -> str | None:
+        """Return why the device cannot be used at present, such as `cannot open /dev/ttyUSB0: ...`; None if it can.
+
+        Asked before each call that is no stop, which then fails at once with NotReadyError, and now and again; so it
+        must be quick, and only look at what is known. It is for devices that come back by themselves: a wrong
+        configuration is an error of `connect`.
+        """
+        return None
 
     def background(self) -> Activity | None:
         """Return an activity that runs as long as the resource does, such as a poller; None for none.

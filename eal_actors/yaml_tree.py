@@ -60,6 +60,15 @@ class MarkedList(list[Any]):
         self.marks.append(mark)
 
 
+def plain(value: Any) -> Any:
+    """Return a copy of a tree in which nothing remembers its place, as any writer of YAML or JSON takes it."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [plain(item) for item in value]
+    return value
+
+
 def merge(base: MarkedDict, over: MarkedDict) -> MarkedDict:
     """Return a new mapping: mappings merge key by key, any other value of `over` replaces that of `base`.
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import math
-import numbers
 import types
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
+from eal_actors.actors.activities import Activities
 from eal_actors.actors.actor import AbandonedThread, EALActor
+from eal_actors.actors.answers import comm_data_of, data_of, explained, status_of
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
+from eal_actors.actors.readiness import Readiness
+from eal_actors.actors.resource_roles import ResourceFactory, ResourceObserver
 from eal_actors.actors.starts import PendingStart
 from eal_actors.data import EALData
 from eal_actors.errors import (
@@ -24,75 +26,21 @@ from eal_actors.errors import (
     UnavailableError,
     shown,
 )
-from eal_actors.info import ResourceInfo, ValueInfo
+from eal_actors.info import ResourceInfo
 from eal_actors.log import bind_work_place, get_logger, is_debugging, set_call
 from eal_actors.resource import Activity, Resource
-from eal_actors.timers import Timer
 
 
-class ResourceFactory(Protocol):
-    """How to make and unmake the resource: what the plugin manager hands out."""
-
-    def create(self) -> Resource:
-        """Return a new resource. Thread: the resource's actor."""
-        ...
-
-    def destroy(self, resource: Resource) -> None:
-        """Let go of it. Thread: the resource's actor."""
-        ...
-
-
-class ResourceObserver(Protocol):
-    """Whom a resource actor tells of its life: its robot. Thread: the resource's actor; none may block."""
-
-    def resource_up(self, actor: ResourceActor, info: ResourceInfo) -> None:
-        """The resource is open and serves calls."""
-        ...
-
-    def resource_down(self, actor: ResourceActor, error: BaseException | None) -> None:
-        """The resource has ended: crashed with an error, or normally with None."""
-        ...
-
-    def watch(self, actor: ResourceActor, until_s: float) -> None:
-        """Look at that time whether the actor is stuck in what it is doing now."""
-        ...
-
-
-@dataclass(eq=False)
-class _Running:
-    """An activity under way, and the call it answers; the background activity answers none."""
+class _Later(NamedTuple):
+    """A result that is still to come: the activity that gives it, and what makes the answer of it."""
 
     activity: Activity
-    call: Call[Any] | None
-    timer: Timer | None = None
+    answer: Callable[[Any], Any]
 
 
-def _status(result: Any) -> int:
-    """Return a status int: None counts as 1, the thesis's success."""
-    if result is None:
-        return 1
-    if isinstance(result, int):
-        return int(result)
-    raise ReturnTypeError(f"returned {result!r} where a status int is wanted")
-
-
-def _seconds(delay_s: object) -> float:
-    """Return what an activity yielded as seconds."""
-    with contextlib.suppress(OverflowError):
-        if isinstance(delay_s, numbers.Real) and float(delay_s) >= 0:
-            return float(delay_s)
-    raise ReturnTypeError(f"yielded {delay_s!r} where seconds until its next step are wanted")
-
-
-def _data(result: Any, value: ValueInfo | None) -> EALData:
-    """Return the result as EALData, checked against what the resource says of it."""
-    try:
-        data = EALData.of(result)
-    except EALError as error:
-        raise ReturnTypeError(f"returned what no EALData can hold: {error}") from error
-    if value is not None and (problem := value.problem(data)):
-        raise ReturnTypeError(f"returned a value that {problem}")
-    return data
+def _now_or_later(result: Any, answer: Callable[[Any], Any]) -> Any:
+    """Make the answer of a result, unless it is an activity, which gives the result later."""
+    return _Later(result, answer) if type(result) is types.GeneratorType else answer(result)
 
 
 class ResourceActor(EALActor):
@@ -117,8 +65,8 @@ class ResourceActor(EALActor):
         self._observer = observer
         self._is_open = False
         self._current: Call[Any] | None = None
-        self._motion: _Running | None = None
-        self._background: _Running | None = None
+        self._activities = Activities(self)
+        self._readiness: Readiness | None = None
         self._pending = PendingStart(self.actor_inbox, self._execute)
         self._log = get_logger(robot=cell.robot, resource=cell.name)
 
@@ -144,24 +92,29 @@ class ResourceActor(EALActor):
         except BaseException as error:  # noqa: BLE001  # a plugin may raise anything; Pykka would hide it
             self.crash(error)
             return
+        if type(resource).not_ready is not Resource.not_ready:  # most are always ready, and are not asked
+            self._readiness = Readiness(resource, self.actor_inbox, self._tell_readiness, self._log)
+            self._readiness.watch()
         self.busy_until_s = None
         if background is not None:
-            self._background = _Running(background, None)
-            self.actor_inbox.call_later(0.0, lambda: self._step(self._background))
+            self._activities.begin_background(background)
         self._observer.resource_up(self, info)
+
+    def _tell_readiness(self, reason: str | None) -> None:
+        self._observer.resource_ready(self, reason)
 
     def _make_methods(self, resource: Resource, info: ResourceInfo) -> dict[str, Callable[..., Any]]:
         """Return for each method what runs it and makes the answer of its result."""
         return {
-            "get_status": lambda: _status(resource.get_status()),
-            "get_value": lambda: _data(resource.get_value(), info.value),
+            "get_status": lambda: status_of(resource.get_status()),
+            "get_value": lambda: _now_or_later(resource.get_value(), lambda result: data_of(result, info.value)),
             "set_value": self._set_value,
             "send_req": self._send_req,
             "send_cmd": self._send_cmd,
-            "read_comm": lambda length: _data(resource.read_comm(length), None),
-            "write_comm": lambda data, length: _status(resource.write_comm(data, length)),
+            "read_comm": lambda length: _now_or_later(resource.read_comm(length), comm_data_of),
+            "write_comm": lambda data, length: _now_or_later(resource.write_comm(data, length), status_of),
             "get_config": self._get_config,
-            "set_config": lambda key, data: _status(resource.set_config(key, data)),
+            "set_config": lambda key, data: _now_or_later(resource.set_config(key, data), status_of),
             "halt": self._halt,
         }
 
@@ -189,7 +142,7 @@ class ResourceActor(EALActor):
 
     def abandon(self, error: EALError) -> None:
         """Fail the calls under way too; see EALActor."""
-        under_way = [self._current, self._motion.call if self._motion is not None else None, self._pending.call]
+        under_way = [self._current, self._pending.call, *self._activities.calls()]
         super().abandon(error)
         for call in under_way:
             if call is not None:
@@ -201,10 +154,7 @@ class ResourceActor(EALActor):
 
     def _end(self, reason: EALError) -> None:
         self._pending.call_off(reason.copy())
-        self._close_motion(reason)
-        if self._background is not None:
-            self._close_activity(self._background)
-            self._background = None
+        self._activities.close(reason)
         resource, self.resource = self.resource, None
         if resource is not None:
             if self._is_open:
@@ -265,10 +215,11 @@ class ResourceActor(EALActor):
         if is_debugging():
             self._log.debug("call", method=call.shown())
         try:
+            if self._readiness is not None and not call.stops:
+                self._readiness.require()
             result = self._methods[call.method](*call.arguments)
-            if type(result) is types.GeneratorType:
-                self._motion = _Running(result, call)
-                self._step(self._motion)
+            if type(result) is _Later:
+                self._activities.begin(call, *result)
             elif not call._finish(result, None) and call.method in MOTION_METHODS and not call.stops:
                 self._guarded(self._opened.halt)  # it was given up while it ran
         except AbandonedThread:
@@ -285,16 +236,8 @@ class ResourceActor(EALActor):
             set_call(None)
 
     def _explained(self, call: Call[Any], error: BaseException) -> EALError:
-        """Return an error that names the call, and has the plugin's own error as its cause."""
         self._log.debug("call failed", call=call.call_id, method=call.shown(), error=shown(error))
-        if isinstance(error, EALError) and not isinstance(error, ReturnTypeError):
-            return error
-        what = f"{call.method} {call.arguments[0]!r}" if call.arguments else call.method
-        if isinstance(error, ReturnTypeError):
-            return ReturnTypeError(f"{what} {error.message}")
-        fault = ResourceFaultError(f"{what} raised {shown(error)}")
-        fault.__cause__ = error
-        return fault
+        return explained(call, error)
 
     def _hold(self, call: Call[Any]) -> None:
         """Let a command wait for its start; one that would be refused then is refused now, and disturbs nothing."""
@@ -316,11 +259,11 @@ class ResourceActor(EALActor):
 
     def _take_over(self, reason: PreemptedError) -> None:
         self._pending.call_off(reason.copy())
-        self._close_motion(reason)
+        self._activities.close_motion(reason)
 
     def _send_cmd(self, cmd: str, data: EALData | None) -> Any:
         if "send_cmd" in self._info.methods:  # else it raises UnsupportedError, and must not stop what runs
-            if self._motion is not None or self._pending.call is not None:
+            if self._activities.is_moving or self._pending.call is not None:
                 self._check_command(cmd, data)  # nor must a command that is refused
             self._take_over(PreemptedError(f"a newer command took over: {cmd!r}"))
         return self._started(self._opened.send_cmd(cmd, data))
@@ -332,18 +275,20 @@ class ResourceActor(EALActor):
         return self._started(self._opened.set_value(data))
 
     def _started(self, result: Any) -> Any:
-        return result if type(result) is types.GeneratorType else _status(result)
+        return _now_or_later(result, status_of)
 
-    def _send_req(self, req: str) -> EALData:
+    def _send_req(self, req: str) -> Any:
         returns = self._info.parse_request(req)[0].returns if self._info.requests else None
-        return _data(self._opened.send_req(req), returns)
+        return _now_or_later(self._opened.send_req(req), lambda result: data_of(result, returns))
 
-    def _get_config(self, key: str) -> EALData:
+    def _get_config(self, key: str) -> Any:
         value = self._info.config(key).value if self._info.configs else None
-        return _data(self._opened.get_config(key), value)
+        return _now_or_later(self._opened.get_config(key), lambda result: data_of(result, value))
 
     def _halt(self) -> int:
-        self._take_over(PreemptedError("halted"))
+        reason = PreemptedError("halted")
+        self._take_over(reason)
+        self._activities.close_exchanges(reason, lambda call: call.method in MOTION_METHODS)
         self._opened.halt()
         return 1
 
@@ -353,83 +298,11 @@ class ResourceActor(EALActor):
             raise ResourceFaultError("is closed")
         return self.resource
 
-    # Activities.
-
     def stop_activity_of(self, call: Call[Any]) -> None:
         """Stop the activity that answers a call nobody waits for any more. Thread: any; does not block."""
-        if call.method in MOTION_METHODS:
-            with contextlib.suppress(EALError):  # it has ended, and has stopped everything on its way out
-                self.actor_inbox.call_soon(lambda: self._give_up(call))
+        with contextlib.suppress(EALError):  # it has ended, and has stopped everything on its way out
+            self.actor_inbox.call_soon(lambda: self._give_up(call))
 
     def _give_up(self, call: Call[Any]) -> None:
         self._pending.forget(call)
-        if self._motion is not None and self._motion.call is call:
-            self._busy(self.clock.now())  # it is over its time already
-            try:
-                self._close_motion(PreemptedError("nobody waits for it any more"))
-                self._guarded(self._opened.halt)
-            finally:
-                self.busy_until_s = None
-
-    def _step(self, running: _Running | None) -> None:
-        """Run an activity up to its next yield."""
-        if running is None or (running is not self._motion and running is not self._background):
-            return
-        call, now_s = running.call, self.clock.now()
-        if call is not None and call.deadline_s is not None and now_s >= call.deadline_s:
-            call.expire()
-            self._give_up(call)
-            return
-        until_s = now_s + self.cell.timeout_s
-        self._busy(min(until_s, call.deadline_s) if call is not None and call.deadline_s is not None else until_s)
-        set_call(call.call_id if call is not None else None)
-        try:
-            delay_s = _seconds(next(running.activity))
-        except AbandonedThread:
-            raise
-        except StopIteration as end:
-            self._finished(running, end.value)
-        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything
-            self._failed(running, error)
-        else:
-            next_s = now_s + delay_s
-            if call is not None and call.deadline_s is not None:
-                next_s = min(next_s, call.deadline_s)
-            running.timer = self.actor_inbox.call_at(next_s, lambda: self._step(running))
-        finally:
-            self.busy_until_s = None
-            set_call(None)
-
-    def _finished(self, running: _Running, result: Any) -> None:
-        if running is self._background:
-            self._background = None
-            return
-        self._motion = None
-        if running.call is not None:
-            try:
-                running.call.set(_status(result))
-            except ReturnTypeError as error:
-                running.call.fail(self._explained(running.call, error))
-
-    def _failed(self, running: _Running, error: BaseException) -> None:
-        if running.call is None:
-            raise error  # a poller that fails leaves the resource blind: the supervisor restarts it
-        self._motion = None
-        self._close_activity(running)
-        self._guarded(self._opened.halt)
-        running.call.fail(self._explained(running.call, error))
-        if not isinstance(error, Exception):
-            raise error
-
-    def _close_motion(self, reason: EALError) -> None:
-        running, self._motion = self._motion, None
-        if running is not None:
-            self._close_activity(running)
-            if running.call is not None:
-                running.call.fail(reason)
-
-    def _close_activity(self, running: _Running) -> None:
-        if running.timer is not None:
-            running.timer.cancel()
-        if not self._guarded(lambda: running.activity.close()) and self.resource is not None:
-            self._guarded(self.resource.halt)  # its own `finally` did not do it
+        self._activities.give_up(call)

@@ -14,7 +14,8 @@ from eal_actors.actors.actor import AbandonedThread, EALActor
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
-from eal_actors.actors.resource_actor import ResourceActor, ResourceFactory
+from eal_actors.actors.resource_actor import ResourceActor
+from eal_actors.actors.resource_roles import ResourceFactory
 from eal_actors.actors.robot_view import Ping, RobotState, RobotView, release
 from eal_actors.actors.supervision import ChildSpec, Restart, RestartIntensity, wants_restart
 from eal_actors.clock import REAL_TIME, Clock
@@ -153,6 +154,10 @@ class RobotActor(EALActor):
         """See ResourceObserver."""
         self._later(lambda: self._on_up(actor, info))
 
+    def resource_ready(self, actor: ResourceActor, reason: str | None) -> None:
+        """See ResourceObserver."""
+        self.view.note_readiness(actor.cell.name, reason)
+
     def resource_down(self, actor: ResourceActor, error: BaseException | None) -> None:
         """See ResourceObserver."""
         self._later(lambda: self._on_down(actor, error))
@@ -182,6 +187,7 @@ class RobotActor(EALActor):
             return
         del self._children[name]
         actor.cell.actor = None
+        self.view.note_readiness(name, None)  # it is more than not ready: the calls say what it is
         if self._stopping:
             if not self._children:
                 self._stop()
@@ -253,7 +259,8 @@ class RobotActor(EALActor):
     def ping(self) -> Future[Ping]:
         """See RobotConnection: answered at once, whatever the robot does."""
         future: Future[Ping] = Future()
-        future.set(Ping(self.view.state, release(), len(self.view.cells), self.view.latch.reason))
+        view = self.view
+        future.set(Ping(view.state, release(), len(view.cells), view.latch.reason, not_ready=dict(view.not_ready)))
         return future
 
     # Emergency stop.

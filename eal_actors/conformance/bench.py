@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
+from eal_actors.clock import REAL_TIME
+from eal_actors.conformance.stand_in import StandIn, stand_in_for
 from eal_actors.errors import DeadlineError, EALError, PluginError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.info import ResourceType
@@ -26,7 +28,22 @@ Resources = Mapping[str, ResourceHandle]
 ROBOTS: Final = ("first", "second")
 """The robots on the bench."""
 
+_LOOK_S: Final = 0.02
+
 _ARENA: Final = WorldModel(version=1, name="bench", size_m=(12.0, 8.0))
+
+
+@dataclass(frozen=True)
+class Place:
+    """A robot on the bench.
+
+    Attributes:
+        robot: the robot.
+        resources: its resources that the checks are shown.
+    """
+
+    robot: RobotHandle
+    resources: Resources
 
 
 @dataclass(frozen=True)
@@ -38,21 +55,22 @@ class Bench:
         settings: what a fleet file would say under the plugin's name; see `settings_of`.
         timeout_s: deadline of each call.
         left_out: names of resources that the checks are not shown.
+        ready_within_s: real seconds in which a device must be found and greeted: the longest pause between two tries
+            to open a port, and a greeting.
     """
 
     folder: Path
     settings: YamlTree
     timeout_s: float = 5.0
     left_out: frozenset[str] = frozenset()
+    ready_within_s: float = 15.0
 
     def manifest(self) -> PluginManifest:
         """Read the plugin's manifest, or raise ConfigError."""
         return read_manifest(self.folder)
 
-    def config(self, robots: int = 1) -> FleetConfig:
-        """Return a fleet whose every robot has the plugin, alone."""
-        manifest = self.manifest()
-        settings = PluginSettings(manifest.name, manifest.name, self.settings)
+    def config(self, settings: Sequence[YamlTree]) -> FleetConfig:
+        """Return a fleet whose every robot has the plugin, alone, each set up in its own way."""
         return FleetConfig(
             name="bench",
             source=self.folder,
@@ -60,10 +78,11 @@ class Bench:
             seed=0,
             world=_ARENA,
             plugin_dirs=(self.folder.resolve().parent,),
-            robots={name: self._robot(name, settings) for name in ROBOTS[:robots]},
+            robots={name: self._robot(name, tree) for name, tree in zip(ROBOTS, settings, strict=False)},
         )
 
-    def _robot(self, name: str, settings: PluginSettings) -> RobotConfig:
+    def _robot(self, name: str, settings: YamlTree) -> RobotConfig:
+        plugin = self.manifest().name
         return RobotConfig(
             name=name,
             type=None,
@@ -74,7 +93,7 @@ class Bench:
             restart="temporary",  # so that a crash shows
             max_restarts=0,
             restart_window_s=5.0,
-            plugins={settings.instance: settings},
+            plugins={plugin: PluginSettings(plugin, plugin, settings)},
         )
 
     @contextmanager
@@ -92,13 +111,40 @@ class Bench:
 
     @contextmanager
     def robots(self, count: int) -> Iterator[tuple[Resources, ...]]:
-        """Connect several robots, each with its own instance of the plugin; see `robot`."""
-        with Fleet(self.config(count)) as fleet:
+        """Connect several robots, each with its own instance of the plugin and its own stand-in; see `robot`."""
+        with ExitStack() as stack:
+            stand_ins = [stack.enter_context(self.stand_in()) for _ in range(count)]
+            places = stack.enter_context(self.connected(stand_ins))
+            yield tuple(place.resources for place in places)
+
+    @contextmanager
+    def stand_in(self) -> Iterator[StandIn | None]:
+        """Plug in an emulator of the plugin's device, if it has one and the settings name no device."""
+        stand_in = stand_in_for(self.manifest(), self.settings.root)
+        try:
+            yield stand_in
+        finally:
+            if stand_in is not None:
+                stand_in.close()
+
+    @contextmanager
+    def connected(self, stand_ins: Sequence[StandIn | None], *, ready: bool = True) -> Iterator[tuple[Place, ...]]:
+        """Connect a robot for each stand-in, or for None; raises as `robot` does.
+
+        Args:
+            stand_ins: what each robot's device is.
+            ready: wait until the devices can be used.
+        """
+        settings = [self.settings if one is None else settings_of(one.settings) for one in stand_ins]
+        with Fleet(self.config(settings)) as fleet:
             robots = tuple(fleet.values())
             for robot in robots:
                 _require_up(robot)
+                if ready:
+                    _require_ready(robot, self.ready_within_s)
             yield tuple(
-                {name: handle for name, handle in robot.items() if name not in self.left_out} for robot in robots
+                Place(robot, {name: handle for name, handle in robot.items() if name not in self.left_out})
+                for robot in robots
             )
 
 
@@ -111,6 +157,19 @@ def _require_up(robot: RobotHandle) -> None:
             handle.info  # noqa: B018  # reading it tells whether the resource has come up
         except EALError as error:
             raise PluginError(f"{name} did not come up: {error.message}") from error
+
+
+def comes_true(holds: Callable[[], bool], within_s: float) -> bool:
+    """Look again and again, in real seconds, because hardware does not tell. Thread: blocks the caller."""
+    end_s = REAL_TIME.now() + within_s
+    while not (found := holds()) and REAL_TIME.now() < end_s:
+        REAL_TIME.sleep(_LOOK_S)
+    return found
+
+
+def _require_ready(robot: RobotHandle, within_s: float) -> None:
+    if not comes_true(lambda: not robot.not_ready, within_s):
+        raise PluginError("; ".join(f"{name} is not ready: {reason}" for name, reason in robot.not_ready.items()))
 
 
 def settings_of(settings: Mapping[str, Any]) -> YamlTree:

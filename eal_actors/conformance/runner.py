@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
-from eal_actors.conformance import answering, describing, living, moving
+from eal_actors.conformance import answering, describing, living, moving, wiring
 from eal_actors.conformance.bench import Bench, BlockedActor, Findings
 from eal_actors.errors import ConfigError, EALError
 
@@ -64,7 +64,11 @@ CHECKS: Final = (
     Check(moving.can_be_halted, "it has no actuator"),
     Check(moving.stops_what_runs, "no command of an actuator takes time"),
     Check(living.shares_nothing, "two of it do not come up side by side"),
+    Check(wiring.keeps_calls_apart, "nothing can be asked without an argument"),
+    Check(wiring.waits_for_its_device, "no emulator stands in for a device that could be away"),
+    Check(wiring.bears_unplugging, "no emulator stands in for a device that could be pulled out"),
     Check(living.leaves_no_thread),
+    Check(wiring.frees_its_port, "this system does not tell what is open"),
     Check(living.comes_back),
 )
 """Every check, in the order in which an author wants to hear of them."""
@@ -117,7 +121,8 @@ def _run_on_the_rest(check: Check, bench: Bench) -> CheckResult:
     if not bench.left_out:
         return run_check(check, bench)
     reason = f"not of {', '.join(sorted(bench.left_out))}, which a command blocked"
-    if bench.left_out.issuperset(bench.manifest().file.resources):
+    resources = bench.manifest().file.resources  # none where only the settings tell them
+    if resources and bench.left_out.issuperset(resources):
         return CheckResult(check, "skipped", (reason,))
     result = run_check(check, bench)
     return result if result.outcome == "failed" else replace(result, problems=(*result.problems, reason))

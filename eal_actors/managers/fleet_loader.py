@@ -20,7 +20,7 @@ from eal_actors.managers.network_model import network_config
 from eal_actors.strict_model import did_you_mean, problems_from
 from eal_actors.world import WorldModel, load_world
 from eal_actors.yaml_source import load_yaml
-from eal_actors.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, YamlTree, merge, replace_text
+from eal_actors.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, YamlTree, merge, plain, replace_text
 
 
 def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:
@@ -75,6 +75,8 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
         plugin_dirs=plugin_dirs,
         robots={name: robot_config(name, levels, types) for name, levels, types in merged},
         network=network_config(fleet.network, _beside(YamlTree(root).mark_at(("network", "security", "keys")), "")),
+        content=plain(root),
+        python_steps=fleet.python_steps,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,6 +26,7 @@ MAX_ROBOTS_OF_ONE_ENTRY = 10_000
 
 Restart = Literal["permanent", "transient", "temporary"]
 Text = Annotated[str, Field(min_length=1)]
+StepText = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*$")]
 
 
 class ClockSection(StrictModel):
@@ -97,6 +98,9 @@ class FleetFile(StrictModel):
     """World file of the simulated robots, relative to this file."""
     plugin_dirs: tuple[Text, ...] = Field(default=(), strict=False)
     """Folders of plugins, relative to this file; the bundled plugins are always found."""
+    python_steps: tuple[StepText, ...] = Field(default=(), strict=False)
+    """What the `python` steps of scenarios may run beside installed steps, as `module:function`. The modules lie beside
+    this file, or where Python finds them."""
     include: tuple[Text, ...] = Field(default=(), strict=False)
     """Fleet files to build on, relative to this file; later ones override earlier ones, and this file all of them."""
     network: NetworkSection = NetworkSection()
@@ -181,6 +185,8 @@ class FleetConfig:
         plugin_dirs: folders to search for plugins before the bundled ones, in this order.
         robots: by name, in the order of the file; never empty.
         network: how robots that have an address are reached.
+        content: what the file and those it includes say together, as plain values.
+        python_steps: what the `python` steps of scenarios may run, as `module:function`.
     """
 
     name: str
@@ -191,6 +197,8 @@ class FleetConfig:
     plugin_dirs: tuple[Path, ...]
     robots: dict[str, RobotConfig]
     network: NetworkConfig = DEFAULT_NETWORK
+    content: Mapping[str, Any] = field(default_factory=dict)
+    python_steps: tuple[str, ...] = ()
 
 
 def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> RobotConfig:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError
 
 from eal_actors.bundled import bundled_path
 from eal_actors.errors import ConfigError, EALError, PluginError
+from eal_actors.info import unknown_name
 from eal_actors.strict_model import Name, StrictModel, Version1, problems_from
 from eal_actors.yaml_source import load_yaml
 
@@ -32,10 +33,12 @@ class ManifestFile(StrictModel):
     """One line for people."""
     plugin_version: str
     """The plugin's own version."""
-    resources: tuple[Name, ...] = Field(min_length=1, strict=False)
-    """The resources that its `connect` names."""
+    resources: tuple[Name, ...] = Field(default=(), min_length=1, strict=False)
+    """The resources that its `connect` names; left out where only its settings tell which these are."""
     requires: tuple[str, ...] = Field(default=(), strict=False)
     """Python modules that it imports beyond the framework's core."""
+    uses: tuple[Name, ...] = Field(default=(), strict=False)
+    """Other plugins whose modules it imports, as in `from ..mote_roomba.motion import Motion`."""
     extra: str | None = None
     """The extra of this distribution that installs them."""
 
@@ -47,18 +50,52 @@ class PluginManifest:
     Attributes:
         folder: where it is.
         file: what its `plugin.yaml` says.
+        others: the plugins that were found with it, by name, among them those that it uses.
     """
 
     folder: Path
     file: ManifestFile
+    others: Mapping[str, PluginManifest] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def name(self) -> str:
         """The plugin's name."""
         return self.file.name
 
+    def used(self) -> tuple[PluginManifest, ...]:
+        """Return the plugins that it uses, and those that they use, each after those that it uses itself.
+
+        Raises:
+            PluginError: one is not there, or they use one another in a circle.
+        """
+        found: dict[str, PluginManifest] = {}
+        self._collect_used(found, ())
+        return tuple(found.values())
+
+    def _collect_used(self, found: dict[str, PluginManifest], way: tuple[str, ...]) -> None:
+        way = (*way, self.name)
+        for name in self.file.uses:
+            if name in way:
+                circle = " -> ".join([*way[way.index(name) :], name])
+                raise PluginError(f"plugin {way[0]!r}: plugins use one another in a circle: {circle}")
+            if name in found:
+                continue
+            if (other := self.others.get(name)) is None:
+                raise PluginError(f"plugin {self.name!r} uses another one: {unknown_name('plugin', name, self.others)}")
+            other._collect_used(found, way)  # noqa: SLF001  # a manifest like this one
+            found[name] = other
+
     def missing_modules(self) -> tuple[str, ...]:
-        """Return which of the modules it requires are not installed."""
+        """Return which modules, that it or a plugin that it uses requires, are not installed."""
+        try:
+            used = self.used()
+        except PluginError:  # its import tells of that
+            used = ()
+        missing = [module for plugin in (self, *used) for module in plugin.own_missing_modules()]
+        return tuple(dict.fromkeys(missing))
+
+    def own_missing_modules(self) -> tuple[str, ...]:
+        """Return which of the modules that it requires itself are not installed."""
         return tuple(module for module in self.file.requires if not _is_installed(module))
 
 
@@ -70,11 +107,19 @@ def _is_installed(module: str) -> bool:
 
 
 def read_manifest(folder: Path) -> PluginManifest:
-    """Read the manifest in a plugin's folder.
+    """Read the manifest in a plugin's folder; the plugins that it uses are looked for beside it and among the bundled.
 
     Raises:
         ConfigError: what is wrong with it.
     """
+    manifest = _read_alone(folder)
+    if not manifest.file.uses:
+        return manifest
+    others, _ = discover([folder.resolve().parent])
+    return replace(manifest, others=others)
+
+
+def _read_alone(folder: Path) -> PluginManifest:
     tree = load_yaml(folder / MANIFEST)
     try:
         return PluginManifest(folder, ManifestFile.model_validate(tree.root))
@@ -96,7 +141,7 @@ def discover(plugin_dirs: Iterable[Path]) -> tuple[dict[str, PluginManifest], tu
     errors: list[EALError] = []
     for folder in _plugin_folders(plugin_dirs, errors):
         try:
-            manifest = read_manifest(folder)
+            manifest = replace(_read_alone(folder), others=found)
         except ConfigError as error:
             errors.append(error)
             continue

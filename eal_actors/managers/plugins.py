@@ -28,25 +28,47 @@ _import_lock = threading.RLock()
 def import_plugin(manifest: PluginManifest) -> ModuleType:
     """Import a plugin's `plugin.py`, as a module of a package of its own so that it can import its neighbours.
 
+    The packages of the plugins that it uses stand beside its own, so that it can import from them too.
+
     Raises:
-        PluginError: a module that it requires is missing, or its code raised.
+        PluginError: a module that it requires or a plugin that it uses is missing, or its code raised.
 
     Thread: any; one import at a time.
     """
-    missing = manifest.missing_modules()
-    if missing:
-        extra = manifest.file.extra
-        remedy = f"pip install 'eal-actors[{extra}]'" if extra else f"pip install {' '.join(missing)}"
-        raise PluginError(f"plugin {manifest.name!r} needs {', '.join(missing)}: {remedy}")
+    used = manifest.used()
+    for plugin in (manifest, *used):
+        _require_modules(plugin, manifest)
     path = manifest.folder / "plugin.py"
     if not path.is_file():
         raise PluginError(f"plugin {manifest.name!r} has no plugin.py in {manifest.folder}")
     with _import_lock:
+        for plugin in used:
+            _make_importable(plugin, manifest)
         package = _package_for(manifest.folder.resolve(), manifest.name)
         try:
             return importlib.import_module(f"{package}.plugin")
         except (Exception, SystemExit) as error:
             raise PluginError(f"plugin {manifest.name!r} fails to import: {shown(error)}") from error
+
+
+def _require_modules(plugin: PluginManifest, user: PluginManifest) -> None:
+    missing = plugin.own_missing_modules()
+    if missing:
+        extra = plugin.file.extra
+        remedy = f"pip install 'eal-actors[{extra}]'" if extra else f"pip install {' '.join(missing)}"
+        whose = "" if plugin is user else f" for the plugin {plugin.name!r}, which it uses"
+        raise PluginError(f"plugin {user.name!r} needs {', '.join(missing)}{whose}: {remedy}")
+
+
+def _make_importable(plugin: PluginManifest, user: PluginManifest) -> None:
+    """Give a plugin that another one uses the package that the other one imports from."""
+    package = _package_for(plugin.folder.resolve(), plugin.name)
+    if package != f"{_PACKAGE}.{plugin.name}":
+        there = sys.modules[f"{_PACKAGE}.{plugin.name}"].__path__[0]
+        raise PluginError(
+            f"plugin {user.name!r} uses the plugin {plugin.name!r} in {plugin.folder}, but another one of that name, "
+            f"in {there}, is loaded"
+        )
 
 
 def _package_for(folder: Path, name: str) -> str:
@@ -64,11 +86,14 @@ def _package_for(folder: Path, name: str) -> str:
 
 
 def forget_plugin(manifest: PluginManifest) -> None:
-    """Unload a plugin's modules, so that the next import reads its files again."""
-    folder = str(manifest.folder.resolve())
+    """Unload the modules of a plugin and of those that it uses, so that the next import reads their files again.
+
+    A loaded plugin that uses one of them keeps what it has, until it is forgotten itself.
+    """
+    folders = {str(plugin.folder.resolve()) for plugin in (manifest, *manifest.used())}
     with _import_lock:
         for name, module in list(sys.modules.items()):
-            if name.startswith(f"{_PACKAGE}.") and folder in getattr(module, "__path__", []):
+            if name.startswith(f"{_PACKAGE}.") and folders.intersection(getattr(module, "__path__", [])):
                 for part in [part for part in sys.modules if part == name or part.startswith(f"{name}.")]:
                     del sys.modules[part]
         importlib.invalidate_caches()
@@ -193,7 +218,8 @@ class EALPluginManager:
             raise PluginError(f"plugin {manifest.name!r}: connect returned {plugin!r}, which is no EALPlugin")
         connected.append((settings.instance, module, plugin))  # from here on it is owed a disconnect
         promised, named = set(manifest.file.resources), set(plugin.list_resources())
-        if named - promised or (named != promised and checked is None):  # settings may leave out some
+        strays = named - promised if promised else set()
+        if strays or (promised and named != promised and checked is None):  # settings may leave out some
             raise PluginError(
                 f"plugin {manifest.name!r}: its manifest names {', '.join(sorted(promised))}, "
                 f"but connect names {', '.join(sorted(named))}"

@@ -15,6 +15,7 @@ from eal_actors.managers.plugins import import_plugin
 INIT = "    def __init__(self) -> None:\n"
 STATUS = "        return int(self._moves)\n"
 MOVE = "        self._moves = True\n"
+NEEDS_A_STAND_IN = ("waits for its device", "bears unplugging")
 
 
 @pytest.fixture
@@ -37,7 +38,8 @@ def run(folder: Path, name: str) -> CheckResult:
 def test_a_good_plugin_passes_every_check(slide: Path) -> None:
     results = list(run_checks(Bench(slide, settings_of({}))))
     assert [(result.check.name, result.outcome, result.problems) for result in results] == [
-        (check.name, "ok", ()) for check in CHECKS
+        (check.name, "skipped", (check.nothing,)) if check.name in NEEDS_A_STAND_IN else (check.name, "ok", ())
+        for check in CHECKS
     ]
 
 

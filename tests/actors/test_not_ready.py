@@ -1,0 +1,118 @@
+"""A resource whose device is away refuses calls at once, and works again when it is back."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from eal_actors.actors.readiness import LOOK_S
+from eal_actors.clock import ManualClock
+from eal_actors.data import EALData
+from eal_actors.errors import NotReadyError, PreemptedError, ResourceFaultError, UnavailableError
+from eal_actors.info import ResourceType
+from eal_actors.log import configure_logging
+from eal_actors.resource import Activity, Resource, command
+from tests.robots import WAIT_S, running_robot
+
+
+class Motor(Resource):
+    """A motor on a cable that can be pulled out."""
+
+    types = ResourceType.SENSOR | ResourceType.ACTUATOR
+
+    def __init__(self) -> None:
+        self.reason: str | None = None
+        self.is_broken = False
+        self.asked = threading.Event()
+        self.notes: list[str] = []
+
+    def not_ready(self) -> str | None:
+        if self.is_broken:
+            raise ZeroDivisionError("a bug")
+        self.asked.set()
+        return self.reason
+
+    def get_value(self) -> int:
+        self.notes.append("get_value")
+        return 5
+
+    def halt(self) -> None:
+        self.notes.append("halt")
+
+    @command("go")
+    def go(self) -> Activity:
+        self.notes.append("go")
+        yield 1.0
+
+    @command("s", urgent=True)
+    def stop(self) -> None:
+        self.notes.append("stop")
+
+
+@pytest.fixture
+def motor() -> Motor:
+    return Motor()
+
+
+@pytest.fixture
+def log() -> Iterator[io.StringIO]:
+    lines = io.StringIO()
+    configure_logging("json", "info", lines)
+    yield lines
+    configure_logging(level="warning")
+
+
+def test_calls_are_refused_at_once_and_reach_no_code(motor: Motor) -> None:
+    with running_robot({"Motor": lambda: motor}) as robot:
+        motor.reason = "cannot open /dev/ttyUSB0: no such file or directory"
+        for call in (robot["Motor"].get_value(), robot["Motor"].send_cmd("go")):
+            with pytest.raises(NotReadyError) as caught:
+                call.get()
+            assert str(caught.value) == "robot/Motor: cannot open /dev/ttyUSB0: no such file or directory"
+            assert isinstance(caught.value, UnavailableError)
+        assert motor.notes == []
+        motor.reason = None
+        assert robot["Motor"].get_value().get() == EALData.of(5)
+        assert robot.restarts == {}
+
+
+def test_halts_and_stops_get_through_whatever_it_says(motor: Motor) -> None:
+    with running_robot({"Motor": lambda: motor}) as robot:
+        go = robot["Motor"].send_cmd("go")
+        assert robot["Motor"].get_value().get().value == 5
+        motor.reason = "away"
+        assert robot["Motor"].send_cmd("s").get() == 1
+        assert robot["Motor"].halt().get() == 1
+        with pytest.raises(PreemptedError):
+            go.get()
+        assert motor.notes == ["go", "get_value", "stop", "halt"]
+
+
+def test_a_robot_says_which_resources_are_not_ready_and_why(motor: Motor, log: io.StringIO) -> None:
+    clock = ManualClock()
+    motor.reason = "away"
+    with running_robot({"Motor": lambda: motor}, clock=clock) as robot:
+        assert robot.not_ready == {"Motor": "away"}  # from the start on, before anybody calls
+        assert robot.ping().get().not_ready == {"Motor": "away"}
+        motor.reason = "still away"
+        motor.asked.clear()
+        clock.advance(LOOK_S)
+        assert motor.asked.wait(WAIT_S)  # it is asked now and again
+        robot["Motor"].halt().get()
+        assert robot.not_ready == {"Motor": "still away"}
+        motor.reason = None
+        assert robot["Motor"].get_value().get().value == 5
+        assert robot.not_ready == {}
+    said = [line for line in log.getvalue().splitlines() if "ready" in line]
+    assert [('"not ready"' in line, '"ready again"' in line) for line in said] == [(True, False), (False, True)]
+    assert '"reason": "away"' in said[0]
+
+
+def test_a_bug_in_it_fails_the_call_and_is_named(motor: Motor) -> None:
+    with running_robot({"Motor": lambda: motor}) as robot:
+        motor.is_broken = True
+        with pytest.raises(ResourceFaultError, match="get_value raised ZeroDivisionError: a bug"):
+            robot["Motor"].get_value().get()
