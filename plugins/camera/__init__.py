@@ -1,0 +1,1 @@
+"""The Camera resource over OpenCV: USB cameras, video files, folders of images, network streams."""

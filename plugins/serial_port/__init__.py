@@ -1,0 +1,1 @@
+"""Any serial port as a communication resource."""

@@ -1,0 +1,161 @@
+"""Line: a communication resource over a stream of bytes that may vanish and come back."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import Final
+
+from eal_actors.plugin import (
+    Activity,
+    ArgumentError,
+    Clock,
+    DataType,
+    EALData,
+    ReopeningPort,
+    Resource,
+    ResourceType,
+    UnavailableError,
+    ValueInfo,
+    command,
+    config,
+    config_setter,
+)
+
+MOST_BYTES: Final = 1 << 20
+"""Bytes that are kept until somebody reads them; more of them wait in the operating system, or at the sender."""
+LOOK_S: Final = 0.01
+"""How often to look after the port while somebody waits for it."""
+TIMEOUT: Final = ValueInfo(DataType.DOUBLE, "s", 0, 3600)
+
+_IDLE_LOOK_S: Final = 0.05
+_PIECE_BYTES: Final = 65536
+
+
+class Line(Resource):
+    """Bytes there and back, in order; get_status answers how many wait to be read.
+
+    Args:
+        port: the way to the other end.
+        clock: the fleet's clock.
+        timeout_s: how long a read or a write waits at most.
+    """
+
+    types = ResourceType.COMMUNICATION
+
+    def __init__(self, port: ReopeningPort, clock: Clock, timeout_s: float) -> None:
+        self._port = port
+        self._clock = clock
+        self._timeout_s = timeout_s
+        self._waiting = bytearray()
+        self._readers: list[object] = []
+        self._writers: list[object] = []
+
+    def not_ready(self) -> str | None:
+        """Return why the port is not open."""
+        return self._port.why_not_ready()
+
+    def get_status(self) -> int:
+        """Return how many bytes wait to be read."""
+        self._take_in()
+        return len(self._waiting)
+
+    def read_comm(self, length: int) -> Generator[float, None, bytes]:
+        """Return exactly so many bytes, as soon as they are there.
+
+        Reads are served in their order. If too few come in time, those that came stay for the next read.
+
+        Raises:
+            ArgumentError: the length is below 0, or more than is ever kept.
+            NotReadyError: the port is away.
+            UnavailableError: too few came within the timeout.
+        """
+        if not 0 <= length <= MOST_BYTES:
+            raise ArgumentError(f"a read is of 0..{MOST_BYTES} bytes, not {length}")
+        return self._read(length)
+
+    def write_comm(self, data: EALData, length: int) -> Activity:
+        """Write the first `length` bytes and return how many they were; writes never interleave.
+
+        Raises:
+            ArgumentError: the data has not so many.
+            NotReadyError: the port is away, or broke; some may have been sent.
+            UnavailableError: the other end did not take them all within the timeout.
+        """
+        payload = bytes(data.payload)
+        if not 0 <= length <= len(payload):
+            raise ArgumentError(f"cannot write {length} bytes of {len(payload)}")
+        return self._write(payload[:length])
+
+    @command("discard")
+    def discard(self) -> None:
+        """Forget what has come and was not read."""
+        self._take_in()
+        self._waiting.clear()
+
+    @config("timeout_s", TIMEOUT)
+    def timeout_s(self) -> float:
+        """How long a read or a write waits at most."""
+        return self._timeout_s
+
+    @config_setter("timeout_s")
+    def set_timeout_s(self, timeout_s: float) -> None:
+        """Set how long a read or a write waits at most."""
+        self._timeout_s = float(timeout_s)
+
+    def background(self) -> Activity:
+        """Take in what comes, so that nothing overflows, and a port that breaks is noticed without a call."""
+        while True:
+            try:
+                self._take_in()
+            except UnavailableError:  # not_ready says so
+                self._port.why_not_ready()
+            yield _IDLE_LOOK_S
+
+    def send(self, data: memoryview) -> int:
+        """Send some of the bytes, as many as may go out now, and return how many those were."""
+        return self._port.write(bytes(data[:_PIECE_BYTES]))
+
+    def _take_in(self) -> None:
+        while room := min(MOST_BYTES - len(self._waiting), _PIECE_BYTES):
+            piece = self._port.read(room)
+            self._waiting += piece
+            if len(piece) < room:
+                return
+
+    def _read(self, length: int) -> Generator[float, None, bytes]:
+        turn, end_s = object(), self._clock.now() + self._timeout_s
+        self._readers.append(turn)
+        try:
+            while True:
+                self._take_in()
+                if self._readers[0] is turn and len(self._waiting) >= length:
+                    data = bytes(self._waiting[:length])
+                    del self._waiting[:length]
+                    return data
+                if (left_s := end_s - self._clock.now()) <= 0:
+                    raise UnavailableError(
+                        f"only {len(self._waiting)} of {length} bytes came through {self._port.name} within "
+                        f"{self._timeout_s:g} s; they stay for the next read"
+                    )
+                yield min(LOOK_S, left_s)
+        finally:
+            self._readers.remove(turn)
+
+    def _write(self, data: bytes) -> Generator[float, None, int]:
+        turn, rest, end_s = object(), memoryview(data), self._clock.now() + self._timeout_s
+        self._writers.append(turn)
+        try:
+            while self._writers[0] is not turn or rest:
+                if self._writers[0] is turn and (sent := self.send(rest)):
+                    rest, end_s = rest[sent:], self._clock.now() + self._timeout_s
+                    if not rest:
+                        break
+                if (left_s := end_s - self._clock.now()) <= 0:
+                    raise UnavailableError(
+                        f"{self._port.name} took only {len(data) - len(rest)} of {len(data)} bytes, and then none for "
+                        f"{self._timeout_s:g} s"
+                    )
+                yield min(LOOK_S, left_s)
+            return len(data)
+        finally:
+            self._writers.remove(turn)

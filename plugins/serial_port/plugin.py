@@ -1,0 +1,206 @@
+"""The serial_port plugin: any serial port as a communication resource (Source: thesis §4.2.1, §4.4.3)."""
+
+from __future__ import annotations
+
+import termios
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
+
+from eal_actors.plugin import (
+    ArgumentError,
+    BytePort,
+    Clock,
+    DataType,
+    EALPlugin,
+    Field,
+    PluginContext,
+    PluginSettingsModel,
+    ReopeningPort,
+    ValueInfo,
+    config,
+    config_setter,
+    open_serial,
+)
+
+from .line import LOOK_S, Line
+
+_BAUDRATE: Final = ValueInfo(DataType.INT, "Bd", 50, 4_000_000)
+_BYTESIZE: Final = ValueInfo(DataType.INT, "bit", choices=(5, 6, 7, 8))
+_PARITY: Final = ValueInfo(DataType.CHAR, choices=("N", "E", "O", "M", "S"))
+_STOPBITS: Final = ValueInfo(DataType.INT, "bit", choices=(1, 2))
+
+
+class Settings(PluginSettingsModel):
+    """What the fleet file may set."""
+
+    port: str = Field(min_length=1)
+    """A device path, such as /dev/ttyUSB0, or a URL that pyserial knows, such as socket://host:port."""
+    baudrate: int = Field(default=9600, ge=50, le=4_000_000)
+    """Bits a second."""
+    bytesize: Literal[5, 6, 7, 8] = 8
+    """Data bits."""
+    parity: Literal["N", "E", "O", "M", "S"] = "N"
+    """None, even, odd, mark or space."""
+    stopbits: Literal[1, 2] = 1
+    """Stop bits."""
+    timeout_s: float = Field(default=1.0, ge=0, le=3600)
+    """How long a read or a write waits at most."""
+    name: str = Field(default="SerialPort", pattern=r"^[A-Za-z][A-Za-z0-9_]*$")
+    """The resource's name."""
+
+
+@dataclass(frozen=True)
+class Framing:
+    """How bytes become bits; the attributes are named as pyserial's."""
+
+    baudrate: int
+    bytesize: int
+    parity: str
+    stopbits: int
+
+    def bytes_per_s(self) -> float:
+        """Return how many bytes can go out in a second."""
+        return self.baudrate / (1 + self.bytesize + (self.parity != "N") + self.stopbits)
+
+
+class SerialPort(Line):
+    """A serial port: bytes there and back, in order; get_status answers how many wait to be read.
+
+    Args:
+        url: see Settings.port.
+        framing: how bytes become bits, until it is changed.
+        clock: the fleet's clock.
+        timeout_s: how long a read or a write waits at most.
+    """
+
+    def __init__(self, url: str, framing: Framing, clock: Clock, timeout_s: float) -> None:
+        self._url = url
+        self._framing = framing
+        self.port = ReopeningPort(self._open_port, clock, url)
+        super().__init__(self.port, clock, timeout_s)
+
+    def send(self, data: memoryview) -> int:
+        """Send what goes out until the next look, so that neither the driver's buffer nor a stop has to wait."""
+        return self._port.write(bytes(data[: max(int(self._framing.bytes_per_s() * LOOK_S), 1)]))
+
+    @config("baudrate", _BAUDRATE)
+    def baudrate(self) -> int:
+        """Bits a second."""
+        return self._framing.baudrate
+
+    @config_setter("baudrate")
+    def set_baudrate(self, baudrate: int) -> None:
+        """Set the bits a second."""
+        self._frame(replace(self._framing, baudrate=baudrate))
+
+    @config("bytesize", _BYTESIZE)
+    def bytesize(self) -> int:
+        """Data bits."""
+        return self._framing.bytesize
+
+    @config_setter("bytesize")
+    def set_bytesize(self, bytesize: int) -> None:
+        """Set the data bits."""
+        self._frame(replace(self._framing, bytesize=bytesize))
+
+    @config("parity", _PARITY)
+    def parity(self) -> str:
+        """None, even, odd, mark or space."""
+        return self._framing.parity
+
+    @config_setter("parity")
+    def set_parity(self, parity: str) -> None:
+        """Set the parity."""
+        self._frame(replace(self._framing, parity=parity))
+
+    @config("stopbits", _STOPBITS)
+    def stopbits(self) -> int:
+        """Stop bits."""
+        return self._framing.stopbits
+
+    @config_setter("stopbits")
+    def set_stopbits(self, stopbits: int) -> None:
+        """Set the stop bits."""
+        self._frame(replace(self._framing, stopbits=stopbits))
+
+    def _open_port(self) -> BytePort:
+        framing = self._framing
+        return open_serial(
+            self._url,
+            baudrate=framing.baudrate,
+            bytesize=framing.bytesize,
+            parity=framing.parity,
+            stopbits=framing.stopbits,
+        )
+
+    def _frame(self, framing: Framing) -> None:
+        """Change the framing of the open port, and of those that are opened after it.
+
+        Raises:
+            ArgumentError: the port cannot do that, and goes on as before.
+        """
+        before = self._framing
+
+        def change(port: Any) -> None:
+            try:
+                _apply(framing, port)
+            except (OSError, ValueError, termios.error) as error:
+                _apply(before, port)
+                raise ArgumentError(f"the port {self._url} cannot do {framing}: {error}") from error
+
+        self._port.use(change)
+        self._framing = framing
+
+
+def _apply(framing: Framing, port: Any) -> None:
+    for key, value in vars(framing).items():
+        if getattr(port, key, value) != value:  # a connection through a network has none of them
+            setattr(port, key, value)
+
+
+class SerialPlugin(EALPlugin):
+    """Holds the one port."""
+
+    def __init__(self, name: str, resource: SerialPort) -> None:
+        super().__init__(name)
+        self.resource = resource
+
+
+def connect(context: PluginContext) -> SerialPlugin:
+    """Open the port; one that is absent is opened when it comes.
+
+    Raises:
+        PluginError: no port can be behind these settings.
+
+    Thread: the robot's; a connection through a network may take seconds.
+    """
+    settings: Settings = context.settings
+    framing = Framing(settings.baudrate, settings.bytesize, settings.parity, settings.stopbits)
+    resource = SerialPort(settings.port, framing, context.clock, settings.timeout_s)
+    resource.port.open()
+    return SerialPlugin(settings.name, resource)
+
+
+def disconnect(plugin: SerialPlugin) -> None:
+    """Close the port."""
+    plugin.resource.port.close()
+
+
+def __getattr__(name: str) -> Callable[..., Any]:
+    """Return `create_<name>` and `destroy_<name>`, whatever name the settings give the resource."""
+    if name.startswith("create_"):
+        return _create
+    if name.startswith("destroy_"):
+        return _destroy
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _create(context: PluginContext) -> SerialPort:
+    """Return the resource, which the plugin holds with its port."""
+    resource: SerialPort = context.plugin.resource
+    return resource
+
+
+def _destroy(resource: SerialPort) -> None:
+    """Let go of what `_create` took: nothing, the port is the plugin's."""

@@ -1,0 +1,1 @@
+"""A TCP or UDP connection as a communication resource."""
