@@ -1,0 +1,124 @@
+"""`eal calibrate`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from eal_actors.calibration.ends_file import write_ends
+from eal_actors.calibration.square import square_end
+from eal_actors.calibration.umbmark import SquareEnds
+from eal_actors.cli import app
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.wheels import WheelCalibration
+from tests.cli.conftest import Program, Write
+
+FLEET = """\
+version: 1
+name: lab  # ours
+seed: 3
+robots:
+  rob: {plugins: {sim: {model: roomba, calibrated: false, start: {x_m: -1, y_m: 0}}}}
+  mate: {plugins: {sim: {model: evbot3, calibrated: false, start: {x_m: 1, y_m: 0}}}}
+"""
+TRUTH = WheelCalibration(track_factor=1.012, wheel_ratio=1.004)
+
+
+@pytest.fixture
+def lab(write: Write) -> Path:
+    return write("lab.yaml", FLEET)
+
+
+@pytest.fixture
+def ends(tmp_path: Path) -> Path:
+    """Where a Roomba's squares of 1 m end without noise."""
+    cw, ccw = (square_end(way, 1.0, 0.258, TRUTH)[:2] for way in ("cw", "ccw"))
+    write_ends(SquareEnds([cw] * 2, [ccw] * 2), tmp_path / "ends.csv")
+    return tmp_path / "ends.csv"
+
+
+def test_a_robot_is_calibrated_proven_and_remembered(eal: Program, lab: Path) -> None:
+    result = eal("calibrate", "--fleet", lab, "--robot", "rob", "--fast", "--write", "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)["robots"]["rob"]
+    assert (found["fit"]["track_factor"], found["fit"]["wheel_ratio"]) == pytest.approx((1.012, 1.004), abs=0.002)
+    assert found["factor"] == pytest.approx(found["before"]["error_m"] / found["after"]["error_m"])
+    assert found["factor"] > 5
+    assert len(found["before"]["cw"]) == len(found["after"]["ccw"]) == 5
+    settings = EALConfigManager.load(lab).robot("rob").plugins["sim"].settings
+    assert settings["calibration"]["track_factor"] == pytest.approx(found["fit"]["track_factor"], abs=1e-6)
+    assert "name: lab  # ours" in lab.read_text(encoding="utf-8")
+    again = json.loads(eal("calibrate", "--fleet", lab, "-r", "rob", "--fast", "--json").stdout)["robots"]["rob"]
+    assert again["known"] == settings["calibration"]
+    assert again["before"]["error_m"] < found["before"]["error_m"] / 5
+
+
+def test_all_robots_in_a_table(eal: Program, lab: Path) -> None:
+    result = eal("calibrate", "--fleet", lab, "--fast", "--seed", 5, "--runs", 3, "--side", 0.8)
+    assert result.exit_code == 0, result.output
+    assert "E_b" in result.stdout
+    assert [line.split()[0] for line in result.stdout.splitlines()[2:4]] == ["rob", "mate"]
+    assert "Nothing was written" in result.stdout
+    assert lab.read_text(encoding="utf-8") == FLEET
+
+
+def test_where_nothing_is_gained_nothing_is_written(eal: Program, write: Write) -> None:
+    """A robot that errs by chance alone, and by so much that the fit is chance too."""
+    lab = write("lab.yaml", FLEET.replace("calibrated: false", "calibrated: true"))
+    arguments = ["calibrate", "--fleet", lab, "-r", "mate", "--fast", "--write", "--runs", 1, "--seed"]
+    results = [eal(*arguments, seed) for seed in range(4)]
+    codes = [result.exit_code for result in results]
+    assert set(codes) == {0, 1}
+    first = next(result for result in results if result.exit_code)
+    assert "mate: the second run is no better" in first.stdout
+
+
+def test_ends_from_a_file(eal: Program, lab: Path, ends: Path) -> None:
+    result = eal("calibrate", "--fleet", lab, "--robot", "rob", "--ends", ends, "--write")
+    assert result.exit_code == 0, result.output
+    assert "1.0120" in result.stdout
+    assert "1.0040" in result.stdout
+    text = (lab.parent / "lab-rob.calibration.yaml").read_text(encoding="utf-8")
+    assert "calibration: {track_factor: 1.012" in text
+
+
+def test_a_robot_that_is_measured_by_a_person(eal: Program, write: Write) -> None:
+    """A driver at a simulated port knows no ground truth, as a real one."""
+    lab = write("lab.yaml", "version: 1\nrobots: {rob: {plugins: {mote_roomba: {port: 'sim://world'}}}}\n")
+    answers = ["", "no idea", "-20 11", "", "-3, 40", "", "1 1", "", "0 0"]
+    arguments = ["calibrate", "--fleet", str(lab), "--robot", "rob", "--runs", "1", "--side", "0.3", "--fast", "--json"]
+    result = CliRunner().invoke(app, arguments, input="\n".join(answers) + "\n")
+    assert result.exit_code == 0, result.output
+    assert "Two numbers, such as" in result.stderr
+    found = json.loads(result.stdout)["robots"]["rob"]
+    assert found["before"]["cw"][0] == pytest.approx([-0.02, 0.011], abs=0.01)  # less what the odometry believed
+    assert found["before"]["ccw"][0] == pytest.approx([-0.003, 0.04], abs=0.01)
+    cut = CliRunner().invoke(app, arguments, input="\n")
+    assert cut.exit_code == 2
+    assert "nobody says where rob came to stand" in cut.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--robot", "bob"], "no robot 'bob'; did you mean 'rob'?"),
+        (["--ends", "none.csv"], "the ends are of one robot"),
+        (["--robot", "rob", "--ends", "none.csv"], "none.csv: cannot be read"),
+        (["--robot", "rob", "--side", "0.01"], "--side"),
+    ],
+)
+def test_wrong_input_is_told(eal: Program, lab: Path, arguments: list[str], says: str) -> None:
+    result = eal("calibrate", "--fleet", lab, *arguments)
+    assert result.exit_code == 2
+    assert says in result.output
+
+
+def test_a_robot_that_meets_a_wall_is_stopped_and_told(eal: Program, write: Write) -> None:
+    write("hall.yaml", "version: 1\nname: hall\nsize_m: [2, 2]\n")
+    lab = write("lab.yaml", FLEET.replace("seed: 3", "seed: 3\nworld: hall.yaml").replace("x_m: -1", "x_m: 0"))
+    result = eal("calibrate", "--fleet", lab, "--robot", "rob", "--fast", "--write")
+    assert result.exit_code == 1
+    assert "rob: touches something after side 1 of a square cw: clear the floor" in result.output
