@@ -9,6 +9,7 @@ import typer
 
 from eal_actors import __version__
 from eal_actors.cli import (
+    calibrate,
     call,
     check,
     demo_network,
@@ -16,11 +17,13 @@ from eal_actors.cli import (
     keys,
     ping,
     plugin,
+    records,
     resources,
     router,
     run,
     schema,
     serve,
+    stitch,
     stop,
     world,
 )
@@ -79,11 +82,16 @@ def _global_options(
 
 
 app.command("run", cls=Command)(run.run_scenario)
+app.command("calibrate", cls=Command)(calibrate.calibrate_robots)
+app.command("report", cls=Command)(records.report_run)
+app.command("diff", cls=Command)(records.diff_runs)
+app.command("replay", cls=Command)(records.replay_run)
 app.command("check", cls=Command)(check.check_files)
 app.command("schema", cls=Command)(schema.print_schema)
 app.command("world", cls=Command)(world.show_world)
 app.command("resources", cls=Command)(resources.list_resources)
 app.command("call", cls=Command, context_settings={"ignore_unknown_options": True})(call.call_method)  # -5 is a number
+app.command("stitch", cls=Command)(stitch.stitch_frames)
 app.command("serve", cls=Command)(serve.serve_robot)
 app.command("ping", cls=Command)(ping.ping_robots)
 app.command("stop", cls=Command)(stop.stop_robots)

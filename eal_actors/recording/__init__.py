@@ -1,8 +1,28 @@
-"""Records of a run beyond its summary: the robots' paths, as a table and as a picture; and pictures of worlds."""
+"""Records of runs: poses and readings while robots work, pictures, the report page, and comparing two runs."""
 
+from eal_actors.record.pose_sample import PoseSample
 from eal_actors.recording.arena import draw_world
+from eal_actors.recording.differences import Difference, differences
 from eal_actors.recording.picture import draw_trajectory
-from eal_actors.recording.poses import PoseRecorder, PoseSample
+from eal_actors.recording.poses import PoseRecorder
+from eal_actors.recording.provenance import keep_provenance, kept_world
+from eal_actors.recording.report_page import render_report
+from eal_actors.recording.run_folder import RunFolder
+from eal_actors.recording.run_recorder import Extent, RunRecorder
 from eal_actors.recording.table import write_trajectory
 
-__all__ = ["PoseRecorder", "PoseSample", "draw_trajectory", "draw_world", "write_trajectory"]
+__all__ = [
+    "Difference",
+    "Extent",
+    "PoseRecorder",
+    "PoseSample",
+    "RunFolder",
+    "RunRecorder",
+    "differences",
+    "draw_trajectory",
+    "draw_world",
+    "keep_provenance",
+    "kept_world",
+    "render_report",
+    "write_trajectory",
+]

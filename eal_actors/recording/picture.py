@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias
 
+from eal_actors.record.pose_sample import PoseSample
 from eal_actors.recording.arena import draw_arena
 from eal_actors.recording.figure import draw_grid, new_figure
-from eal_actors.recording.poses import PoseSample
 from eal_actors.world import WorldModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _Dashes: TypeAlias = str | tuple[int, tuple[int, ...]]
 
@@ -70,6 +72,31 @@ def draw_trajectory(
     Returns:
         The file, or None when matplotlib is not installed, which is logged.
     """
+    figure = _figure(paths, world, title, outcomes)
+    if figure is None:
+        return None
+    figure.savefig(out)
+    return out
+
+
+def trajectory_svg(
+    paths: Mapping[str, Sequence[PoseSample]], world: WorldModel | None, outcomes: Mapping[str, str] | None = None
+) -> str | None:
+    """Return the same picture, without a title, as an SVG element for a page; None without matplotlib."""
+    figure = _figure(paths, world, "", outcomes)
+    if figure is None:
+        return None
+    out = io.StringIO()
+    figure.savefig(out, format="svg")
+    return out.getvalue()[out.getvalue().index("<svg") :]  # the XML head has no place inside a page
+
+
+def _figure(
+    paths: Mapping[str, Sequence[PoseSample]],
+    world: WorldModel | None,
+    title: str,
+    outcomes: Mapping[str, str] | None,
+) -> Figure | None:
     figure = new_figure(9.0, 8.0)
     if figure is None:
         return None
@@ -85,8 +112,7 @@ def draw_trajectory(
     _label(arena, headings, title)
     if 0 < len(paths) <= _MOST_IN_LEGEND:
         arena.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, handlelength=3.5)
-    figure.savefig(out)
-    return out
+    return figure
 
 
 def _label(arena: Axes, headings: Axes, title: str) -> None:

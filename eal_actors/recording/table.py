@@ -6,7 +6,7 @@ import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from eal_actors.recording.poses import PoseSample
+from eal_actors.record.pose_sample import PoseSample
 
 
 def write_trajectory(paths: Mapping[str, Sequence[PoseSample]], out: Path) -> None:

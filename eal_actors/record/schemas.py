@@ -1,0 +1,115 @@
+"""The JSON Schemas of what a record holds: those of Foxglove, so that its viewers know what they show, and ours.
+
+Source: the message schemas of the Foxglove documentation, of which only the parts that are used stand here.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple, TypeAlias
+
+_Schema: TypeAlias = dict[str, Any]
+
+_NUMBER: Final[_Schema] = {"type": "number"}
+_TEXT: Final[_Schema] = {"type": "string"}
+_FLAG: Final[_Schema] = {"type": "boolean"}
+_WHOLE: Final[_Schema] = {"type": "integer"}
+
+
+def _object(**properties: _Schema) -> _Schema:
+    return {"type": "object", "properties": properties}
+
+
+def _numbers(names: str) -> _Schema:
+    return _object(**dict.fromkeys(names.split(), _NUMBER))
+
+
+def _list(items: _Schema) -> _Schema:
+    return {"type": "array", "items": items}
+
+
+_TIME: Final = {**_object(sec=_WHOLE, nsec=_WHOLE), "title": "time"}
+_DURATION: Final = {**_object(sec=_WHOLE, nsec=_WHOLE), "title": "duration"}
+_VECTOR: Final = _numbers("x y z")
+_QUATERNION: Final = _numbers("x y z w")
+_COLOUR: Final = _numbers("r g b a")
+_POSE: Final = _object(position=_VECTOR, orientation=_QUATERNION)
+_TRANSFORM: Final = _object(
+    timestamp=_TIME, parent_frame_id=_TEXT, child_frame_id=_TEXT, translation=_VECTOR, rotation=_QUATERNION
+)
+_ENTITY: Final = _object(
+    timestamp=_TIME,
+    frame_id=_TEXT,
+    id=_TEXT,
+    lifetime=_DURATION,
+    frame_locked=_FLAG,
+    cubes=_list(_object(pose=_POSE, size=_VECTOR, color=_COLOUR)),
+    cylinders=_list(_object(pose=_POSE, size=_VECTOR, bottom_scale=_NUMBER, top_scale=_NUMBER, color=_COLOUR)),
+    texts=_list(
+        _object(pose=_POSE, billboard=_FLAG, font_size=_NUMBER, scale_invariant=_FLAG, color=_COLOUR, text=_TEXT)
+    ),
+)
+
+
+class SchemaOf(NamedTuple):
+    """A schema with its name."""
+
+    name: str
+    schema: _Schema
+
+
+POSE: Final = SchemaOf("foxglove.PoseInFrame", _object(timestamp=_TIME, frame_id=_TEXT, pose=_POSE))
+TRANSFORMS: Final = SchemaOf("foxglove.FrameTransforms", _object(transforms=_list(_TRANSFORM)))
+IMAGE: Final = SchemaOf(
+    "foxglove.CompressedImage",
+    _object(timestamp=_TIME, frame_id=_TEXT, data={**_TEXT, "contentEncoding": "base64"}, format=_TEXT),
+)
+SCAN: Final = SchemaOf(
+    "foxglove.LaserScan",
+    _object(
+        timestamp=_TIME,
+        frame_id=_TEXT,
+        pose=_POSE,
+        start_angle=_NUMBER,
+        end_angle=_NUMBER,
+        ranges=_list(_NUMBER),
+        intensities=_list(_NUMBER),
+    ),
+)
+LOG: Final = SchemaOf(
+    "foxglove.Log",
+    _object(timestamp=_TIME, level=_WHOLE, message=_TEXT, name=_TEXT, file=_TEXT, line=_WHOLE),
+)
+SCENE: Final = SchemaOf(
+    "foxglove.SceneUpdate",
+    _object(deletions=_list(_object(timestamp=_TIME, type=_WHOLE, id=_TEXT)), entities=_list(_ENTITY)),
+)
+VALUE: Final = SchemaOf(
+    "eal.Value",
+    _object(
+        timestamp=_TIME,
+        frame_id=_TEXT,
+        type=_TEXT,
+        modifiers=_list(_TEXT),
+        unit=_TEXT,
+        dtype=_TEXT,
+        shape=_list(_WHOLE),
+        value={},
+    ),
+)
+"""What has no schema of Foxglove's: any value, with its type, unit and shape."""
+EVENT: Final = SchemaOf("eal.Event", _object(timestamp=_TIME, event=_TEXT))
+"""An event of the run, as in `events.jsonl`."""
+COMMAND: Final = SchemaOf(
+    "eal.Command",
+    _object(
+        timestamp=_TIME,
+        resource=_TEXT,
+        method=_TEXT,
+        command=_TEXT,
+        step=_TEXT,
+        outcome=_TEXT,
+        duration_s=_NUMBER,
+        error=_TEXT,
+    ),
+)
+"""A call of a robot that is over; its time is when it began."""

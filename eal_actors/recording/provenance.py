@@ -1,0 +1,84 @@
+"""What a run was made of: its fleet and scenario as one file each, the arena, and the versions that ran."""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.world import WorldModel, load_world
+
+FLEET: Final = "fleet.yaml"
+WORLD: Final = "world.yaml"
+SCENARIO: Final = "scenario.yaml"
+VERSIONS: Final = "versions.json"
+_PACKAGES: Final = ("eal-actors", "eclipse-zenoh", "numpy", "opencv-python-headless", "pykka", "pymunk")
+_PASSWORD: Final = re.compile(r"(?<=://)([^/@:\s]+):[^/@\s]+@")
+
+
+def keep_provenance(directory: Path, config: FleetConfig, scenario: Path) -> None:
+    """Write the fleet with what it includes, the arena, the scenario and the versions into a run's folder.
+
+    The passwords of URLs are left out. What the fleet file names beside itself, such as plugin folders, is named as it
+    was, not copied.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    (directory / FLEET).write_text(_as_yaml(resolved_fleet(config)), encoding="utf-8")
+    if config.world is not None:
+        world = config.world.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+        (directory / WORLD).write_text(_as_yaml({"version": 1, **world}), encoding="utf-8")
+    (directory / SCENARIO).write_bytes(scenario.read_bytes())
+    (directory / VERSIONS).write_text(json.dumps(versions(), indent=2) + "\n", encoding="utf-8")
+
+
+def resolved_fleet(config: FleetConfig) -> dict[str, Any]:
+    """Return a fleet as one file would say it, without includes and without passwords."""
+    content = {key: value for key, value in config.content.items() if key != "include"}
+    content |= {"name": config.name, "seed": config.seed, "clock": {"rate": config.rate}}
+    if config.world is not None:
+        content["world"] = WORLD
+    if config.plugin_dirs:
+        content["plugin_dirs"] = [str(folder) for folder in config.plugin_dirs]
+    return dict(_without_passwords(content))
+
+
+def kept_world(directory: Path) -> WorldModel | None:
+    """Return the arena of a run, or None if it had none.
+
+    Raises:
+        ConfigError: its file was changed, and is none any more.
+    """
+    file = directory / WORLD
+    return load_world(file) if file.is_file() else None
+
+
+def versions() -> dict[str, str]:
+    """Return what ran: Python, the system, and the packages that matter, by name."""
+    found = {"python": platform.python_version(), "system": f"{platform.system()} {platform.machine()}"}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _without_passwords(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_passwords(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_without_passwords(item) for item in value]
+    return _PASSWORD.sub(r"\1:***@", value) if isinstance(value, str) else value
+
+
+def _as_yaml(content: Mapping[str, Any]) -> str:
+    return yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True, width=120)

@@ -1,0 +1,110 @@
+"""A run's folder, read back: what the report, the comparison and the replay have in common."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from eal_actors.errors import ScenarioError, shown
+from eal_actors.record.mcap_file import RECORD_FILE, McapContent, read_mcap
+from eal_actors.record.pose_sample import PoseSample
+from eal_actors.scenario.journal import EVENTS, SUMMARY
+from eal_actors.scenario.report import Report
+
+TRAJECTORY: Final = "trajectory.csv"
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """What a run left behind.
+
+    Attributes:
+        path: the folder.
+    """
+
+    path: Path
+
+    @classmethod
+    def open(cls, path: Path) -> RunFolder:
+        """Return the folder of a run.
+
+        Raises:
+            ScenarioError: it is none.
+        """
+        if not (path / EVENTS).is_file():
+            what = "there is no such folder" if not path.is_dir() else f"it has no {EVENTS}"
+            raise ScenarioError(f"{path} is no folder of a run: {what}")
+        return cls(path)
+
+    @cached_property
+    def summary(self) -> Report | None:
+        """The summary; None if the controller crashed before the run was over.
+
+        Raises:
+            ScenarioError: it is broken.
+        """
+        file = self.path / SUMMARY
+        if not file.is_file():
+            return None
+        try:
+            return Report.model_validate_json(file.read_text(encoding="utf-8"))
+        except (ValidationError, ValueError) as error:
+            raise ScenarioError(f"{file} is no summary of a run: {shown(error)}") from error
+
+    @cached_property
+    def events(self) -> tuple[dict[str, Any], ...]:
+        """The events in their order; a last line that a crash cut off is left out.
+
+        Raises:
+            ScenarioError: a line is broken, with its number.
+        """
+        file = self.path / EVENTS
+        lines = file.read_text(encoding="utf-8").splitlines()
+        events: list[dict[str, Any]] = []
+        for number, line in enumerate(lines, 1):
+            try:
+                events.append(json.loads(line))
+            except ValueError as error:
+                if number == len(lines):
+                    break
+                raise ScenarioError(f"{file}:{number}: is no event: {error}") from error
+        return tuple(events)
+
+    @cached_property
+    def paths(self) -> dict[str, list[PoseSample]]:
+        """Where each robot was; empty if nobody knew.
+
+        Raises:
+            ScenarioError: the table is broken.
+        """
+        file = self.path / TRAJECTORY
+        found: dict[str, list[PoseSample]] = {}
+        if not file.is_file():
+            return found
+        try:
+            with file.open(encoding="utf-8", newline="") as table:
+                for row in csv.DictReader(table):
+                    sample = PoseSample(*(float(row[name]) for name in PoseSample._fields))
+                    found.setdefault(row["robot"], []).append(sample)
+        except (KeyError, ValueError, TypeError) as error:
+            raise ScenarioError(f"{file} is no table of paths: {shown(error)}") from error
+        return found
+
+    @cached_property
+    def record(self) -> McapContent:
+        """What `run.mcap` holds.
+
+        Raises:
+            ScenarioError: there is none, or it is broken.
+            UnsupportedError: the mcap library is not installed.
+        """
+        file = self.path / RECORD_FILE
+        if not file.is_file():
+            raise ScenarioError(f"{self.path} has no {RECORD_FILE}: its run was not recorded")
+        return read_mcap(file)

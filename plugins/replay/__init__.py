@@ -1,0 +1,1 @@
+"""A robot of a recorded run, played back."""

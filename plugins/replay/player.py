@@ -1,0 +1,41 @@
+"""Where the play of a record is."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from eal_actors.plugin import Clock, RecordedRun
+
+
+class Player:
+    """Plays one record for all the robots of it. Its time runs from when it is made, with the fleet's clock.
+
+    Args:
+        run: the record.
+        clock: the fleet's clock.
+        loop: begin again at the end.
+
+    Thread: any.
+    """
+
+    def __init__(self, run: RecordedRun, clock: Clock, *, loop: bool) -> None:
+        self.run: Final = run
+        self._clock = clock
+        self._loop = loop
+        self._start_s = clock.now()
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since the run's start, in the record."""
+        gone_s = self._clock.now() - self._start_s
+        return gone_s % self.run.duration_s if self._loop and self.run.duration_s else gone_s
+
+    def to_clock(self, time_s: float) -> float:
+        """Return the time by the fleet's clock at which a time of the record is, or was last."""
+        return self._clock.now() - (self.time_s - time_s)
+
+    def over(self) -> str | None:
+        """Return why there is nothing more to play; None while there is."""
+        if self._loop or self.time_s <= self.run.duration_s:
+            return None
+        return f"the record ended at {self.run.duration_s:.3f} s"

@@ -1,0 +1,107 @@
+"""A resource as a record knows it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Final
+
+from eal_actors.plugin import (
+    Activity,
+    CommandInfo,
+    EALData,
+    PluginError,
+    Resource,
+    ResourceFaultError,
+    ResourceInfo,
+    UnavailableError,
+)
+
+from .player import Player
+
+
+class Replayed(Resource):
+    """Says what the resource said at this time of its run, and does what it did.
+
+    A command must be the one that the record has next for the resource. It takes the time that it took then, and fails
+    as it failed then. What a record does not hold, such as configurations, is not supported.
+
+    Args:
+        player: plays the record.
+        robot: the robot's name in the record.
+        resource: the resource's name in the record.
+    """
+
+    def __init__(self, player: Player, robot: str, resource: str) -> None:
+        self._player = player
+        self._robot = robot
+        self._resource = resource
+        recorded = player.run.infos[robot].get(resource)
+        if recorded is None:
+            raise PluginError(f"the record has no resource {resource!r} of robot {robot!r}")
+        self._recorded: Final = recorded
+        self._calls = [call for call in player.run.calls(robot, resource) if call.method == "send_cmd"]
+        self._has_values = player.run.has_values(robot, resource)
+        self._next = 0
+
+    def info(self) -> ResourceInfo:
+        """Return what the resource said of itself, without what the record does not hold."""
+        held = ({"get_value"} if self._has_values else set()) | ({"send_cmd"} if self._calls else set())
+        return replace(
+            self._recorded,
+            name=self.name,
+            methods=self._recorded.methods & held,
+            commands=self._commands(),
+            requests=(),
+            configs=(),
+        )
+
+    def _commands(self) -> tuple[CommandInfo, ...]:
+        """Return the commands that the record has, each once, by their whole texts."""
+        known = {command.name: command for command in self._recorded.commands}
+        texts = dict.fromkeys(call.command for call in self._calls)
+        return tuple(known.get(text, CommandInfo(text, description="As the record has it.")) for text in texts)
+
+    def not_ready(self) -> str | None:
+        """Return that the record is over, once it is."""
+        return self._player.over()
+
+    def get_value(self) -> EALData:
+        """Return what the resource said last, with the time since then as its age.
+
+        Raises:
+            UnavailableError: it had said nothing by now, or its values were not recorded.
+        """
+        if not self._has_values:
+            raise self._unsupported("get_value")
+        value = self._player.run.value_at(self._robot, self._resource, self._player.time_s)
+        if value is None:
+            raise UnavailableError(f"the record has no value of it up to {self._player.time_s:.3f} s")
+        stamp_s = value.stamp_s if value.stamp_s is not None else 0.0
+        return value.with_meta(stamp_s=self._player.to_clock(stamp_s))
+
+    def send_cmd(self, cmd: str, data: EALData | None = None) -> Any:
+        """Take as long as the command took, and end as it ended.
+
+        Raises:
+            ArgumentError: the resource knows no such command.
+            ResourceFaultError: the record has another command next, or none; or the command failed then.
+        """
+        if not self._calls:
+            raise self._unsupported("send_cmd")
+        self.info().parse_command(cmd, data)
+        if self._next == len(self._calls):
+            raise ResourceFaultError(f"the record has no command after the {self._next} that were played, not {cmd!r}")
+        call = self._calls[self._next]
+        if call.command != cmd:
+            raise ResourceFaultError(f"the record has {call.command!r} as its command {self._next + 1}, not {cmd!r}")
+        self._next += 1
+        return self._played(call.end_s - call.start_s, call.error)
+
+    @staticmethod
+    def _played(duration_s: float, error: str) -> Activity:
+        yield duration_s
+        if error:
+            raise ResourceFaultError(error)
+
+    def halt(self) -> None:
+        """Do nothing: nothing moves."""

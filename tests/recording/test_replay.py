@@ -1,0 +1,78 @@
+"""A record stands in for its robots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from eal_actors.errors import NotReadyError, ResourceFaultError, RobotFailedError
+from eal_actors.facade.fleet import Fleet
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.recording import RunFolder, differences
+from eal_actors.scenario import Run, load_scenario, make_plan
+
+
+def replay_fleet(run: Path, **settings: Any) -> Fleet:
+    plugins = {"replay": {"record": str(run), **settings}}
+    robots = {name: {"plugins": plugins} for name in ("evbot3-1", "roomba-1")}
+    return Fleet(
+        EALConfigManager.of({"version": 1, "name": "sim", "seed": 3, "clock": {"rate": "max"}, "robots": robots}).fleet
+    )
+
+
+@pytest.fixture
+def fleet(run: Path) -> Iterator[Fleet]:
+    with replay_fleet(run).connect() as fleet:
+        yield fleet
+
+
+def test_a_scenario_runs_on_the_record_as_it_ran_on_the_robots(run: Path, tmp_path: Path) -> None:
+    scenario = tmp_path / "drive.yaml"
+    text = (run / "scenario.yaml").read_text()
+    scenario.write_text(text[: text.index("      - get_value")])  # a frame is not in the record at that very moment
+    with replay_fleet(run).connect() as fleet:
+        played = Run(make_plan(load_scenario(scenario), fleet), fleet, tmp_path / "again").start().get(timeout=60)
+    real = RunFolder.open(run).summary
+    assert real is not None
+    assert played.outcome == "done"
+    drives = [step for step in real.steps if step.kind == "send_cmd"]
+    assert [(s.robot, s.command) for s in played.steps] == [(s.robot, s.command) for s in drives]
+    assert [s.end_s for s in played.steps] == pytest.approx([s.end_s for s in drives], abs=1e-6)
+
+
+def test_sensors_say_what_they_said_then(run: Path, fleet: Fleet) -> None:
+    path = RunFolder.open(run).paths["roomba-1"]
+    fleet.clock.sleep(path[15].time_s + 0.01)
+    pose = fleet["roomba-1"]["Pose"].get_value().get()
+    assert pose.value == pytest.approx(path[15][1:], abs=1e-5)
+    assert pose.stamp_s is not None
+    assert fleet.clock.now() - pose.stamp_s == pytest.approx(0.01, abs=1e-3)
+
+
+def test_another_command_than_the_recorded_one_is_refused(fleet: Fleet) -> None:
+    with pytest.raises(ResourceFaultError, match=r"has 'f0\.2' as its command 1, not 'l90'"):
+        fleet["roomba-1"]["Base"].send_cmd("l90").get()
+
+
+def test_at_its_end_the_robots_are_not_ready(fleet: Fleet) -> None:
+    fleet.clock.sleep(100.0)
+    with pytest.raises(NotReadyError, match="the record ended at"):
+        fleet["roomba-1"]["Pose"].get_value().get()
+
+
+def test_a_loop_goes_on(run: Path) -> None:
+    with replay_fleet(run, loop=True).connect() as fleet:
+        fleet.clock.sleep(100.0)
+        assert len(fleet["roomba-1"]["Pose"].get_value().get().value) == 3
+
+
+def test_a_robot_that_is_not_in_the_record_says_which_are(run: Path) -> None:
+    with replay_fleet(run, robot="evbot2-9").connect() as fleet, pytest.raises(RobotFailedError, match="has no robot"):
+        fleet["roomba-1"].require_started()
+
+
+def test_runs_that_repeat_do_not_differ(run: Path) -> None:
+    assert list(differences(RunFolder.open(run), RunFolder.open(run))) == []

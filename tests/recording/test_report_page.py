@@ -1,0 +1,86 @@
+"""The page about a run."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from eal_actors.recording import RunFolder, kept_world, render_report
+from eal_actors.recording.timeline import Bar, time_lines
+
+
+class _Page(HTMLParser):
+    """Collects the texts and the addresses of a page, and checks that its elements are closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.texts: list[str] = []
+        self.links: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.links += [value for name, value in attrs if name in ("src", "href", "xlink:href") and value]
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+@pytest.fixture(scope="module")
+def page(run: Path) -> _Page:
+    return _Page(render_report(RunFolder.open(run), kept_world(run)))
+
+
+def test_it_stands_alone(page: _Page) -> None:
+    assert not page.open
+    assert page.links
+    assert all(link.startswith(("data:", "#")) for link in page.links)
+
+
+def test_it_names_outcome_robots_and_seed(page: _Page) -> None:
+    text = " ".join(page.texts)
+    assert "done" in text
+    assert {"roomba-1", "evbot3-1"} <= set(page.texts)
+    assert "off we go" in text
+
+
+def test_it_shows_the_frames(page: _Page) -> None:
+    assert sum(link.startswith("data:image/png") for link in page.links) >= 2
+    assert "roomba-1/frame.png" in page.texts
+
+
+def test_text_of_the_run_is_never_taken_for_html(run: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(run, tmp_path / "copy"))
+    lines = (copy / "events.jsonl").read_text().splitlines()
+    evil = {"event": "log", "time_s": 0.5, "robot": None, "text": "<script>alert(1)</script>"}
+    (copy / "events.jsonl").write_text("\n".join([lines[0], json.dumps(evil), *lines[1:]]) + "\n")
+    text = render_report(RunFolder.open(copy))
+    assert "<script" not in text
+    assert "&lt;script&gt;alert(1)" in text
+
+
+def test_a_run_whose_controller_crashed_has_a_page_too(run: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(run, tmp_path / "copy"))
+    (copy / "summary.json").unlink()
+    text = (copy / "events.jsonl").read_text().splitlines()
+    (copy / "events.jsonl").write_text("\n".join(text[:5]) + "\n")
+    page = render_report(RunFolder.open(copy))
+    assert "the record ends before the run did" in page
+    assert re.search(r'class="unfinished"', page)
+
+
+def test_calls_side_by_side_take_two_lanes() -> None:
+    line = time_lines([])
+    one, other, later = (Bar(a, b, "x", "s", "done", "") for a, b in ((0.0, 2.0), (1.0, 3.0), (2.0, 4.0)))
+    line.bars["r"] = [one, other, later]
+    assert line.lanes("r") == [[one, later], [other]]

@@ -1,0 +1,105 @@
+"""What `run.mcap` holds of a real run, and that it repeats."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import pytest
+
+from eal_actors.errors import ScenarioError
+from eal_actors.record.mcap_file import read_mcap
+from eal_actors.record.recorded_run import RecordedRun
+from tests.recording.conftest import record_run
+
+
+def poses(run: Path, robot: str) -> list[tuple[float, float, float, float]]:
+    with (run / "trajectory.csv").open() as table:
+        return [
+            (float(row["time_s"]), float(row["x_m"]), float(row["y_m"]), float(row["yaw_rad"]))
+            for row in csv.DictReader(table)
+            if row["robot"] == robot
+        ]
+
+
+def test_the_poses_of_the_record_are_those_of_the_trajectory(run: Path) -> None:
+    recorded = RecordedRun.open(run / "run.mcap")
+    wanted = poses(run, "roomba-1")
+    assert len(wanted) > 20
+    for time_s, *pose in wanted:
+        value = recorded.value_at("roomba-1", "Pose", time_s + 0.001)
+        assert value is not None
+        assert value.value == pytest.approx(pose, abs=1e-5)
+
+
+def test_messages_are_stamped_in_the_time_of_the_run(run: Path) -> None:
+    entries = read_mcap(run / "run.mcap").entries
+    last_s = max(entry.time_s for entry in entries)
+    end_s = poses(run, "roomba-1")[-1][0]
+    assert min(entry.time_s for entry in entries) == 0.0
+    assert last_s == pytest.approx(end_s, abs=0.2)
+
+
+def test_it_holds_transforms_scans_frames_calls_and_the_arena(run: Path) -> None:
+    entries = read_mcap(run / "run.mcap").entries
+    schema_of = {entry.topic: entry.schema for entry in entries}
+    assert schema_of["/tf"] == "foxglove.FrameTransforms"
+    assert schema_of["/arena"] == "foxglove.SceneUpdate"
+    assert schema_of["/log"] == "foxglove.Log"
+    assert schema_of["/roomba-1/Pose"] == "foxglove.PoseInFrame"
+    assert schema_of["/roomba-1/Range"] == "foxglove.LaserScan"
+    assert schema_of["/roomba-1/Camera"] == "foxglove.CompressedImage"
+    assert schema_of["/roomba-1/Bump"] == "eal.Value"
+    commands = [entry.message for entry in entries if entry.topic == "/evbot3-1/commands"]
+    assert [command["command"] for command in commands] == ["f0.2", "l90", ""]
+    assert all(command["outcome"] == "done" for command in commands)
+
+
+def test_a_transform_turns_with_the_robot(run: Path) -> None:
+    entries = read_mcap(run / "run.mcap").entries
+    turns = [
+        transform["rotation"]
+        for entry in entries
+        if entry.topic == "/tf"
+        for transform in entry.message["transforms"]
+        if transform["child_frame_id"] == "roomba-1/base"
+    ]
+    yaw_rad = 2 * math.atan2(turns[-1]["z"], turns[-1]["w"])
+    assert yaw_rad == pytest.approx(math.pi / 2, abs=0.1)
+
+
+def test_a_frame_comes_back_as_it_was_taken(run: Path) -> None:
+    recorded = RecordedRun.open(run / "run.mcap")
+    frame = recorded.value_at("roomba-1", "Camera", recorded.duration_s)
+    assert frame is not None
+    assert frame.shape is not None
+    assert frame.shape[2] == 3
+    assert frame.value.std() > 1.0
+
+
+def test_two_runs_of_one_seed_leave_the_same_bytes(tmp_path: Path) -> None:
+    first, second = (record_run(tmp_path / name / "run", "sensors") for name in ("one", "two"))
+    assert (first / "run.mcap").read_bytes() == (second / "run.mcap").read_bytes()
+
+
+def test_looking_on_does_not_move_the_robots(tmp_path: Path, run: Path) -> None:
+    blind = record_run(tmp_path / "blind" / "run", "poses")
+    assert (blind / "trajectory.csv").read_bytes() == (run / "trajectory.csv").read_bytes()
+
+
+def test_a_record_without_its_end_is_read_as_far_as_it_goes(run: Path, tmp_path: Path) -> None:
+    whole = (run / "run.mcap").read_bytes()
+    torn = tmp_path / "run.mcap"
+    torn.write_bytes(whole[: len(whole) // 2])
+    content = read_mcap(torn)
+    assert not content.is_whole
+    assert content.entries == read_mcap(run / "run.mcap").entries[: len(content.entries)]
+    assert content.entries
+
+
+def test_what_is_no_record_says_so(tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    file.write_bytes(b"certainly not an MCAP file, but long enough to be taken for one")
+    with pytest.raises(ScenarioError, match=r"run\.mcap is no record of a run"):
+        read_mcap(file)
