@@ -107,15 +107,15 @@ class ReopeningPort:
             NotReadyError: it has been closed.
             PluginError: the configuration is wrong.
 
-        Thread: blocks the caller while the port is opened, which may take seconds through a network.
+        Thread: blocks the caller while the port is opened, which may take seconds through a network. In lock step the
+            fleet's time stands still meanwhile: whoever connects drivers one after the other must not be late.
         """
-        with self._clock.outside():
-            try:
-                port = self._open_port()
-            except _BROKEN as error:
-                with self._lock:
-                    self._retry(f"cannot open {self.name}: {_why(error)}", None)
-                return
+        try:
+            port = self._open_port()
+        except _BROKEN as error:
+            with self._lock:
+                self._retry(f"cannot open {self.name}: {_why(error)}", None)
+            return
         if not self._take(port):
             raise NotReadyError(self._reason)
 

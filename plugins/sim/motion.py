@@ -7,9 +7,14 @@ motion too. Everything here is pure and counts in ticks; no clock is read.
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Final, Protocol
+
+from eal_actors.plugin import WheelCalibration
 
 from .models import Make
+
+NOMINAL: Final = WheelCalibration()
+"""Of wheels that are believed to be just as they should be."""
 
 
 class Trapezoid:
@@ -68,8 +73,8 @@ class Move:
     """One straight drive or turn in place.
 
     Args:
-        left: the left wheel's direction, 1.0 or -1.0.
-        right: the right wheel's direction, 1.0 or -1.0.
+        left: what the left wheel counts of the profile, under 0 for backwards.
+        right: what the right wheel counts of it.
         profile: the travel of each wheel.
         tick_s: length of a physics tick.
     """
@@ -81,22 +86,36 @@ class Move:
         self._ticks = math.ceil(profile.duration_s / tick_s)
         self._tick = 0
         self._travelled_m = 0.0
-        is_turn = left != right and profile.length_m > 0
-        self.noise_share = left / profile.length_m if is_turn else 0.0
+        is_turn = left * right < 0 and profile.length_m > 0
+        self.noise_share = 1.0 / (left * profile.length_m) if is_turn else 0.0
 
     @classmethod
-    def straight(cls, make: Make, distance_m: float, speed_m_s: float, tick_s: float) -> Move:
+    def straight(
+        cls,
+        make: Make,
+        distance_m: float,
+        speed_m_s: float,
+        tick_s: float,
+        calibration: WheelCalibration = NOMINAL,
+    ) -> Move:
         """Drive a distance; a negative one is backwards."""
-        direction = math.copysign(1.0, distance_m)
-        return cls(direction, direction, Trapezoid(abs(distance_m), speed_m_s, make.acceleration_m_s2), tick_s)
+        left, right = calibration.counted(math.copysign(1.0, distance_m), 0.0)
+        return cls(left, right, Trapezoid(abs(distance_m), speed_m_s, make.acceleration_m_s2), tick_s)
 
     @classmethod
-    def turn(cls, make: Make, angle_rad: float, rate_rad_s: float, tick_s: float) -> Move:
+    def turn(
+        cls,
+        make: Make,
+        angle_rad: float,
+        rate_rad_s: float,
+        tick_s: float,
+        calibration: WheelCalibration = NOMINAL,
+    ) -> Move:
         """Turn in place by an angle; a positive one is to the left."""
         arm_m = make.track_m / 2
-        direction = math.copysign(1.0, angle_rad)
+        left, right = calibration.counted(0.0, math.copysign(1.0, angle_rad))
         profile = Trapezoid(abs(angle_rad) * arm_m, rate_rad_s * arm_m, make.acceleration_m_s2)
-        return cls(-direction, direction, profile, tick_s)
+        return cls(left, right, profile, tick_s)
 
     @property
     def remaining_s(self) -> float:

@@ -9,7 +9,7 @@ from typing import Self, TypeVar
 
 from pydantic import model_validator
 
-from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsModel, Resource
+from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsModel, Resource, WheelCalibration
 
 from . import resources
 from .faults import SENSORS, FaultPlan, PlannedFault
@@ -47,6 +47,8 @@ class Settings(PluginSettingsModel):
     """Whether the wheels have the make's errors."""
     calibrated: bool = True
     """Whether they have only what is left of the errors after a calibration."""
+    calibration: WheelCalibration = WheelCalibration()
+    """What the base knows of its wheels and makes up for, as `eal calibrate` finds it out."""
     charge: float = Field(default=1.0, ge=0, le=1)
     """How full the battery is at first."""
     faults: tuple[PlannedFault, ...] = Field(default=(), strict=False)
@@ -85,7 +87,14 @@ def connect(context: PluginContext) -> SimPlugin:
     at = settings.start
     start = (float(at.x_m), float(at.y_m), math.radians(at.yaw_deg)) if at else None
     make = MAKES[settings.model] if settings.calibrated else MAKES[settings.model].uncalibrated()
-    robot = world.join(context.robot, make, noise=settings.noise, start=start, charge=settings.charge)
+    robot = world.join(
+        context.robot,
+        make,
+        noise=settings.noise,
+        start=start,
+        charge=settings.charge,
+        calibration=settings.calibration,
+    )
     beside = ("Faults", "Pose")  # they are no part of the robot
     context.services.link(context.robot).spare(beside + tuple(f"{context.instance}.{name}" for name in beside))
     return SimPlugin(world, robot)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, runtime_checkable
 from urllib.parse import urlsplit
 
 from eal_actors.plugin import PluginContext, PluginError, UnavailableError
@@ -17,6 +17,7 @@ from .battery import Battery
 from .models import MAKES
 from .robot import SimRobot
 from .sensors import dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
+from .turret import Turret
 from .world import SimWorld, world_of
 
 _MOST_WAITING: Final = 65536
@@ -31,12 +32,36 @@ class Emulator(Protocol):
         ...
 
 
+@runtime_checkable
+class BusyEmulator(Emulator, Protocol):
+    """A device that has things to do by itself, such as to end a motion, also while no byte comes."""
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it has."""
+        ...
+
+    def tick(self, now_s: float) -> None:
+        """Do what is due; called once a physics tick while it is busy."""
+        ...
+
+
 class SimBody:
     """A robot of the world, as an emulator drives and feels it. Thread: inside the world's `caught_up`."""
 
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         self._world = world
         self._robot = robot
+
+    @property
+    def tick_s(self) -> float:
+        """Length of a physics tick."""
+        return self._world.tick_s
+
+    @property
+    def turret(self) -> Turret | None:
+        """The turret, if the make has one."""
+        return self._robot.turret
 
     def drive(self, left_m_s: float, right_m_s: float) -> None:
         """Set the wheels' speeds until the next call; both 0 stops."""
@@ -49,6 +74,10 @@ class SimBody:
     def travel_m(self) -> tuple[float, float]:
         """Return what the left and the right wheel's encoder have counted in all, forward positive."""
         return self._robot.travel_m
+
+    def strained(self) -> bool:
+        """Return whether the motors strain against something that holds the robot up."""
+        return self._robot.is_blocked
 
     def bumps(self) -> tuple[bool, bool]:
         """Return whether the left and the right bumper are pressed."""
@@ -87,6 +116,7 @@ class SimulatedPort:
         self._is_open = True
         with world.caught_up():
             self._emulator = emulate(SimBody(world, robot))
+            self._busy = self._emulator if isinstance(self._emulator, BusyEmulator) else None
 
     @property
     def in_waiting(self) -> int:
@@ -121,10 +151,23 @@ class SimulatedPort:
         self._is_open = False
 
     def _feed(self, data: bytes, now_s: float) -> None:
-        if self._robot.is_dead or self._robot.battery.is_empty:  # without power nobody answers
+        if not self._has_power:  # nobody answers
             return
         self._arrived += self._emulator.feed(data, now_s)
         del self._arrived[_MOST_WAITING:]
+        if self._busy is not None and self._busy.is_busy:
+            self._world.attend(self._tick)
+
+    def _tick(self, now_s: float) -> bool:
+        """Let the emulator do what is due; return whether it wants another tick."""
+        if self._busy is None or not self._has_power:
+            return False
+        self._busy.tick(now_s)
+        return self._busy.is_busy
+
+    @property
+    def _has_power(self) -> bool:
+        return not (self._robot.is_dead or self._robot.battery.is_empty)
 
     def _check_open(self) -> None:
         if not self._is_open:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 import pymunk
 
-from eal_actors.plugin import UnavailableError
+from eal_actors.plugin import UnavailableError, WheelCalibration
 
 from .battery import Battery
 from .faults import HEALTHY, FaultSet
@@ -45,6 +45,7 @@ class SimRobot:
         clear_until_tick: until this tick of the world, it can touch nothing.
         tick_s: length of a physics tick.
         odometer: follows the encoders, if somebody wants it to.
+        calibration: what its base and its odometer know of its wheels.
         turret: its turret, if it has one.
         sensor_generator: the source of all noise of its sensors.
 
@@ -71,6 +72,7 @@ class SimRobot:
         self.next_pose: Pose = (0.0, 0.0, 0.0)
         self.clear_until_tick = 0
         self.odometer: DeadReckoning | None = None
+        self.calibration = WheelCalibration()
         self.turret = Turret(make.turret, now_s) if make.turret else None
         name_seed = zlib.crc32(name.encode())
         motion_generator, self.sensor_generator = (np.random.default_rng([seed, name_seed, use]) for use in range(2))
@@ -199,7 +201,7 @@ class SimRobot:
         self._command_m = self.motion.step()
         ahead_m, turn_rad = self._wanted = self._wheels.travel(*self._command_m)
         if self.odometer is not None:
-            self.odometer.follow(self._wheels.counted_m)
+            self.odometer.follow(self._wheels.counted_m, self.calibration)
         self.next_pose = moved(self._pose, ahead_m, turn_rad)
 
     def arrive(self, pose: Pose) -> None:

@@ -8,8 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from eal_actors.plugin import WheelCalibration
+
 from .models import Make
-from .motion import Motion
+from .motion import NOMINAL, Motion
 
 _BLOCK: Final = 128
 """Normal numbers are drawn in blocks: one by one they cost more than the rest of a tick."""
@@ -74,7 +76,7 @@ class Wheels:
 
 
 class DeadReckoning:
-    """Where a robot believes it is, from its encoders and its nominal track.
+    """Where a robot believes it is, from its encoders, its nominal track and what it knows of its wheels.
 
     Args:
         track_m: the nominal distance of the wheels.
@@ -89,12 +91,12 @@ class DeadReckoning:
         self._track_m = track_m
         self._counted_m = counted_m
 
-    def follow(self, counted_m: tuple[float, float]) -> None:
-        """Take in what the encoders have counted by now."""
+    def follow(self, counted_m: tuple[float, float], calibration: WheelCalibration = NOMINAL) -> None:
+        """Take in what the encoders have counted by now, with wheels that are believed to be so."""
         before_m = self._counted_m
-        left_m, right_m = counted_m[0] - before_m[0], counted_m[1] - before_m[1]
         self._counted_m = counted_m
-        self.pose = moved(self.pose, (left_m + right_m) / 2, (right_m - left_m) / self._track_m)
+        ahead_m, arc_m = calibration.travelled(counted_m[0] - before_m[0], counted_m[1] - before_m[1])
+        self.pose = moved(self.pose, ahead_m, arc_m / (self._track_m / 2))
 
 
 def moved(pose: tuple[float, float, float], ahead_m: float, turn_rad: float) -> tuple[float, float, float]:

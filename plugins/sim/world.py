@@ -6,17 +6,26 @@ import math
 import re
 import threading
 import weakref
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from itertools import count
-from typing import Final
+from typing import Final, TypeAlias
 
 import pymunk
 
-from eal_actors.plugin import Clock, FleetServices, PluginError, WorldModel
+from eal_actors.plugin import (
+    ArgumentError,
+    Clock,
+    FleetServices,
+    PluginError,
+    UnavailableError,
+    WheelCalibration,
+    WorldModel,
+)
 
 from .arena import is_on_floor, places
 from .models import Make
-from .motion import Drive, Motion
+from .motion import NOMINAL, Drive, Motion
 from .nearness import Nearness
 from .robot import Pose, SimRobot
 from .touching import SimBox, Touching
@@ -25,6 +34,9 @@ from .view import View
 __all__ = ["EMPTY_ROOM", "SimBox", "SimWorld", "world_of"]
 
 EMPTY_ROOM: Final = WorldModel(version=1, name="empty-room", size_m=(6.0, 4.0))
+
+Attendant: TypeAlias = Callable[[float], bool]
+"""Called with the world's time; returns whether it wants to be called again."""
 
 _ROUNDING: Final = 1e-6  # of a tick: a sum of times that falls short of a tick by less has reached it
 
@@ -64,6 +76,7 @@ class SimWorld:
         self._waiting: list[SimRobot] = []
         self._without_start: set[SimRobot] = set()
         self._driven: list[SimRobot] = []
+        self._attendants: list[Attendant] = []
         self._groups = count(1)
         self._touching = Touching(self.model, self.tick_s)
         self._nearness = Nearness(self._touching, self.tick_s)
@@ -85,7 +98,14 @@ class SimWorld:
             return self._robots.get(name)
 
     def join(
-        self, name: str, make: Make, *, noise: bool, start: tuple[float, float, float] | None, charge: float = 1.0
+        self,
+        name: str,
+        make: Make,
+        *,
+        noise: bool,
+        start: tuple[float, float, float] | None,
+        charge: float = 1.0,
+        calibration: WheelCalibration = NOMINAL,
     ) -> SimRobot:
         """Return the robot of that name, which is made and placed if it is new.
 
@@ -100,6 +120,7 @@ class SimWorld:
                 place of a grid, when the world is first used: by then the whole fleet has joined, and places are
                 given in the order of the names.
             charge: how full its battery is at first, 0..1.
+            calibration: what is known of its wheels from now on.
 
         Raises:
             PluginError: the start is not free, or the robot is there already as another make.
@@ -110,6 +131,7 @@ class SimWorld:
                     raise PluginError(f"robot {name!r} is in the simulated world already, with other settings")
                 if start is not None and known in self._without_start and known.motion is None:
                     self._start_at(known, start)  # a driver on a simulated port was here first
+                known.calibration = calibration
                 return known
             robot = SimRobot(
                 name,
@@ -121,6 +143,7 @@ class SimWorld:
                 now_s=self._now_s,
                 charge=charge,
             )
+            robot.calibration = calibration
             if start is None:
                 self._waiting.append(robot)
                 self._without_start.add(robot)
@@ -139,6 +162,22 @@ class SimWorld:
         self._without_start.discard(robot)
         if robot in self._waiting:
             self._waiting.remove(robot)
+
+    def carry(self, robot: SimRobot, pose: Pose) -> None:
+        """Put a robot that stands down elsewhere, as a person would. Thread: inside `caught_up`.
+
+        Raises:
+            ArgumentError: that place is not free.
+            UnavailableError: it is driven.
+        """
+        if robot.motion is not None:
+            raise UnavailableError(f"robot {robot.name!r} is driven: halt it before it is put elsewhere")
+        if not self._is_free(pose, robot.make.radius_m, robot.filter):
+            raise ArgumentError(
+                f"robot {robot.name!r} cannot stand at x {pose[0]:g} m, y {pose[1]:g} m: it would touch another "
+                "robot, a box, an obstacle or a wall, or be outside"
+            )
+        self._place(robot, pose)
 
     def caught_up(self) -> AbstractContextManager[float]:
         """Hold the lock on a world that is up to date; gives the world's time in seconds of the fleet's clock."""
@@ -193,6 +232,11 @@ class SimWorld:
             self._driven.remove(robot)
             self._touching.settle(robot)
 
+    def attend(self, attendant: Attendant) -> None:
+        """Have somebody called before each tick, with the time, until it returns False. Thread: inside `caught_up`."""
+        if attendant not in self._attendants:
+            self._attendants.append(attendant)
+
     def _begin(self, robot: SimRobot, motion: Motion) -> None:
         was_driven = robot.motion is not None
         robot.start(motion)
@@ -210,7 +254,10 @@ class SimWorld:
         if self._waiting:
             self._place_waiting()
         due = math.floor(self._clock.now() * self._rate_hz + _ROUNDING)
-        while self._tick < due and (self._driven or self._touching.is_awake):
+        while self._tick < due and (self._attendants or self._driven or self._touching.is_awake):
+            if self._attendants:
+                now_s = self._now_s()
+                self._attendants = [attendant for attendant in self._attendants if attendant(now_s)]
             self._tick += 1
             self._run_tick()
         self._tick = max(self._tick, due)

@@ -15,6 +15,7 @@ from eal_actors.plugin import (
     ResourceType,
     UnavailableError,
     ValueInfo,
+    WheelCalibration,
     command,
     config,
     config_setter,
@@ -31,6 +32,8 @@ _DISTANCE = ValueInfo(DataType.DOUBLE, "m", 0, 100)
 _ANGLE = ValueInfo(DataType.DOUBLE, "deg", 0, 3600)
 _SPEED = ValueInfo(DataType.DOUBLE, "m/s", 0.01, max(make.max_speed_m_s for make in MAKES.values()))
 _TURN_RATE = ValueInfo(DataType.DOUBLE, "deg/s", 1, max(make.max_turn_rate_deg_s for make in MAKES.values()))
+_TRACK_FACTOR = ValueInfo(DataType.DOUBLE, None, 0.5, 2, description="a factor; 1 is nominal")
+_WHEEL_RATIO = ValueInfo(DataType.DOUBLE, None, 0.9, 1.1, description="a ratio; 1 is nominal")
 _ROUNDING = 1e-9
 
 
@@ -176,6 +179,36 @@ class Base(OnRobot):
         """Set the time-out of later twists."""
         self._twist_timeout_s = float(twist_timeout_s)
 
+    @config("wheelbase_m", ValueInfo(DataType.DOUBLE, "m", 0, 10))
+    def wheelbase_m(self) -> float:
+        """Nominal distance of the wheels."""
+        return self._robot.make.track_m
+
+    @config("track_factor", _TRACK_FACTOR)
+    def track_factor(self) -> float:
+        """Effective over nominal distance of the wheels: E_b of the square test."""
+        return self._robot.calibration.track_factor
+
+    @config_setter("track_factor")
+    def set_track_factor(self, track_factor: float) -> None:
+        """Set what later commands, twists and the odometry know of the distance of the wheels."""
+        self._calibrate(track_factor=float(track_factor))
+
+    @config("wheel_ratio", _WHEEL_RATIO)
+    def wheel_ratio(self) -> float:
+        """Diameter of the right wheel over the left one's: E_d of the square test."""
+        return self._robot.calibration.wheel_ratio
+
+    @config_setter("wheel_ratio")
+    def set_wheel_ratio(self, wheel_ratio: float) -> None:
+        """Set what later commands, twists and the odometry know of the wheels' diameters."""
+        self._calibrate(wheel_ratio=float(wheel_ratio))
+
+    def _calibrate(self, **change: float) -> None:
+        with self._world.caught_up():
+            known = self._robot.calibration
+            self._robot.calibration = WheelCalibration.model_validate({**known.model_dump(), **change})
+
     def _check_reach(self, what: str, value: float, most: float, unit: str) -> None:
         if not abs(value) <= most + _ROUNDING:
             raise ArgumentError(
@@ -184,12 +217,14 @@ class Base(OnRobot):
             )
 
     def _drive(self, distance_m: float) -> Activity:
-        move = Move.straight(self._robot.make, distance_m, self._speed_m_s, self._world.tick_s)
+        robot = self._robot
+        move = Move.straight(robot.make, distance_m, self._speed_m_s, self._world.tick_s, robot.calibration)
         return self._run(move, forward=distance_m > 0)
 
     def _turn(self, degrees: float) -> Activity:
         rate_rad_s = math.radians(self._turn_rate_deg_s)
-        move = Move.turn(self._robot.make, math.radians(degrees), rate_rad_s, self._world.tick_s)
+        robot = self._robot
+        move = Move.turn(robot.make, math.radians(degrees), rate_rad_s, self._world.tick_s, robot.calibration)
         return self._run(move, forward=False)
 
     def _run(self, move: Move, *, forward: bool) -> Activity:
@@ -213,7 +248,7 @@ class Base(OnRobot):
         """Hold a twist. Closing it lets the wheels turn on: a newer twist takes over without a stop, a halt stops."""
         make = self._robot.make
         arm_m = turn_rate_rad_s * make.track_m / 2
-        left_m_s, right_m_s = speed_m_s - arm_m, speed_m_s + arm_m
+        left_m_s, right_m_s = self._robot.calibration.counted(speed_m_s, arm_m)
         excess = max(1.0, abs(left_m_s) / make.max_speed_m_s, abs(right_m_s) / make.max_speed_m_s)
         forward = speed_m_s > 0
         with self._world.caught_up():

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from eal_actors.plugin import DataType, EALData, ResourceType, ValueInfo
+from eal_actors.plugin import ArgumentError, DataType, EALData, ResourceType, ValueInfo
 
 from ..sensors import wrapped_rad
 from .on_robot import OnRobot
@@ -22,3 +24,16 @@ class Pose(OnRobot):
             x_m, y_m, yaw_rad = self._robot.pose
         pose = np.array([x_m, y_m, wrapped_rad(yaw_rad)])
         return EALData.of(pose, frame_id="world", stamp_s=now_s)
+
+    def set_value(self, data: EALData) -> None:
+        """Put the robot elsewhere, as a person would who carries it there.
+
+        Raises:
+            ArgumentError: part of it is no number, or that place is not free.
+            UnavailableError: the robot is driven.
+        """
+        x_m, y_m, yaw_rad = (float(part) for part in data.value)
+        if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
+            raise ArgumentError(f"a pose must consist of finite numbers, not {x_m:g}, {y_m:g}, {yaw_rad:g}")
+        with self._world.caught_up():
+            self._world.carry(self._robot, (x_m, y_m, yaw_rad))

@@ -1,0 +1,120 @@
+"""Where an EvBot believes it is: a pose by dead reckoning from what its encoders count."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+from eal_actors.plugin import (
+    ArgumentError,
+    DataType,
+    EALData,
+    Resource,
+    ResourceType,
+    ValueInfo,
+    WheelCalibration,
+    request,
+)
+
+from ..mote_roomba.odometry import DeadReckoning
+from .messages import Welcome
+from .session import Reading
+from .talk import Talk
+
+_COUNTS = 1 << 32
+
+
+class Odometer:
+    """Follows the encoders of a base, also over its restarts.
+
+    Args:
+        track_m: nominal distance of the wheels.
+        calibration: what is known of the wheels.
+
+    Attributes:
+        calibration: what is known of the wheels; it holds for what is counted from now on.
+
+    Thread: any.
+    """
+
+    def __init__(self, track_m: float, calibration: WheelCalibration) -> None:
+        self.calibration = calibration
+        self._lock = threading.Lock()
+        self._reckoning = DeadReckoning(track_m)
+        self._counted: tuple[int, int] | None = None
+        self._boot: int | None = None
+        self._travel_m = (0.0, 0.0)
+
+    def follow(self, welcome: Welcome, reading: Reading) -> None:
+        """Take in a reading."""
+        counted = reading.wheels.left, reading.wheels.right
+        with self._lock:
+            if self._counted is not None and self._boot == welcome.boot:
+                self._add(
+                    [_difference(*pair) * welcome.step_um / 1e6 for pair in zip(counted, self._counted, strict=True)]
+                )
+            self._counted, self._boot = counted, welcome.boot
+
+    def _add(self, gone_m: list[float]) -> None:
+        left_m, right_m = gone_m
+        self._travel_m = self._travel_m[0] + left_m, self._travel_m[1] + right_m
+        ahead_m, arc_m = self.calibration.travelled(left_m, right_m)
+        self._reckoning.add(ahead_m - arc_m, ahead_m + arc_m)
+
+    @property
+    def travel_m(self) -> tuple[float, float]:
+        """What the left and the right encoder have counted since the first reading."""
+        return self._travel_m
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """Where it is: x in m, y in m, yaw in rad, in (-pi, pi]."""
+        with self._lock:
+            return self._reckoning.pose
+
+    def place(self, x_m: float, y_m: float, yaw_rad: float) -> None:
+        """Say where it is."""
+        with self._lock:
+            self._reckoning.place(x_m, y_m, yaw_rad)
+
+
+def _difference(count: int, before: int) -> int:
+    """Return how far a counter modulo 2^32 has gone."""
+    return (count - before + _COUNTS // 2) % _COUNTS - _COUNTS // 2
+
+
+class Odometry(Resource):
+    """Pose by dead reckoning from the wheel encoders: x in m, y in m, yaw in rad, from (0, 0, 0) at first."""
+
+    types = ResourceType.SENSOR
+    value = ValueInfo(DataType.DOUBLE, shape=(3,), description="x_m, y_m, yaw_rad")
+
+    def __init__(self, talk: Talk, odometer: Odometer) -> None:
+        self._talk = talk
+        self._odometer = odometer
+
+    def not_ready(self) -> str | None:
+        """Return why the base cannot be asked at present."""
+        return self._talk.why_not_ready()
+
+    def get_value(self) -> EALData:
+        """Return [x_m, y_m, yaw_rad], yaw in (-pi, pi]."""
+        stamp_s = self._talk.latest().stamp_s
+        return EALData.of(self._odometer.pose, frame_id=f"{self._talk.name}/odom", stamp_s=stamp_s)
+
+    def set_value(self, data: EALData) -> None:
+        """Set the pose that it goes on from.
+
+        Raises:
+            ArgumentError: part of it is no number.
+        """
+        x_m, y_m, yaw_rad = (float(number) for number in data.value)
+        if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
+            raise ArgumentError(f"a pose must consist of finite numbers, not {x_m:g}, {y_m:g}, {yaw_rad:g}")
+        self._odometer.place(x_m, y_m, yaw_rad)
+
+    @request("travel", ValueInfo(DataType.DOUBLE, "m", shape=(2,)))
+    def travel(self) -> EALData:
+        """Return what the left and the right encoder have counted since the start."""
+        stamp_s = self._talk.latest().stamp_s
+        return EALData.of(self._odometer.travel_m, unit="m", stamp_s=stamp_s)

@@ -1,0 +1,1 @@
+"""The EvBot III: two wheels and a turret, over a wireless network."""

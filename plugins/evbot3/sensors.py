@@ -1,0 +1,100 @@
+"""What an EvBot III senses besides its wheels: bumpers and battery, from the latest status."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from eal_actors.plugin import DataType, EALData, Resource, ResourceType, ValueInfo, request
+
+from ..evbot2.talk import Talk
+from .status import SenseStatus, senses_of
+
+_FLAG: Final = ValueInfo(DataType.BOOL)
+_LEFT, _RIGHT = 1, 2
+
+
+class _Sensor(Resource):
+    """A sensor of the base.
+
+    Args:
+        talk: the talk with the base, which Base polls.
+    """
+
+    types = ResourceType.SENSOR
+
+    def __init__(self, talk: Talk) -> None:
+        self._talk = talk
+
+    def not_ready(self) -> str | None:
+        """Return why the base cannot be asked at present."""
+        return self._talk.why_not_ready()
+
+    def _sensed(self) -> tuple[SenseStatus, float]:
+        """Return the latest status, and when it was asked for."""
+        reading = self._talk.latest()
+        return senses_of(reading), reading.stamp_s
+
+
+class Bump(_Sensor):
+    """Whether something touches the front half of the robot."""
+
+    value = _FLAG
+
+    def get_value(self) -> EALData:
+        """Return whether any bumper is pressed now."""
+        return self._pressed(_LEFT | _RIGHT)
+
+    @request("left", _FLAG)
+    def left(self) -> EALData:
+        """Tell whether the left bumper is pressed; something straight ahead presses both."""
+        return self._pressed(_LEFT)
+
+    @request("right", _FLAG)
+    def right(self) -> EALData:
+        """Tell whether the right bumper is pressed; something straight ahead presses both."""
+        return self._pressed(_RIGHT)
+
+    def _pressed(self, bits: int) -> EALData:
+        senses, stamp_s = self._sensed()
+        return EALData.of(bool(senses.bumpers & bits), stamp_s=stamp_s)
+
+
+class Battery(_Sensor):
+    """How full the battery is, 0 to 1."""
+
+    value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
+
+    def get_value(self) -> EALData:
+        """Return the charge as a part of the capacity."""
+        senses, stamp_s = self._sensed()
+        fraction = senses.charge_mah / senses.capacity_mah if senses.capacity_mah > 0 else 0.0
+        return EALData.of(min(max(fraction, 0.0), 1.0), stamp_s=stamp_s)
+
+    @request("voltage", ValueInfo(DataType.DOUBLE, "V"))
+    def voltage(self) -> EALData:
+        """Return the voltage between its poles."""
+        return self._figure("voltage_mv", "V")
+
+    @request("current", ValueInfo(DataType.DOUBLE, "A"))
+    def current(self) -> EALData:
+        """Return the current into it, negative while it is drained."""
+        return self._figure("current_ma", "A")
+
+    @request("charge", ValueInfo(DataType.DOUBLE, "A h"))
+    def charge(self) -> EALData:
+        """Return what it holds."""
+        return self._figure("charge_mah", "A h")
+
+    @request("capacity", ValueInfo(DataType.DOUBLE, "A h"))
+    def capacity(self) -> EALData:
+        """Return what it holds when full."""
+        return self._figure("capacity_mah", "A h")
+
+    @request("temperature", ValueInfo(DataType.DOUBLE, "degC"))
+    def temperature(self) -> EALData:
+        """Return its temperature."""
+        return self._figure("temperature_mc", "degC")
+
+    def _figure(self, name: str, unit: str) -> EALData:
+        senses, stamp_s = self._sensed()
+        return EALData.of(float(getattr(senses, name)) / 1000, unit=unit, stamp_s=stamp_s)

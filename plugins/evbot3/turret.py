@@ -1,0 +1,108 @@
+"""The turret of an EvBot III."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from eal_actors.plugin import (
+    Activity,
+    DataType,
+    EALData,
+    Resource,
+    ResourceType,
+    ValueInfo,
+    command,
+    config,
+    config_setter,
+)
+
+from ..evbot2.base import watched
+from ..evbot2.messages import Channel, State, Verb
+from ..evbot2.talk import Talk
+from .firmware import MAX_TURRET_RATE_RAD_S
+from .status import turret_of
+
+_ANGLE: Final = ValueInfo(DataType.DOUBLE, "deg", 0, 3600)
+_TO_ANGLE: Final = ValueInfo(DataType.DOUBLE, "deg", -360, 360)
+_TURN_RATE: Final = ValueInfo(DataType.DOUBLE, "deg/s", 1, round(math.degrees(MAX_TURRET_RATE_RAD_S), 6))
+_U: Final = 1e6
+
+
+class Turret(Resource):
+    """Turns on the robot; get_status: 0 rests, 1 turns; get_value: its angle in rad, to the left of straight ahead.
+
+    Args:
+        talk: the talk with the base, which Base polls.
+    """
+
+    types = ResourceType.ACTUATOR
+    value = ValueInfo(DataType.DOUBLE, "rad")
+
+    def __init__(self, talk: Talk) -> None:
+        self._talk = talk
+        self._turn_rate_deg_s = 90.0
+
+    def not_ready(self) -> str | None:
+        """Return why the turret cannot be turned at present."""
+        return self._talk.why_not_ready()
+
+    def get_status(self) -> int:
+        """Return 0 while it rests, 1 while it turns."""
+        return int(turret_of(self._talk.latest()).state == State.MOVING)
+
+    def get_value(self) -> EALData:
+        """Return its angle relative to the robot, in (-pi, pi]."""
+        reading = self._talk.latest()
+        yaw_rad = min(max(turret_of(reading).yaw_urad / _U, -math.pi), math.pi)
+        return EALData.of(yaw_rad, unit="rad", frame_id=f"{self._talk.name}/base", stamp_s=reading.stamp_s)
+
+    def halt(self) -> None:
+        """Stop at once."""
+        self._talk.stop(Channel.TURRET)
+
+    @command("l<degrees>", _ANGLE)
+    def left_by(self, degrees: float) -> Activity:
+        """Turn left by an angle."""
+        return self._turn(Verb.SWING, degrees)
+
+    @command("r<degrees>", _ANGLE)
+    def right_by(self, degrees: float) -> Activity:
+        """Turn right by an angle."""
+        return self._turn(Verb.SWING, -degrees)
+
+    @command("t<degrees>", _TO_ANGLE)
+    def turn_to(self, degrees: float) -> Activity:
+        """Turn to an angle to the left of straight ahead, the shorter way round."""
+        return self._turn(Verb.AIM, degrees)
+
+    @command("s", urgent=True)
+    def stop(self) -> int:
+        """Stop at once."""
+        self.halt()
+        return 1
+
+    @config("turn_rate_deg_s", _TURN_RATE)
+    def turn_rate_deg_s(self) -> float:
+        """Speed of turning."""
+        return self._turn_rate_deg_s
+
+    @config_setter("turn_rate_deg_s")
+    def set_turn_rate_deg_s(self, turn_rate_deg_s: float) -> None:
+        """Set the turn rate of later commands."""
+        self._turn_rate_deg_s = float(turn_rate_deg_s)
+
+    def _turn(self, verb: Verb, degrees: float) -> Activity:
+        numbers = tuple(round(math.radians(angle_deg) * _U) for angle_deg in (degrees, self._turn_rate_deg_s))
+        is_done = False
+        try:
+            yield from watched(self._talk, verb, numbers, self._outcome)
+            is_done = True
+            return 1
+        finally:
+            if not is_done:
+                self.halt()
+
+    def _outcome(self) -> tuple[int, State]:
+        turret = turret_of(self._talk.latest())
+        return turret.order, State(turret.state)
