@@ -125,6 +125,10 @@ class ConfigError(EALError, ValueError):
         self.problems = tuple(sorted(problems))
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
+    def copy(self) -> Self:
+        """See EALError."""
+        return type(self)(self.problems).at(self.robot, self.resource)
+
 
 class PluginError(EALError, RuntimeError):
     """A plugin that cannot be found or loaded, or that does not hold what it names."""
