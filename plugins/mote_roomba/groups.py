@@ -102,9 +102,10 @@ class Controls:
     angle_mm: int = 0
 
     @property
-    def any_button(self) -> bool:
-        """Whether any button on the Roomba is pressed."""
-        return self.button_max or self.button_clean or self.button_spot or self.button_power
+    def pressed(self) -> frozenset[str]:
+        """The buttons on the Roomba that are pressed."""
+        pressed = {"max": self.button_max, "clean": self.button_clean, "spot": self.button_spot}
+        return frozenset(name for name, is_so in {**pressed, "power": self.button_power}.items() if is_so)
 
     def encode(self) -> bytes:
         """Return the group's 6 bytes."""
@@ -153,6 +154,11 @@ class Power:
     temperature_c: int = 0
     charge_mah: int = 0
     capacity_mah: int = 0
+
+    @property
+    def is_charging(self) -> bool:
+        """Whether a charger feeds it, which ends safe mode."""
+        return CHARGING_STATES[self.charging_state] in ("charging recovery", "charging", "trickle charging")
 
     @property
     def fraction(self) -> float:

@@ -1,19 +1,15 @@
-"""The way to the Roomba: bytes there and bytes back, whatever carries them."""
+"""The way to a Roomba: bytes there and bytes back, whatever carries them."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, Protocol
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Final, Protocol, TypeVar
 
-import serial
+from eal_actors.plugin import BytePort, PluginContext, ReopeningPort, UnavailableError, open_serial
 
-from eal_actors.plugin import BytePort, PluginContext, PluginError, UnavailableError
+_T = TypeVar("_T")
 
-from .emulator import Body, RoombaEmulator
-
-if TYPE_CHECKING:
-    from .plugin import Settings
-
-_WRITE_TIMEOUT_S: Final = 0.2
 _CHUNK_BYTES: Final = 4096
 
 
@@ -25,8 +21,44 @@ class Link(Protocol):
         """What it goes through, for messages, such as `/dev/ttyUSB0`."""
         ...
 
-    def send(self, data: bytes) -> None:
+    @property
+    def openings(self) -> int:
+        """How often it has been opened; when that changes, what is at the other end may be new."""
+        ...
+
+    @property
+    def repeats(self) -> int:
+        """How often to say what must not be lost on the way."""
+        ...
+
+    @property
+    def reading_lasts_s(self) -> float:
+        """How long a reading must count at least, for the replies that are lost on the way."""
+        ...
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether something waits to be sent, for which `receive` is to be called often."""
+        ...
+
+    def why_not_ready(self) -> str | None:
+        """Return why it cannot be used at present; None if it can."""
+        ...
+
+    def send(self, data: bytes, *, supersedes: bool = False) -> None:
         """Send bytes.
+
+        Args:
+            data: one command.
+            supersedes: whether commands with the same op code that still wait are out of date.
+
+        Raises:
+            UnavailableError: they do not go out.
+        """
+        ...
+
+    def urge(self, data: bytes) -> None:
+        """Send bytes at once, in place of whatever waits to be sent.
 
         Raises:
             UnavailableError: they do not go out.
@@ -41,8 +73,34 @@ class Link(Protocol):
         """
         ...
 
+    def pull_device_detect(self, *, low: bool) -> None:
+        """Pull the Roomba's device detect line low, or let go of it, where there is such a line."""
+        ...
+
     def close(self) -> None:
         """Let go of it; harmless if it is closed."""
+        ...
+
+
+class Port(BytePort, Protocol):
+    """What links use of a port: it is a ReopeningPort, or one in memory."""
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        ...
+
+    @property
+    def openings(self) -> int:
+        """How often it has been opened."""
+        ...
+
+    def why_not_ready(self) -> str | None:
+        """Return why it cannot be used now; None while it is open."""
+        ...
+
+    def use(self, action: Callable[[BytePort], _T]) -> _T:
+        """Do something with the open port while nobody else does."""
         ...
 
 
@@ -50,61 +108,81 @@ class SerialLink:
     """A Link over a serial port.
 
     Args:
-        port: an open port, of pyserial or simulated; its read must not wait.
-        name: see Link.
+        port: its read must not wait.
     """
 
-    def __init__(self, port: BytePort, name: str) -> None:
+    repeats: Final = 1
+    reading_lasts_s: Final = 0.0
+    is_busy: Final = False
+
+    def __init__(self, port: Port) -> None:
         self._port = port
-        self._name = name
 
     @property
     def name(self) -> str:
         """See Link."""
-        return self._name
+        return self._port.name
 
-    def send(self, data: bytes) -> None:
+    @property
+    def openings(self) -> int:
         """See Link."""
-        try:
-            self._port.write(data)
-        except OSError as error:  # pyserial's errors are among them
-            raise UnavailableError(f"cannot write to the serial port {self._name}: {error}") from error
+        return self._port.openings
+
+    def why_not_ready(self) -> str | None:
+        """See Link."""
+        return self._port.why_not_ready()
+
+    def send(self, data: bytes, *, supersedes: bool = False) -> None:  # noqa: ARG002  # nothing waits
+        """See Link."""
+        self._port.write(data)
+
+    def urge(self, data: bytes) -> None:
+        """See Link: nothing waits."""
+        self._port.write(data)
 
     def receive(self) -> bytes:
         """See Link."""
-        try:
-            return bytes(self._port.read(_CHUNK_BYTES))
-        except OSError as error:
-            raise UnavailableError(f"cannot read from the serial port {self._name}: {error}") from error
+        return self._port.read(_CHUNK_BYTES)
+
+    def pull_device_detect(self, *, low: bool) -> None:
+        """See Link: by the modem lines, of which a cable uses one. A pseudo-terminal and a socket have none."""
+
+        def pull(port: Any) -> None:
+            for line in ("rts", "dtr"):  # a line that is on is low at the connector
+                with suppress(OSError, AttributeError, ValueError):
+                    setattr(port, line, low)
+
+        with suppress(UnavailableError):
+            self._port.use(pull)
 
     def close(self) -> None:
         """See Link."""
         self._port.close()
 
 
-def open_port(context: PluginContext, settings: Settings) -> BytePort:
-    """Open the serial port that the settings name: a device path, any URL that pyserial knows, or a simulated one.
+def open_port(
+    context: PluginContext, url: str, baudrate: int, make: str, emulate: Callable[[Any], Any]
+) -> ReopeningPort:
+    """Open a serial port that comes back when it vanishes; an absent one is no error.
+
+    Args:
+        context: of the plugin.
+        url: a device path, any URL that pyserial knows, or a simulated port, such as `sim://world`.
+        baudrate: bits a second.
+        make: what a simulated robot behind it must be.
+        emulate: makes the emulator for a simulated robot's body.
 
     Raises:
-        PluginError: it cannot be opened.
+        PluginError: it can never be opened.
 
     Thread: the robot's; opening a port of the network may take seconds.
     """
-    if settings.port.startswith("sim:"):
-        return context.simulated_port(settings.port, "roomba", _emulator)
-    try:
-        port: BytePort = serial.serial_for_url(
-            settings.port,
-            baudrate=settings.baudrate,
-            timeout=0,
-            write_timeout=_WRITE_TIMEOUT_S,
-            exclusive=True,  # a second owner would take readings, and so travel, away from the first
-        )
-        return port
-    except (OSError, ValueError) as error:
-        raise PluginError(f"robot {context.robot!r}: cannot open the serial port {settings.port}: {error}") from error
 
+    def open_it() -> BytePort:
+        if url.startswith("sim:"):
+            return context.simulated_port(url, make, emulate)
+        return open_serial(url, baudrate=baudrate)
 
-def _emulator(body: Body) -> RoombaEmulator:
-    """Return the emulator for a simulated body, whose time goes in ticks that may be longer than the pauses."""
-    return RoombaEmulator(body, mode_pause_s=0.0)
+    port = ReopeningPort(open_it, context.clock, url)
+    port.open()
+    return port

@@ -1,18 +1,17 @@
-"""Motions by the encoders: how fast to go with so much left, and what Drive means a twist."""
+"""Motions by the encoders: how fast to go with so much left, and how far they are."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
-from eal_actors.plugin import ArgumentError
+from eal_actors.plugin import ArgumentError, WheelCalibration
 
-from .protocol import CLOCKWISE, COUNTER_CLOCKWISE, MAX_RADIUS_MM, MAX_SPEED_MM_S, STRAIGHT, WHEELBASE_M
-from .roomba import Reading
+from .reading import Reading
 
-ARM_M: Final = WHEELBASE_M / 2
+MAX_SPEED_MM_S: Final = 500
+"""What each wheel of every Roomba reaches."""
 MAX_TURN_RATE_DEG_S: Final = 180.0
 _ROUNDING: Final = 1e-9
 _BRAKE_M_S2: Final = 0.3
@@ -25,43 +24,55 @@ class Motion:
     """One straight drive or turn in place.
 
     Attributes:
-        length_m: what each wheel has to travel, 0 or more.
-        speed_m_s: of each wheel at most.
-        velocity_sign: of Drive's velocity, 1 or -1.
-        radius_mm: of Drive.
-        counted_m: what the wheels have travelled its way in all.
+        length_m: what the robot has to travel, 0 or more: where it turns, along a circle through its wheels.
+        speed_m_s: of that at most.
+        ahead: 1 where the robot goes forward, -1 where it goes back, 0 where it turns in place.
+        arc: 1 where it turns to the left, -1 to the right, 0 where it goes straight.
+        calibration: what is known of the wheels.
     """
 
     length_m: float
     speed_m_s: float
-    velocity_sign: int
-    radius_mm: int
-    counted_m: Callable[[Reading], float]
+    ahead: int
+    arc: int
+    calibration: WheelCalibration
 
     @classmethod
-    def straight(cls, distance_m: float, speed_m_s: float) -> Motion:
+    def straight(cls, distance_m: float, speed_m_s: float, calibration: WheelCalibration) -> Motion:
         """Drive a distance; a negative one is backwards."""
-        sign = -1 if distance_m < 0 else 1
-        return cls(abs(distance_m), speed_m_s, sign, STRAIGHT, lambda at: sign * (at.left_m + at.right_m) / 2)
+        return cls(abs(distance_m), speed_m_s, -1 if distance_m < 0 else 1, 0, calibration)
 
     @classmethod
-    def turn(cls, angle_rad: float, rate_rad_s: float) -> Motion:
+    def turn(cls, angle_rad: float, rate_rad_s: float, wheelbase_m: float, calibration: WheelCalibration) -> Motion:
         """Turn in place by an angle; a positive one is to the left."""
-        sign, radius_mm = (-1, CLOCKWISE) if angle_rad < 0 else (1, COUNTER_CLOCKWISE)
-        length_m = abs(angle_rad) * ARM_M
-        return cls(length_m, rate_rad_s * ARM_M, 1, radius_mm, lambda at: sign * (at.right_m - at.left_m) / 2)
+        arm_m = wheelbase_m / 2
+        return cls(abs(angle_rad) * arm_m, rate_rad_s * arm_m, 0, -1 if angle_rad < 0 else 1, calibration)
+
+    def back(self, length_m: float) -> Motion:
+        """Return the way back over such a length."""
+        return replace(self, length_m=length_m, ahead=-self.ahead, arc=-self.arc)
+
+    def counted_m(self, reading: Reading) -> float:
+        """Return what the robot has travelled its way in all."""
+        ahead_m, arc_m = self.calibration.travelled(reading.left_m, reading.right_m)
+        return self.ahead * ahead_m + self.arc * arc_m
 
     @property
     def goes_forward(self) -> bool:
         """Whether it leads to where the cliff sensors look."""
-        return self.radius_mm == STRAIGHT and self.velocity_sign > 0
+        return self.ahead > 0
+
+    def wheels_mm_s(self, velocity_mm_s: int) -> tuple[int, int]:
+        """Return the left and the right wheel's speed where the robot is to go so fast."""
+        left, right = self.calibration.counted(self.ahead * velocity_mm_s, self.arc * velocity_mm_s)
+        return _reached(left), _reached(right)
 
     def left_m(self, reading: Reading, start_m: float) -> float:
         """Return what was left at a reading of a motion that began with so much counted."""
         return self.length_m - (self.counted_m(reading) - start_m)
 
     def velocity_mm_s(self, left_m: float) -> int:
-        """Return how fast to go with so much of the length left, 1 or more; Drive's sign is not in it."""
+        """Return how fast each wheel is to go with so much of the length left, 1 or more."""
         slowing_m_s = math.sqrt(_CREEP_M_S**2 + 2 * _BRAKE_M_S2 * max(left_m, 0.0))
         return max(1, min(MAX_SPEED_MM_S, round(min(self.speed_m_s, slowing_m_s) * 1000)))
 
@@ -98,30 +109,27 @@ class Progress:
         return self._left_m
 
 
-def twist_drive(speed_m_s: float, turn_rate_rad_s: float) -> tuple[int, int]:
-    """Return Drive's velocity in mm/s and radius in mm for a twist.
+def _reached(speed_mm_s: float) -> int:
+    """Return the nearest speed that a wheel reaches, and not 0 for one that is to turn."""
+    nearest = round(max(-MAX_SPEED_MM_S, min(MAX_SPEED_MM_S, speed_mm_s)))
+    return nearest or (1 if speed_mm_s > 0 else -1)
 
-    Where a wheel would have to go faster than it can, the same curve is driven slower. A radius beyond 2 m is taken as
-    2 m or as straight, whichever is the nearer curve.
+
+def slowed(speed_m_s: float, turn_rate_rad_s: float, wheelbase_m: float) -> tuple[float, float]:
+    """Return a twist that both wheels reach: where one would have to go too fast, the same curve, driven slower.
 
     Args:
         speed_m_s: forward positive.
         turn_rate_rad_s: counter-clockwise positive.
+        wheelbase_m: distance of the wheels.
 
     Raises:
-        ArgumentError: the Roomba does not reach the speed or the turn rate, or it is no number.
+        ArgumentError: a Roomba does not reach the speed or the turn rate, or it is no number.
     """
     _check_reach("speed", speed_m_s, MAX_SPEED_MM_S / 1000, "m/s")
     _check_reach("turn rate", turn_rate_rad_s, math.radians(MAX_TURN_RATE_DEG_S), "rad/s")
-    excess = max(1.0, (abs(speed_m_s) + abs(turn_rate_rad_s) * ARM_M) * 1000 / MAX_SPEED_MM_S)
-    velocity_mm_s = round(speed_m_s / excess * 1000)
-    if abs(turn_rate_rad_s) * 2 * MAX_RADIUS_MM < abs(speed_m_s) * 1000:
-        return velocity_mm_s, STRAIGHT
-    radius_mm = speed_m_s / turn_rate_rad_s * 1000 if turn_rate_rad_s else 0.0
-    if abs(radius_mm) < 1.5:  # 1 and -1 mean in place
-        in_place = COUNTER_CLOCKWISE if turn_rate_rad_s > 0 else CLOCKWISE
-        return round(abs(turn_rate_rad_s) / excess * ARM_M * 1000), in_place
-    return velocity_mm_s, round(max(-MAX_RADIUS_MM, min(MAX_RADIUS_MM, radius_mm)))
+    excess = max(1.0, (abs(speed_m_s) + abs(turn_rate_rad_s) * wheelbase_m / 2) * 1000 / MAX_SPEED_MM_S)
+    return speed_m_s / excess, turn_rate_rad_s / excess
 
 
 def _check_reach(what: str, value: float, most: float, unit: str) -> None:

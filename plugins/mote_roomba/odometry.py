@@ -10,15 +10,10 @@ class DeadReckoning:
 
     Args:
         wheelbase_m: distance of the wheels.
-
-    Attributes:
-        left_m: the left wheel's travel in all.
-        right_m: the right wheel's travel in all.
     """
 
     def __init__(self, wheelbase_m: float) -> None:
         self._wheelbase_m = wheelbase_m
-        self.left_m = self.right_m = 0.0
         self._x_m = self._y_m = self._yaw_rad = 0.0
 
     @property
@@ -27,13 +22,11 @@ class DeadReckoning:
         return self._x_m, self._y_m, _wrapped_rad(self._yaw_rad)
 
     def place(self, x_m: float, y_m: float, yaw_rad: float) -> None:
-        """Say where it is; the travels stay."""
+        """Say where it is."""
         self._x_m, self._y_m, self._yaw_rad = x_m, y_m, yaw_rad
 
     def add(self, left_m: float, right_m: float) -> None:
         """Go on by the wheels' travels, along the arc that they make."""
-        self.left_m += left_m
-        self.right_m += right_m
         turn_rad = (right_m - left_m) / self._wheelbase_m
         chord_m = (left_m + right_m) / 2 * (math.sin(turn_rad / 2) / (turn_rad / 2) if turn_rad else 1.0)
         heading_rad = self._yaw_rad + turn_rad / 2

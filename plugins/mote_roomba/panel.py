@@ -20,8 +20,8 @@ from eal_actors.plugin import (
 )
 
 from . import protocol
+from .driver import RoombaDriver
 from .protocol import StatusLed
-from .roomba import Roomba
 
 _FLAG: Final = ValueInfo(DataType.BOOL)
 _STATUS: Final = ValueInfo(DataType.CHAR, choices=("off", "red", "green", "amber"))
@@ -36,9 +36,13 @@ class Leds(Resource):
 
     types = ResourceType.ACTUATOR
 
-    def __init__(self, roomba: Roomba) -> None:
+    def __init__(self, roomba: RoombaDriver) -> None:
         self._roomba = roomba
         self._lights = protocol.Leds()
+
+    def not_ready(self) -> str | None:
+        """Return why the Roomba cannot be used at present."""
+        return self._roomba.not_ready()
 
     def halt(self) -> None:
         """Do nothing: a light does not move."""
@@ -129,17 +133,25 @@ class Leds(Resource):
 class Song(Resource):
     """Plays songs of notes; get_status: 0 is silent, 1 plays."""
 
+    places = protocol.SONGS
+    """How many songs the Roomba itself keeps; the others are told to it before they are played."""
+
     types = ResourceType.ACTUATOR
 
-    def __init__(self, roomba: Roomba) -> None:
+    def __init__(self, roomba: RoombaDriver) -> None:
         self._roomba = roomba
         self._number = 0
         self._songs: dict[int, str] = {}
+        self._stored: dict[int, int] = {}
         self._plays_until_s = roomba.clock.now()
 
     def get_status(self) -> int:
         """Return 0 while it is silent, 1 while it plays."""
         return int(self._roomba.clock.now() < self._plays_until_s)
+
+    def not_ready(self) -> str | None:
+        """Return why the Roomba cannot be used at present."""
+        return self._roomba.not_ready()
 
     def halt(self) -> None:
         """Do nothing: a song moves nothing, and once begun it cannot be cut off."""
@@ -177,14 +189,20 @@ class Song(Resource):
 
     def _store(self, text: str, notes: list[tuple[int, int]]) -> Activity:
         number = self._number
-        yield from self._roomba.command(protocol.song(number, notes))
+        yield from self._tell(number, notes)
         self._songs[number] = text
 
     def _begin(self) -> Activity:
-        number = self._number
-        yield from self._roomba.command(protocol.play(number))
-        length_s = sum(duration for _, duration in _parsed(self._songs[number])) / 64
+        number, notes = self._number, _parsed(self._songs[self._number])
+        if self._stored.get(number % self.places) != number:
+            yield from self._tell(number, notes)
+        yield from self._roomba.command(protocol.play(number % self.places))
+        length_s = sum(duration for _, duration in notes) / 64
         self._plays_until_s = self._roomba.clock.now() + length_s
+
+    def _tell(self, number: int, notes: list[tuple[int, int]]) -> Activity:
+        yield from self._roomba.command(protocol.song(number % self.places, notes))
+        self._stored[number % self.places] = number
 
 
 def _parsed(text: str) -> list[tuple[int, int]]:

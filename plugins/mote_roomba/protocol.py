@@ -145,6 +145,24 @@ def drive(velocity_mm_s: int, radius_mm: int = STRAIGHT) -> bytes:
     return struct.pack(">Bhh", Op.DRIVE, velocity_mm_s, radius_mm)
 
 
+def wheel_speeds_m_s(velocity_mm_s: int, radius_mm: int, wheelbase_m: float = WHEELBASE_M) -> tuple[float, float]:
+    """Return the speeds of the left and the right wheel that Drive means; see `drive` for its arguments.
+
+    Where a wheel would have to go faster than it can, in a narrow curve, both go slower.
+    """
+    if radius_mm == STRAIGHT:
+        left = right = 1.0
+    elif radius_mm in (CLOCKWISE, COUNTER_CLOCKWISE):
+        left, right = -float(radius_mm), float(radius_mm)
+    else:
+        half = wheelbase_m / 2 / (radius_mm / 1000)
+        left, right = 1 - half, 1 + half
+    speed_m_s, most_m_s = velocity_mm_s / 1000, MAX_SPEED_MM_S / 1000
+    fastest_m_s = max(abs(left), abs(right)) * abs(speed_m_s)
+    scale = min(1.0, most_m_s / fastest_m_s) if fastest_m_s else 1.0
+    return left * speed_m_s * scale, right * speed_m_s * scale
+
+
 def motors(*, side_brush: bool = False, vacuum: bool = False, main_brush: bool = False) -> bytes:
     """Encode Motors: switch the cleaning motors on or off."""
     return bytes([Op.MOTORS, bits(side_brush, vacuum, main_brush)])

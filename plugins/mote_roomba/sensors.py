@@ -16,27 +16,31 @@ from eal_actors.plugin import (
     request,
 )
 
-from .groups import Sensors
-from .roomba import Roomba
+from .driver import RoombaDriver
+from .reading import Reading
 
 _FLAG: Final = ValueInfo(DataType.BOOL)
 
 
-class _Sensor(Resource):
-    """A sensor of the Roomba."""
+class Sensor(Resource):
+    """A sensor of a Roomba."""
 
     types = ResourceType.SENSOR
 
-    def __init__(self, roomba: Roomba) -> None:
+    def __init__(self, roomba: RoombaDriver) -> None:
         self._roomba = roomba
 
-    def _answer(self, read: Callable[[Sensors], bool | float], unit: str | None = None) -> EALData:
+    def not_ready(self) -> str | None:
+        """Return why the Roomba cannot be used at present."""
+        return self._roomba.not_ready()
+
+    def _answer(self, read: Callable[[Reading], bool | float], unit: str | None = None) -> EALData:
         """Return what is read from the latest reading, with the reading's time."""
         reading = self._roomba.latest()
-        return EALData.of(read(reading.sensors), unit=unit, stamp_s=reading.stamp_s)
+        return EALData.of(read(reading), unit=unit, stamp_s=reading.stamp_s)
 
 
-class Bump(_Sensor):
+class Bump(Sensor):
     """Whether something touches the front half of the robot."""
 
     value = _FLAG
@@ -56,7 +60,7 @@ class Bump(_Sensor):
         return self._answer(lambda sees: sees.contacts.bump_right)
 
 
-class Cliff(_Sensor):
+class Cliff(Sensor):
     """Whether the floor falls away under the robot's front edge."""
 
     value = _FLAG
@@ -86,7 +90,7 @@ class Cliff(_Sensor):
         return self._answer(lambda sees: sees.contacts.cliff_right)
 
 
-class WheelDrop(_Sensor):
+class WheelDrop(Sensor):
     """Whether a wheel hangs over a drop."""
 
     value = _FLAG
@@ -111,7 +115,7 @@ class WheelDrop(_Sensor):
         return self._answer(lambda sees: sees.contacts.drop_caster)
 
 
-class Wall(_Sensor):
+class Wall(Sensor):
     """Whether something is within 5 cm of the hull at the right-hand side, a little ahead."""
 
     value = _FLAG
@@ -126,7 +130,7 @@ class Wall(_Sensor):
         return self._answer(lambda sees: sees.contacts.virtual_wall)
 
 
-class Battery(_Sensor):
+class Battery(Sensor):
     """How full the battery is, 0 to 1."""
 
     value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
@@ -161,7 +165,7 @@ class Battery(_Sensor):
         return self._answer(lambda sees: float(sees.power.temperature_c), "degC")
 
 
-class Odometry(_Sensor):
+class Odometry(Sensor):
     """Pose by dead reckoning from the wheel encoders: x in m, y in m, yaw in rad, from (0, 0, 0) at first."""
 
     value = ValueInfo(DataType.DOUBLE, shape=(3,), description="x_m, y_m, yaw_rad")
@@ -189,31 +193,31 @@ class Odometry(_Sensor):
         return EALData.of([reading.left_m, reading.right_m], unit="m", stamp_s=reading.stamp_s)
 
 
-class Buttons(_Sensor):
+class Buttons(Sensor):
     """Whether any button on the robot is pressed."""
 
     value = _FLAG
 
     def get_value(self) -> EALData:
         """Return whether any of the four is pressed now."""
-        return self._answer(lambda sees: sees.controls.any_button)
+        return self._answer(lambda sees: bool(sees.pressed))
 
     @request("max", _FLAG)
     def max(self) -> EALData:
         """Tell whether MAX is pressed."""
-        return self._answer(lambda sees: sees.controls.button_max)
+        return self._answer(lambda sees: "max" in sees.pressed)
 
     @request("clean", _FLAG)
     def clean(self) -> EALData:
         """Tell whether CLEAN is pressed."""
-        return self._answer(lambda sees: sees.controls.button_clean)
+        return self._answer(lambda sees: "clean" in sees.pressed)
 
     @request("spot", _FLAG)
     def spot(self) -> EALData:
         """Tell whether SPOT is pressed."""
-        return self._answer(lambda sees: sees.controls.button_spot)
+        return self._answer(lambda sees: "spot" in sees.pressed)
 
     @request("power", _FLAG)
     def power(self) -> EALData:
         """Tell whether POWER is pressed."""
-        return self._answer(lambda sees: sees.controls.button_power)
+        return self._answer(lambda sees: "power" in sees.pressed)

@@ -5,106 +5,47 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from eal_actors.clock import ManualClock
+from eal_actors.errors import NotReadyError
 from eal_actors.plugin import Activity, FleetServices, PluginContext, WorldModel
 from plugins.mote_roomba import plugin
 from plugins.mote_roomba.base import Base
+from plugins.mote_roomba.bodies import FreeBody
+from plugins.mote_roomba.driver import RoombaDriver
+from plugins.mote_roomba.emulated import EmulatedRoomba
 from plugins.mote_roomba.emulator import RoombaEmulator
-from plugins.mote_roomba.link import SerialLink
-from plugins.mote_roomba.protocol import Mode
+from plugins.mote_roomba.link import Link, SerialLink
+from plugins.mote_roomba.mote_link import MoteLink
+from plugins.mote_roomba.motes import Emulator, MotePair
+from plugins.mote_roomba.protocol import WHEELBASE_M, Mode
 from plugins.mote_roomba.roomba import Roomba
+from plugins.mote_roomba.tinyos import Framing
 from plugins.sim import port as simulated_ports
 from plugins.sim.world import world_of
 
-
-@dataclass
-class Battery:
-    voltage_v: float = 16.1
-    current_a: float = -0.3
-    charge_ah: float = 1.35
-    capacity_ah: float = 2.7
-    temperature_c: float = 24.0
-
-
-class Wheel:
-    """A wheel that takes time to reach its speed."""
-
-    def __init__(self) -> None:
-        self.target_m_s = self.speed_m_s = self.travel_m = 0.0
-
-    def turn(self, duration_s: float, acceleration_m_s2: float) -> None:
-        lack_m_s = self.target_m_s - self.speed_m_s
-        ramp_s = min(duration_s, abs(lack_m_s) / acceleration_m_s2)
-        before_m_s = self.speed_m_s
-        self.speed_m_s += math.copysign(ramp_s * acceleration_m_s2, lack_m_s)
-        if ramp_s < duration_s:
-            self.speed_m_s = self.target_m_s
-        self.travel_m += (before_m_s + self.speed_m_s) / 2 * ramp_s + self.speed_m_s * (duration_s - ramp_s)
-
-
-class FreeBody:
-    """A body in free space, which feels what a test says."""
-
-    def __init__(self, now: Callable[[], float], acceleration_m_s2: float = 0.8) -> None:
-        self._now = now
-        self._acceleration_m_s2 = acceleration_m_s2
-        self._at_s = now()
-        self.left, self.right = Wheel(), Wheel()
-        self.bumped = (False, False)
-        self.dropped = (False, False, False)
-        self.over_cliffs = (False, False, False, False)
-        self.by_wall = False
-        self.stuck = False
-        self.charge = Battery()
-
-    def _catch_up(self) -> None:
-        now_s = self._now()
-        if not self.stuck:
-            for wheel in (self.left, self.right):
-                wheel.turn(now_s - self._at_s, self._acceleration_m_s2)
-        self._at_s = now_s
-
-    def drive(self, left_m_s: float, right_m_s: float) -> None:
-        self._catch_up()
-        self.left.target_m_s, self.right.target_m_s = left_m_s, right_m_s
-
-    def travel_m(self) -> tuple[float, float]:
-        self._catch_up()
-        return self.left.travel_m, self.right.travel_m
-
-    def bumps(self) -> tuple[bool, bool]:
-        return self.bumped
-
-    def drops(self) -> tuple[bool, bool, bool]:
-        return self.dropped
-
-    def cliffs(self) -> tuple[bool, bool, bool, bool]:
-        return self.over_cliffs
-
-    def wall(self) -> bool:
-        return self.by_wall
-
-    def battery(self) -> Battery:
-        return self.charge
+T = TypeVar("T")
 
 
 @dataclass
 class MemoryPort:
     """A serial port whose other end is the emulator; what the driver sends is kept."""
 
-    emulator: RoombaEmulator
+    emulator: Emulator
     now: Callable[[], float]
     sent: bytearray = field(default_factory=bytearray)
     is_cut: bool = False
     is_broken: bool = False
     is_open: bool = True
+    name: str = "memory"
+    openings: int = 1
     _incoming: bytearray = field(default_factory=bytearray)
+    _rts: bool = False
 
     def write(self, data: bytes) -> int:
         if self.is_broken:
-            raise OSError(5, "Input/output error")
+            raise NotReadyError("memory was lost: input/output error")
         self.sent += data
         if not self.is_cut:
             self._incoming += self.emulator.feed(data, self.now())
@@ -112,7 +53,8 @@ class MemoryPort:
 
     def read(self, size: int = 1) -> bytes:
         if self.is_broken:
-            raise OSError(5, "Input/output error")
+            raise NotReadyError("memory was lost: input/output error")
+        self._incoming += b"" if self.is_cut else self.emulator.feed(b"", self.now())
         data = bytes(self._incoming[:size])
         del self._incoming[:size]
         return data
@@ -131,6 +73,28 @@ class MemoryPort:
     def close(self) -> None:
         self.is_open = False
 
+    def why_not_ready(self) -> str | None:
+        return "memory was lost: input/output error" if self.is_broken else None
+
+    def come_back(self) -> None:
+        """Be opened again after it was broken."""
+        self.is_broken = False
+        self.openings += 1
+        self._incoming.clear()
+
+    @property
+    def rts(self) -> bool:
+        return self._rts
+
+    @rts.setter
+    def rts(self, on: bool) -> None:
+        self._rts = on
+        if isinstance(self.emulator, EmulatedRoomba):
+            self.emulator.device_detect(low=on, now_s=self.now())
+
+    def use(self, action: Callable[[Any], T]) -> T:
+        return action(self)
+
 
 class HurriedClock(ManualClock):
     """A clock on which who sleeps moves the time."""
@@ -142,23 +106,37 @@ class HurriedClock(ManualClock):
 class Rig:
     """Driver and emulator on a clock that moves only while something runs."""
 
-    def __init__(self, mode: Mode = Mode.SAFE, poll_hz: float = 20.0, *, awake: bool = True) -> None:
+    def __init__(
+        self, mode: Mode = Mode.SAFE, poll_hz: float = 20.0, *, awake: bool = True, has_device_detect: bool = False
+    ) -> None:
         self.clock = ManualClock()
-        self.body = FreeBody(self.clock.now)
-        self.emulator = RoombaEmulator(self.body)
-        self.port = MemoryPort(self.emulator, self.clock.now)
-        self.roomba = Roomba(SerialLink(self.port, "memory"), self.clock, mode, poll_hz, "rob")
+        self._make(mode, poll_hz, has_device_detect=has_device_detect)
         self._poll_at_s = math.inf
         if awake:
             self.run(self.roomba.wake())
         self._begin(self.roomba, awake=awake)
 
-    def _begin(self, roomba: Roomba, *, awake: bool = True) -> None:
+    def _make(self, mode: Mode, poll_hz: float, *, has_device_detect: bool) -> None:
+        self.body = FreeBody(self.clock.now, WHEELBASE_M)
+        self.emulator = RoombaEmulator(self.body, has_device_detect=has_device_detect)
+        self.port = MemoryPort(self._behind_the_port(), self.clock.now)
+        self.roomba = Roomba(self._link(), self.clock, mode, poll_hz, "rob")
+
+    def _behind_the_port(self) -> Emulator:
+        return self.emulator
+
+    def _link(self) -> Link:
+        return SerialLink(self.port)
+
+    def _begin(self, roomba: RoombaDriver, *, awake: bool = True) -> None:
         self.base = Base(roomba)
         self._polling = self.base.background()
         if awake:
-            self._poll_at_s = self.clock.now()
-            self.wait(0.01)
+            self.start_background()
+
+    def start_background(self) -> None:
+        self._poll_at_s = self.clock.now()
+        self.wait(0.01)
 
     def _step(self, until_s: float) -> bool:
         """Do what the background has to do next, if that is due by then; returns whether it was."""
@@ -212,6 +190,34 @@ class Rig:
         return sent
 
 
+class MoteRig(Rig):
+    """The driver at the base mote, and a Roomba behind the mote on the robot."""
+
+    def __init__(
+        self,
+        mode: Mode = Mode.SAFE,
+        poll_hz: float = 20.0,
+        *,
+        loss: float = 0.0,
+        ack_loss: float = 0.0,
+        seed: int = 0,
+        radio_tries: int = 1,
+        framing: Framing | None = None,
+        awake: bool = True,
+    ) -> None:
+        self.framing = framing or Framing()
+        self._faults = (loss, ack_loss, radio_tries, seed)
+        super().__init__(mode, poll_hz, awake=awake)
+
+    def _behind_the_port(self) -> Emulator:
+        loss, ack_loss, tries, seed = self._faults
+        self.motes = MotePair(self.emulator, self.framing, loss=loss, ack_loss=ack_loss, radio_tries=tries, seed=seed)
+        return self.motes
+
+    def _link(self) -> Link:
+        return MoteLink(self.port, self.clock, self.framing, tries=5)
+
+
 def without_polls(sent: bytes) -> bytes:
     """Return what was sent besides Sensors 0."""
     return sent.replace(bytes([142, 0]), b"")
@@ -224,7 +230,9 @@ class SimulatedRig(Rig):
         self.clock = HurriedClock()
         services = FleetServices(self.clock, 0, world, simulated_ports.open_port)
         checked = plugin.Settings.model_validate({"port": "sim://world", **settings})
-        self.roomba = plugin.connect(PluginContext("rob", "mote_roomba", checked, services)).roomba
+        roomba = plugin.connect(PluginContext("rob", "mote_roomba", checked, services)).roomba
+        assert isinstance(roomba, Roomba)
+        self.roomba = roomba
         self.world = world_of(services)
         self._begin(self.roomba)
 

@@ -7,11 +7,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from plugins.mote_roomba import protocol
+from plugins.mote_roomba.bodies import FreeBody, FullBattery
 from plugins.mote_roomba.emulator import RoombaEmulator
 from plugins.mote_roomba.groups import Contacts, Controls, Power
-from plugins.mote_roomba.motion import twist_drive
-from plugins.mote_roomba.protocol import Leds, Mode, StatusLed
-from tests.unit.mote_roomba.rig import Battery, FreeBody
+from plugins.mote_roomba.protocol import WHEELBASE_M, Leds, Mode, StatusLed
+from plugins.mote_roomba.roomba import twist_drive
 
 START, CONTROL, SAFE, FULL = b"\x80", b"\x82", b"\x83", b"\x84"
 
@@ -21,7 +21,7 @@ class Bench:
 
     def __init__(self, *, mode: Mode = Mode.SAFE, acceleration_m_s2: float = 1e9) -> None:
         self.now_s = 0.0
-        self.body = FreeBody(lambda: self.now_s, acceleration_m_s2)
+        self.body = FreeBody(lambda: self.now_s, WHEELBASE_M, acceleration_m_s2)
         self.roomba = RoombaEmulator(self.body)
         way = {Mode.OFF: b"", Mode.PASSIVE: START, Mode.SAFE: START + CONTROL, Mode.FULL: START + CONTROL + FULL}
         for byte in way[mode]:
@@ -86,7 +86,7 @@ def test_it_hears_nothing_for_100_ms_after_a_change_of_the_baud_rate() -> None:
 
 
 def test_without_a_pause_it_hears_everything() -> None:
-    roomba = RoombaEmulator(FreeBody(lambda: 0.0), mode_pause_s=0.0)
+    roomba = RoombaEmulator(FreeBody(lambda: 0.0, WHEELBASE_M), mode_pause_s=0.0)
     assert len(roomba.feed(START + CONTROL + FULL + bytes([142, 0]), 0.0)) == 26
     assert (roomba.mode, roomba.violations) == (Mode.FULL, 0)
 
@@ -240,7 +240,7 @@ def test_what_it_feels() -> None:
 
 def test_a_battery_beyond_what_the_wire_holds_is_cut() -> None:
     bench = Bench()
-    bench.body.charge = Battery(80.0, -99.0, -0.1, 99.0, 200.0)
+    bench.body.charge = FullBattery(80.0, -99.0, -0.1, 99.0, 200.0)
     assert Power.decode(bench.send(142, 3)) == Power(0, 65535, -32768, 127, 0, 65535)
 
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
 
 from eal_actors.bundled import bundled_path
 from eal_actors.clock import ManualClock
-from eal_actors.conformance import CHECKS, Bench, Check, run_check, settings_of
+from eal_actors.conformance import Bench, settings_of
+from eal_actors.conformance.wires import TcpWire
 from eal_actors.errors import ConfigError, PluginError
 from eal_actors.plugin import FleetServices, PluginContext
-from plugins.mote_roomba import plugin
+from plugins.mote_roomba import conformance, plugin
 from plugins.mote_roomba.protocol import Mode
 from tests.unit.mote_roomba.rig import HurriedClock
 from tests.unit.mote_roomba.wires import roomba_on_a_pty, roombas_on_sockets
@@ -20,8 +20,8 @@ from tests.unit.mote_roomba.wires import roomba_on_a_pty, roombas_on_sockets
 FOLDER = bundled_path("plugins/mote_roomba")
 
 
-def context_of(port: str) -> PluginContext:
-    settings = plugin.Settings.model_validate({"port": port})
+def context_of(port: str, link: str = "serial") -> PluginContext:
+    settings = plugin.Settings.model_validate({"port": port, "link": link})
     return PluginContext("rob", "mote_roomba", settings, FleetServices(ManualClock()))
 
 
@@ -45,46 +45,65 @@ def test_a_fleet_drives_it_over_a_pty() -> None:
     assert emulator.lights.status.name == "GREEN"
 
 
-@pytest.fixture(scope="module")
-def url() -> Iterator[str]:
-    with roombas_on_sockets() as url:
-        yield url
+def test_a_fleet_drives_it_over_a_socket() -> None:
+    with roombas_on_sockets() as url, Bench(FOLDER, settings_of({"port": url, "poll_hz": 5})).robot() as robot:
+        assert robot["Base"].send_cmd("f0.02").get() == 1
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
-def test_it_conforms(url: str, check: Check) -> None:
-    result = run_check(check, Bench(FOLDER, settings_of({"port": url, "poll_hz": 5})))
-    assert result.outcome == "ok", "\n".join([check.description, *result.problems])
+def test_a_fleet_drives_motes_over_a_socket() -> None:
+    wire = TcpWire(lambda: conformance.emulate({"link": "mote"}))
+    wire.plug_in()
+    settings = settings_of({"port": f"socket://{wire.address}", "link": "mote", "poll_hz": 5})
+    try:
+        with Bench(FOLDER, settings).robot() as robot:
+            assert robot["Base"].send_cmd("f0.02").get() == 1
+    finally:
+        wire.close()
 
 
 @pytest.mark.parametrize(
     ("port", "words"),
     [
-        ("/no/such/port", "robot 'rob': cannot open the serial port /no/such/port: "),
-        ("nonsense://x", "cannot open the serial port nonsense://x: invalid URL"),
-        ("socket://127.0.0.1:1", "cannot open the serial port socket://127.0.0.1:1: "),
+        ("/no/such/port", "cannot open /no/such/port: no such file or directory; next try in "),
+        ("socket://127.0.0.1:1", "cannot open socket://127.0.0.1:1: connection refused; next try in "),
+        ("loop://", "nothing answers on loop://"),
     ],
 )
-def test_a_port_that_cannot_be_opened_is_named(port: str, words: str) -> None:
-    with pytest.raises(PluginError, match=words):
-        plugin.connect(context_of(port))
+@pytest.mark.parametrize("link", ["serial", "mote"])
+def test_a_roomba_that_is_absent_or_silent_is_not_ready(port: str, words: str, link: str) -> None:
+    context = replace(context_of(port, link), services=FleetServices(HurriedClock()))
+    connected = plugin.connect(context)
+    reason = plugin.create_Bump(replace(context, plugin=connected)).not_ready()
+    assert reason is not None
+    assert reason.partition(" (the mote ")[0].startswith(words)
+    base = plugin.create_Base(replace(context, plugin=connected))
+    base.halt()  # nothing moves, so there is nothing to complain of
+    base.close()
+    plugin.disconnect(connected)
 
 
-def test_a_port_on_which_no_roomba_answers_is_named_and_closed() -> None:
-    context = replace(context_of("loop://"), services=FleetServices(HurriedClock()))
-    with pytest.raises(PluginError, match="robot 'rob': nothing answers on loop://"):
-        plugin.connect(context)
+def test_a_port_that_can_never_be_opened_is_refused() -> None:
+    with pytest.raises(PluginError, match="serial port nonsense://x: invalid URL"):
+        plugin.connect(context_of("nonsense://x"))
+
+
+def test_settings_for_motes_want_motes() -> None:
+    settings = plugin.Settings.model_validate({"port": "loop://", "mote": {"am_type": 6}})
+    with pytest.raises(PluginError, match="robot 'rob': the settings under mote are of no use without link: mote"):
+        plugin.connect(replace(context_of("loop://"), settings=settings))
 
 
 @pytest.mark.parametrize(
     "settings",
     [
-        {},
+        {"port": ""},
         {"port": "loop://", "baudrate": 9600},
         {"port": "loop://", "mode": "passive"},
         {"port": "loop://", "poll_hz": 0},
         {"port": "loop://", "link": "pigeon"},
         {"port": "loop://", "speed": 1},
+        {"port": "loop://", "link": "mote", "mote": {"header": "tinyos3"}},
+        {"port": "loop://", "link": "mote", "mote": {"payload_bytes": 0}},
     ],
 )
 def test_settings_that_make_no_sense_are_refused(settings: dict[str, object]) -> None:

@@ -10,8 +10,9 @@ import pytest
 from eal_actors.errors import ArgumentError, UnavailableError
 from eal_actors.plugin import EALData, Resource
 from plugins.mote_roomba import sensors
+from plugins.mote_roomba.bodies import FullBattery
 from plugins.mote_roomba.odometry import DeadReckoning
-from tests.unit.mote_roomba.rig import Battery, Rig
+from tests.unit.mote_roomba.rig import Rig
 
 KINDS = {
     kind.__name__: kind
@@ -70,7 +71,7 @@ CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     ),
     "over full": (
         "Battery",
-        {"charge": Battery(17.0, 0.5, 2.8, 2.7, -5.0)},
+        {"charge": FullBattery(17.0, 0.5, 2.8, 2.7, -5.0)},
         {"": 1.0, "voltage": 17.0, "current": 0.5, "charge": 2.8, "capacity": 2.7, "temperature": -5.0},
     ),
 }

@@ -11,13 +11,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from eal_actors.clock import SystemClock
+from plugins.mote_roomba.bodies import FreeBody
 from plugins.mote_roomba.emulator import RoombaEmulator
-from tests.unit.mote_roomba.rig import FreeBody
+from plugins.mote_roomba.protocol import WHEELBASE_M
 
 
 def new_emulator(clock: SystemClock) -> RoombaEmulator:
     """Return a Roomba in free space, which does not mind that an operating system delays bytes."""
-    return RoombaEmulator(FreeBody(clock.now), mode_pause_s=0.0)
+    return RoombaEmulator(FreeBody(clock.now, WHEELBASE_M), mode_pause_s=0.0)
 
 
 @contextmanager

@@ -1,0 +1,171 @@
+"""The sensor packets of the Open Interface: bytes in, numbers out, and back.
+
+Source: iRobot Create 2 Open Interface specification, based on the Roomba 600.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+from eal_actors.plugin import DataError
+
+BUMPS_AND_DROPS: Final = 7
+WALL: Final = 8
+CLIFFS: Final = (9, 10, 11, 12)
+"""Left, front left, front right, right."""
+VIRTUAL_WALL: Final = 13
+OVERCURRENTS: Final = 14
+BUTTONS: Final = 18
+DISTANCE: Final = 19
+ANGLE: Final = 20
+CHARGING_STATE: Final = 21
+VOLTAGE: Final = 22
+CURRENT: Final = 23
+TEMPERATURE: Final = 24
+CHARGE: Final = 25
+CAPACITY: Final = 26
+CLIFF_SIGNALS: Final = (28, 29, 30, 31)
+OI_MODE: Final = 35
+SONG_NUMBER: Final = 36
+SONG_PLAYING: Final = 37
+STREAM_PACKETS: Final = 38
+REQUESTED_VELOCITY: Final = 39
+REQUESTED_RADIUS: Final = 40
+REQUESTED_RIGHT: Final = 41
+REQUESTED_LEFT: Final = 42
+LEFT_COUNTS: Final = 43
+RIGHT_COUNTS: Final = 44
+STASIS: Final = 58
+
+_SIGNED_BYTES: Final = {TEMPERATURE}
+_SIGNED_WORDS: Final = {DISTANCE, ANGLE, CURRENT, *range(39, 43), *range(54, 58)}
+_WORDS: Final = {VOLTAGE, CHARGE, CAPACITY, *range(27, 32), 33, LEFT_COUNTS, RIGHT_COUNTS, *range(46, 52)}
+
+
+def _form(packet: int) -> str:
+    if packet in _SIGNED_BYTES:
+        return "b"
+    if packet in _SIGNED_WORDS:
+        return "h"
+    return "H" if packet in _WORDS else "B"
+
+
+FORMS: Final = MappingProxyType({packet: _form(packet) for packet in range(7, 59)})
+"""Of each packet, its form as `struct` writes it; big-endian."""
+
+GROUPS: Final = MappingProxyType(
+    {
+        0: range(7, 27),
+        1: range(7, 17),
+        2: range(17, 21),
+        3: range(21, 27),
+        4: range(27, 35),
+        5: range(35, 43),
+        6: range(7, 43),
+        100: range(7, 59),
+        101: range(43, 59),
+        106: range(46, 52),
+        107: range(54, 59),
+    }
+)
+"""The packets of each group."""
+
+BUTTON_NAMES: Final = ("clean", "spot", "dock", "minute", "hour", "day", "schedule", "clock")
+"""The buttons in the order of their bits."""
+
+STREAM_HEADER: Final = 19
+
+
+def packets_of(number: int) -> Sequence[int]:
+    """Return the packets that a number asks for: of a group, or the one of that number.
+
+    Raises:
+        DataError: there is no such packet.
+    """
+    if number in FORMS:
+        return (number,)
+    if number not in GROUPS:
+        raise DataError(f"OI: there is no sensor packet {number}")
+    return GROUPS[number]
+
+
+def size_of(packet: int) -> int:
+    """Return how many bytes a packet has."""
+    return struct.calcsize(f">{FORMS[packet]}")
+
+
+def encode(packet: int, value: int) -> bytes:
+    """Return a packet's bytes; a value that it cannot hold is brought to the nearest one."""
+    bits = 8 * size_of(packet)
+    low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if FORMS[packet].islower() else (0, (1 << bits) - 1)
+    return struct.pack(f">{FORMS[packet]}", max(low, min(high, value)))
+
+
+def decode(packets: Iterable[int], data: bytes) -> dict[int, int]:
+    """Read the packets that come one after the other.
+
+    Raises:
+        DataError: the bytes are too few or too many.
+    """
+    wanted = tuple(packets)
+    form = ">" + "".join(FORMS[packet] for packet in wanted)
+    if len(data) != struct.calcsize(form):
+        raise DataError(f"OI: these {len(wanted)} packets have {struct.calcsize(form)} bytes, not {len(data)}")
+    return dict(zip(wanted, struct.unpack(form, data), strict=True))
+
+
+def stream_frame(values: Mapping[int, int]) -> bytes:
+    """Return a frame of the stream: header, length, each packet after its number, and a checksum."""
+    body = b"".join(bytes([packet]) + encode(packet, value) for packet, value in values.items())
+    frame = bytes([STREAM_HEADER, len(body)]) + body
+    return frame + bytes([-sum(frame) & 0xFF])
+
+
+class StreamReader:
+    """Finds frames in what comes from the Roomba, in pieces of any size, and skips what is none.
+
+    Attributes:
+        skipped: how many bytes belonged to no frame.
+    """
+
+    def __init__(self) -> None:
+        self.skipped = 0
+        self._held = bytearray()
+
+    def feed(self, data: bytes) -> list[dict[int, int]]:
+        """Take bytes; return the frames that are complete with them."""
+        self._held += data
+        frames: list[dict[int, int]] = []
+        while self._held:
+            start = self._held.find(STREAM_HEADER)
+            self._skip(len(self._held) if start < 0 else start)
+            if len(self._held) < 2 or len(self._held) < (size := self._held[1] + 3):
+                break
+            values = _values(bytes(self._held[:size]))
+            if values is None:
+                self._skip(1)  # a header within something else: the next one may be true
+            else:
+                frames.append(values)
+                del self._held[:size]
+        return frames
+
+    def _skip(self, count: int) -> None:
+        self.skipped += count
+        del self._held[:count]
+
+
+def _values(frame: bytes) -> dict[int, int] | None:
+    """Return what a frame says; None if it is none."""
+    if sum(frame) & 0xFF:
+        return None
+    body, place, values = frame[2:-1], 0, {}
+    while place < len(body):
+        packet = body[place]
+        if packet not in FORMS or place + 1 + size_of(packet) > len(body):
+            return None
+        (values[packet],) = struct.unpack_from(f">{FORMS[packet]}", body, place + 1)
+        place += 1 + size_of(packet)
+    return values
