@@ -60,6 +60,11 @@ class EALActor(pykka.ThreadingActor):
         self._start_actor_loop()
         return self
 
+    def end_soon(self) -> None:
+        """End, after what is urgent and waits already. Thread: any; does not block."""
+        with contextlib.suppress(EALError):  # it has ended
+            self.actor_inbox.call_soon(self._stop)
+
     def _start_actor_loop(self) -> None:
         self.thread = threading.Thread(target=self._actor_loop, name=self.name, daemon=self.use_daemon_thread)
         self.clock.start(self.thread)

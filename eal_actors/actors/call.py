@@ -94,11 +94,25 @@ class Call(Future[T]):
         self.cell.give_up(self)
 
 
+class Mailbox(Protocol):
+    """Where calls are put; see Inbox."""
+
+    def put(self, envelope: Call[Any]) -> None:
+        """Add to the normal lane. Thread: any; never blocks."""
+        ...
+
+    def put_urgent(
+        self, envelope: Call[Any], *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
+    ) -> list[Envelope]:
+        """Add to the urgent lane; returns what it drops from the normal lane. Thread: any; never blocks."""
+        ...
+
+
 class CallTarget(Protocol):
     """Who serves a resource's calls: its actor."""
 
     @property
-    def actor_inbox(self) -> Inbox:
+    def actor_inbox(self) -> Mailbox:
         """Where calls are put."""
         ...
 

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
-from eal_actors.actors.future import Future
+from eal_actors.actors.future import Future, Later, Relay
 from eal_actors.clock import REAL_TIME, new_waiter
 from eal_actors.errors import CallError
 
@@ -29,7 +29,14 @@ class _Combined(Future[T]):
         self._parts = parts
         self._what = what
         keepers = {id(part.timekeeper) for part in pending}
-        self.link = Future.add_done_callback if endless or len(keepers) > 1 else Future._link
+        self._is_own_keeper = not endless and len(keepers) <= 1
+
+    def watch(self, relay: Relay) -> None:
+        """Link to each part; one alarm will do, the combined future's, where one clock and mailbox keep them all."""
+        for part in self._parts:
+            part.link(relay)
+            if not self._is_own_keeper:
+                part.arm()
 
     def describe(self) -> str:
         return f"{self._what} of {len(self._parts)} calls"
@@ -73,7 +80,7 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
     left = len(parts)
     lock = threading.Lock()
 
-    def count(_: Future[T]) -> None:
+    def count(_: Future[T], later: Later | None) -> None:
         nonlocal left
         with lock:
             left -= 1
@@ -82,14 +89,11 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
         errors = [part._error for part in parts]  # one family of classes
         failure = next((error for error in errors if error is not None), None)
         if failure is not None and not return_exceptions:
-            combined.set_exception(failure)
+            combined._finish(None, failure, later)
         else:
-            combined.set([error or part._value for part, error in zip(parts, errors, strict=True)])
+            combined._finish([error or part._value for part, error in zip(parts, errors, strict=True)], None, later)
 
-    for part in parts:
-        combined.link(
-            part, count
-        )  # one alarm for all of them, the combined future's, where one clock and mailbox keep it
+    combined.watch(count)
     return combined
 
 
@@ -108,20 +112,20 @@ def first(futures: Iterable[Future[T]]) -> Future[T]:
     left = len(parts)
     lock = threading.Lock()
 
-    def look(part: Future[T]) -> None:
+    def look(part: Future[T], later: Later | None) -> None:
         nonlocal left
         with lock:
             left -= 1
             last = left == 0
         error = part._error  # one family of classes
         if error is None:
-            if combined._finish(part._value, None):
-                combined._given_up()
+            if combined._finish(part._value, None, later):
+                give_up = combined._given_up
+                give_up() if later is None else later(give_up)
         elif last:
-            combined.set_exception(error)
+            combined._finish(None, error, later)
 
-    for part in parts:
-        combined.link(part, look)
+    combined.watch(look)
     return combined
 
 
@@ -135,12 +139,13 @@ def as_completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
     waiter = new_waiter()
     clock = parts[0].clock if parts else REAL_TIME
 
-    def note(part: Future[T]) -> None:
+    def note(part: Future[T], _: Later | None) -> None:
         ready.append(part)
         clock.wake(waiter)
 
     for part in parts:
-        part.add_done_callback(note)
+        part.link(note)
+        part.arm()
     for _ in parts:
         while not ready:
             clock.wait(waiter, None)

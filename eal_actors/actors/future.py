@@ -7,6 +7,7 @@ import concurrent.futures
 import sys
 import threading
 from collections.abc import Callable, Generator
+from functools import partial
 from types import TracebackType
 from typing import Any, Protocol, TypeAlias, TypeVar
 
@@ -19,6 +20,13 @@ from eal_actors.log import get_logger
 T = TypeVar("T")
 M = TypeVar("M")
 OptExcInfo: TypeAlias = tuple[type[BaseException] | None, BaseException | None, TracebackType | None]
+
+Later: TypeAlias = Callable[[Callable[[], None]], None]
+"""Has an action run soon, by a thread that may run anybody's code."""
+
+Relay: TypeAlias = "Callable[[Future[Any], Later | None], None]"
+"""Passes a future's outcome on. Thread: whichever finishes the future: it is quick, runs nobody else's code, and hands
+what does to the second argument, where there is one."""
 
 
 class Alarm(Protocol):
@@ -63,6 +71,7 @@ class Future(pykka.Future[T]):
         self._traceback: TracebackType | None = None
         self._waiters: list[threading.Lock] | None = None
         self._callbacks: list[Callable[[Future[T]], None]] | None = None
+        self._relays: list[Relay] | None = None
         self._alarm: Alarm | None = None
 
     _get_hook: Callable[[float | None], T] | None = None
@@ -96,32 +105,38 @@ class Future(pykka.Future[T]):
             raise TypeError("set_exception needs an exception where none is being handled")
         self._finish(None, error)
 
-    def finish_unless_watched(self, value: Any, error: BaseException | None) -> bool:
-        """Set an outcome from a thread that must run no callback; return whether that was possible.
+    def settle(self, value: Any, error: BaseException | None, later: Later) -> None:
+        """Set an outcome from a thread that must not be held up, such as one of a network engine.
 
-        Thread: any, such as one of a network engine; only those that wait in `get` are woken.
+        Whoever waits in `get` is woken and relays run at once; callbacks are handed to `later`. Thread: any.
         """
-        return self._finish(value, error, unless_watched=True) or self._done
+        self._finish(value, error, later)
 
-    def _finish(self, value: Any, error: BaseException | None, *, unless_watched: bool = False) -> bool:
+    def _finish(self, value: Any, error: BaseException | None, later: Later | None = None) -> bool:
         with self._lock:
-            if self._done or (unless_watched and self._callbacks):
+            if self._done:
                 return False
             self._value = value
             if error is not None:
                 self._error = error
                 self._traceback = error.__traceback__
             self._done = True
-            waiters, callbacks, alarm = self._waiters, self._callbacks, self._alarm
-            self._waiters = self._callbacks = self._alarm = None
+            waiters, callbacks, relays, alarm = self._waiters, self._callbacks, self._relays, self._alarm
+            self._waiters = self._callbacks = self._relays = self._alarm = None
         if waiters:
             for waiter in waiters:
                 self.clock.wake(waiter)
         if alarm is not None:
             alarm.cancel()
+        if relays:
+            for relay in relays:
+                relay(self, later)
         if callbacks:
             for callback in callbacks:
-                self._run(callback)
+                if later is None:
+                    self._run(callback)
+                else:
+                    later(partial(self._run, callback))
         return True
 
     def _run(self, callback: Callable[[Future[T]], None]) -> None:
@@ -214,22 +229,34 @@ class Future(pykka.Future[T]):
 
         Thread: the callback runs in the thread that finishes the future, so it must not block.
         """
-        if self._link(callback):
-            self._arm()
-
-    def _link(self, callback: Callable[[Future[T]], None]) -> bool:
-        """Add a callback without an alarm; returns whether the future is still pending."""
         with self._lock:
             if not self._done:
                 if self._callbacks is None:
                     self._callbacks = []
                 self._callbacks.append(callback)
-                return True
-        self._run(callback)
-        return False
+            is_pending = not self._done
+        if is_pending:
+            self.arm()
+        else:
+            self._run(callback)
 
-    def _arm(self) -> None:
-        if self._alarm is None and self.timekeeper is not None and self.deadline_s is not None:
+    def link(self, relay: Relay) -> None:
+        """Have the outcome passed on as soon as it is there, at once if it is; see Relay.
+
+        Unlike a callback, a relay sets no alarm: who links watches the deadline, or leaves that to who links to him.
+        Thread: any.
+        """
+        with self._lock:
+            if not self._done:
+                if self._relays is None:
+                    self._relays = []
+                self._relays.append(relay)
+                return
+        relay(self, None)
+
+    def arm(self) -> None:
+        """Have the timekeeper ring the deadline. Thread: any."""
+        if self._alarm is None and not self._done and self.timekeeper is not None and self.deadline_s is not None:
             alarm = self.timekeeper.call_at(self.deadline_s, self.expire)
             with self._lock:
                 if not self._done:
@@ -264,7 +291,7 @@ class Future(pykka.Future[T]):
         """
         mapped: _Mapped[M] = _Mapped(self)
 
-        def apply(_: Future[T]) -> None:
+        def apply() -> None:
             if self._error is not None:
                 mapped.set_exception(self._error)
                 return
@@ -273,7 +300,7 @@ class Future(pykka.Future[T]):
             except Exception as error:  # noqa: BLE001  # it is the outcome
                 mapped.set_exception(error)
 
-        self._link(apply)
+        self.link(lambda _, later: apply() if later is None else later(apply))
         return mapped
 
     def set_get_hook(self, func: Callable[[float | None], T]) -> None:

@@ -45,6 +45,7 @@ class Ping:
         round_trip_s: real seconds that this ping was under way; 0 for a robot of this process.
         offset_s: the robot's clock minus the controller's, both in real seconds; 0 for a robot of this process.
         offset_error_s: by how many seconds at most `offset_s` is wrong, either way.
+        not_ready: by the names of resources whose device cannot be used now, the reason.
     """
 
     state: RobotState
@@ -55,6 +56,7 @@ class Ping:
     round_trip_s: float = 0.0
     offset_s: float = 0.0
     offset_error_s: float = 0.0
+    not_ready: Mapping[str, str] = field(default_factory=dict)
 
 
 class RobotView:
@@ -69,6 +71,7 @@ class RobotView:
         cells: its resources' slots by name, in the order of its plugins.
         problems: what kept plugins out, or made the robot fail.
         restarts: how often each resource was restarted.
+        not_ready: why resources are not ready, by their names; written by the resources' actors too.
         latch: whether an emergency stop holds it.
         started: done when every resource is up, or the robot has failed.
         stopped: done when everything has ended.
@@ -81,9 +84,17 @@ class RobotView:
         self.cells: dict[str, ResourceCell] = {}
         self.problems: tuple[EALError, ...] = ()
         self.restarts: dict[str, int] = {}
+        self.not_ready: dict[str, str] = {}
         self.latch = StopLatch()
         self.started: Future[None] = Future(clock)
         self.stopped: Future[None] = Future(REAL_TIME)
+
+    def note_readiness(self, name: str, reason: str | None) -> None:
+        """Note why a resource is not ready; None if it is. Thread: any."""
+        if reason is None:
+            self.not_ready.pop(name, None)
+        else:
+            self.not_ready[name] = reason
 
 
 class RobotConnection(Protocol):

@@ -117,6 +117,7 @@ def _described(entry: _Findings) -> dict[str, Any]:
         "resources": last and last.resources,
         "stopped": last and last.stopped,
         "holders": {} if last is None else dict(last.holders),
+        "not_ready": {} if last is None else dict(last.not_ready),
     }
 
 
@@ -171,6 +172,8 @@ def _notes(entry: _Findings) -> Iterator[Text]:
             yield Text(f"emergency stop: {entry.last.stopped}", style="yellow")
         for problem in entry.problems:
             yield Text(problem, style="red")
+        for resource, reason in entry.last.not_ready.items():
+            yield Text(f"{resource} is not ready: {reason}", style="yellow")
         for resource, holder in entry.last.holders.items():
             yield Text(f"{resource} is held by controller {holder}")
 

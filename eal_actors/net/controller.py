@@ -7,22 +7,26 @@ import secrets
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Self
 
 from eal_actors.actors.actor import EALActor
-from eal_actors.clock import Clock
+from eal_actors.actors.inbox import Inbox
+from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.data import Payload
 from eal_actors.errors import EALError, ProtocolError, shown
 from eal_actors.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net import keys
 from eal_actors.net.client import RemoteRobot
+from eal_actors.net.sender import Sender, UrgentMessage
 from eal_actors.net.session import controller_config, open_session
-from eal_actors.net.turnstile import Turnstile
 from eal_actors.net.wire import Heartbeat, decode_event, encode_heartbeat
 
 if TYPE_CHECKING:
     import zenoh
+
+_PATIENCE_S: Final = 0.02
+"""Real seconds that an urgent message waits for another one's link, before its robot's own thread sends it."""
 
 _BEATS: Final = 4
 """Heartbeats in the time of the dead-man's switch."""
@@ -39,6 +43,7 @@ class Controller(EALActor):
     Attributes:
         fleet: the fleet's name.
         client: names this controller, anew in each process.
+        sender: sends the calls to all robots.
 
     Thread: an actor, which opens the session and sends the heartbeat. What zenoh's threads tell is passed on at once.
     """
@@ -55,9 +60,35 @@ class Controller(EALActor):
         self._session: zenoh.Session | None = None
         self._stack = ExitStack()
         self._sequence = 0
-        self._turnstile = Turnstile()
+        self.sender: Final = Sender(f"{config.name} sender")
+        self._urgent = Sender(f"{config.name} urgent sender")
+        self._aide = EALActor(f"{config.name} callbacks", clock)
 
     # Life.
+
+    def launch(self) -> Self:
+        """Start; see EALActor."""
+        self.sender.launch()
+        self._urgent.launch()
+        self._aide.launch()
+        return super().launch()
+
+    @property
+    def timekeeper(self) -> Inbox:
+        """Rings the deadlines of calls to all robots: one alarm does for what waits for many."""
+        return self._aide.actor_inbox
+
+    def urge(self, message: UrgentMessage) -> None:
+        """Have a message sent past everything that waits, even while a link is stalled. Thread: any; does not block."""
+        self._urgent.submit(message)
+        self.timekeeper.call_later(self.clock.of_real(_PATIENCE_S), message.insist)
+
+    def later(self, action: Callable[[], None]) -> None:
+        """Run what follows from an answer, such as callbacks, off zenoh's threads. Thread: any; does not block."""
+        try:
+            self._aide.actor_inbox.call_soon(action)
+        except EALError:  # everything is over, and nobody is held up any more
+            action()
 
     def on_start(self) -> None:
         """Open the session. Thread: the actor's own; may take seconds where a router does not answer."""
@@ -114,6 +145,9 @@ class Controller(EALActor):
     def on_stop(self) -> None:
         """Close the session. Thread: the actor's own; bounded in time."""
         self._session = None
+        self.sender.end_soon()
+        self._urgent.end_soon()
+        self._aide.end_soon()
         self._stack.close()
 
     def on_crash(self, error: BaseException) -> None:
@@ -123,11 +157,12 @@ class Controller(EALActor):
 
     def join(self, timeout_s: float) -> bool:
         """Wait (real time) for its end; return whether it came. Thread: blocks the caller."""
-        if self.thread is None:
-            return True
+        end_s = REAL_TIME.now() + timeout_s
+        threads = [actor.thread for actor in (self, self.sender, self._urgent, self._aide) if actor.thread is not None]
         with self.clock.outside():
-            self.thread.join(timeout_s)
-        return not self.thread.is_alive()
+            for thread in threads:
+                thread.join(max(0.0, end_s - REAL_TIME.now()))
+        return not any(thread.is_alive() for thread in threads)
 
     # Robots. Thread: any.
 
@@ -172,9 +207,26 @@ class Controller(EALActor):
 
         return end
 
+    def declare_key(self, key: str) -> str | zenoh.KeyExpr:
+        """Return a key that is used again and again as the engine finds its way fastest, even among a thousand robots.
+
+        Thread: any that may wait for a link.
+        """
+        session = self._session
+        if session is None:
+            return key
+        import zenoh
+
+        try:
+            declared: zenoh.KeyExpr = session.declare_keyexpr(key)
+            return declared
+        except zenoh.ZError as error:
+            get_logger(fleet=self.fleet).debug("a key could not be declared", key=key, reason=shown(error))
+            return key
+
     def get(
         self,
-        key: str,
+        key: str | zenoh.KeyExpr,
         on_reply: Callable[[zenoh.Reply], None],
         on_done: Callable[[], None],
         envelope: bytes,
@@ -182,33 +234,15 @@ class Controller(EALActor):
         timeout_s: float,
         *,
         is_urgent: bool = False,
+        is_last: bool = True,
     ) -> None:
         """Send a query; `on_done` comes last, whatever happens.
 
-        What is urgent is sent past everything that waits.
+        What is urgent is sent past everything that waits in the link. What is not the last may travel together with
+        what follows.
 
-        Thread: any; blocks only while a link is full, at most until the engine gives that link up.
+        Thread: any that may wait; blocks only while a link is full, at most until the engine gives that link up.
         """
-
-        def send() -> None:
-            self._send(key, on_reply, on_done, envelope, payload, timeout_s, is_urgent=is_urgent)
-
-        if is_urgent:
-            send()
-        else:
-            self._turnstile.leave(send)
-
-    def _send(
-        self,
-        key: str,
-        on_reply: Callable[[zenoh.Reply], None],
-        on_done: Callable[[], None],
-        envelope: bytes,
-        payload: Payload,
-        timeout_s: float,
-        *,
-        is_urgent: bool,
-    ) -> None:
         session = self._session
         if session is None:
             on_done()
@@ -223,12 +257,12 @@ class Controller(EALActor):
                 timeout=timeout_s,
                 priority=zenoh.Priority.REAL_TIME if is_urgent else zenoh.Priority.DATA,
                 congestion_control=zenoh.CongestionControl.BLOCK,
-                express=True,
+                express=is_last,
                 payload=bytes(payload) if len(payload) else None,
                 attachment=envelope,
             )
         except zenoh.ZError as error:
-            get_logger(fleet=self.fleet).debug("a query could not be sent", key=key, reason=shown(error))
+            get_logger(fleet=self.fleet).debug("a query could not be sent", key=str(key), reason=shown(error))
             on_done()
 
     # What comes from the network, in zenoh's threads.

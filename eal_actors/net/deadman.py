@@ -100,6 +100,8 @@ class DeadMan:
 
     def due(self, now_s: float) -> tuple[Silence, ...]:
         """Return what is to be halted now, sorted by resource, and forget it: each silence is told once."""
+        if not any(now_s >= self._end_s(last) for last in self._watched.values()):  # as it mostly is
+            return ()
         silences = sorted(
             (last for last in self._watched.values() if now_s >= self._end_s(last)), key=lambda last: last.resource
         )

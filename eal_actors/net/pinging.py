@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 from collections.abc import Mapping
 from typing import Any, Final
 
-from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.errors import EALError, ProtocolError
 from eal_actors.net.offset import Offset, OffsetEstimator
@@ -22,37 +22,35 @@ class Pinger:
     Attributes:
         latest: the run of the robot's server and the offset, as the last answer told; None before. Read by any thread.
 
-    Thread: one at a time.
+    Thread: any.
     """
 
     def __init__(self) -> None:
         self.latest: tuple[str, Offset] | None = None
+        self._lock = threading.Lock()
         self._offsets = OffsetEstimator()
         self._era = ""
 
-    def take(
-        self, future: Future[Ping], answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float
-    ) -> None:
-        """Finish a ping.
+    def take(self, answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> Ping:
+        """Return what the answer to a ping tells.
 
         Args:
-            future: who waits for it.
             answer: what the robot answered.
             time: the robot's clock, as it came along.
             sent_s: our clock (REAL_TIME), read before the ping left.
             answered_s: our clock, read when the answer came.
+
+        Raises:
+            EALError: the robot answered with it; or the answer makes no sense.
         """
-        try:
-            if isinstance(answer, EALError):
-                raise answer
-            if not isinstance(answer, dict) or time is None:
-                raise ProtocolError(f"a ping was answered by {answer!r}")
-            received_s, replied_s = _time(answer, "received_s"), _time(answer, "replied_s")
-            self._learn(time.era, sent_s, received_s, replied_s, answered_s)
-            round_trip_s = max(0.0, answered_s - sent_s - (replied_s - received_s))
-            future.set(_ping_from(answer, round_trip_s, self._offsets.estimate(answered_s)))
-        except EALError as error:
-            future.set_exception(error)
+        if isinstance(answer, EALError):
+            raise answer
+        if not isinstance(answer, dict) or time is None:
+            raise ProtocolError(f"a ping was answered by {answer!r}")
+        received_s, replied_s = _time(answer, "received_s"), _time(answer, "replied_s")
+        self._learn(time.era, sent_s, received_s, replied_s, answered_s)
+        round_trip_s = max(0.0, answered_s - sent_s - (replied_s - received_s))
+        return _ping_from(answer, round_trip_s, self.offset(answered_s))
 
     def note(self, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
         """Learn the offset from any answer: roughly, as it does not tell how long the robot took."""
@@ -70,14 +68,16 @@ class Pinger:
         Raises:
             UnavailableError: nothing was answered yet.
         """
-        return self._offsets.estimate(at_s)
+        with self._lock:
+            return self._offsets.estimate(at_s)
 
     def _learn(self, era: str, sent_s: float, received_s: float, replied_s: float, answered_s: float) -> None:
-        if era != self._era:  # the robot was restarted, and has another clock
-            self._era = era
-            self._offsets.forget()
-        self._offsets.add(sent_s, received_s, replied_s, answered_s)
-        self.latest = era, self._offsets.estimate(answered_s)
+        with self._lock:
+            if era != self._era:  # the robot was restarted, and has another clock
+                self._era = era
+                self._offsets.forget()
+            self._offsets.add(sent_s, received_s, replied_s, answered_s)
+            self.latest = era, self._offsets.estimate(answered_s)
 
 
 def _ping_from(answer: Mapping[str, Any], round_trip_s: float, offset: Offset) -> Ping:
@@ -88,13 +88,19 @@ def _ping_from(answer: Mapping[str, Any], round_trip_s: float, offset: Offset) -
             release=str(answer["release"]),
             resources=int(answer["resources"]),
             stopped=None if stopped is None else str(stopped),
-            holders={str(resource): str(holder) for resource, holder in answer["holders"].items()},
+            holders=texts(answer["holders"]),
             round_trip_s=round_trip_s,
             offset_s=offset.offset_s,
             offset_error_s=offset.error_s,
+            not_ready=texts(answer.get("not_ready", {})),  # older robots do not tell
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ProtocolError(f"a ping was answered in a way that makes no sense: {error!r}") from error
+
+
+def texts(mapping: Mapping[Any, Any]) -> dict[str, str]:
+    """Return what came over the wire as texts by the names of resources."""
+    return {str(resource): str(text) for resource, text in mapping.items()}
 
 
 def _time(answer: Mapping[str, Any], key: str) -> float:

@@ -51,9 +51,10 @@ class StreamPublisher(EALActor):
         self._session = session
         self._era = era
         self._publications: dict[str, _Publication] = {}
+        self._starting = threading.Lock()
         self._log = get_logger(robot=robot.name)
 
-    # What the server passes on, one at a time.
+    # What the server passes on. Thread: any.
 
     def serve(self, handle: ResourceHandle, header: CallHeader) -> None:
         """Take in a query for a stream.
@@ -71,8 +72,9 @@ class StreamPublisher(EALActor):
             require_codec(spec.encoding)
             if len(self._publications) >= _MAX_STREAMS and key not in self._publications:
                 raise BusyError(f"the robot publishes {_MAX_STREAMS} streams already")
-        if self.thread is None:
-            self.launch()
+        with self._starting:
+            if self.thread is None:
+                self.launch()
         self._soon(lambda: self._renew(key, handle, spec, header.client, lease_s))
 
     def leave(self, client: str) -> None:

@@ -34,7 +34,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from dataclasses import dataclass, field
-from typing import Final, Generic, TypeVar
+from typing import Final, Generic, NamedTuple, TypeVar
 
 from eal_actors.errors import StaleCommandError, UnavailableError
 from eal_actors.net.offset import MAX_DRIFT
@@ -49,8 +49,7 @@ _RENEWAL_S: Final = 10.0
 """An echo this old makes way for any newer one, lest one from before a jump of a clock be kept for ever."""
 
 
-@dataclass(frozen=True, slots=True)
-class Stamp:
+class Stamp(NamedTuple):
     """What a command carries to prove that it is fresh.
 
     Attributes:

@@ -10,14 +10,22 @@ Thread: any; nothing here keeps state.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple, TypeAlias, final
+from typing import Any, Final
 
 from eal_actors.data import EALData, Payload
 from eal_actors.data.forms import shown
 from eal_actors.data.storage import as_bytes
 from eal_actors.errors import DataError, EALError, ProtocolError
+from eal_actors.net.messages import (
+    ACCEPTED,
+    Accepted,
+    Answer,
+    CallHeader,
+    CallId,
+    Event,
+    Heartbeat,
+    RobotTime,
+)
 from eal_actors.net.packing import (
     PROTOCOL_VERSION,
     Buffer,
@@ -60,113 +68,18 @@ _STATUS, _DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
 _NO_PAYLOAD: Final = b""
 
 
-class CallId(NamedTuple):
-    """Which call: unique over all controllers and their restarts.
-
-    Attributes:
-        client: 16 hexadecimal digits, new in each process of a controller.
-        epoch: how often that client has connected to the robot.
-        sequence: number of the call within the epoch.
-    """
-
-    client: str
-    epoch: int
-    sequence: int
-
-
-class CallHeader(NamedTuple):
-    """What a call carries beside its key and its value.
-
-    Attributes:
-        client: see CallId.
-        epoch: see CallId.
-        sequence: see CallId.
-        ttl_s: seconds after its receipt within which the robot may begin with it.
-        deadline_s: seconds left until the caller's deadline when it was sent; below 0 once it has passed.
-        start_s: robot's clock at which to begin, as in its answers, in seconds; None for at once.
-        arguments: the method's arguments that are text or int, in their order, of at most 64 bits.
-        era: of a command: the run of the robot's server that the echo is from; see receipts.
-        echo_s: of a command: the robot's clock as an answer brought it, in seconds.
-        held_s: of a command: seconds from that answer to the sending.
-    """
-
-    client: str
-    epoch: int
-    sequence: int
-    ttl_s: float
-    deadline_s: float
-    start_s: float | None = None
-    arguments: tuple[str | int, ...] = ()
-    era: str = ""
-    echo_s: float = 0.0
-    held_s: float = 0.0
-
-    @property
-    def call_id(self) -> CallId:
-        """Which call it is."""
-        return CallId(self.client, self.epoch, self.sequence)
-
-
-@final
-class Accepted:
-    """The answer to a long command: it has begun, its outcome comes as an event."""
-
-    def __repr__(self) -> str:
-        return "ACCEPTED"
-
-
-ACCEPTED: Final = Accepted()
-
-Answer: TypeAlias = int | EALData | EALError | dict[str, Any] | Accepted
-"""A status; a value; an error; fields by name (of `hello`, `ping` and `info`); or ACCEPTED."""
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """What a robot tells all its controllers.
-
-    Attributes:
-        kind: such as `result`; readers pass over kinds that they do not know.
-        stamp_s: when it happened, in seconds of the robot's fleet time.
-        call: the call it is about, or None.
-        answer: the outcome of that call, or None.
-        fields: more, by name; plain values.
-    """
-
-    kind: str
-    stamp_s: float
-    call: CallId | None = None
-    answer: Answer | None = None
-    fields: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class Heartbeat:
-    """The sign of life of a controller.
-
-    Attributes:
-        client: see CallId.
-        epoch: see CallId.
-        sequence: number of the heartbeat within the epoch.
-        name: who it is, for people, such as `anna@lab-pc`.
-    """
-
-    client: str
-    epoch: int
-    sequence: int
-    name: str = ""
-
-
 def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes, Payload]:
     """Return a call's envelope and payload.
 
     Raises:
         DataError: the payload is over MAX_PAYLOAD_BYTES, or something in the header cannot be sent.
     """
-    client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, *echo = header
+    client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, *echo, has_more = header
     about = None if data is None else data_header(data)
     row = [PROTOCOL_VERSION, _packed_client(client), epoch, sequence, ttl_s, deadline_s, start_s, arguments, about]
-    if any(echo):
+    if has_more:
+        row += (*echo, True)
+    elif any(echo):
         row += echo
     return pack(row, "call"), _NO_PAYLOAD if data is None else _payload_of(data)
 
@@ -177,8 +90,8 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
     Raises:
         ProtocolError: it is none, or of another version.
     """
-    row = unpack_row(envelope, "call", 9, 3)
-    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, era, echo_s, held_s = row
+    row = unpack_row(envelope, "call", 9, 4)
+    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, era, echo_s, held_s, has_more = row
     if type(arguments) is not list or any(type(item) not in (str, int) for item in arguments):
         raise ProtocolError(f"call: arguments {shown(arguments)} are not a list of texts and ints")
     header = CallHeader(
@@ -190,23 +103,10 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
         None if start_s is None else _checked_time(start_s, "call: start_s"),
         tuple(arguments),
         *(("", 0.0, 0.0) if era is None else _echo_from(era, echo_s, held_s)),
+        has_more is not None and _checked_flag(has_more, "call: has_more"),
     )
     data = _data_of(about, payload, "call")
     return header, data
-
-
-class RobotTime(NamedTuple):
-    """A reading of a robot's clock.
-
-    Attributes:
-        era: the run of the robot's server.
-        time_s: its clock, in seconds.
-        began_s: when it began with the command that is answered, by the same clock, where that had a time to begin.
-    """
-
-    era: str
-    time_s: float
-    began_s: float | None = None
 
 
 def encode_answer(answer: Answer, time: RobotTime | None = None) -> tuple[bytes, Payload]:
@@ -415,6 +315,12 @@ def _checked_time(seconds: object, what: str) -> float:
     if not math.isfinite(time_s):
         raise ProtocolError(f"{what} {time_s} is no time")
     return time_s
+
+
+def _checked_flag(flag: object, what: str) -> bool:
+    if type(flag) is not bool:
+        raise ProtocolError(f"{what} {shown(flag)} is no bool")
+    return flag
 
 
 def _checked_text(text: object, what: str) -> str:

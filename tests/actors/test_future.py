@@ -3,6 +3,7 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import threading
+from collections.abc import Callable
 
 import pykka
 import pytest
@@ -226,3 +227,44 @@ def test_pykkas_own_combinators_still_work() -> None:
 
 def test_cancelled_error_is_the_standard_one() -> None:
     assert issubclass(CallCancelledError, concurrent.futures.CancelledError)
+
+
+# From threads that must not be held up.
+
+
+def test_settling_wakes_and_relays_at_once_and_leaves_callbacks_for_later() -> None:
+    parts: list[Future[int]] = [Future() for _ in range(2)]
+    together = gather(parts)
+    doubled = together.map(lambda values: 2 * sum(values))
+    called: list[object] = []
+    together.add_done_callback(called.append)
+    left: list[Callable[[], None]] = []
+    for number, part in enumerate(parts):
+        part.settle(number, None, left.append)
+    assert together.get() == [0, 1]
+    assert (called, doubled.done()) == ([], False)
+    for action in left:
+        action()
+    assert (called, doubled.get()) == ([together], 2)
+
+
+def test_the_first_success_gives_up_the_others_later() -> None:
+    parts: list[Future[int]] = [Future() for _ in range(2)]
+    quickest = first(parts)
+    left: list[Callable[[], None]] = []
+    parts[1].settle(7, None, left.append)
+    assert quickest.get() == 7
+    assert not parts[0].done()
+    for action in left:
+        action()
+    assert parts[0].cancelled()
+
+
+def test_an_outcome_is_settled_once() -> None:
+    future: Future[int] = Future()
+    seen: list[int] = []
+    future.link(lambda done, _: seen.append(done.get()))
+    future.settle(1, None, lambda action: action())
+    future.settle(2, None, lambda action: action())
+    future.link(lambda done, _: seen.append(done.get()))
+    assert seen == [1, 1]

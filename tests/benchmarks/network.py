@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
 import statistics
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +19,21 @@ from eal_actors import Fleet, gather
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.clock import REAL_TIME
 from tests.benchmarks.crowd import resident_bytes
-from tests.benchmarks.network_host import ENVELOPE, fleet_of
+from tests.benchmarks.network_host import ENVELOPE, VIEW, fleet_of
 from tests.benchmarks.result import Result
 from tests.net.links import free_port
 
 ROOT = Path(__file__).parents[2]
+STREAM_HZ = 5.0
+
+
+def cpus() -> list[int]:
+    """Return the CPU of the controller and that of the robots; nothing where there is one alone."""
+    return sorted(os.sched_getaffinity(0))[:2] if len(os.sched_getaffinity(0)) > 1 else []
+
+
+CPUS = cpus()
+PLACES = f", CPU {CPUS[0]} to CPU {CPUS[1]}" if CPUS else ""
 
 
 @contextmanager
@@ -33,10 +45,11 @@ def hosted(robots: int) -> Iterator[tuple[Fleet, Any, subprocess.Popen[str]]]:
 
     port = free_port()
     host = subprocess.Popen(
-        [sys.executable, "-m", "tests.benchmarks.network_host", str(robots), str(port)],
+        [sys.executable, "-m", "tests.benchmarks.network_host", str(robots), str(port), *map(str, CPUS[1:])],
         cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,  # hundreds of stops, each in the log
         text=True,
     )
     assert host.stdout is not None
@@ -109,7 +122,7 @@ def one_robot() -> list[Result]:
         frame_s, bare_frame_s, frame_ratio = in_turns(
             150, lambda: timed(lambda: eye.get_value().get()), lambda: bare_round(session, ["bare/0/frame"])
         )
-    what = "remote get_value, p50"
+    what = f"remote get_value, p50{PLACES}"
     rates = f"{1 / frame_s:.0f} frames/s", f"bare zenoh: {1 / bare_frame_s:.0f} frames/s"
     return [
         Result(what, f"{get_s * 1e6:.0f} µs", f"bare zenoh get: {bare_s * 1e6:.0f} µs", ratio, 1.6),
@@ -118,7 +131,7 @@ def one_robot() -> list[Result]:
 
 
 def hundred_robots() -> list[Result]:
-    """One command to all, and a stop."""
+    """One command to all, and a stop while each streams frames; what a dead and what a frozen process cost."""
     with hosted(100) as (fleet, session, host):
         lamps = [robot["Lamp"] for robot in fleet.values()]
         keys = [f"bare/{number}/command" for number in range(100)]
@@ -127,23 +140,51 @@ def hundred_robots() -> list[Result]:
             lambda: timed(lambda: gather([lamp.send_cmd("on") for lamp in lamps]).get()),
             lambda: bare_round(session, keys),
         )
-        flashing = [lamp.send_cmd("flash") for lamp in lamps]
-        stop_s = timed(lambda: fleet.stop("bench").get())
-        for future in flashing:
-            future.exception()
-        fleet.resume().get()
+        stop_s, frames_hz = _stop_while_streaming(fleet)
+        host.send_signal(signal.SIGSTOP)
+        frozen_s = timed(lambda: _wait_for(fleet, RobotState.LOST))
+        host.send_signal(signal.SIGCONT)
+        _wait_for(fleet, RobotState.READY)
         host.kill()
-        lost_s = timed(lambda: _wait_lost(fleet))
+        lost_s = timed(lambda: _wait_for(fleet, RobotState.LOST))
+        lease_s = fleet.config.network.lease_s
+    frames = f"beside {frames_hz:.0f} frames/s of {VIEW.nbytes:,} bytes"
     commands = f"{ours_s * 1e3:.1f} ms", f"bare zenoh: {bare_s * 1e3:.1f} ms"
     return [
         Result("one command to 100 robots and all answers", *commands, ratio, 1.6),
-        Result("stop confirmed by 100 robots", f"{stop_s * 1e3:.0f} ms", "", stop_s * 1e3, 50, "ms"),
+        Result("stop confirmed by 100 robots", f"{stop_s * 1e3:.0f} ms", frames, stop_s * 1e3, 50, "ms"),
         Result("kill of the robots' process seen as lost", f"{lost_s:.2f} s", "", lost_s, 0.5, "s"),
+        Result(
+            "freeze of that process seen as lost",
+            f"{frozen_s:.2f} s",
+            f"lease: {lease_s:g} s",
+            frozen_s,
+            lease_s + 0.5,
+            "s",
+        ),
     ]
 
 
-def _wait_lost(fleet: Fleet) -> None:
-    while any(robot.state is RobotState.READY for robot in fleet.values()):
+def _stop_while_streaming(fleet: Fleet) -> tuple[float, float]:
+    """Return how long a stop of all robots takes, each moving and streaming, and how many frames come in a second."""
+    with ExitStack() as stack:
+        streams = [stack.enter_context(robot["Eye"].stream(STREAM_HZ)) for robot in fleet.values()]
+        start = time.perf_counter()
+        times = []
+        for _ in range(5):
+            flashing = [robot["Lamp"].send_cmd("flash") for robot in fleet.values()]
+            for stream in streams * 3:  # each frame is another one
+                next(stream)
+            times.append(timed(lambda: fleet.stop("bench").get()))
+            if any(future.exception() is None for future in flashing):
+                raise AssertionError("a robot went on flashing")
+            fleet.resume().get()
+        frames = 15 * len(streams) + sum(stream.skipped for stream in streams)
+        return statistics.median(times), frames / (time.perf_counter() - start)
+
+
+def _wait_for(fleet: Fleet, state: RobotState) -> None:
+    while any(robot.state is not state for robot in fleet.values()):
         REAL_TIME.sleep(0.002)
 
 
@@ -177,5 +218,6 @@ def _reconnect(fleet: Fleet) -> float:
 
 
 def run() -> list[Result]:
-    """Measure on all cores, pinned to none: robots and controller are processes of their own."""
+    """Measure with the controller on one CPU and the robots' process on another."""
+    os.sched_setaffinity(0, CPUS[:1] or os.sched_getaffinity(0))
     return [*one_robot(), *hundred_robots(), *thousand_robots()]

@@ -1,10 +1,11 @@
 """A process that serves many robots behind one endpoint, beside bare zenoh queryables that answer the same.
 
-Run as `python -m tests.benchmarks.network_host ROBOTS PORT`; it says `up`, and ends with its standard input.
+Run as `python -m tests.benchmarks.network_host ROBOTS PORT [CPU]`; it says `up`, and ends with its standard input.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -18,13 +19,14 @@ from eal_actors.data import EALData
 from eal_actors.info import ResourceType
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.net.host import Host
 from eal_actors.net.server import RobotServer
 from eal_actors.net.session import open_session, robot_config
-from eal_actors.net.turnstile import Turnstile
 from eal_actors.resource import Activity, Resource, command
 from tests.robots import running_robot
 
 FRAME: Final = np.zeros((480, 640, 3), dtype=np.uint8)
+VIEW: Final = np.zeros((120, 160, 3), dtype=np.uint8)
 VALUE: Final = bytes(24)
 ENVELOPE: Final = bytes(40)
 
@@ -53,9 +55,16 @@ class Eye(Resource):
     """A camera that always sees the same."""
 
     types = ResourceType.SENSOR
+    sees = FRAME
 
     def get_value(self) -> EALData:
-        return EALData.of(FRAME)
+        return EALData.of(self.sees)
+
+
+class SmallEye(Eye):
+    """One with fewer pixels."""
+
+    sees = VIEW
 
 
 def fleet_of(robots: int, port: int) -> FleetConfig:
@@ -73,14 +82,19 @@ def main() -> None:
     import zenoh
 
     robots, port = int(sys.argv[1]), int(sys.argv[2])
+    if len(sys.argv) > 3:
+        os.sched_setaffinity(0, {int(sys.argv[3])})
     config = fleet_of(robots, port)
     with ExitStack() as stack:
         session = stack.enter_context(open_session(robot_config(config, "bot1")))
-        turnstile = Turnstile()
+        host = Host(config.name, session, config.network.dead_man_s).launch()
+        stack.callback(host.close, 5.0)
         for name in config.robots:
-            made: dict[str, Callable[[], Resource]] = {"Lamp": Lamp, "Eye": Eye} if robots == 1 else {"Lamp": Lamp}
+            made: dict[str, Callable[[], Resource]] = {"Lamp": Lamp}
+            if robots <= 100:
+                made["Eye"] = Eye if robots == 1 else SmallEye
             robot = stack.enter_context(running_robot(made, name=name, clock=SystemClock()))
-            server = RobotServer(config.name, robot, session, config.network, turnstile).launch()
+            server = RobotServer(config.name, robot, session, config.network, host).launch()
             stack.callback(server.close, 5.0)
 
         def answer(query: zenoh.Query) -> None:
@@ -88,7 +102,7 @@ def main() -> None:
             with query:
                 query.reply(key, FRAME.tobytes() if key.endswith("frame") else VALUE, attachment=ENVELOPE, express=True)
 
-        for number in range(robots):
+        for number in range(robots if robots <= 100 else 0):
             session.declare_queryable(f"bare/{number}/**", zenoh.handlers.Callback(answer, indirect=False))
         sys.stdout.write("up\n")
         sys.stdout.flush()

@@ -10,15 +10,19 @@ import numpy as np
 import pytest
 
 from eal_actors import Fleet
+from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.errors import (
+    BusyError,
+    DeadlineError,
     PreemptedError,
     ResourceBusyError,
     StoppedError,
 )
 from eal_actors.net import keys
+from eal_actors.net.lane import MOST_UNDER_WAY
 from tests.net.links import eventually
-from tests.net.rig import WAIT_S, Rig, failure, ready
+from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, failure, ready
 
 
 @pytest.fixture
@@ -68,16 +72,51 @@ def test_a_stop_of_another_controller_is_a_stop(rig: Rig) -> None:
         assert eventually(lambda: fleet["r1"]["Arm"].send_cmd("step2").exception(timeout=WAIT_S) is None)
 
 
+def hold_up(remote: RobotHandle, gate: threading.Event) -> None:
+    """Keep the thread that sends calls from doing so until the gate opens, as a stalled link would."""
+    sender = remote._actor._controller.sender  # type: ignore[attr-defined]
+    sender.actor_inbox.call_soon(lambda: gate.wait(WAIT_S) and None)
+
+
 def test_a_halt_drops_what_waits_for_its_own_resource_alone(rig: Rig, remote: RobotHandle) -> None:
     gate = threading.Event()
-    remote._actor.soon(lambda: gate.wait(WAIT_S) and None)  # type: ignore[attr-defined]  # the connection is held up
+    hold_up(remote, gate)
     dropped, kept = remote["Arm"].send_cmd("step1"), remote["Eye"].set_value(np.zeros(3, np.uint8))
-    halt = remote["Arm"].halt()
+    assert remote["Arm"].halt().get() == 1  # past everything
     gate.set()
-    assert halt.get() == 1
     failure(dropped, PreemptedError)
     assert kept.get() == 3
     assert not rig.notes("step")
+
+
+def test_what_waits_to_be_sent_does_not_get_stale(rig: Rig, remote: RobotHandle) -> None:
+    gate = threading.Event()
+    hold_up(remote, gate)
+    step = remote["Arm"].send_cmd("step1")
+    failure(remote["Gauge"].get_value(timeout_s=LONGER_THAN_TTL_S), DeadlineError)
+    gate.set()
+    assert step.get() == 1  # older than its time to live, which counts from its sending
+
+
+def test_no_more_than_so_many_calls_to_a_robot_are_under_way(rig: Rig, remote: RobotHandle) -> None:
+    gate = threading.Event()
+    hold_up(remote, gate)
+    calls = [remote["Gauge"].get_value() for _ in range(MOST_UNDER_WAY + 1)]
+    assert f"{MOST_UNDER_WAY} calls to the robot are under way" in str(failure(calls.pop(), BusyError))
+    gate.set()
+    gather(calls).get()
+
+
+def test_a_stop_is_not_held_up_by_other_robots_links(rig: Rig, remote: RobotHandle) -> None:
+    gate = threading.Event()
+    controller = remote._actor._controller  # type: ignore[attr-defined]
+    for sender in (controller.sender, controller._urgent):
+        sender.actor_inbox.call_soon(lambda: gate.wait(WAIT_S) and None)
+    remote.stop("a stalled link elsewhere").get()
+    assert remote["Arm"].halt().get() == 1
+    gate.set()
+    remote.resume().get()
+    assert remote["Arm"].send_cmd("step1").get() == 1
 
 
 # Several controllers.

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -213,7 +212,7 @@ def test_the_last_instant_of_the_time_to_live_belongs_to_it() -> None:
 def test_what_is_not_proven_fresh_is_refused(change: dict[str, float], why: str) -> None:
     receipts: Receipts[int] = Receipts("run")
     with pytest.raises(StaleCommandError, match=why):
-        receipts.accept(dataclasses.replace(stamp(), **change), "Wheels", 100.0)  # type: ignore[arg-type]
+        receipts.accept(stamp()._replace(**change), "Wheels", 100.0)  # type: ignore[arg-type]
 
 
 def test_each_refusal_says_why() -> None:

@@ -47,6 +47,14 @@ def raw(hexadecimal: str, **texts: str) -> bytes:
             "000000000000f83f",
             id="set_value 1.5 m at 12 s",
         ),
+        pytest.param(
+            CallHeader("ffffffffffffffff", 0, 1, 1.0, 2.0, None, (), "ab", 0.5, 0.25, has_more=True),
+            None,
+            "9d 01 c408ffffffffffffffff 00 01 cb3ff0000000000000 cb4000000000000000 c0 90 c0"
+            "a26162 cb3fe0000000000000 cb3fd0000000000000 c3",
+            "",
+            id="with an echo, and more to come",
+        ),
     ],
 )
 def test_a_call_as_bytes(header: CallHeader, data: EALData | None, envelope: str, payload: str) -> None:

@@ -43,7 +43,7 @@ def test_what_later_versions_add_is_passed_over() -> None:
     envelope, payload = wire.encode_call(CALL, data)
     row = msgpack.unpackb(envelope)
     row[8].append({"new": 1})
-    assert wire.decode_call(msgpack.packb([*row, "new", 2]), payload) == (CALL, data)
+    assert wire.decode_call(msgpack.packb([*row, False, "new", 2]), payload) == (CALL, data)
     assert wire.decode_reply(msgpack.packb([1, 0, 5, "8f3a", 2.5, None, "new"])) == (5, wire.RobotTime("8f3a", 2.5))
     beat, event = Heartbeat(CLIENT, 1, 2), Event("lost", 1.0)
     fields = msgpack.unpackb(wire.encode_heartbeat(beat)) | {"new": [1]}
@@ -172,8 +172,8 @@ def changed(**fields: object) -> bytes:
 
 
 def followed_by(hexadecimal: str) -> bytes:
-    """Return a call with a thirteenth field."""
-    return b"\x9d" + changed()[1:] + bytes.fromhex(hexadecimal)
+    """Return a call with a fourteenth field."""
+    return b"\x9e" + changed(has_more=True)[1:] + bytes.fromhex(hexadecimal)
 
 
 @pytest.mark.parametrize(
@@ -181,6 +181,7 @@ def followed_by(hexadecimal: str) -> bytes:
     [
         pytest.param(changed(client=b"1234567"), "client b'1234567' is not 8 bytes", id="client too short"),
         pytest.param(changed(client=CLIENT), "is not 8 bytes", id="client as text"),
+        pytest.param(changed(has_more=1), "has_more 1 is no bool", id="more, as a number"),
         pytest.param(changed(epoch=-1), "epoch -1 is not an int from 0", id="epoch below 0"),
         pytest.param(changed(sequence=True), "sequence True is not an int", id="sequence a bool"),
         pytest.param(changed(ttl_s=float("nan")), "ttl_s nan is no number of seconds", id="ttl not a number"),

@@ -1,0 +1,114 @@
+"""Admission: which commands may begin: fresh ones, once, of whoever holds the resource and answers for it then.
+
+It keeps a robot's receipts, leases and dead-man's switch together, for whichever thread brings a message.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from typing import Final
+
+from eal_actors.actors.call import MOTION_METHODS
+from eal_actors.clock import REAL_TIME
+from eal_actors.errors import EALError, StaleCommandError
+from eal_actors.net.deadman import DeadMan, Silence
+from eal_actors.net.leases import Leases
+from eal_actors.net.receipts import Receipt, Receipts, Stamp
+from eal_actors.net.wire import Answer, CallHeader, CallId
+
+_CLAIMING: Final = MOTION_METHODS | {"set_config"}
+"""What takes an actuator for one controller."""
+
+
+class Admission:
+    """Lets the commands to one robot pass, or not.
+
+    Args:
+        era: the run of the robot's server.
+        actuators: names of the resources that one controller at a time may command.
+        dead_man_s: how long a controller may be silent.
+
+    Thread: any.
+    """
+
+    def __init__(self, era: str, actuators: list[str], dead_man_s: float) -> None:
+        self._guard = threading.Lock()
+        self._receipts: Receipts[Answer] = Receipts(era)
+        self._leases = Leases(actuators, dead_man_s)
+        self._dead_man = DeadMan(dead_man_s)
+
+    def check(self, header: CallHeader, method: str, resource: str) -> float:
+        """Let a command pass; it must be finished later. Ask `silences` first.
+
+        Returns:
+            Real seconds within which it must begin.
+
+        Raises:
+            StaleCommandError: it is too old, or came before.
+            ResourceBusyError: another controller holds the resource.
+        """
+        stamp = _stamp_of(header)
+        with self._guard:
+            now_s = REAL_TIME.now()
+            self._receipts.accept(stamp, resource, now_s)
+            try:
+                if method in _CLAIMING:
+                    self._leases.claim(header.client, resource, now_s)
+            except EALError as error:
+                self._receipts.finish(stamp.call, error)
+                raise
+            if method in MOTION_METHODS:
+                self._dead_man.commanded(header.client, resource, now_s)
+        return stamp.begin_by_s - now_s
+
+    def note_stop(self, header: CallHeader, resource: str) -> None:
+        """Refuse from now on the commands that a stop has overtaken on its way; it is itself obeyed however old."""
+        stamp = _stamp_of(header)
+        with self._guard:
+            with contextlib.suppress(StaleCommandError):  # then whatever it has overtaken is stale too
+                self._receipts.accept(stamp, resource, REAL_TIME.now())
+                self._receipts.finish(stamp.call, 1)
+            self._dead_man.halted(resource)
+
+    def finish(self, call: CallId, outcome: Answer) -> None:
+        """Remember how a command that has passed ended."""
+        with self._guard:
+            self._receipts.finish(call, outcome)
+
+    def recall(self, call: CallId) -> Receipt[Answer] | None:
+        """Return what is remembered of a command; see Receipts."""
+        with self._guard:
+            return self._receipts.recall(call)
+
+    def enter(self, client: str, epoch: int) -> None:
+        """Take note that a controller has connected anew."""
+        with self._guard:
+            self._receipts.enter(client, epoch, REAL_TIME.now())
+
+    def hear(self, client: str) -> None:
+        """Take in a controller's sign of life."""
+        with self._guard:
+            now_s = REAL_TIME.now()
+            self._dead_man.heard(client, now_s)
+            self._leases.renew(client, now_s)
+
+    def leave(self, client: str) -> tuple[str, ...]:
+        """Let a controller go: what it held is free. Returns the resources that are to be halted."""
+        with self._guard:
+            self._leases.leave(client)
+            return self._dead_man.leave(client)
+
+    def silences(self) -> tuple[Silence, ...]:
+        """Return what is to be halted now, because its controller is silent; each is told once."""
+        with self._guard:
+            return self._dead_man.due(REAL_TIME.now())
+
+    def holders(self) -> dict[str, str]:
+        """Return who holds which resource."""
+        with self._guard:
+            return self._leases.holders(REAL_TIME.now())
+
+
+def _stamp_of(header: CallHeader) -> Stamp:
+    return Stamp(header.call_id, header.ttl_s, header.era, header.echo_s, header.held_s)

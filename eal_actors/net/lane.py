@@ -1,0 +1,340 @@
+"""Lane: the calls to one robot on the network, from their callers to its answers.
+
+Calls wait here in the order of their making until the fleet's sender gives the lane its turn, and are stamped as they
+leave, so that waiting does not make them stale. What stops something goes past everything that waits, and no other
+robot's stalled link can hold it up: then the thread of the robot's own connection sends it. Answers are concluded in
+zenoh's threads, which wake those that wait for them and leave callbacks to the controller.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final, NoReturn
+
+from eal_actors.actors.call import Call
+from eal_actors.actors.inbox import Envelope
+from eal_actors.actors.robot_view import RobotState
+from eal_actors.clock import REAL_TIME
+from eal_actors.data import EALData
+from eal_actors.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
+from eal_actors.net import keys
+from eal_actors.net.calling import READS, split_arguments
+from eal_actors.net.exchange import read_reply
+from eal_actors.net.receipts import Stamper
+from eal_actors.net.sender import UrgentMessage
+from eal_actors.net.timing import fleet_time_of, real_time_of
+from eal_actors.net.wire import ACCEPTED, Answer, CallHeader, CallId, Event, RobotTime, encode_call
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from eal_actors.net.client import RemoteRobot
+    from eal_actors.net.controller import Controller
+
+TTL_S: Final = 1.0
+"""How old a command may be when a robot begins it, in real seconds."""
+
+MOST_UNDER_WAY: Final = 256
+"""Calls to one robot that wait to be sent or answered; further ones are refused."""
+
+_ANSWER_S: Final = 2.0
+"""Real seconds in which a robot answers a command, if only that it has accepted it."""
+
+_RETRY_S: Final = 0.05
+_REATTACH_S: Final = 2.0
+
+
+class Lane(UrgentMessage):
+    """The calls to one robot; a resource's slot takes it for the resource's actor, and it is its own mailbox.
+
+    Args:
+        robot: the connection to the robot.
+        controller: the fleet's end of the network.
+
+    Thread: any, but for what says otherwise.
+    """
+
+    def __init__(self, robot: RemoteRobot, controller: Controller) -> None:
+        self._robot = robot
+        self._controller = controller
+        self._stamper = Stamper(controller.client)
+        self._lock = threading.Lock()
+        self._urgent: deque[Call[Any]] = deque()
+        self._normal: deque[Call[Any]] = deque()
+        self._under_way: set[Call[Any]] = set()
+        self._end: EALError | None = None
+        self._sending = threading.Lock()
+        self._running: dict[CallId, Call[Any]] = {}
+        self._told: tuple[RobotTime, float] | None = None
+        self._keys: dict[tuple[str, str], str | zenoh.KeyExpr] = {}
+
+    # As the target of calls; see CallTarget and Mailbox.
+
+    @property
+    def actor_inbox(self) -> Lane:
+        """See CallTarget."""
+        return self
+
+    @property
+    def resource(self) -> NoReturn:
+        """The resource itself is in another process (Source: thesis §4.5).
+
+        Raises:
+            RemoteError: always.
+        """
+        raise RemoteError("the resource itself cannot be had through a network", robot=self._robot.name)
+
+    def put(self, envelope: Call[Any]) -> None:
+        """Add a call.
+
+        Raises:
+            BusyError: too many are under way.
+            UnavailableError: the connection has ended.
+        """
+        with self._lock:
+            self._admit(envelope)
+            self._normal.append(envelope)
+        self._controller.sender.submit(self)
+
+    def put_urgent(
+        self, envelope: Call[Any], *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
+    ) -> list[Envelope]:
+        """Add a call that goes first; see Inbox.
+
+        Raises:
+            BusyError: too many are under way.
+            UnavailableError: the connection has ended.
+        """
+        dropped: list[Envelope] = []
+        with self._lock:
+            self._admit(envelope, bounded=bounded)
+            if drop is not None and self._normal:
+                dropped = [call for call in self._normal if drop(call)]
+                self._normal = deque(call for call in self._normal if not drop(call))
+                self._under_way.difference_update(dropped)
+            self._urgent.append(envelope)
+        if envelope.stops:
+            self._controller.urge(self)
+        else:
+            self._controller.sender.submit(self)
+        return dropped
+
+    def _admit(self, call: Call[Any], *, bounded: bool = True) -> None:
+        if self._end is not None:
+            raise self._end.copy()
+        if bounded and len(self._under_way) >= MOST_UNDER_WAY:
+            raise BusyError(f"{MOST_UNDER_WAY} calls to the robot are under way already")
+        self._under_way.add(call)
+
+    def stop_activity_of(self, call: Call[Any]) -> None:
+        """See CallTarget."""
+        if call.method not in READS:
+            self._robot.soon(lambda: self._cancel(call))
+
+    def _cancel(self, call: Call[Any]) -> None:
+        """Have a command given up. Thread: the connection's."""
+        with self._sending:  # it has left by now, or never will
+            mine = [call_id for call_id, running in list(self._running.items()) if running is call]
+        for call_id in mine:
+            self._running.pop(call_id, None)
+            self._robot.ask_robot(keys.CANCEL, (call_id.epoch, call_id.sequence), TTL_S)
+
+    # Sending.
+
+    def send(self, *, is_last: bool) -> None:
+        """Send the call whose turn it is; see Message."""
+        with self._sending:
+            with self._lock:
+                waiting = self._urgent or self._normal
+                call = waiting.popleft() if waiting else None
+            if call is not None:
+                self._send(call, is_last=is_last)
+
+    def insist(self) -> None:
+        """See UrgentMessage."""
+        if self._urgent:
+            self._robot.soon(self._send_urgent)
+
+    def _send_urgent(self) -> None:
+        """Send what is urgent and still waits. Thread: the connection's."""
+        with self._sending:
+            while self._urgent:
+                self._send(self._urgent.popleft(), is_last=True)
+
+    def _send(self, call: Call[Any], *, is_last: bool) -> None:
+        clock = self._robot.clock
+        left_s = (call.deadline_s or 0.0) - clock.now()
+        if call.stops:
+            left_s = max(left_s, call.cell.timeout_s)
+        elif call.done():
+            self._under_way.discard(call)
+            return
+        elif left_s <= 0:
+            self._under_way.discard(call)
+            self._controller.later(call.expire)
+            return
+        try:
+            header, data = self._header(call, left_s, has_more=not is_last)
+            envelope, payload = encode_call(header, data)
+        except EALError as error:
+            self._under_way.discard(call)
+            call.settle(None, error.at(self._robot.name, call.cell.name), self._controller.later)
+            return
+        real_s = left_s / clock.of_real(1.0)
+        if header.sequence and call.method != keys.HALT:
+            self._running[header.call_id] = call
+            real_s = min(real_s, _ANSWER_S)
+        query = _Query(self, call, header.call_id)
+        key = self._key(call)
+        self._controller.get(
+            key, query.reply, query.drop, envelope, payload, real_s, is_urgent=call.stops, is_last=is_last
+        )
+
+    def _header(self, call: Call[Any], left_s: float, *, has_more: bool) -> tuple[CallHeader, EALData | None]:
+        """Return how a call is announced; commands, and what stops them, have a number and proof of their age."""
+        plain, data = split_arguments(call)
+        stamper = self._stamper
+        if call.method in READS:
+            return CallHeader(stamper.client, stamper.epoch, 0, left_s, left_s, None, plain), data
+        start_s = None if call.start_s is None else self._time_on_robot(call.start_s)
+        told, self._told = self._told, None
+        if told is not None:
+            time, told_s = told
+            stamper.heard(time.era, time.time_s, told_s)
+        stamp = stamper.stamp(TTL_S, REAL_TIME.now())
+        echo = stamp.era, stamp.echo_s, stamp.held_s
+        return CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *echo, has_more), data
+
+    def _key(self, call: Call[Any]) -> str | zenoh.KeyExpr:
+        name = call.cell.name, call.method
+        key = self._keys.get(name)
+        if key is None:
+            text = keys.method_key(self._controller.fleet, self._robot.name, *name)
+            key = self._keys[name] = self._controller.declare_key(text)
+        return key
+
+    def _time_on_robot(self, fleet_s: float) -> float:
+        real_s = real_time_of(self._robot.clock, fleet_s)
+        return real_s + self._robot.pinger.offset(real_s).offset_s
+
+    def note_time(self, time: RobotTime | None) -> None:
+        """Keep the robot's clock, as an answer told it, for the next stamp. Thread: any, for it is one assignment."""
+        if time is not None:
+            self._told = time, REAL_TIME.now()
+
+    # Answers.
+
+    def conclude(self, call: Call[Any], call_id: CallId, answer: Answer, began_s: float | None) -> None:
+        """Give a call its outcome, unless it goes on. Thread: zenoh's."""
+        self._under_way.discard(call)
+        if answer is ACCEPTED:
+            if call_id in self._running:
+                return
+            answer = ProtocolError("the robot has accepted a call that cannot take long")
+        self._running.pop(call_id, None)
+        if began_s is not None and call.start_s is not None:
+            self._note_begin(call, began_s)
+        later = self._controller.later
+        if isinstance(answer, EALError):
+            call.settle(None, answer.at(self._robot.name, call.cell.name), later)
+        else:
+            call.settle(answer, None, later)
+
+    def hear(self, event: Event) -> None:
+        """Take in the outcome of a command that went on. Thread: zenoh's."""
+        call = self._running.get(event.call) if event.call is not None else None
+        if call is not None and event.answer is not None and event.call is not None:
+            began_s = event.fields.get("began_s")
+            self.conclude(call, event.call, event.answer, began_s if isinstance(began_s, float) else None)
+
+    def _note_begin(self, call: Call[Any], began_s: float) -> None:
+        """Take in when a command began by the robot's clock, and how well that is known by ours."""
+        clock = self._robot.clock
+        offset = self._robot.pinger.offset(REAL_TIME.now())
+        call.began_s = fleet_time_of(clock, began_s - offset.offset_s)
+        call.began_error_s = clock.of_real(offset.error_s)
+
+    def missed(self, call: Call[Any], call_id: CallId) -> None:
+        """There was no answer: what only reads is asked again, a command never. Thread: zenoh's."""
+        self._under_way.discard(call)
+        self._robot.soon(lambda: self._miss(call, call_id))
+
+    def _miss(self, call: Call[Any], call_id: CallId) -> None:
+        robot = self._robot
+        is_ready = robot.view.state is RobotState.READY
+        if call.done():
+            self._running.pop(call_id, None)
+        elif call_id in self._running:
+            if is_ready and self._controller.is_alive(robot.name):
+                robot.actor_inbox.call_later(robot.clock.of_real(_RETRY_S), self.reattach)
+        elif is_ready and robot.clock.now() < (call.deadline_s or 0.0):
+            robot.actor_inbox.call_later(robot.clock.of_real(_RETRY_S), lambda: self._put_again(call))
+        else:
+            call.fail(UnavailableError("the robot did not answer"))
+
+    def _put_again(self, call: Call[Any]) -> None:
+        try:
+            (self.put_urgent if call.stops else self.put)(call)
+        except EALError as error:
+            call.fail(error)
+
+    # The connection. Thread: its own.
+
+    def renumber(self) -> int:
+        """Begin a new epoch: the robot has come back, and is to refuse what is still on its way. Returns it."""
+        with self._sending:
+            self._stamper.reconnect()
+            return self._stamper.epoch
+
+    def reattach(self) -> None:
+        """Ask what has become of commands whose answer did not come."""
+        mine = [call_id for call_id, call in list(self._running.items()) if not call.done()]
+        if mine:
+            numbers = tuple(number for call_id in mine for number in (call_id.epoch, call_id.sequence))
+            self._robot.ask_robot(keys.REATTACH, numbers, _REATTACH_S, self._forget_unknown)
+
+    def _forget_unknown(self, answer: Answer) -> None:
+        if not isinstance(answer, dict):
+            return
+        for epoch, sequence in answer.get("unknown", ()):
+            call = self._running.pop(CallId(self._controller.client, epoch, sequence), None)
+            if call is not None:
+                call.fail(UnavailableError("the robot knows nothing of it: it was lost, or the robot was restarted"))
+
+    def close(self, error: EALError) -> None:
+        """Fail whatever is under way, and take nothing more."""
+        with self._lock:
+            self._end = error
+            calls = {*self._under_way, *self._running.values()}
+            for waiting in (self._under_way, self._running, self._normal, self._urgent):
+                waiting.clear()
+        for call in calls:
+            call.fail(error.copy())
+
+
+class _Query:
+    """The two callbacks of a call's query; see Exchange. Thread: zenoh's."""
+
+    __slots__ = ("call", "call_id", "is_answered", "lane")
+
+    def __init__(self, lane: Lane, call: Call[Any], call_id: CallId) -> None:
+        self.lane = lane
+        self.call = call
+        self.call_id = call_id
+        self.is_answered = False
+
+    def reply(self, reply: zenoh.Reply) -> None:
+        """Take in an answer."""
+        heard = read_reply(reply)
+        if heard is not None:
+            self.is_answered = True
+            answer, time = heard
+            self.lane.note_time(time)
+            self.lane.conclude(self.call, self.call_id, answer, None if time is None else time.began_s)
+
+    def drop(self) -> None:
+        """There will be no further answer."""
+        if not self.is_answered:
+            self.lane.missed(self.call, self.call_id)

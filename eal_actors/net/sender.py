@@ -1,0 +1,81 @@
+"""Sender: sends what many have to say, one after another, in a thread of its own.
+
+A thread for each robot would be woken for each message, and a hundred of them would mostly wake one another up.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from eal_actors.actors.actor import EALActor
+from eal_actors.clock import REAL_TIME
+from eal_actors.errors import EALError, shown
+from eal_actors.log import get_logger
+
+
+class Message:
+    """Something to send; its own envelope in the sender's mailbox."""
+
+    __slots__ = ()
+
+    reply_to = None
+
+    @property
+    def message(self) -> Message:
+        """See Envelope."""
+        return self
+
+    def send(self, *, is_last: bool) -> None:
+        """Send it; raises nothing.
+
+        Args:
+            is_last: nothing waits behind it, so that it must not be held back to travel together with more.
+
+        Thread: one that may wait for a link; blocks while that is full, at most until the engine gives it up.
+        """
+        raise NotImplementedError
+
+
+class UrgentMessage(Message):
+    """Something that must not be held up by whatever another message waits for."""
+
+    __slots__ = ()
+
+    def insist(self) -> None:
+        """Have it sent some other way, unless it is sent by now. Thread: any; does not block."""
+        raise NotImplementedError
+
+
+class Sender(EALActor):
+    """Sends messages in the order in which they came.
+
+    Args:
+        name: of its thread.
+
+    Thread: an actor; any may call `submit`.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, REAL_TIME)
+
+    def submit(self, message: Message) -> bool:
+        """Have a message sent; returns whether that is still possible. Thread: any; does not block."""
+        try:
+            self.actor_inbox.put_urgent(message, bounded=False)
+        except EALError:
+            return False
+        return True
+
+    def _handle_receive(self, message: Any) -> Any:
+        if not isinstance(message, Message):
+            return super()._handle_receive(message)
+        self.post(message)
+        return None
+
+    def post(self, message: Message) -> None:
+        """Send a message. Thread: the actor's own."""
+        message.send(is_last=self.actor_inbox.empty())
+
+    def on_crash(self, error: BaseException) -> None:
+        """Say so. Thread: the actor's own."""
+        get_logger().error("the network cannot be written to any more", actor=self.name, error=shown(error))
