@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,12 +15,13 @@ from eal_actors.errors import UnsupportedError
 from eal_actors.record.pose_sample import PoseSample
 from eal_actors.recording.picture import trajectory_svg
 from eal_actors.recording.run_folder import RunFolder
-from eal_actors.recording.timeline import TimeLine, time_lines
+from eal_actors.recording.timeline import OF_THE_RUN, TimeLine, time_lines
 from eal_actors.world import WorldModel
 
 _TEMPLATE: Final = "report.html.j2"
 _MOST_FRAMES: Final = 48
 _FRAME_SUFFIXES: Final = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+_PNG_SIZES: Final = slice(16, 24)
 _MOST_FRAME_BYTES: Final = 4_000_000
 """Of one picture; what is larger is named, not shown."""
 
@@ -59,10 +61,17 @@ class RobotRow:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A picture that the run saved: its name, and itself as a data URL; None for one that is too large to show."""
+    """A picture that the run saved.
+
+    Attributes:
+        name: its path in the run's folder.
+        url: itself as a data URL; None for one that is too large to show.
+        is_wide: it is a panorama, which wants the whole width of the page.
+    """
 
     name: str
     url: str | None
+    is_wide: bool
 
 
 def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
@@ -134,6 +143,8 @@ def _head(run: RunFolder) -> Mapping[str, Any]:
 def _robot_rows(run: RunFolder, lines: TimeLine) -> list[RobotRow]:
     rows = []
     for name, bars in lines.bars.items():
+        if name == OF_THE_RUN:
+            continue
         fared = run.summary.robots.get(name) if run.summary else None
         path = run.paths.get(name)
         rows.append(
@@ -171,7 +182,8 @@ def _ticks(duration_s: float) -> list[float]:
 
 
 def _skews(events: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    return [event for event in events if event.get("event") == "together" and event.get("skew_s") is not None]
+    """Return the starts that robots made together, each as the report has it."""
+    return [event["start"] for event in events if event["event"] == "started_together"]
 
 
 def _latencies(run: RunFolder) -> list[Latency]:
@@ -216,6 +228,15 @@ def _frames(folder: Path) -> list[Frame]:
 def _frame(folder: Path, path: Path) -> Frame:
     name = path.relative_to(folder).as_posix()
     if path.stat().st_size > _MOST_FRAME_BYTES:
-        return Frame(name, None)
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
-    return Frame(name, f"data:{_FRAME_SUFFIXES[path.suffix]};base64,{data}")
+        return Frame(name, None, is_wide=False)
+    content = path.read_bytes()
+    url = f"data:{_FRAME_SUFFIXES[path.suffix]};base64,{base64.b64encode(content).decode('ascii')}"
+    return Frame(name, url, is_wide=_is_wide(content))
+
+
+def _is_wide(content: bytes) -> bool:
+    """Return whether a PNG is more than three times as wide as it is high; both stand at the same place in every PNG."""
+    if not content.startswith(b"\x89PNG") or len(content) < _PNG_SIZES.stop:
+        return False
+    width, height = struct.unpack(">II", content[_PNG_SIZES])
+    return bool(width > 3 * height)

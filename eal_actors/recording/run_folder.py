@@ -14,8 +14,8 @@ from pydantic import ValidationError
 from eal_actors.errors import ScenarioError, shown
 from eal_actors.record.mcap_file import RECORD_FILE, McapContent, read_mcap
 from eal_actors.record.pose_sample import PoseSample
-from eal_actors.scenario.journal import EVENTS, SUMMARY
 from eal_actors.scenario.report import Report
+from eal_actors.scenario.resuming import EVENTS, SUMMARY
 
 TRAJECTORY: Final = "trajectory.csv"
 

@@ -11,7 +11,7 @@ from typing import Final, Literal, Self, TypeAlias
 
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.data import DataType, EALData
-from eal_actors.errors import EALError
+from eal_actors.errors import EALError, UnsupportedError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.info import ResourceInfo, ResourceType
 from eal_actors.log import get_logger
@@ -53,11 +53,11 @@ class RunRecorder:
     Args:
         fleet: a connected fleet.
         robots: the names of the robots that take part.
-        directory: the run's folder, for `run.mcap`; it must exist. None keeps only the paths.
+        directory: the run's folder, for `run.mcap`, or `run-2.mcap` and so on where a run goes on that was cut off; it
+            must exist. None keeps only the paths, and so does a missing mcap library, which is logged.
         extent: what is asked of the robots.
 
     Raises:
-        UnsupportedError: the mcap library is not installed.
         OSError: the file cannot be made.
     """
 
@@ -73,7 +73,7 @@ class RunRecorder:
         self._paths = Paths(posers, fleet.clock)
         self._wishes = tuple(self._wished(extent))
         self._sampler = Sampler(fleet.clock, self._wishes, self._take)
-        self._file = McapFile(directory / RECORD_FILE) if directory is not None else None
+        self._file = _new_file(directory) if directory is not None else None
 
     def __enter__(self) -> Self:
         if self._file is not None:
@@ -129,13 +129,6 @@ class RunRecorder:
             else:
                 write(max(0.0, stamp_s - self._start_s))
         return True
-
-    def keep(self, resource: ResourceHandle, data: EALData) -> None:
-        """Record a value that somebody else asked for. Thread: any."""
-        stamp_s = data.stamp_s if data.stamp_s is not None else self._clock.now()
-        with self._lock:
-            if self._start_s is not None:
-                self._write_value(resource, data, max(0.0, stamp_s - self._start_s))
 
     def _write_pose(self, resource: ResourceHandle, data: EALData, time_s: float) -> None:
         sample = PoseSample(time_s, *map(float, data.value))
@@ -197,6 +190,18 @@ class RunRecorder:
             self._file = None
 
 
+def _new_file(directory: Path) -> McapFile | None:
+    path, number = directory / RECORD_FILE, 1
+    while path.exists():
+        number += 1
+        path = directory / f"{Path(RECORD_FILE).stem}-{number}{Path(RECORD_FILE).suffix}"
+    try:
+        return McapFile(path)
+    except UnsupportedError as error:
+        get_logger().warning("the run is not recorded for other tools", reason=error.message)
+        return None
+
+
 def _infos(fleet: Fleet, robots: Iterable[str]) -> Mapping[str, Mapping[str, ResourceInfo]]:
     found: dict[str, dict[str, ResourceInfo]] = {}
     for robot in robots:
@@ -250,7 +255,11 @@ def _log_line(event: Event) -> tuple[str, str, str] | None:
         case RobotDropped():
             return "error", event.robot, f"dropped: {event.error.message}"
         case StepRetried():
-            return "warning", event.robot or "scenario", f"{event.label}: attempt {event.attempt} failed: {event.error.message}"
+            return (
+                "warning",
+                event.robot or "scenario",
+                f"{event.label}: attempt {event.attempt} failed: {event.error.message}",
+            )
         case StepEnded(record=record) if record.error is not None:
             return "error", record.robot or "scenario", f"{record.label} {record.outcome}: {record.error.message}"
     return None

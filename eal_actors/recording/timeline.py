@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
+
+OF_THE_RUN: Final = "scenario"
+"""Stands where a robot's name does, for what no robot does by itself."""
 
 
 class Bar(NamedTuple):
@@ -64,10 +67,10 @@ def time_lines(events: Iterable[Mapping[str, Any]]) -> TimeLine:
             case "run_started":
                 line.bars = {robot: [] for robot in event["robots"]}
             case "step_started":
-                begun[event["robot"], event["step"]] = event
+                begun[_whose(event), event["step"]] = event
             case "step_ended":
                 record = event["record"]
-                begun.pop((record["robot"], record["step"]), None)
+                begun.pop((_whose(record), record["step"]), None)
                 _add(line, record)
             case _:
                 _note(line, event)
@@ -77,21 +80,31 @@ def time_lines(events: Iterable[Mapping[str, Any]]) -> TimeLine:
     return line
 
 
+def _whose(entry: Mapping[str, Any]) -> str:
+    """Return the robot, or who stands for what none of them does."""
+    return entry["robot"] or OF_THE_RUN
+
+
 def _add(line: TimeLine, record: Mapping[str, Any]) -> None:
     error = record["error"]["message"] if record["error"] else ""
     bar = Bar(record["start_s"], record["end_s"], record["label"], record["step"], record["outcome"], error)
-    line.bars.setdefault(record["robot"], []).append(bar)
+    line.bars.setdefault(_whose(record), []).append(bar)
     if error:
         text = f"{record['label']} {record['outcome']}: {error}"
-        line.notes.append(Note(record["end_s"], "error", record["robot"], text))
+        line.notes.append(Note(record["end_s"], "error", _whose(record), text))
 
 
 def _note(line: TimeLine, event: Mapping[str, Any]) -> None:
     match event["event"]:
         case "log":
-            line.notes.append(Note(event["time_s"], "info", event["robot"] or "scenario", event["text"]))
+            line.notes.append(Note(event["time_s"], "info", _whose(event), event["text"]))
         case "step_retried":
             text = f"{event['label']}: attempt {event['attempt']} failed: {event['error']['message']}"
-            line.notes.append(Note(event["time_s"], "warning", event["robot"], text))
+            line.notes.append(Note(event["time_s"], "warning", _whose(event), text))
+        case "robot_replaced":
+            text = f"{event['by']} takes its place: {event['error']['message']}"
+            line.notes.append(Note(event["time_s"], "warning", _whose(event), text))
+        case "signal":
+            line.notes.append(Note(event["time_s"], "info", _whose(event), f"signal {event['name']}"))
         case "robot_dropped":
             line.notes.append(Note(event["time_s"], "error", event["robot"], f"dropped: {event['error']['message']}"))
