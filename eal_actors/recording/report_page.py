@@ -235,7 +235,7 @@ def _frame(folder: Path, path: Path) -> Frame:
 
 
 def _is_wide(content: bytes) -> bool:
-    """Return whether a PNG is more than three times as wide as it is high; both stand at the same place in every PNG."""
+    """Return whether a PNG, which tells its size at a fixed place, is more than three times as wide as it is high."""
     if not content.startswith(b"\x89PNG") or len(content) < _PNG_SIZES.stop:
         return False
     width, height = struct.unpack(">II", content[_PNG_SIZES])
