@@ -11,42 +11,68 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Any, Final, NamedTuple, NoReturn
 
 import yaml
 
 from eal_actors.errors import ConfigError, Problem
 from eal_actors.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, YamlTree, format_path, show
 
-MAX_BYTES: Final = 1_000_000
-MAX_VALUES: Final = 20_000
-MAX_DEPTH: Final = 64
+
+class Limits(NamedTuple):
+    """How large a file may be.
+
+    Attributes:
+        size: in bytes.
+        values: how many values it may hold, each use of an anchor counted.
+        depth: how many mappings and lists may stand inside each other.
+    """
+
+    size: int
+    values: int
+    depth: int
 
 
-def load_yaml(path: str | Path, *, environment: Mapping[str, str] | None = None) -> YamlTree:
+USUAL: Final = Limits(1_000_000, 20_000, 64)
+LARGE: Final = Limits(8_000_000, 200_000, 128)
+"""For files of ten thousand steps; deeper, and whoever goes through the values runs out of stack."""
+
+
+def load_yaml(path: str | Path, *, environment: Mapping[str, str] | None = None, limits: Limits = USUAL) -> YamlTree:
     """Read a YAML file whose top level is a mapping.
 
     Args:
         path: the file; it is named in problems just as it is given here.
         environment: see `parse_yaml`.
+        limits: how large it may be.
 
     Raises:
         ConfigError: with every problem of the file.
     """
+    return parse_yaml(read_file(path, limits), str(path), environment=environment, limits=limits)
+
+
+def read_file(path: str | Path, limits: Limits = USUAL) -> bytes:
+    """Return the content of a file, and not much more of it than the limits allow.
+
+    Raises:
+        ConfigError: it cannot be read.
+    """
     name = str(path)
     try:
         with Path(path).open("rb") as stream:
-            content = stream.read(MAX_BYTES + 1)
+            return stream.read(limits.size + 1)
     except FileNotFoundError:
         _refuse(name, "no such file")
     except IsADirectoryError:
         _refuse(name, "is a folder, not a file")
     except OSError as error:
         _refuse(name, f"cannot be read: {os.strerror(error.errno) if error.errno else error}")
-    return parse_yaml(content, name, environment=environment)
 
 
-def parse_yaml(text: str | bytes, name: str, *, environment: Mapping[str, str] | None = None) -> YamlTree:
+def parse_yaml(
+    text: str | bytes, name: str, *, environment: Mapping[str, str] | None = None, limits: Limits = USUAL
+) -> YamlTree:
     """Read YAML from memory.
 
     Args:
@@ -55,16 +81,17 @@ def parse_yaml(text: str | bytes, name: str, *, environment: Mapping[str, str] |
         environment: what `${NAME}` and `${NAME:-default}` in values stand for; `$${` is a literal `${`. A plain
             value that is one reference and nothing else gets its type from what it stands for, so that a port can
             come from the environment. None leaves such text untouched.
+        limits: how large it may be.
 
     Raises:
         ConfigError: with every problem of the text.
     """
     content = text if isinstance(text, bytes) else text.encode(errors="surrogatepass")
-    if len(content) > MAX_BYTES:
-        _refuse(name, f"is larger than {MAX_BYTES} bytes")
-    composer = _Composer(_decode(content, name), name)
+    if len(content) > limits.size:
+        _refuse(name, f"is larger than {limits.size} bytes")
+    composer = _Composer(_decode(content, name), name, limits)
     node = composer.compose_top()
-    builder = _Builder(name, environment, composer.problems)
+    builder = _Builder(name, environment, composer.problems, limits)
     if node is None or (isinstance(node, yaml.ScalarNode) and node.style is None and node.value == ""):
         _refuse(name, "is empty; the top level must be a mapping of keys to values")
     root = builder.build(node, ())
@@ -134,9 +161,10 @@ def _line_and_column(text: str, position: int) -> tuple[int, int]:
 class _Composer(yaml.BaseLoader):
     """PyYAML up to its node tree, with bounds on depth and size, and without tags."""
 
-    def __init__(self, text: str, name: str) -> None:
+    def __init__(self, text: str, name: str, limits: Limits) -> None:
         self.text = text
         self.file = name
+        self.limits = limits
         self.problems: dict[Problem, None] = {}
         self._depth = 0
         self._values = 0
@@ -167,10 +195,10 @@ class _Composer(yaml.BaseLoader):
             self.problems[Problem(self.file, line, column, "", message)] = None
         self._depth += 1
         self._values += 1
-        if self._depth > MAX_DEPTH:
-            self._give_up(f"is nested more than {MAX_DEPTH} levels deep", line, column)
-        if self._values > 2 * MAX_VALUES:  # keys count here too
-            self._give_up(f"has more than {MAX_VALUES} values", line, column)
+        if self._depth > self.limits.depth:
+            self._give_up(f"is nested more than {self.limits.depth} levels deep", line, column)
+        if self._values > 2 * self.limits.values:  # keys count here too
+            self._give_up(f"has more than {self.limits.values} values", line, column)
         node: yaml.Node | None = super().compose_node(parent, index)
         self._depth -= 1
         return node
@@ -196,10 +224,13 @@ class _Composer(yaml.BaseLoader):
 class _Builder:
     """Makes marked values from PyYAML's nodes."""
 
-    def __init__(self, file: str, environment: Mapping[str, str] | None, problems: dict[Problem, None]) -> None:
+    def __init__(
+        self, file: str, environment: Mapping[str, str] | None, problems: dict[Problem, None], limits: Limits
+    ) -> None:
         self.problems = problems  # a dict: an anchor's problems come up at each of its uses, but count once
         self._file = file
         self._environment = environment
+        self._most_values = limits.values
         self._open: set[int] = set()
         self._values = 0
         self._reported: set[tuple[int, int, str]] = set()
@@ -214,8 +245,8 @@ class _Builder:
     def build(self, node: yaml.Node, path: YamlPath) -> Any:
         """Return the value of a node; what is wrong with it is reported."""
         self._values += 1
-        if self._values > MAX_VALUES:
-            self.report(node, (), f"the file has more than {MAX_VALUES} values, each use of an anchor counted")
+        if self._values > self._most_values:
+            self.report(node, (), f"the file has more than {self._most_values} values, each use of an anchor counted")
             raise ConfigError(tuple(self.problems))
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node, path)

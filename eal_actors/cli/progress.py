@@ -16,14 +16,39 @@ from rich.text import Text
 
 from eal_actors.cli.options import GlobalOptions
 from eal_actors.cli.output import counted, new_table
+from eal_actors.cli.run_keys import LEGEND, keys_work
 from eal_actors.clock import Clock
 from eal_actors.facade.fleet import Fleet
 from eal_actors.log import configure_logging
-from eal_actors.scenario import Event, LogLine, RobotDropped, RunEnded, RunStarted, StepEnded, StepRetried, StepStarted
+from eal_actors.scenario import (
+    Event,
+    LogLine,
+    RobotDropped,
+    RobotReplaced,
+    RunContinued,
+    RunEnded,
+    RunPaused,
+    RunResumed,
+    RunStarted,
+    Signalled,
+    StartedTogether,
+    StepEnded,
+    StepRetried,
+    StepStarted,
+)
 
-STYLES = {"done": "green", "failed": "bold red", "dropped": "yellow", "aborted": "yellow", "running": "cyan"}
+STYLES = {
+    "done": "green",
+    "failed": "bold red",
+    **dict.fromkeys(("dropped", "aborted", "replaced", "skipped"), "yellow"),
+    **dict.fromkeys(("stopped", "spare"), "dim"),
+    "running": "cyan",
+    "paused": "magenta",
+}
 """How outcomes and states look."""
 
+_TOLD = (LogLine, RobotDropped, RobotReplaced, RunContinued)
+"""What scrolls by above the live table."""
 _MOST_NAMES = 6
 _LINES_AROUND = 6  # of the terminal's height, for what is not a robot's row
 _REFRESHES_PER_S = 8
@@ -76,25 +101,47 @@ def event_line(event: Event) -> Text | None:
         case RunStarted():
             names = ", ".join(event.robots[:_MOST_NAMES]) + (", ..." if len(event.robots) > _MOST_NAMES else "")
             return Text(f"{event.scenario} on {event.fleet}: {counted(len(event.robots), 'robot')} ({names})")
+        case RunContinued():
+            return Text(f"goes on at steps[{event.first_step}]")
+        case RunPaused():
+            return Text("paused", style=STYLES["paused"])
+        case RunResumed():
+            return Text("one step each" if event.is_single_step else "goes on")
         case StepStarted():
-            return Text(f"{event.robot}  {event.label}")
+            return Text(f"{_who(event.robot)}{event.label}")
         case StepEnded(record=record):
-            why = f": {record.error.message}" if record.error and record.outcome == "failed" else ""
+            told = ("failed", "skipped") if record.robot is not None else ("failed", "skipped", "aborted")
+            why = f": {record.error.message}" if record.error and record.outcome in told else ""
             return Text.assemble(
-                f"{record.robot}  {record.label}  ",
+                f"{_who(record.robot)}{record.label}  ",
                 (record.outcome, STYLES[record.outcome]),
                 f" after {record.end_s - record.start_s:.2f} s{why}",
             )
         case StepRetried():
-            words = f"{event.robot}  {event.label}  attempt {event.attempt} failed, trying again: {event.error.message}"
+            words = (
+                f"{_who(event.robot)}{event.label}  attempt {event.attempt} failed, trying again: {event.error.message}"
+            )
             return Text(words, style="yellow")
         case RobotDropped():
             return Text.assemble(f"{event.robot}  ", ("dropped", STYLES["dropped"]), f": {event.error.message}")
+        case RobotReplaced():
+            return Text.assemble(
+                f"{event.robot}  ", ("replaced", STYLES["replaced"]), f" by {event.by}: {event.error.message}"
+            )
+        case StartedTogether(start=start):
+            skew = "not all have begun" if start.skew_s is None else f"skew {start.skew_s * 1000:.1f} ms"
+            return Text(f"{len(start.begins)} robots began together: {skew}")
+        case Signalled():
+            return Text(f"{_who(event.robot)}signal {event.name}")
         case LogLine():
-            return Text(f"{event.robot}  {event.text}" if event.robot else event.text)
+            return Text(f"{_who(event.robot)}{event.text}")
         case RunEnded(report=report):
             return Text.assemble(f"{report.scenario} ", (report.outcome, STYLES[report.outcome]))
     return None
+
+
+def _who(robot: str | None) -> str:
+    return f"{robot}  " if robot is not None else ""
 
 
 @dataclass
@@ -121,6 +168,8 @@ class LiveProgress:
         self._rows: dict[str, _Row] = {}
         self._title = ""
         self._calls = 0
+        self._is_paused = False
+        self._has_keys = keys_work()
         self._start_s = clock.now()
         self._end_s: float | None = None
         self._live = Live(
@@ -142,7 +191,7 @@ class LiveProgress:
         """See Progress."""
         with self._lock:
             self._note(event)
-        if isinstance(event, LogLine | RobotDropped) and (line := event_line(event)):
+        if isinstance(event, _TOLD) and (line := event_line(event)):
             self._console.print(line, soft_wrap=True)
 
     def _note(self, event: Event) -> None:
@@ -152,14 +201,18 @@ class LiveProgress:
                 self._title = f"{event.scenario} on {event.fleet}"
                 self._calls = event.calls
                 self._rows = {name: _Row() for name in event.robots}
-            case StepStarted():
-                row = self._rows[event.robot]
+            case StepStarted(robot=str(who)):
+                row = self._rows[who]
                 row.state, row.label, row.since_s = "running", event.label, event.time_s
-            case StepEnded(record=record):
+            case StepEnded(record=record) if record.robot is not None:
                 row = self._rows[record.robot]
-                row.state = "waiting" if record.outcome == "done" else record.outcome
+                row.state = "waiting" if record.outcome in ("done", "skipped", "stopped") else record.outcome
                 row.since_s = None
-                row.calls += 1
+                row.calls += record.is_call
+            case RobotReplaced():
+                self._rows[event.robot].state = "replaced"
+            case RunPaused() | RunResumed():
+                self._is_paused = isinstance(event, RunPaused) or event.is_single_step
             case RobotDropped():
                 self._rows[event.robot].state = "dropped"
             case RunEnded(report=report):
@@ -180,6 +233,8 @@ class LiveProgress:
             ProgressBar(total=max(self._calls, done, 1), completed=done, width=24, complete_style="cyan"),
             f"{done}/{max(self._calls, done)} calls",
             Text(f"{now_s:.1f} s", style="dim"),
+            Text("paused" if self._is_paused else "", style=STYLES["paused"]),
+            Text(LEGEND if self._has_keys else "", style="dim"),
         )
         return line
 

@@ -2,35 +2,43 @@
 
 from __future__ import annotations
 
-import contextlib
-import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, TypeVar
+from typing import Annotated, Final
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
+from eal_actors.cli.event_stream import STDOUT, event_stream
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.interrupts import Interrupts
-from eal_actors.cli.opening import advice_on_plugins, check_plugins, read_fleet
-from eal_actors.cli.options import FleetOption, GlobalOptions, JsonOption
+from eal_actors.cli.opening import advice_on_plugins
+from eal_actors.cli.options import GlobalOptions, JsonOption
 from eal_actors.cli.output import stderr, stdout, write_json
 from eal_actors.cli.progress import new_progress
+from eal_actors.cli.run_keys import RunKeys
+from eal_actors.cli.run_options import Order, Wanted, read_order
+from eal_actors.cli.run_plan import plan_as_json, print_plan
 from eal_actors.cli.run_summary import print_summary
 from eal_actors.clock import wall_time
 from eal_actors.errors import ConfigError, PluginError, Problem
+from eal_actors.facade.elsewhere import FLEET_VARIABLE
 from eal_actors.facade.fleet import Fleet
-from eal_actors.lock_step import MAX, Rate
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.recording import PoseRecorder, PoseSample, draw_trajectory, write_trajectory
-from eal_actors.scenario import Plan, Report, Run, Scenario, load_scenario, make_plan
+from eal_actors.recording import (
+    Extent,
+    PoseSample,
+    RunRecorder,
+    draw_trajectory,
+    keep_provenance,
+    write_trajectory,
+)
+from eal_actors.scenario import Listener, Plan, Report, Run, make_plan
 from eal_actors.scenario.plan import bind_roles
-
-T = TypeVar("T")
 
 _DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 """One of these is set where windows can be opened."""
@@ -38,8 +46,35 @@ _DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 
 def run_scenario(
     context: typer.Context,
-    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="The scenario file.", show_default=False)],
-    fleet: FleetOption,
+    scenario: Annotated[
+        Path | None, typer.Argument(metavar="SCENARIO", help="The scenario file.", show_default=False)
+    ] = None,
+    fleet: Annotated[
+        Path | None, typer.Option("--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="The fleet file.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="The value of a parameter; may be given several times."),
+    ] = None,
+    bindings: Annotated[
+        list[str] | None,
+        typer.Option("--bind", metavar="ROLE=ROBOT,...", help="Who takes a role, in place of what the scenario says."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Check everything and print what would happen; nothing moves.")
+    ] = False,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN", help="Go on with the run of this folder, whose controller died.", show_default=False
+        ),
+    ] = None,
+    events: Annotated[
+        str | None, typer.Option(metavar="FILE|-", help="Write what happens as JSON lines; - is stdout.")
+    ] = None,
+    record: Annotated[
+        Extent, typer.Option(help="What run.mcap holds: poses; the values of all sensors too; or frames as well.")
+    ] = "poses",
     runs_dir: Annotated[Path, typer.Option(help="Where the run's folder is made.")] = Path("runs"),
     seed: Annotated[
         int | None, typer.Option(min=0, help="Seed of all randomness, in place of the fleet file's.")
@@ -57,15 +92,25 @@ def run_scenario(
 ) -> None:
     """Run a scenario on a fleet.
 
-    Everything is checked before anything moves. Ctrl-C stops the run: the scenario's `finally` is carried out and
+    Everything is checked before anything moves. On a terminal, the space bar pauses and goes on, s lets each robot
+    take one step, and q stops. Ctrl-C stops the run: the scenario's `finally` is carried out and
     every robot is halted; a second Ctrl-C skips what is left of `finally`.
-    The run's folder keeps summary.json, events.jsonl, trajectory.csv and trajectory.png.
+    The run's folder keeps summary.json, events.jsonl, trajectory.csv, trajectory.png and run.mcap; `eal report` makes a
+    page of it.
     """
-    wanted, config = _read_both(scenario, fleet, _checked_rate(rate), seed)
-    console = stderr() if as_json else stdout()
+    if as_json and events == STDOUT:
+        raise typer.BadParameter(
+            "stdout can take the events or the summary of --json, not both", param_hint="'--events'"
+        )
+    order = read_order(Wanted(scenario, fleet, settings or (), bindings or (), rate, seed, resume))
+    console = stderr() if as_json or events == STDOUT else stdout()
+    if dry_run:
+        _tell_plan(order, console, as_json=as_json)
+        return
     options = context.find_object(GlobalOptions) or GlobalOptions()
-    done = _carry_out(wanted, config, runs_dir, console, options)
-    kept = _keep_paths(done, config, draw=not no_plot and done.interrupts < 2)
+    with event_stream(events) as listeners:
+        done = _carry_out(order, runs_dir, console, options, listeners, record)
+    kept = _keep_paths(done, order.config, draw=not no_plot and done.interrupts < 2)
     if as_json:
         write_json(done.report.model_dump(mode="json"))
     else:
@@ -78,6 +123,17 @@ def run_scenario(
         raise typer.Exit(ExitCode.INTERRUPTED)
     if done.report.outcome != "done":
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _tell_plan(order: Order, console: Console, *, as_json: bool) -> None:
+    """Make the plan on the connected robots, and print it."""
+    with Fleet(order.config).connect(_bound(order)) as opened:
+        with advice_on_plugins(opened):
+            plan = _plan(order, opened)
+        if as_json:
+            write_json(plan_as_json(plan, opened.name))
+        else:
+            print_plan(console, plan, opened.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,58 +153,41 @@ class _Done:
     interrupts: int
 
 
+def _bound(order: Order) -> set[str]:
+    return {name for names in bind_roles(order.scenario, order.config, order.binding).values() for name in names}
+
+
 def _carry_out(
-    scenario: Scenario, config: FleetConfig, runs_dir: Path, console: Console, options: GlobalOptions
+    order: Order,
+    runs_dir: Path,
+    console: Console,
+    options: GlobalOptions,
+    listeners: Sequence[Listener],
+    extent: Extent,
 ) -> _Done:
     """Connect the robots that the scenario means, show and record the run, and disconnect them."""
-    bound = {name for names in bind_roles(scenario, config).values() for name in names}
-    with Fleet(config).connect(bound) as opened:
+    with Fleet(order.config).connect(_bound(order)) as opened:
         with advice_on_plugins(opened):
-            plan = _plan(scenario, opened)
-        directory = _new_directory(runs_dir, scenario.name)
+            plan = _plan(order, opened)
+        resumption = order.resumption
+        directory = resumption.directory if resumption is not None else _new_directory(runs_dir, plan.scenario.name)
         progress = new_progress(console, opened, options)
-        run = Run(plan, opened, directory, listeners=[progress.hear])
-        taking_part = [name for name in plan.robots if name not in plan.lost]
-        with progress, PoseRecorder(opened, taking_part) as recorder, Interrupts(run) as interrupts:
+        recorder = RunRecorder(opened, [name for name in plan.robots if name not in plan.lost], directory, extent)
+        run = Run(plan, opened, directory, [progress.hear, recorder.hear, *listeners], resumption)
+        keep_provenance(directory, order.config, order.scenario.source)
+        with ExitStack() as stack:
+            stack.enter_context(progress)
+            stack.enter_context(recorder)
+            interrupts = stack.enter_context(Interrupts(run))
+            stack.enter_context(RunKeys(run))
             report = interrupts.wait(run.start())
     return _Done(report, directory, recorder.paths_since(run.start_s), interrupts.count)
 
 
-def _checked_rate(text: str | None) -> Rate | None:
-    if text is None:
-        return None
-    if text == MAX:
-        return MAX
-    with contextlib.suppress(ValueError):
-        if 0.001 <= (rate := float(text)) < math.inf:
-            return rate
-    raise typer.BadParameter(f"must be a number of at least 0.001, or {MAX}, not {text!r}", param_hint="'--rate'")
-
-
-def _read_both(scenario: Path, fleet: Path, rate: Rate | None, seed: int | None) -> tuple[Scenario, FleetConfig]:
-    """Read both files, and raise ConfigError with the problems of both."""
-    problems: list[Problem] = []
-    wanted = _noting(problems, lambda: load_scenario(scenario))
-    config = _noting(problems, lambda: read_fleet(fleet, rate=rate, seed=seed))
-    if wanted is None or config is None:
-        if config is not None:
-            problems += check_plugins(config)[0]  # else found while it connects
-        raise ConfigError(problems)
-    return wanted, config
-
-
-def _noting(problems: list[Problem], read: Callable[[], T]) -> T | None:
-    try:
-        return read()
-    except ConfigError as error:
-        problems += error.problems
-        return None
-
-
-def _plan(scenario: Scenario, fleet: Fleet) -> Plan:
+def _plan(order: Order, fleet: Fleet) -> Plan:
     """Make the plan; what the robots lack because a plugin did not connect is that plugin's fault, not the file's."""
     try:
-        return make_plan(scenario, fleet)
+        return make_plan(order.scenario, fleet, binding=order.binding)
     except ConfigError as error:
         if not fleet.problems:
             raise

@@ -38,7 +38,7 @@ def _step_table(report: Report) -> Table:
         result = _styled(step.outcome)
         if step.attempts > 1:
             result.append_text(Text(f" at attempt {step.attempts}"))
-        table.add_row(step.robot, step.label, result, f"{step.end_s - step.start_s:.2f} s")
+        table.add_row(step.robot or "", step.label, result, f"{step.end_s - step.start_s:.2f} s")
     return table
 
 
@@ -47,8 +47,8 @@ def _robot_table(report: Report) -> Table:
     table = new_table("robot", "result", "calls", "failed", "duration")
     for column in table.columns[2:]:
         column.justify = "right"
-    calls = Counter(step.robot for step in report.steps)
-    failed = Counter(step.robot for step in report.steps if step.outcome != "done")
+    calls = Counter(step.robot for step in report.steps if step.is_call)
+    failed = Counter(step.robot for step in report.steps if step.outcome not in ("done", "stopped"))
     ends_s = {step.robot: step.end_s for step in report.steps}
     all_shown = len(report.robots) <= _MOST_ROWS
     silent = []
@@ -70,8 +70,9 @@ def _errors(report: Report) -> list[Text]:
     told: set[str] = set()
     lines: list[Text] = []
     for step in report.steps:
-        if step.outcome == "failed" and step.error is not None:
-            lines.append(_reason(f"{step.robot}  {step.label}", step.outcome, step.error.message))
+        if step.outcome in ("failed", "skipped", "replaced") and step.error is not None:
+            who = f"{step.robot}  " if step.robot is not None else ""
+            lines.append(_reason(f"{who}{step.label}", step.outcome, step.error.message))
             told.add(step.error.message)
     for name, robot in report.robots.items():
         if robot.error is not None and robot.error.message not in told:
@@ -87,9 +88,14 @@ def _reason(what: str, outcome: str, why: str) -> Text:
 
 
 def _verdict(report: Report) -> Text:
-    robots, calls = counted(len(report.robots), "robot"), counted(len(report.steps), "call")
+    robots = counted(len(report.robots), "robot")
+    calls = counted(sum(step.is_call for step in report.steps), "call")
+    skipped = sum(step.outcome == "skipped" for step in report.steps)
+    skews = [start.skew_s for start in report.starts if start.skew_s is not None]
     return Text.assemble(
         f"{report.scenario} on {report.fleet}: ",
         (report.outcome, STYLES[report.outcome]),
         f", {robots}, {calls}, {report.duration_s:.2f} s",
+        (f", {counted(skipped, 'step')} skipped", STYLES["skipped"]) if skipped else "",
+        f", began together within {max(skews) * 1000:.1f} ms" if skews else "",
     )

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
-from eal_actors.scenario.report import ErrorReport, Report, StepRecord
+from pydantic import BaseModel
+
+from eal_actors.scenario.report import ErrorReport, Report, StartReport, StepRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,10 +24,17 @@ class Event:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain dicts, lists, strings and numbers, with the kind under `event`."""
-        return {"event": self.kind, "time_s": self.time_s, **self._fields()}
+        return {"event": self.kind, **{field.name: _plain(getattr(self, field.name)) for field in fields(self)}}
 
-    def _fields(self) -> dict[str, Any]:
-        return {}
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, BaseModel):
+        return value.model_dump()
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    return value
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,46 +43,94 @@ class RunStarted(Event):
 
     Attributes:
         scenario: the scenario's name.
+        scenario_file: its file, as it was given.
+        scenario_hash: SHA-256 of what the scenario says, its parts included, in hexadecimal.
         fleet: the fleet's name.
-        robots: the robots bound, those lost from the start included.
-        calls: how many calls the steps make when nothing fails.
+        fleet_file: its file, as it was given.
+        seed: where all randomness starts from.
+        rate: seconds of the fleet's clock in one real second, or `max`.
+        parameters: the values of the scenario's parameters.
+        roles: the robots of each role.
+        spares: the robots kept in reserve for each role.
+        robots: the robots bound, those lost from the start and spares included.
+        calls: how many calls the steps make when nothing fails; where that depends on readings, as far as is known.
     """
 
     kind = "run_started"
     scenario: str
+    scenario_file: str
+    scenario_hash: str
     fleet: str
+    fleet_file: str
+    seed: int
+    rate: float | str
+    parameters: Mapping[str, object]
+    roles: Mapping[str, tuple[str, ...]]
+    spares: Mapping[str, tuple[str, ...]]
     robots: tuple[str, ...]
     calls: int
 
-    def _fields(self) -> dict[str, Any]:
-        return {"scenario": self.scenario, "fleet": self.fleet, "robots": list(self.robots), "calls": self.calls}
+
+@dataclass(frozen=True, slots=True)
+class RunContinued(Event):
+    """A run that was cut off goes on.
+
+    Attributes:
+        first_step: number of the top-level step at which it goes on, from 0.
+    """
+
+    kind = "run_continued"
+    first_step: int
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint(Event):
+    """A step of the top level has ended, and this is how things stand.
+
+    Attributes:
+        next_step: number of the step that comes next, from 0.
+        variables: those of the run, by name.
+        seats: by role, who sits where, and the variables of that place.
+        signals: by name, how often each was given, and its newest value.
+        unsaved: variables whose values do not go into the record.
+    """
+
+    kind = "checkpoint"
+    next_step: int
+    variables: Mapping[str, Any]
+    seats: Mapping[str, tuple[Mapping[str, Any], ...]]
+    signals: Mapping[str, Mapping[str, Any]]
+    unsaved: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class StepStarted(Event):
-    """A robot begins a call.
+    """A step begins: a call, a wait, a meeting, an expectation or a function; blocks and instant steps have no events.
 
     Attributes:
-        robot: the robot's name.
+        robot: the robot's name; None outside of `on`.
         step: path of the step in the scenario file.
         label: what it does.
+        role: the robot's role in it.
+        branch: the innermost branch of a `parallel` around it.
+        step_kind: the key that tells what the step is.
     """
 
     kind = "step_started"
-    robot: str
+    robot: str | None
     step: str
     label: str
-
-    def _fields(self) -> dict[str, Any]:
-        return {"robot": self.robot, "step": self.step, "label": self.label}
+    role: str | None = None
+    branch: str | None = None
+    step_kind: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class StepRetried(Event):
-    """An attempt at a call failed, and another is due after the back-off.
+    """An attempt at a step failed, and another is due after the back-off.
 
     Attributes:
-        robot: the robot's name.
+        robot: the robot's name; None outside of `on`.
         step: path of the step in the scenario file.
         label: what it does.
         attempt: number of the attempt that failed, from 1.
@@ -80,25 +138,16 @@ class StepRetried(Event):
     """
 
     kind = "step_retried"
-    robot: str
+    robot: str | None
     step: str
     label: str
     attempt: int
     error: ErrorReport
 
-    def _fields(self) -> dict[str, Any]:
-        return {
-            "robot": self.robot,
-            "step": self.step,
-            "label": self.label,
-            "attempt": self.attempt,
-            "error": self.error.model_dump(),
-        }
-
 
 @dataclass(frozen=True, slots=True)
 class StepEnded(Event):
-    """A call is over.
+    """A step is over.
 
     Attributes:
         record: how it went.
@@ -107,8 +156,35 @@ class StepEnded(Event):
     kind = "step_ended"
     record: StepRecord
 
-    def _fields(self) -> dict[str, Any]:
-        return {"record": self.record.model_dump()}
+
+@dataclass(frozen=True, slots=True)
+class StartedTogether(Event):
+    """All robots that were to begin a step together have ended it.
+
+    Attributes:
+        start: how close together they began.
+    """
+
+    kind = "started_together"
+    start: StartReport
+
+
+@dataclass(frozen=True, slots=True)
+class Signalled(Event):
+    """A signal was given.
+
+    Attributes:
+        robot: who gave it; None outside of `on`.
+        name: the signal.
+        count: how often it was given so far.
+        value: what came with it.
+    """
+
+    kind = "signal"
+    robot: str | None
+    name: str
+    count: int
+    value: Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +200,23 @@ class RobotDropped(Event):
     robot: str
     error: ErrorReport
 
-    def _fields(self) -> dict[str, Any]:
-        return {"robot": self.robot, "error": self.error.model_dump()}
+
+@dataclass(frozen=True, slots=True)
+class RobotReplaced(Event):
+    """A spare takes the place of a robot.
+
+    Attributes:
+        robot: who leaves.
+        by: who takes its place.
+        role: in which role.
+        error: why.
+    """
+
+    kind = "robot_replaced"
+    robot: str
+    by: str
+    role: str
+    error: ErrorReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +232,24 @@ class LogLine(Event):
     robot: str | None
     text: str
 
-    def _fields(self) -> dict[str, Any]:
-        return {"robot": self.robot, "text": self.text}
+
+@dataclass(frozen=True, slots=True)
+class RunPaused(Event):
+    """Nothing new is begun; what is under way goes on."""
+
+    kind = "run_paused"
+
+
+@dataclass(frozen=True, slots=True)
+class RunResumed(Event):
+    """Steps are begun again after a pause.
+
+    Attributes:
+        is_single_step: each robot may begin one, and then the run is paused again.
+    """
+
+    kind = "run_resumed"
+    is_single_step: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,12 +257,14 @@ class RunEnded(Event):
     """The run is over, and everything that moves was halted.
 
     Attributes:
-        report: the whole report; its line in `events.jsonl` leaves out the steps, which have lines of their own, and
-            the wall time, so that the events of a run that repeats are the same.
+        report: the whole report; its line in `events.jsonl` leaves out the steps and starts, which have lines of their
+            own, and the wall time, so that the events of a run that repeats are the same.
     """
 
     kind = "run_ended"
     report: Report
 
-    def _fields(self) -> dict[str, Any]:
-        return {"report": self.report.model_dump(exclude={"steps", "started"})}
+    def to_dict(self) -> dict[str, Any]:
+        """See Event."""
+        report = self.report.model_dump(exclude={"steps", "starts", "wall_started"})
+        return {"event": self.kind, "time_s": self.time_s, "report": report}

@@ -1,8 +1,10 @@
-"""Keep answers in files, of which the suffix tells how: images, arrays, texts, and everything but bytes as JSON."""
+"""Keep answers in files, of which the suffix tells how: images, arrays, texts, tables, and all but bytes as JSON."""
 
 from __future__ import annotations
 
+import csv
 import json
+import math
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Protocol
@@ -12,9 +14,13 @@ from eal_actors.errors import ScenarioError
 from eal_actors.info import ValueInfo
 from eal_actors.strict_model import did_you_mean
 
-SUFFIXES: Final = (".json", ".npy", ".png", ".txt")
+SUFFIXES: Final = (".csv", ".json", ".npy", ".png", ".txt")
 """How a file's name may end, and with it what the file holds."""
+APPENDED: Final = (".csv",)
+"""Of these, the files to which every answer is added, in place of one for each answer."""
+MAX_COLUMNS: Final = 1000
 _NO_IMAGE: Final = "no image of (h, w, 3) unsigned bytes"
+_NO_ROW: Final = "no row of a table"
 
 
 class _ImageWriter(Protocol):
@@ -49,6 +55,8 @@ def answer_problem(name: str, answer: ValueInfo) -> str | None:
             fits, lacking = bool(answer.shape), "no array"
         case ".txt":
             fits, lacking = answer.type in (DataType.CHAR, DataType.VOID) and not answer.shape, "no text"
+        case ".csv":
+            fits, lacking = len(answer.shape) <= 1 and answer.type is not DataType.VOID, _NO_ROW
         case _:
             return None
     return (
@@ -56,14 +64,15 @@ def answer_problem(name: str, answer: ValueInfo) -> str | None:
     )
 
 
-def save_answer(value: object, folder: Path, name: str) -> str | None:
-    """Write an answer to a file; one that is there is replaced.
+def save_answer(value: object, folder: Path, name: str, time_s: float) -> str | None:
+    """Write an answer to a file; one that is there is replaced, but a table grows by a row.
 
     Args:
         value: what the call answered, an EALData or a status int. An array of unsigned bytes of shape (h, w, 3) is an
             RGB image.
         folder: where to; made if it is not there.
         name: the file's name, which may lead into folders below.
+        time_s: when it came, in seconds since the run's start.
 
     Returns:
         What its user should know, or None.
@@ -84,6 +93,8 @@ def save_answer(value: object, folder: Path, name: str) -> str | None:
         return _save_image(path, plain)
     if path.suffix == ".npy":
         _save_array(path, plain)
+    elif path.suffix == ".csv":
+        _add_row(path, plain, time_s)
     elif isinstance(plain, bytes):
         path.write_bytes(plain)
     elif path.suffix == ".txt":
@@ -104,6 +115,10 @@ def _misfit(suffix: str, value: object, plain: object) -> str | None:
         return None if shape is not None or isinstance(plain, list) else "no array"
     if suffix == ".txt":
         return None if isinstance(plain, str | bytes) else "no text"
+    if suffix == ".csv":
+        count = len(plain) if isinstance(plain, list | tuple) else math.prod(shape or (1,))
+        fits = len(shape or ()) <= 1 and count <= MAX_COLUMNS and not isinstance(plain, bytes)
+        return None if fits else _NO_ROW
     return "bytes, which JSON has no form for; save them as .txt" if isinstance(plain, bytes) else None
 
 
@@ -138,6 +153,22 @@ def _save_image(path: Path, image: Any) -> str | None:
     path = path.with_suffix(".npy")
     _save_array(path, image)
     return f"saved {path.name} in place of a PNG, which needs OpenCV or matplotlib: pip install 'eal-actors[sim]'"
+
+
+def _add_row(path: Path, plain: Any, time_s: float) -> None:
+    """Add a row of the time and the value, or of all its elements; the first row names the columns."""
+    values = list(plain.tolist() if hasattr(plain, "tolist") else plain) if _is_sequence(plain) else [plain]
+    is_new = not path.exists()
+    with path.open("a", encoding="utf-8", newline="") as stream:
+        table = csv.writer(stream)
+        if is_new:
+            names = ["value"] if not _is_sequence(plain) else [f"value_{number}" for number in range(len(values))]
+            table.writerow(["time_s", *names])
+        table.writerow([f"{time_s:.6f}", *values])
+
+
+def _is_sequence(plain: object) -> bool:
+    return isinstance(plain, list | tuple) or hasattr(plain, "tolist")
 
 
 def _save_array(path: Path, array: Any) -> None:

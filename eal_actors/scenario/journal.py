@@ -6,15 +6,13 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import IO, Final
+from typing import IO
 
 from eal_actors.errors import ScenarioError
 from eal_actors.log import get_logger
 from eal_actors.scenario.events import Event
 from eal_actors.scenario.report import Report
-
-EVENTS: Final = "events.jsonl"
-SUMMARY: Final = "summary.json"
+from eal_actors.scenario.resuming import EVENTS, SUMMARY
 
 Listener = Callable[[Event], None]
 
@@ -25,12 +23,13 @@ class Journal:
     Args:
         directory: the run's folder, made if it is not there; None writes nothing.
         listeners: called with each event, in the thread of the run. One that raises is logged and called no more.
+        goes_on: the folder holds the record of a run that was cut off, to which more is added.
 
     Raises:
         ScenarioError: the folder cannot be written, or holds a run already.
     """
 
-    def __init__(self, directory: Path | None, listeners: Sequence[Listener]) -> None:
+    def __init__(self, directory: Path | None, listeners: Sequence[Listener], *, goes_on: bool = False) -> None:
         self._directory = directory
         self._listeners = list(listeners)
         self._stream: IO[str] | None = None
@@ -38,7 +37,9 @@ class Journal:
             return
         try:
             directory.mkdir(parents=True, exist_ok=True)
-            self._stream = (directory / EVENTS).open("x", encoding="utf-8", buffering=1)  # each line is flushed
+            if goes_on:
+                _cut_half_line(directory / EVENTS)
+            self._stream = (directory / EVENTS).open("a" if goes_on else "x", encoding="utf-8", buffering=1)  # by lines
         except FileExistsError:
             raise ScenarioError(f"{directory} holds the record of a run already") from None
         except OSError as error:
@@ -91,3 +92,10 @@ class Journal:
                 stream.close()
             except OSError:
                 get_logger().exception("closing the file of events failed")
+
+
+def _cut_half_line(path: Path) -> None:
+    """Remove what a crash has left of a last line."""
+    with path.open("rb+") as stream:
+        content = stream.read()
+        stream.truncate(content.rfind(b"\n") + 1)

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.errors import ConfigError, EALError, Problem, RobotFailedError, RobotNotFoundError, UnavailableError
+from eal_actors.errors import ConfigError, EALError, Problem, RobotFailedError, UnavailableError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.info import ResourceInfo
-from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.scenario.calls import CallStep, final_action
-from eal_actors.scenario.model import ForStep, OnStep, RepeatStep, RoleSection, Step
-from eal_actors.scenario.robot_check import RobotFacts, check_on_robots
+from eal_actors.scenario.binding import Binding, Wishes, bind, find_candidates
+from eal_actors.scenario.checks.facts import RobotFacts
+from eal_actors.scenario.checks.robots import check_on_robots
+from eal_actors.scenario.checks.sharing import check_sharing
+from eal_actors.scenario.loading import with_parameters
+from eal_actors.scenario.model import final_action
+from eal_actors.scenario.parameters import missing_parameters
+from eal_actors.scenario.python_steps import PythonSteps
 from eal_actors.scenario.scenario import Scenario
-from eal_actors.yaml_tree import YamlTree
+from eal_actors.scenario.timeline import count_calls
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +29,11 @@ class Plan:
     Attributes:
         scenario: the scenario.
         roles: the robots of each role, in the order of the fleet.
-        robots: the robots of all roles, in the order of the fleet.
-        lost: why robots take no part from the start, by name; empty unless the scenario drops robots that fail.
-        calls: how many calls the steps make when nothing fails, without those of `finally`.
+        robots: the robots of all roles, in the order of the fleet, spares included.
+        lost: why robots take no part from the start, by name; empty unless the scenario goes on without them.
+        calls: how many calls the steps make when nothing fails, as far as is known, without those of `finally`.
+        spares: the robots kept in reserve for each role.
+        python: the functions of its Python steps.
     """
 
     scenario: Scenario
@@ -35,14 +41,24 @@ class Plan:
     robots: tuple[str, ...]
     lost: Mapping[str, EALError]
     calls: int
+    spares: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    python: PythonSteps = field(default_factory=PythonSteps)
 
 
-def make_plan(scenario: Scenario, fleet: Fleet) -> Plan:
+def make_plan(
+    scenario: Scenario,
+    fleet: Fleet,
+    *,
+    binding: Wishes | None = None,
+    parameters: Mapping[str, object] | None = None,
+) -> Plan:
     """Bind the roles, and check every call with every value of every loop on every robot.
 
     Args:
         scenario: the scenario.
         fleet: a connected fleet.
+        binding: robots by role, in place of what the role asks for.
+        parameters: values of the scenario's parameters, in place of those that it was loaded with.
 
     Raises:
         ConfigError: with everything that the fleet cannot do, each with its place in the scenario file.
@@ -52,52 +68,33 @@ def make_plan(scenario: Scenario, fleet: Fleet) -> Plan:
 
     Thread: any; does not block.
     """
-    roles = bind_roles(scenario, fleet.config)
-    bound = {robot for robots in roles.values() for robot in robots}
-    robots = tuple(robot for robot in fleet.config.robots if robot in bound)
-    lost = {name: error for name in robots if (error := _not_started(fleet[name])) is not None}
-    _check_lost(scenario, roles, lost)
-    facts = {name: _facts(fleet[name]) for name in robots if name not in lost}
-    if problems := check_on_robots(scenario, roles, facts):
+    scenario = with_parameters(scenario, parameters or {})
+    if missing := missing_parameters(scenario.file, scenario.parameters, scenario.tree):
+        raise ConfigError(missing)
+    candidates = find_candidates(scenario, fleet.config, binding)
+    names = {name for role in candidates.values() for name in role}
+    lost = {name: error for name in names if (error := _not_started(fleet[name])) is not None}
+    facts = {name: _facts(fleet[name]) for name in fleet.config.robots if name in names and name not in lost}
+    bound = bind(scenario, fleet.config, candidates, facts, binding)
+    robots = tuple(name for name in fleet.config.robots if name in bound.robots)
+    lost = {name: lost[name] for name in robots if name in lost}
+    _check_lost(scenario, bound, lost)
+    python = PythonSteps.of(scenario, fleet.config)
+    problems: list[Problem] = [*python.problems, *check_sharing(scenario, bound.roles)]
+    problems += check_on_robots(scenario, bound.roles, facts, spares=bound.spares, seed=fleet.config.seed)
+    if problems:
         raise ConfigError(problems)
-    live = {role: sum(robot not in lost for robot in names) for role, names in roles.items()}
-    return Plan(scenario, roles, robots, lost, _count(scenario.file.steps, 1, live))
+    live = {role: sum(robot not in lost for robot in names) for role, names in bound.roles.items()}
+    return Plan(scenario, bound.roles, robots, lost, count_calls(scenario, live), bound.spares, python)
 
 
-def bind_roles(scenario: Scenario, fleet: FleetConfig) -> dict[str, tuple[str, ...]]:
-    """Return the robots of each role.
+def bind_roles(scenario: Scenario, fleet: FleetConfig, binding: Wishes | None = None) -> dict[str, tuple[str, ...]]:
+    """Return the robots that may take each role, as far as the fleet file tells: those to connect.
 
     Raises:
         ConfigError: a role asks for robots that the fleet does not know, or for more than it has.
     """
-    problems: list[Problem] = []
-    roles: dict[str, tuple[str, ...]] = {}
-    manager = EALConfigManager(fleet)
-    for role, section in scenario.file.roles.items():
-        unknown = _unknown_words(role, section, manager, scenario.tree)
-        problems += unknown
-        if unknown:
-            continue
-        names = tuple(robot.name for robot in manager.select(section.robots, section.tags, section.types))
-        roles[role] = names
-        if len(names) < section.min:
-            found = f"only {len(names)} ({', '.join(names)})" if names else "none"
-            message = f"needs at least {section.min} of the robots of fleet '{fleet.name}', but {found} fit"
-            problems.append(scenario.tree.problem(("roles", role), message, key=True))
-    if problems:
-        raise ConfigError(problems)
-    return roles
-
-
-def _unknown_words(role: str, section: RoleSection, manager: EALConfigManager, tree: YamlTree) -> list[Problem]:
-    problems = []
-    for key, words in (("robots", section.robots), ("tags", section.tags), ("types", section.types)):
-        for index, word in enumerate(words or ()):
-            try:
-                manager.select(**{"names" if key == "robots" else key: [word]})
-            except RobotNotFoundError as error:
-                problems.append(tree.problem(("roles", role, key, index), error.message))
-    return problems
+    return find_candidates(scenario, fleet, binding)
 
 
 def _not_started(robot: RobotHandle) -> EALError | None:
@@ -108,16 +105,18 @@ def _not_started(robot: RobotHandle) -> EALError | None:
     return None
 
 
-def _check_lost(scenario: Scenario, roles: Mapping[str, Sequence[str]], lost: Mapping[str, EALError]) -> None:
+def _check_lost(scenario: Scenario, bound: Binding, lost: Mapping[str, EALError]) -> None:
     """Raise RobotFailedError unless the scenario goes on without the robots that are lost."""
-    drops = final_action(scenario.file.on_failure) == "drop"
-    for role, names in roles.items():
+    for role, names in bound.roles.items():
+        section = scenario.file.roles[role]
+        goes_on = final_action(section.on_failure or scenario.file.on_failure) in ("drop", "substitute")
         missing = [name for name in names if name in lost]
-        needed = scenario.file.roles[role].min if drops else len(names)
-        if missing and len(names) - len(missing) < needed:
+        ready = [name for name in bound.spares[role] if name not in lost]
+        needed = section.min if goes_on else len(names)
+        if missing and len(names) - len(missing) + (len(ready) if goes_on else 0) < needed:
             first = lost[missing[0]]
             others = f"; nor did {', '.join(missing[1:])} start" if missing[1:] else ""
-            wanted = f"; role '{role}' needs at least {needed} robots" if drops else ""
+            wanted = f"; role '{role}' needs at least {needed} robots" if goes_on else ""
             raise RobotFailedError(f"{first.message}{others}{wanted}", robot=first.robot)
 
 
@@ -130,15 +129,3 @@ def _facts(robot: RobotHandle) -> RobotFacts:
         except UnavailableError as error:
             left_out.append(f"{name} {error.message}")
     return RobotFacts(resources, "".join(f"; left out: {reason}" for reason in left_out))
-
-
-def _count(steps: Sequence[Step], robots: int, live: Mapping[str, int]) -> int:
-    count = 0
-    for step in steps:
-        if isinstance(step, CallStep):
-            count += robots
-        elif isinstance(step, OnStep):
-            count += _count(step.do, live[step.on], live)
-        elif isinstance(step, ForStep | RepeatStep):
-            count += len(step.loop[1]) * _count(step.do, robots, live)
-    return count

@@ -4,24 +4,36 @@
       "scenario": "dance",                      name in the scenario file
       "scenario_file": "scenarios/dance.yaml",  as it was given
       "fleet": "sim", "fleet_file": "fleets/sim.yaml", "seed": 7, "rate": 2.0,
-      "started": "2025-03-01T10:00:00.000000+00:00",   wall time, UTC
+      "parameters": {"speed_m_s": 0.3},
+      "roles": {"dancers": ["evbot2-1"]},       who took part in which role from the start
+      "wall_started": "2025-03-01T10:00:00.000000+00:00",   wall time, UTC
       "duration_s": 31.2,                       seconds of the fleet's clock, as all times below
+      "paused_s": 0.0,                          how much of it the run was paused
       "outcome": "done",
       "error": null,                            or {"code": "deadline", "message": "..."}
       "robots": {"evbot2-1": {"outcome": "done", "error": null}},
       "steps": [
-        {"robot": "evbot2-1", "step": "steps[0].do[0].do[0]", "label": "send_cmd Base r45",
-         "resource": "Base", "method": "send_cmd", "command": "r45",
+        {"robot": "evbot2-1", "role": "dancers", "step": "steps[0].do[0].do[0]", "branch": null,
+         "kind": "send_cmd", "label": "send_cmd Base r45", "resource": "Base", "command": "r45",
          "start_s": 0.01, "end_s": 0.92, "outcome": "done", "attempts": 1, "error": null}
+      ],
+      "starts": [
+        {"step": "steps[0].do[0].do[0]", "start_s": 0.01, "skew_s": 0.0004, "skew_error_s": 0.0,
+         "begins": {"evbot2-1": 0.0101}}
       ]
     }
 
-A step is `done`, `failed` (its last attempt failed), `dropped` (it failed, and cost the robot its part in the run) or
-`aborted` (the run was stopped while it was under way). A
-robot is `done` if it went through all of its steps, `failed` if a step of its ended the run, if one of its steps in
-`finally` failed or if it could not be halted, `dropped` if it left the run, and `aborted` if the run was stopped
-around it. The run is `done` only if every robot is; it is `failed` if a robot failed or was dropped or the engine
-itself had an error, and otherwise `aborted`. Steps that were never reached have no entry.
+A step is `done`, `failed` (its last attempt failed, and that ended the run), `dropped` (it failed, and cost the robot
+its part in the run), `replaced` (it failed, and a spare took the robot's place), `skipped` (it failed, and the scenario
+went on without it), `stopped` (others were through first, as `until` wants it) or `aborted` (the run was stopped while
+it was under way).
+
+A robot is `done` if it went through all of its steps, `failed` if a step of its ended the run, if one of its steps in
+`finally` failed or if it could not be halted, `dropped` if it left the run, `replaced` if a spare took its place,
+`aborted` if the run was stopped around it, and `spare` if it was kept in reserve and never needed. The run is `done`
+only if nobody failed, was dropped or was stopped by an abort; it is `failed` if a robot failed or was dropped, if a
+step of no robot failed, or if the engine itself had an error, and otherwise `aborted`. Steps that were never reached
+have no entry.
 """
 
 from __future__ import annotations
@@ -34,7 +46,8 @@ from eal_actors.errors import EALError
 from eal_actors.lock_step import Rate
 from eal_actors.strict_model import StrictModel
 
-Outcome = Literal["done", "failed", "dropped", "aborted"]
+StepOutcome = Literal["done", "failed", "dropped", "replaced", "skipped", "stopped", "aborted"]
+RobotOutcome = Literal["done", "failed", "dropped", "replaced", "aborted", "spare"]
 RunOutcome = Literal["done", "failed", "aborted"]
 
 
@@ -56,29 +69,55 @@ class ErrorReport(StrictModel):
 class RobotReport(StrictModel):
     """How a robot fared."""
 
-    outcome: Outcome
+    outcome: RobotOutcome
     error: ErrorReport | None = None
 
 
 class StepRecord(StrictModel):
-    """One call of one robot, all its attempts together."""
+    """One step of one robot, or of the run itself, all its attempts together."""
 
-    robot: str
+    robot: str | None
+    """None for a step outside of any `on`."""
+    role: str | None
+    """The robot's role in it."""
     step: str
-    """Its path in the scenario file."""
+    """Its path in the scenario file; inside another scenario, behind the path of the step that carries that out."""
+    branch: str | None
+    """The innermost branch of a `parallel` that it belongs to: its name, or its number from 0."""
+    kind: str
+    """The key that tells what the step is, such as `send_cmd` or `wait_for`."""
     label: str
     """What it does, for people."""
-    resource: str
-    method: str
+    resource: str | None
+    """For calls."""
     command: str | None
     """What send_cmd, send_req, get_config or set_config was given as text."""
     start_s: float
-    """Since the run's start, in seconds of the fleet's clock."""
+    """Since the run's start, in seconds of the fleet's clock; with `together`, when it began after all had met."""
     end_s: float
-    outcome: Outcome
+    outcome: StepOutcome
     attempts: int = Field(ge=0)
     """0 if it failed before anything was sent."""
     error: ErrorReport | None = None
+
+    @property
+    def is_call(self) -> bool:
+        """Whether it is a call of a resource."""
+        return self.resource is not None
+
+
+class StartReport(StrictModel):
+    """How close together robots began a step marked `together`."""
+
+    step: str
+    start_s: float
+    """When they were to begin."""
+    skew_s: float | None
+    """From the first begin to the last; None where not all have begun."""
+    skew_error_s: float
+    """By how much at most the skew is wrong, either way; 0 for robots of the controller's own process."""
+    begins: dict[str, float | None]
+    """When each robot began."""
 
 
 class Report(StrictModel):
@@ -91,14 +130,19 @@ class Report(StrictModel):
     seed: int
     rate: Rate
     """Seconds of the fleet's clock in one real second."""
-    started: str
+    parameters: dict[str, Any]
+    roles: dict[str, list[str]]
+    """Who took part in which role from the start."""
+    wall_started: str
     """Wall time in UTC, ISO 8601."""
     duration_s: float
     """Seconds of the fleet's clock."""
+    paused_s: float
     outcome: RunOutcome
     error: ErrorReport | None
     robots: dict[str, RobotReport]
     steps: tuple[StepRecord, ...] = Field(strict=False)
+    starts: tuple[StartReport, ...] = Field(default=(), strict=False)
 
 
 def summary_schema() -> dict[str, Any]:

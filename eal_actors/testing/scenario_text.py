@@ -6,14 +6,7 @@ import textwrap
 from pathlib import Path
 from typing import Final
 
-from pydantic import ValidationError
-
-from eal_actors.errors import ConfigError
-from eal_actors.scenario import Scenario, load_scenario
-from eal_actors.scenario.model import ScenarioFile
-from eal_actors.scenario.scope_check import check_scope
-from eal_actors.strict_model import problems_from
-from eal_actors.yaml_source import parse_yaml
+from eal_actors.scenario import Scenario, load_scenario, parse_scenario
 
 _NAME: Final = "scenario"
 
@@ -29,11 +22,4 @@ def read_scenario(source: str | Path) -> Scenario:
     """
     if isinstance(source, Path) or "\n" not in source:
         return load_scenario(source)
-    tree = parse_yaml(textwrap.dedent(source), _NAME)
-    try:
-        file = ScenarioFile.model_validate(tree.root)
-    except ValidationError as error:
-        raise ConfigError(problems_from(error, tree, ScenarioFile)) from None
-    if problems := check_scope(file, tree):
-        raise ConfigError(problems)
-    return Scenario(Path(_NAME), file, tree)
+    return parse_scenario(textwrap.dedent(source), _NAME)

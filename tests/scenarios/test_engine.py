@@ -122,7 +122,7 @@ def test_every_call_of_the_api_can_be_made(two: Fleet, tmp_path: Path) -> None:
 
     assert report.outcome == "done"
     first = records(report, "fast")
-    assert [(record.method, record.command, record.label) for record in first] == [
+    assert [(record.kind, record.command, record.label) for record in first] == [
         ("set_config", "gain", "set_config Base gain 0.5"),
         ("get_config", "gain", "get_config Base gain"),
         ("set_value", None, "set_value Base 5"),
@@ -191,7 +191,7 @@ def test_the_files_hold_what_the_report_does(two: Fleet, tmp_path: Path) -> None
     assert sorted(path.name for path in folder.iterdir()) == ["events.jsonl", "summary.json"]
     assert (report.fleet, report.rate, report.seed) == ("rigs", 20.0, 0)
     assert report.fleet_file == str(tmp_path / "fleet.yaml")
-    assert report.started.endswith("+00:00")
+    assert report.wall_started.endswith("+00:00")
 
 
 def test_events_come_in_order(tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_events_come_in_order(tmp_path: Path) -> None:
         )
 
     kinds = [type(event) for event in watch.events]
-    assert kinds == [RunStarted, StepStarted, StepEnded, StepStarted, StepEnded, RobotDropped, RunEnded]
+    assert kinds == [RunStarted, StepStarted, StepEnded, StepStarted, StepEnded, RobotDropped, LogLine, RunEnded]
     started, ended = watch.events[0], watch.events[-1]
     assert isinstance(started, RunStarted)
     assert (started.scenario, started.fleet, started.robots, started.calls) == ("trial", "rigs", ("a",), 2)

@@ -185,13 +185,13 @@ def test_giving_up_the_future_aborts_the_run(two: Fleet, tmp_path: Path) -> None
 def test_an_error_of_the_engine_fails_the_run_and_halts_the_robots(two: Fleet, tmp_path: Path) -> None:
     body = f"timeout_s: 500\n{ON}  - send_cmd: {{resource: Base, cmd: go100}}\n- on: all\n  do: [{{log: x}}]\n{FINALLY}"
     broken = Run(make_plan(scenario(tmp_path, body), two), two)
-    broken._robots["fast"].saved = None  # type: ignore[assignment]
+    broken._robots["fast"].pending = None  # type: ignore[assignment]
     report = broken.start().get()
 
     assert report.outcome == "failed"
     assert report.error is not None
     assert report.error.code == "error"
-    assert report.error.message.startswith("TypeError: ")
+    assert report.error.message.startswith("AttributeError: ")
     assert report.duration_s < 90
     assert outcomes(report)["slow"] != "done"
     assert ask(two, "slow", "halts") >= 2

@@ -154,7 +154,7 @@ def test_a_variable_that_cannot_be_put_in_fails_the_step(two: Fleet, tmp_path: P
     record = records(report, "slow")[-1]
     assert (record.outcome, record.attempts) == ("dropped", 0)
     assert record.error is not None
-    assert "'image' is of type ndarray, which cannot stand in a text" in record.error.message
+    assert "${image} is of type list, which cannot stand in a text" in record.error.message
 
 
 def test_what_cannot_be_saved_fails_the_step(two: Fleet, tmp_path: Path) -> None:

@@ -60,10 +60,10 @@ def test_a_dancer_that_fails_leaves_and_the_others_dance_on(capsys: pytest.Captu
 
 def test_panorama_takes_eight_different_pictures_of_every_robot() -> None:
     with fast_fleet() as fleet:
-        frames = panorama.take_panorama(list(fleet.values()))
-    for taken in frames.values():
-        assert len(taken) == 8
-        assert len({frame.value.tobytes() for frame in taken}) == 8
+        taken = panorama.take_panorama(list(fleet.values()))
+    for shots in taken.values():
+        assert len(shots.frames) == len(shots.yaws_rad) == 8
+        assert len({frame.value.tobytes() for frame in shots.frames}) == 8
 
 
 def test_wander_keeps_off_the_walls_and_ends_in_time() -> None:

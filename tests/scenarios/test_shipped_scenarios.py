@@ -39,7 +39,7 @@ def poses(fleet: Fleet) -> dict[str, tuple[float, float, float]]:
 
 
 def commands(report: Report, robot: str) -> list[str | None]:
-    return [step.command for step in report.steps if step.robot == robot and step.method == "send_cmd"]
+    return [step.command for step in report.steps if step.robot == robot and step.kind == "send_cmd"]
 
 
 def test_square_ends_where_it_began(sim: Fleet, tmp_path: Path) -> None:
@@ -61,6 +61,7 @@ def test_dance_is_danced_step_by_step(sim: Fleet, tmp_path: Path) -> None:
         assert {(step.robot, step.command) for step in steps} == {(robot, move) for robot in ROBOTS}
         assert min(step.start_s for step in steps) >= before_s, "nobody begins before the last has ended"
         before_s = max(step.end_s for step in steps)
+    assert len(report.starts) == len(DANCE)
     assert max(step.start_s for step in steps) < min(step.end_s for step in steps), "the long last turn is a common one"
     for robot in ROBOTS:
         assert commands(report, robot) == [*DANCE, "s"]
@@ -72,8 +73,10 @@ def test_panorama_takes_eight_pictures(sim: Fleet, tmp_path: Path) -> None:
     run(sim, "panorama", tmp_path)
 
     for robot in ROBOTS:
-        names = sorted(path.name for path in (tmp_path / "panorama" / robot).iterdir())
+        names = sorted(path.name for path in (tmp_path / "panorama" / robot).glob("frame.*.png"))
         assert names == [f"frame.{number}.png" for number in range(8)]
+        assert all((tmp_path / "panorama" / robot / name).with_suffix(".json").is_file() for name in names)
+        assert imread(tmp_path / "panorama" / robot / "panorama.png").shape[1] == 3482
         pictures = [imread(tmp_path / "panorama" / robot / name) for name in names]
         assert all(picture.shape[:2] == (480, 640) for picture in pictures)
         assert not any(np.array_equal(one, next_one) for one, next_one in itertools.pairwise(pictures))

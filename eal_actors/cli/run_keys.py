@@ -1,0 +1,131 @@
+"""Keys that control a run on a terminal: pause, single steps, stop."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import select
+import sys
+import threading
+from types import ModuleType, TracebackType
+from typing import Any, Final, Protocol, Self
+
+from eal_actors.log import get_logger
+
+termios: ModuleType | None
+tty: ModuleType | None
+try:
+    import termios
+    import tty
+except ImportError:  # a system without such terminals has no such keys
+    termios = tty = None
+
+LEGEND: Final = "space: pause   s: step   q: stop"
+_JOIN_S: Final = 2.0
+
+
+class Controlled(Protocol):
+    """What the keys control: a run."""
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether it is paused."""
+        ...
+
+    def pause(self) -> None:
+        """Begin nothing new."""
+
+    def resume(self) -> None:
+        """Go on."""
+
+    def step(self) -> None:
+        """Begin one step each."""
+
+    def abort(self, reason: str) -> None:
+        """Stop."""
+
+
+def keys_work() -> bool:
+    """Return whether somebody at a terminal can press keys: not if input comes from elsewhere, or in the background."""
+    if termios is None or not sys.stdin.isatty():
+        return False
+    try:
+        return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    except OSError:
+        return False
+
+
+class RunKeys:
+    """Heeds keys for the length of a `with` block; the terminal is as it was after it, whatever happens.
+
+    Where nobody can press keys it does nothing.
+
+    Args:
+        run: the run.
+    """
+
+    def __init__(self, run: Controlled) -> None:
+        self._run = run
+        self._fd = -1
+        self._before: Any = None
+        self._wake: tuple[int, int] | None = None
+        self._thread: threading.Thread | None = None
+
+    def __enter__(self) -> Self:
+        if termios is None or tty is None or not keys_work():
+            return self
+        self._fd = sys.stdin.fileno()
+        try:
+            self._before = termios.tcgetattr(self._fd)
+            atexit.register(self._restore)
+            tty.setcbreak(self._fd)  # Ctrl-C stays what it is
+        except termios.error as error:
+            get_logger().debug("keys do not work on this terminal", reason=str(error))
+            self._restore()
+            return self
+        self._wake = os.pipe()
+        self._thread = threading.Thread(target=self._listen, name="keys", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._wake is not None and self._thread is not None:
+            os.write(self._wake[1], b".")
+            self._thread.join(_JOIN_S)
+            for end in self._wake:
+                os.close(end)
+            self._wake = None
+        self._restore()
+
+    def _restore(self) -> None:
+        before, self._before = self._before, None
+        if before is not None and termios is not None:
+            atexit.unregister(self._restore)
+            try:
+                termios.tcsetattr(self._fd, termios.TCSADRAIN, before)
+            except termios.error:  # the terminal was closed
+                return
+
+    def _listen(self) -> None:
+        wake = self._wake[0] if self._wake is not None else -1
+        while True:
+            ready, _, _ = select.select([self._fd, wake], [], [])
+            if wake in ready:
+                return
+            try:
+                pressed = os.read(self._fd, 1)
+            except OSError:  # the terminal was closed
+                return
+            if not pressed:
+                return
+            self._heed(pressed)
+
+    def _heed(self, key: bytes) -> None:
+        if key == b" ":
+            (self._run.resume if self._run.is_paused else self._run.pause)()
+        elif key in b"sS":
+            self._run.step()
+        elif key in b"qQ":
+            self._run.abort("stopped by the key q")

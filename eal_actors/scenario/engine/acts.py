@@ -1,0 +1,285 @@
+"""What steps do that are neither calls nor blocks: waits, meetings, signals, variables, expectations, words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from eal_actors.data import EALData
+from eal_actors.errors import DeadlineError, ScenarioError
+from eal_actors.scenario.checks.fields import checked_number
+from eal_actors.scenario.engine.cast import Context
+from eal_actors.scenario.engine.loop import Branch
+from eal_actors.scenario.engine.meetings import meeting_key
+from eal_actors.scenario.engine.stage import Stage
+from eal_actors.scenario.events import Signalled
+from eal_actors.scenario.expressions import (
+    Expression,
+    Known,
+    bare_expressions,
+    evaluate,
+    evaluate_bare,
+    expressions_in,
+    parse_bare,
+    render,
+    render_text,
+)
+from eal_actors.scenario.expressions.evaluation import plain
+from eal_actors.scenario.expressions.functions import as_text
+from eal_actors.scenario.model import (
+    BarrierStep,
+    ExpectStep,
+    LetStep,
+    LogStep,
+    SignalStep,
+    WaitForStep,
+    WaitStep,
+    WaitUntilStep,
+)
+from eal_actors.scenario.records import to_record
+
+
+class _SomeAct:
+    """What all of them have in common."""
+
+    resource: str | None = None
+    command: str | None = None
+    began_s: float | None = None
+
+    def __init__(self, stage: Stage, context: Context, label: str) -> None:
+        self.label = label
+        self.is_begun = True
+        self._stage = stage
+        self._context = context
+
+
+class WaitAct(_SomeAct):
+    """Lets time pass."""
+
+    def __init__(self, stage: Stage, context: Context, step: WaitStep) -> None:
+        super().__init__(stage, context, f"wait_s {_short(step.wait_s)}")
+        self._step = step
+
+    def attempt(self) -> Branch:
+        """See Act."""
+        known = yield from self._stage.read(self._context, expressions_in(self._step.wait_s))
+        duration_s = checked_number(render(self._step.wait_s, known), "seconds", "wait_s")
+        self.label = f"wait_s {_short(duration_s)}"
+        yield from self._stage.sleep(self._context, duration_s)
+
+
+class WaitUntilAct(_SomeAct):
+    """Looks at an expression until it is true."""
+
+    def __init__(self, stage: Stage, context: Context, step: WaitUntilStep) -> None:
+        super().__init__(stage, context, f"wait_until {step.wait_until}")
+        self._step = step
+
+    def attempt(self) -> Branch:
+        """See Act."""
+        stage, context, step = self._stage, self._context, self._step
+        expression, _ = parse_bare(step.wait_until)
+        timeout_s = yield from _timeout_s(stage, context, step.timeout_s)
+        end_s = stage.pace.active_s() + timeout_s
+        while True:
+            known = yield from stage.read(context, [expression])
+            if plain(evaluate(expression, known), step.wait_until):
+                return
+            left_s = end_s - stage.pace.active_s()
+            if left_s <= 0:
+                seen = _seen([expression], known)
+                raise DeadlineError(f"{step.wait_until} did not become true within {timeout_s:g} s{seen}")
+            yield from stage.sleep(context, min(step.poll_s, left_s))
+
+
+class BarrierAct(_SomeAct):
+    """Meets others."""
+
+    def __init__(self, stage: Stage, context: Context, step: BarrierStep) -> None:
+        super().__init__(stage, context, f"barrier {step.barrier}")
+        self._step = step
+
+    def attempt(self) -> Branch:
+        """See Act."""
+        stage, context = self._stage, self._context
+        if context.is_finally:  # nobody waits there
+            return
+        timeout_s = yield from _timeout_s(stage, context, self._step.timeout_s)
+        key = meeting_key(context.unit, self._step)
+        meeting = stage.meetings.arrive(key, context.task)
+        try:
+            is_met = yield from stage.wait_within(context, meeting, timeout_s)
+        finally:
+            stage.meetings.withdraw(key, context.task)
+        if not is_met:
+            missing = stage.meetings.absent(key)
+            names = [name for name in missing if name != context.task.name]
+            raise DeadlineError(f"barrier '{self._step.barrier}': {_few(names)} did not come within {timeout_s:g} s")
+
+
+class SignalAct(_SomeAct):
+    """Tells those who wait."""
+
+    def __init__(self, stage: Stage, context: Context, step: SignalStep) -> None:
+        super().__init__(stage, context, f"signal {step.signal}")
+        self._step = step
+
+    def attempt(self) -> Branch:
+        """See Act."""
+        stage, context, step = self._stage, self._context, self._step
+        value: Any = context.robot_name
+        if step.value is not None:
+            known = yield from stage.read(context, expressions_in(step.value))
+            value = render(step.value, known)
+        count = stage.signals.give(context.unit, step.signal, value)
+        name = f"{context.unit.prefix}{step.signal}"
+        stage.tell(lambda time_s: Signalled(time_s, context.robot_name, name, count, to_record(value)))
+
+
+class WaitForAct(_SomeAct):
+    """Waits for a signal."""
+
+    def __init__(self, stage: Stage, context: Context, step: WaitForStep) -> None:
+        super().__init__(stage, context, f"wait_for {step.wait_for}")
+        self._step = step
+
+    def attempt(self) -> Branch:
+        """See Act."""
+        stage, context, step = self._stage, self._context, self._step
+        known = yield from stage.read(context, expressions_in(step.count))
+        count = int(checked_number(render(step.count, known), "count", "count"))
+        timeout_s = yield from _timeout_s(stage, context, step.timeout_s)
+        future = stage.signals.wait(context.unit, step.wait_for, count)
+        if not (yield from stage.wait_within(context, future, timeout_s)):
+            given = stage.signals.counts.get((context.unit, step.wait_for), 0)
+            often = f"; it was given {given} of {count} times" if count > 1 else ""
+            raise DeadlineError(f"signal '{step.wait_for}' was not given within {timeout_s:g} s{often}")
+        if step.save_as is not None:
+            stage.assign(context, step.save_as, future.get())
+
+
+class LetAct(_SomeAct):
+    """Gives variables a value."""
+
+    def __init__(self, stage: Stage, context: Context, step: LetStep) -> None:
+        super().__init__(stage, context, f"let {', '.join(step.let)}")
+        self._step = step
+
+    def attempt(self) -> Branch:
+        """See Act."""
+        for name, value in self._step.let.items():
+            known = yield from self._stage.read(self._context, bare_expressions(value))
+            self._stage.assign(self._context, name, evaluate_bare(value, known))
+
+
+class ExpectAct(_SomeAct):
+    """Holds something against what it should be."""
+
+    def __init__(self, stage: Stage, context: Context, step: ExpectStep) -> None:
+        super().__init__(stage, context, f"expect {step.expect}")
+        self._step = step
+
+    def attempt(self) -> Branch:
+        """See Act."""
+        step = self._step
+        expression, _ = parse_bare(step.expect)
+        expressions = [expression, *expressions_in((step.equals, step.says))]
+        known = yield from self._stage.read(self._context, expressions)
+        found = plain(evaluate(expression, known), step.expect)
+        if step.equals is None:
+            is_right, wanted = bool(found), "to be true"
+        else:
+            target = plain(render(step.equals, known), "equals")
+            is_right = _equal(found, target, step.tolerance or 0.0)
+            around = f" ± {step.tolerance:g}" if step.tolerance else ""
+            wanted = f"to be {_value(target)}{around}"
+        if not is_right:
+            says = f"{render_text(step.says, known)}: " if step.says is not None else ""
+            seen = _seen([expression], known) if step.equals is None else f", but it is {_value(found)}"
+            raise ScenarioError(f"{says}expected {step.expect} {wanted}{seen}")
+
+
+class LogAct(_SomeAct):
+    """Tells those who watch."""
+
+    def __init__(self, stage: Stage, context: Context, step: LogStep) -> None:
+        super().__init__(stage, context, "log")
+        self._step = step
+
+    def attempt(self) -> Branch:
+        """See Act."""
+        known = yield from self._stage.read(self._context, expressions_in(self._step.log))
+        self._stage.log(self._context.robot_name, render_text(self._step.log, known))
+
+
+class WorkOutAct(_SomeAct):
+    """Works out what a block needs to know.
+
+    Attributes:
+        value: what came of it; None if it failed.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        context: Context,
+        label: str,
+        expressions: Iterable[Expression],
+        work: Callable[[Known], Any],
+    ) -> None:
+        super().__init__(stage, context, label)
+        self.value: Any = None
+        self._expressions = list(expressions)
+        self._work = work
+
+    def attempt(self) -> Branch:
+        """See Act."""
+        known = yield from self._stage.read(self._context, self._expressions)
+        self.value = self._work(known)
+
+
+def _timeout_s(stage: Stage, context: Context, timeout_s: float | str) -> Any:
+    known = yield from stage.read(context, expressions_in(timeout_s))
+    return checked_number(render(timeout_s, known), "timeout", "timeout_s")
+
+
+def _equal(found: Any, wanted: Any, tolerance: float) -> bool:
+    if isinstance(found, list | tuple) and isinstance(wanted, list | tuple):
+        pairs = list(zip(found, wanted, strict=False))
+        return len(found) == len(wanted) and all(_equal(one, other, tolerance) for one, other in pairs)
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in (found, wanted))
+    if numbers:
+        return bool(math.isclose(found, wanted, rel_tol=0.0, abs_tol=tolerance + 1e-12 * tolerance))
+    return bool(type(found) is type(wanted) and found == wanted)
+
+
+def _seen(expressions: Iterable[Expression], known: Known) -> str:
+    """Return what readings and variables of an expression were, for messages."""
+    parts = []
+    for expression in expressions:
+        parts += [f"{reading} is {_value(known.readings[reading])}" for reading, _ in expression.readings]
+        parts += [
+            f"{name.name} is {_value(known.variables[name.name])}"
+            for name in expression.names
+            if name.name in known.variables and name.name != "run"
+        ]
+    return f", but {', '.join(parts)}" if parts else ""
+
+
+def _value(value: object) -> str:
+    """Return a value in few words."""
+    inner = value.value if isinstance(value, EALData) else value
+    if isinstance(inner, bool | int | float):
+        return as_text(inner) if not isinstance(inner, float) else f"{inner:.6g}"
+    text = repr(inner.tolist() if hasattr(inner, "tolist") and getattr(inner, "size", 99) <= 8 else inner)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _short(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _few(names: list[str]) -> str:
+    more = len(names) - 3
+    return ", ".join(names) if more <= 0 else f"{', '.join(names[:3])} and {more} more"

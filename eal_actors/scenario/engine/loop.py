@@ -1,0 +1,106 @@
+"""One thread for any number of branches: each is a generator that yields the futures it waits for."""
+
+from __future__ import annotations
+
+import itertools
+import queue
+from collections.abc import Callable, Generator
+from typing import Any, TypeAlias
+
+from eal_actors.actors.future import Future
+from eal_actors.clock import Clock, new_waiter
+from eal_actors.timers import ROUNDING_S, Timer, TimerHeap
+
+Branch: TypeAlias = Generator[Future[Any], None, None]
+"""Yields futures, and goes on when they are done, whatever their outcome."""
+
+
+class Loop:
+    """Runs actions and branches in the thread that calls `run`.
+
+    It takes no lock, so that `post` may be called from a signal handler that interrupts anything.
+
+    Args:
+        clock: the clock of its timers.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self._actions: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._wakeup = new_waiter()
+        self._timers: TimerHeap[Timer] = TimerHeap()
+        self._order = itertools.count()
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Run an action soon. Thread: any, signal handlers too; never blocks."""
+        self._actions.put(action)
+        self.clock.wake(self._wakeup)
+
+    def call_at(self, time_s: float, action: Callable[[], None]) -> Timer:
+        """Run an action when the clock shows `time_s`; see Timekeeper. Thread: the loop's own."""
+        timer = Timer(time_s, next(self._order), action)
+        self._timers.add(timer)
+        return timer
+
+    def sleep(self, duration_s: float) -> Future[None]:
+        """Return a future that is done after a duration. Thread: the loop's own."""
+        future: Future[None] = Future(self.clock)
+        self.call_at(self.clock.now() + duration_s, future.set)
+        return future
+
+    def breathe(self) -> Future[None]:
+        """Return a future that is done once everything else that is due has had its turn. Thread: the loop's own."""
+        future: Future[None] = Future(self.clock)
+        self.post(future.set)
+        return future
+
+    def spawn(self, branch: Branch, on_end: Callable[[BaseException | None], None]) -> None:
+        """Run a branch up to its first future, and on from there as its futures are done.
+
+        Args:
+            branch: the generator.
+            on_end: called with the error that ended it, or None.
+
+        Thread: the loop's own.
+        """
+
+        def go_on(_: object = None) -> None:
+            try:
+                for future in branch:
+                    if not future.done():
+                        future.timekeeper = self  # its deadline rings here, however stuck its robot is
+                        future.add_done_callback(lambda _: self.post(go_on))
+                        return
+            except BaseException as error:  # noqa: BLE001  # whoever waits for the branch must hear of its end
+                on_end(error)
+            else:
+                on_end(None)
+
+        go_on()
+
+    def run(self, branch: Branch) -> None:
+        """Run until a branch has ended; raise what it raised. Thread: blocks; becomes the loop's own."""
+        ended: list[BaseException | None] = []
+        self.spawn(branch, ended.append)
+        while not ended:
+            self._wait()
+            self._run_due()
+            for _ in range(self._actions.qsize()):
+                self._actions.get_nowait()()
+        if ended[0] is not None:
+            raise ended[0]
+
+    def _wait(self) -> None:
+        while self._actions.empty():
+            timer = self._timers.first()
+            timeout_s = timer.time_s - self.clock.now() if timer is not None else None
+            if timeout_s is not None and timeout_s <= ROUNDING_S:
+                return
+            self.clock.wait(self._wakeup, timeout_s)
+
+    def _run_due(self) -> None:
+        now_s = self.clock.now() + ROUNDING_S
+        while (timer := self._timers.first()) is not None and timer.time_s <= now_s:
+            action = self._timers.pop().action
+            if action is not None:
+                action()

@@ -1,0 +1,43 @@
+"""What every step may say, and what the steps that can fail or wait may say."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from eal_actors.scenario.model.policies import OnFailure
+from eal_actors.scenario.model.values import Timeout
+from eal_actors.strict_model import StrictModel
+
+
+class Step(StrictModel):
+    """Something to do.
+
+    Attributes:
+        kind: the key that tells what the step is.
+    """
+
+    kind: ClassVar[str]
+
+    safe_to_repeat: bool | None = None
+    """For steps of the top level: a run that is resumed may go through it once more; the file's if left out."""
+
+
+class FallibleStep(Step):
+    """A step that can fail."""
+
+    on_failure: OnFailure | None = None
+    """What happens then; that of the block around it, of the role or of the file if left out."""
+
+
+class TimedStep(FallibleStep):
+    """A step whose time is limited."""
+
+    timeout_s: Timeout | None = None
+    """Deadline of each attempt, in seconds of the fleet's clock; the file's if left out."""
+
+
+class WaitingStep(FallibleStep):
+    """A step that waits for something that may never happen."""
+
+    timeout_s: Timeout
+    """How long it waits at most, in seconds of the fleet's clock."""

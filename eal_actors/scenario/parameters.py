@@ -1,0 +1,179 @@
+"""The parameters of a scenario: what they are declared as, and the values they are given."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+from eal_actors.errors import Problem
+from eal_actors.scenario.model import ParameterSection, ScenarioFile
+from eal_actors.strict_model import did_you_mean
+from eal_actors.yaml_tree import YamlTree, show
+
+_TRUTHS: Final = {"true": True, "false": False}
+
+
+def check_parameters(file: ScenarioFile, tree: YamlTree) -> list[Problem]:
+    """Return what is wrong with the declarations themselves, defaults included."""
+    problems = []
+    for name, section in file.parameters.items():
+        path = ("parameters", name)
+        numeric = section.type in ("int", "double")
+        problems += [
+            tree.problem((*path, key), f"has no meaning for a {section.type}", key=True)
+            for key in ("minimum", "maximum")
+            if getattr(section, key) is not None and not numeric
+        ]
+        if section.minimum is not None and section.maximum is not None and section.minimum > section.maximum:
+            problems.append(tree.problem((*path, "maximum"), f"is below the minimum, {section.minimum:g}"))
+        for index, choice in enumerate(section.choices):
+            if (wrong := _type_problem(section, choice)) is not None:
+                problems.append(tree.problem((*path, "choices", index), wrong))
+        if section.default is not None and (wrong := parameter_problem(section, section.default)) is not None:
+            problems.append(tree.problem((*path, "default"), wrong))
+    return problems
+
+
+def parameter_problem(section: ParameterSection, value: object) -> str | None:
+    """Return why a parameter cannot have a value, or None."""
+    if (wrong := _type_problem(section, value)) is not None:
+        return wrong
+    if section.choices and value not in section.choices:
+        return f"must be one of {', '.join(map(_shown, section.choices))}, not {_shown(value)}"
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        below = section.minimum is not None and value < section.minimum
+        above = section.maximum is not None and value > section.maximum
+        if below or above:
+            return f"must be {describe(section)}, not {_shown(value)}"
+    return None
+
+
+def _type_problem(section: ParameterSection, value: object) -> str | None:
+    fits = {
+        "int": isinstance(value, int) and not isinstance(value, bool),
+        "double": isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value),
+        "bool": isinstance(value, bool),
+        "string": isinstance(value, str),
+        "list": isinstance(value, tuple | list),
+    }[section.type]
+    return None if fits else f"must be {describe(section)}, not {_shown(value)}"
+
+
+def describe(section: ParameterSection) -> str:
+    """Return type, range and unit as people write them, such as `double 0.05..0.5 m/s`."""
+    parts: list[str] = [section.type]
+    if section.minimum is not None or section.maximum is not None:
+        low = "" if section.minimum is None else f"{section.minimum:g}"
+        high = "" if section.maximum is None else f"{section.maximum:g}"
+        parts.append(f"{low}..{high}")
+    if section.choices:
+        parts.append("|".join(map(_shown, section.choices)))
+    if section.unit:
+        parts.append(section.unit)
+    return " ".join(parts)
+
+
+def _shown(value: object) -> str:
+    return json.dumps(value) if isinstance(value, list | tuple) else show(value)
+
+
+def resolve_parameters(
+    file: ScenarioFile, given: Mapping[str, object], place: Callable[[str, str], Problem], tree: YamlTree
+) -> tuple[dict[str, object], list[Problem]]:
+    """Return the value of each parameter that has one, and what is wrong with those given.
+
+    Args:
+        file: the scenario.
+        given: values by name; lists may be lists or tuples.
+        place: makes a problem of a parameter's name and a message, for what is not in the file.
+        tree: what the scenario was read from.
+    """
+    values: dict[str, object] = {}
+    problems = []
+    for name, section in file.parameters.items():
+        value = given.get(name, section.default)
+        if value is None:
+            continue
+        if name in given and (wrong := parameter_problem(section, value)) is not None:
+            problems.append(tree.problem(("parameters", name), f"{wrong} as it was given", key=True))
+        values[name] = float(value) if section.type == "double" and isinstance(value, int) else _frozen(value)
+    problems += [
+        place(name, f"unknown parameter '{name}'{did_you_mean(name, file.parameters) or '; the scenario has none'}")
+        for name in given
+        if name not in file.parameters
+    ]
+    return values, problems
+
+
+def _frozen(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def missing_parameters(file: ScenarioFile, values: Mapping[str, object], tree: YamlTree) -> list[Problem]:
+    """Return a problem for each parameter without a value."""
+    return [
+        tree.problem(
+            ("parameters", name),
+            f"has no default, so it must be given: --set {name}={_EXAMPLES[section.type]}",
+            key=True,
+        )
+        for name, section in file.parameters.items()
+        if name not in values
+    ]
+
+
+_EXAMPLES: Final = {"int": "3", "double": "0.5", "bool": "true", "string": "TEXT", "list": "[1,2]"}
+
+
+def read_settings(file: ScenarioFile, settings: Sequence[str]) -> dict[str, Any]:
+    """Return the values of `name=value` texts, as a command line has them.
+
+    A value that does not read as the parameter's type stays text, which `resolve_parameters` then refuses.
+
+    Raises:
+        ValueError: a text without `=`, or a name twice.
+    """
+    values: dict[str, Any] = {}
+    for setting in settings:
+        name, equals, text = setting.partition("=")
+        if not equals or not name.strip():
+            raise ValueError(f"must be NAME=VALUE, not {setting!r}")
+        if name.strip() in values:
+            raise ValueError(f"gives '{name.strip()}' twice")
+        section = file.parameters.get(name.strip())
+        values[name.strip()] = _read(section.type, text.strip()) if section is not None else text
+    return values
+
+
+def _read(kind: str, text: str) -> Any:
+    try:
+        if kind == "int":
+            return int(text)
+        if kind == "double":
+            return float(text)
+        if kind == "list":
+            return _read_list(text)
+    except ValueError:
+        return text
+    return _TRUTHS.get(text, text) if kind == "bool" else text
+
+
+def _read_list(text: str) -> list[Any]:
+    """Return `[1, 2]` as JSON has it, and `a,b` as two texts or numbers."""
+    if text.startswith("["):
+        items = json.loads(text)
+        if not isinstance(items, list) or not all(isinstance(item, str | int | float) for item in items):
+            raise ValueError
+        return items
+    return [_read_item(item.strip()) for item in text.split(",")] if text else []
+
+
+def _read_item(text: str) -> Any:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return _TRUTHS.get(text, text)

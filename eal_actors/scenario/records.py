@@ -1,0 +1,54 @@
+"""Values of variables as records keep them: plain JSON, and what is more than that by a mapping with one key."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+from eal_actors.data import EALData
+from eal_actors.errors import DataError
+
+MAX_ELEMENTS: Final = 10_000
+_DATA: Final = "eal_data"
+
+
+def to_record(value: object) -> Any:
+    """Return a value for a record; None for what does not go into one, see `is_recordable`."""
+    if isinstance(value, EALData):
+        inner = _plain(value.value)
+        return {_DATA: inner} if inner is not None else None
+    return _plain(value)
+
+
+def is_recordable(value: object) -> bool:
+    """Return whether a value can be kept in a record and comes back from it as it was."""
+    return value is None or to_record(value) is not None
+
+
+def from_record(value: Any) -> Any:
+    """Return the value that `to_record` made this of.
+
+    Raises:
+        DataError: it made this of nothing.
+    """
+    if isinstance(value, dict) and set(value) == {_DATA}:
+        return EALData.of(value[_DATA])
+    if isinstance(value, dict | list | str | int | float | None):
+        return value
+    raise DataError(f"{value!r} is no value of a record")
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist() if getattr(value, "size", 1) <= MAX_ELEMENTS else None
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, str | int):
+        return value
+    if isinstance(value, tuple | list):
+        items = [_plain(item) for item in value[: MAX_ELEMENTS + 1]]
+        return None if len(items) > MAX_ELEMENTS or any(item is None for item in items) else items
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    return None

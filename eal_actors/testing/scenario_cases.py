@@ -1,0 +1,191 @@
+"""Scenario files as test cases of pytest: `pytest --eal scenarios/`."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+from eal_actors.errors import ArgumentError, ConfigError, EALError
+from eal_actors.facade.fleet import Fleet
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.rehearsal import simulated, step_place
+from eal_actors.scenario import Report, Scenario, StepRecord, load_scenario, run_scenario
+from eal_actors.scenario.loading import with_parameters
+from eal_actors.scenario.model import AnyStep, ExpectStep, inner_steps
+from eal_actors.scenario.parameters import read_settings
+from eal_actors.scenario.plan import bind_roles
+from eal_actors.strict_model import did_you_mean
+
+_STEPS: Final = re.compile(r"""^(["']?)steps\1\s*:""", re.MULTILINE)
+_SECTION: Final = "eal_actors run"
+
+
+def collect_scenario(path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """Return a collector for a scenario file; None for any other YAML file, such as a fleet."""
+    if not _STEPS.search(path.read_text(encoding="utf-8", errors="replace")):
+        return None
+    return ScenarioFile.from_parent(parent, path=path)
+
+
+def check_settings(config: pytest.Config, items: Iterable[pytest.Item]) -> None:
+    """Refuse values of parameters that no collected scenario has.
+
+    Raises:
+        UsageError: there is such a value.
+    """
+    known = {name for item in items if isinstance(item, ScenarioCase) for name in item.scenario.file.parameters}
+    for name, _ in config.getoption("--eal-set"):
+        if name not in known:
+            hint = did_you_mean(name, known)
+            raise pytest.UsageError(f"--eal-set: no scenario that was collected has a parameter '{name}'{hint}")
+
+
+class ScenarioFile(pytest.File):
+    """A scenario file: one case, if it holds an `expect`, or is wanted all the same."""
+
+    def collect(self) -> Iterator[pytest.Item]:
+        """Yield its case."""
+        try:
+            scenario = load_scenario(self.path)
+        except ConfigError as error:
+            raise self.CollectError(str(error)) from error
+        is_wanted = self.config.getoption("--eal-all") or self.session.isinitpath(self.path)
+        if is_wanted or holds_expect(scenario):
+            yield ScenarioCase.from_parent(self, name=scenario.name, scenario=scenario)
+
+
+def holds_expect(scenario: Scenario) -> bool:
+    """Return whether a scenario or one of its parts holds an `expect`."""
+    steps = (*scenario.file.steps, *scenario.file.finally_)
+    return _expects(steps) or any(holds_expect(part) for part in scenario.parts.values())
+
+
+def _expects(steps: Sequence[AnyStep]) -> bool:
+    return any(isinstance(step, ExpectStep) or any(_expects(inner) for _, inner in inner_steps(step)) for step in steps)
+
+
+class _CaseFailed(Exception):  # noqa: N818  # it is what pytest calls a failure
+    """A run that was not done, or an expectation that did not hold."""
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        super().__init__("\n".join(lines))
+
+
+class ScenarioCase(pytest.Item):
+    """A scenario, run once in simulation, as fast as the machine goes.
+
+    Args:
+        scenario: what is run.
+        keywords: see pytest.Item.
+    """
+
+    def __init__(self, *, scenario: Scenario, **keywords: Any) -> None:
+        super().__init__(**keywords)
+        self.scenario = scenario
+
+    def runtest(self) -> None:
+        """Run the scenario.
+
+        Raises:
+            EALError: it could not begin.
+            _CaseFailed: it was not done, or an expectation did not hold.
+        """
+        fleet = self._fleet_file()
+        config = EALConfigManager.load(fleet).fleet
+        seed = self.config.getoption("--eal-seed")
+        config = replace(config, seed=config.seed if seed is None else seed)
+        self.user_properties += [("eal_fleet", str(_shown(fleet))), ("eal_seed", config.seed)]
+        directory = _new_folder(self.config, self.name)
+        report = self._run(config, directory)
+        if report.outcome == "done" and not any(map(_is_broken, report.steps)):
+            shutil.rmtree(directory)
+            return
+        lines = [self._told(step) for step in report.steps if _is_broken(step) or step.outcome in ("failed", "dropped")]
+        if not lines and report.error is not None:
+            lines.append(report.error.message)
+        self.user_properties.append(("eal_run", str(directory)))
+        lines.append(f"the run: {report.outcome} after {report.duration_s:.2f} s of the fleet's clock")
+        raise _CaseFailed([*lines, f"run folder: {directory}"])
+
+    def _run(self, config: FleetConfig, directory: Path) -> Report:
+        given = [f"{name}={value}" for name, value in self.config.getoption("--eal-set")]
+        own = [text for text in given if text.partition("=")[0] in self.scenario.file.parameters]
+        scenario = with_parameters(self.scenario, read_settings(self.scenario.file, own))
+        robots = {name for names in bind_roles(scenario, config).values() for name in names}
+        twins = simulated(config, robots, self.config.getoption("--eal-keep"))
+        self._say([*_sentences(twins.stand_ins, ""), *_sentences(twins.left_out, "left out: ")])
+        with Fleet(twins.config).connect(robots) as opened:
+            for problem in opened.problems:
+                raise problem
+            return run_scenario(scenario, opened, directory=directory)
+
+    def _fleet_file(self) -> Path:
+        """Return the fleet file of the command line, or that of the scenario, or that of its folder.
+
+        Raises:
+            ArgumentError: there is none.
+        """
+        given: Path | None = self.config.getoption("--eal-fleet")
+        if given is not None:
+            return Path(self.config.invocation_params.dir) / given
+        beside = [self.path.with_name(f"{self.path.stem}.fleet.yaml"), self.path.with_name("fleet.yaml")]
+        found = next((file for file in beside if file.is_file()), None)
+        if found is None:
+            names = " nor ".join(file.name for file in beside)
+            raise ArgumentError(
+                f"no fleet for {_shown(self.path)}: give --eal-fleet FILE; beside the scenario stands neither {names}"
+            )
+        return found
+
+    def _told(self, step: StepRecord) -> str:
+        place = step_place(self.scenario, step.step)
+        who = f" ({step.robot})" if step.robot is not None else ""
+        why = step.error.message if step.error is not None else step.outcome
+        what = "" if step.kind == ExpectStep.kind else f"{step.label} {step.outcome}: "
+        return f"{_shown(Path(place.file))}:{place.line}:{place.column}: {step.step}{who}: {what}{why}"
+
+    def _say(self, lines: Sequence[str]) -> None:
+        """Have the report tell what is not as the fleet file says, should the case fail."""
+        if lines:
+            self.add_report_section("call", _SECTION, "\n".join(lines))
+
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], *arguments: Any) -> Any:
+        """Return what went wrong, without a traceback where the scenario is to blame."""
+        if not isinstance(excinfo.value, _CaseFailed | EALError):
+            return super().repr_failure(excinfo, *arguments)
+        facts = dict(self.user_properties)
+        told = [str(excinfo.value)]
+        if "eal_seed" in facts:
+            told.append(f"fleet {facts['eal_fleet']}, --eal-seed={facts['eal_seed']}")
+        return "\n".join(told)
+
+    def reportinfo(self) -> tuple[Path, int, str]:
+        """Return where it stands, and its name."""
+        return self.path, 0, f"scenario {self.name}"
+
+
+def _is_broken(step: StepRecord) -> bool:
+    """Return whether a step is an expectation that did not hold, also where the scenario went on without it."""
+    return step.kind == ExpectStep.kind and step.outcome not in ("done", "aborted", "stopped")
+
+
+def _new_folder(config: pytest.Config, name: str) -> Path:
+    """Return a folder beside those of the fixture `tmp_path`, which pytest keeps of its last three runs."""
+    factory: pytest.TempPathFactory = config._tmp_path_factory  # type: ignore[attr-defined]  # noqa: SLF001  # as its own items do
+    return factory.mktemp(re.sub(r"\W", "_", name)[:30], numbered=True)
+
+
+def _sentences(reasons: Any, lead: str) -> list[str]:
+    return [f"{name}: {lead}{why}" for name, why in reasons.items()]
+
+
+def _shown(path: Path) -> Path:
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path

@@ -1,0 +1,218 @@
+"""Pauses, single steps, and runs that go on after their controller died."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from eal_actors.errors import ScenarioError
+from eal_actors.facade.fleet import Fleet
+from eal_actors.scenario import (
+    Event,
+    LogLine,
+    Run,
+    RunPaused,
+    RunResumed,
+    StepEnded,
+    make_plan,
+    read_run,
+)
+from tests.scenarios.rig import HEAD, rigs, scenario
+from tests.scenarios.running import ON, WAIT_S, Watch, brief, records
+
+NOW = "  - send_cmd: {resource: Base, cmd: now}\n"
+
+
+class Gate:
+    """A listener that lets a test wait for the n-th event of a kind."""
+
+    def __init__(self, kind: type[Event], count: int = 1) -> None:
+        self.reached = threading.Event()
+        self._kind = kind
+        self._left = count
+
+    def __call__(self, event: Event) -> None:
+        self._left -= isinstance(event, self._kind)
+        if self._left == 0:
+            self.reached.set()
+
+    def wait(self) -> None:
+        assert self.reached.wait(WAIT_S)
+
+
+def test_a_paused_run_begins_nothing_and_its_timeouts_stand_still(two: Fleet, tmp_path: Path) -> None:
+    body = f"""{ON}
+    - send_cmd: {{resource: Base, cmd: go2}}
+    - if: index == 0
+      then: [{{wait_for: ready, timeout_s: 20}}]
+      else: [{{send_cmd: {{resource: Base, cmd: go1}}}}, {{signal: ready}}]
+"""
+    watch, paused, ended = Watch(), Gate(RunPaused), Gate(StepEnded, 2)
+    run = Run(make_plan(scenario(tmp_path, body), two), two, None, [watch, paused, ended])
+    future = run.start()
+    run.pause()
+    paused.wait()
+    ended.reached.wait(0.5)
+    assert run.is_paused
+    two.clock.sleep(60)
+    run.resume()
+    report = future.get()
+
+    assert report.outcome == "done"
+    assert report.paused_s >= 60
+    kinds = [type(event) for event in watch.events if isinstance(event, RunPaused | RunResumed)]
+    assert kinds == [RunPaused, RunResumed]
+
+
+def test_single_steps(tmp_path: Path) -> None:
+    with rigs(tmp_path, a={}, b={}) as fleet:
+        plan = make_plan(scenario(tmp_path, ON + NOW * 3), fleet)
+        gates = [Gate(StepEnded, 2 * number) for number in (1, 2, 3)]
+        paused = Gate(RunPaused)
+        run = Run(plan, fleet, None, [paused, *gates])
+        run.pause()
+        future = run.start()
+        paused.wait()
+        for number, gate in enumerate(gates):
+            assert not gate.reached.is_set()
+            run.step()
+            gate.wait()
+            assert not any(later.reached.is_set() for later in gates[number + 1 :])
+        run.resume()
+
+        assert future.get().outcome == "done"
+
+
+def test_a_paused_run_can_be_aborted(two: Fleet, tmp_path: Path) -> None:
+    run = Run(make_plan(scenario(tmp_path, ON + NOW), two), two)
+    run.pause()
+    future = run.start()
+    run.abort("enough")
+
+    assert future.get(timeout=WAIT_S * 20).outcome == "aborted"
+    run.pause()
+    assert not run.is_paused, "it is over"
+
+
+# Going on after a crash.
+
+STEPS = """\
+timeout_s: 1000
+safe_to_repeat: true
+steps:
+  - let: {total: 1}
+  - on: all
+    do:
+      - let: {mine: index + 5}
+      - send_cmd: {resource: Base, cmd: now}
+      - signal: ready
+  - on: all
+    do:
+      - send_cmd: {resource: Base, cmd: go8}
+      - send_cmd: {resource: Base, cmd: go8}
+  - on: all
+    do:
+      - wait_for: ready
+        count: 2
+        timeout_s: 1
+      - log: "${mine} ${total}"
+"""
+CRASH = """\
+import os
+import sys
+from pathlib import Path
+
+from eal_actors.facade.fleet import Fleet
+from eal_actors.scenario import StepEnded, run_scenario
+
+
+def crash(event):
+    if isinstance(event, StepEnded) and event.record.label == "send_cmd Base go8":
+        os._exit(9)
+
+
+folder = Path(sys.argv[1])
+with Fleet.load(folder / "fleet.yaml") as fleet:
+    run_scenario(folder / "trial.yaml", fleet, directory=folder / "run", listeners=[crash])
+"""
+
+
+def crash(folder: Path) -> Path:
+    """Run the scenario in a process that dies in its third step; return the run's folder."""
+    done = subprocess.run([sys.executable, "-c", CRASH, str(folder)], timeout=60, check=False)
+    assert done.returncode == 9
+    with (folder / "run/events.jsonl").open("a") as stream:
+        stream.write('{"event": "step_st')  # half a line
+    return folder / "run"
+
+
+def test_a_run_goes_on_where_its_controller_died(tmp_path: Path) -> None:
+    with rigs(tmp_path, head="clock: {rate: 50}", a={}, b={"slowness": 2}) as fleet:
+        trial = scenario(tmp_path, STEPS)
+        resumption = read_run(crash(tmp_path))
+        watch = Watch()
+        assert (resumption.first_step, resumption.was_begun) == (2, True)
+        run = Run(make_plan(trial, fleet), fleet, resumption.directory, [watch], resumption)
+        report = run.start().get()
+
+    assert report.outcome == "done", report.error
+    lines = sorted(event.text for event in watch.events if isinstance(event, LogLine))
+    assert lines == ["5 1", "6 1"]
+    assert [line[0] for line in brief(report, "b")] == [
+        "send_cmd Base now",
+        *["send_cmd Base go8"] * 2,
+        "wait_for ready",
+    ]
+    assert [line[0] for line in brief(report, "a")].count("send_cmd Base go8") == 3, "one before, and two after"
+    events = [json.loads(line) for line in (tmp_path / "run/events.jsonl").read_text().splitlines()]
+    assert [event["event"] for event in events].count("run_continued") == 1
+    times_s = [event["time_s"] for event in events]
+    assert times_s == sorted(times_s)
+    assert json.loads((tmp_path / "run/summary.json").read_text()) == report.model_dump(mode="json")
+    with pytest.raises(ScenarioError, match="came to its end"):
+        read_run(tmp_path / "run")
+
+
+def test_a_step_that_is_not_safe_is_not_repeated(tmp_path: Path) -> None:
+    text = STEPS.replace("safe_to_repeat: true\n", "")
+    text = text.replace("  - let: {total: 1}", "  - let: {total: 1}\n    safe_to_repeat: true")
+    with rigs(tmp_path, head="clock: {rate: 50}", a={}, b={"slowness": 2}) as fleet:
+        plan = make_plan(scenario(tmp_path, text), fleet)
+        resumption = read_run(crash(tmp_path))
+        with pytest.raises(ScenarioError) as caught:
+            Run(plan, fleet, resumption.directory, [], resumption)
+        with pytest.raises(ScenarioError, match="has changed since the run"):
+            Run(make_plan(scenario(tmp_path, STEPS), fleet), fleet, resumption.directory, [], resumption)
+
+    assert "was cut off in steps[2] (on, " in caught.value.message
+    assert "trial.yaml:15), which the scenario does not call safe_to_repeat" in caught.value.message
+
+
+def test_what_is_no_run_that_was_cut_off(two: Fleet, tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="holds no record of a run: No such file"):
+        read_run(tmp_path)
+    (tmp_path / "events.jsonl").write_text("hello\n")
+    with pytest.raises(ScenarioError, match=r"events.jsonl:1: is no JSON"):
+        read_run(tmp_path)
+    (tmp_path / "events.jsonl").write_text('{"event": "log"}\n')
+    with pytest.raises(ScenarioError, match="does not begin as the record of a run does"):
+        read_run(tmp_path)
+
+
+def test_robots_that_left_stay_away(tmp_path: Path) -> None:
+    text = STEPS.replace("cmd: now}", "cmd: flaky}")
+    text = text.replace("safe_to_repeat: true", "safe_to_repeat: true\non_failure: drop").replace(
+        "count: 2", "count: 1"
+    )
+    with rigs(tmp_path, head="clock: {rate: 50}", a={}, b={"failures": 1}) as fleet:
+        trial = scenario(tmp_path, text, HEAD)
+        resumption = read_run(crash(tmp_path))
+        report = Run(make_plan(trial, fleet), fleet, resumption.directory, [], resumption).start().get()
+
+    assert (report.outcome, report.robots["b"].outcome) == ("failed", "dropped")
+    assert len(records(report, "b")) == 1

@@ -1,0 +1,151 @@
+"""Scenarios inside scenarios."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from eal_actors.errors import ConfigError
+from eal_actors.facade.fleet import Fleet
+from eal_actors.scenario import LogLine, load_scenario, make_plan
+from tests.scenarios.rig import HEAD, ask, scenario
+from tests.scenarios.running import Watch, brief, run
+
+PART = """\
+version: 1
+name: part
+parameters:
+  seconds: {type: double, minimum: 0, maximum: 5, default: 1}
+  word: {type: string}
+roles:
+  movers: {}
+steps:
+  - let: {x: 5}
+  - on: movers
+    do:
+      - send_cmd: {resource: Base, cmd: "go${seconds}"}
+      - log: "${word} ${role} ${x}"
+      - barrier: same
+        timeout_s: 100
+finally:
+  - on: movers
+    do: [{send_cmd: {resource: Base, cmd: s}}]
+"""
+ROLES = HEAD.replace("all: {}", "all: {}\n  quick: {tags: [quick]}\n  heavy: {tags: [heavy]}")
+
+
+@pytest.fixture
+def part(tmp_path: Path) -> Path:
+    (tmp_path / "part.yaml").write_text(PART)
+    return tmp_path / "part.yaml"
+
+
+def problems(folder: Path, body: str, head: str = ROLES) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        scenario(folder, body, head)
+    return [str(problem).replace(f"{folder}/", "") for problem in caught.value.problems]
+
+
+@pytest.mark.usefixtures("part")
+def test_a_part_has_its_own_variables_roles_and_end(two: Fleet, tmp_path: Path) -> None:
+    watch = Watch()
+    body = """
+        steps:
+          - let: {y: 3}
+          - for: {n: [1, 2]}
+            do:
+              - scenario: part.yaml
+                with: {seconds: "${n}", word: "pass ${n}"}
+                roles: {movers: quick}
+          - scenario: part.yaml
+            with: {word: "${str(y)}"}
+            roles: {movers: heavy}
+        """
+    report = run(two, tmp_path, body, ROLES, listeners=[watch])
+
+    lines = [(event.robot, event.text) for event in watch.events if isinstance(event, LogLine)]
+    assert report.outcome == "done", report.error
+    assert lines == [("fast", "pass 1 movers 5"), ("fast", "pass 2 movers 5"), ("slow", "3 movers 5")]
+    assert [line[0] for line in brief(report, "fast")] == [
+        *("send_cmd Base go1", "barrier same", "send_cmd Base s"),
+        *("send_cmd Base go2", "barrier same", "send_cmd Base s"),
+    ]
+    assert report.steps[0].step == "steps[1].do[0].part.steps[1].do[0]"
+
+
+@pytest.mark.usefixtures("part")
+def test_parts_in_branches_do_not_meet_each_other(two: Fleet, tmp_path: Path) -> None:
+    step = "scenario: part.yaml, with: {word: x}"
+    body = f"steps: [{{parallel: [[{{{step}, roles: {{movers: quick}}}}], [{{{step}, roles: {{movers: heavy}}}}]]}}]"
+    report = run(two, tmp_path, body, ROLES)
+
+    assert report.outcome == "done"
+    ends_s = {record.robot: record.end_s for record in report.steps if record.kind == "barrier"}
+    assert ends_s["fast"] < ends_s["slow"] - 0.5
+
+
+@pytest.mark.usefixtures("part")
+def test_the_end_of_a_part_is_carried_out_after_an_abort(two: Fleet, tmp_path: Path) -> None:
+    text = PART.replace("      - barrier: same\n        timeout_s: 100\n", "      - expect: 1 == 2\n")
+    (tmp_path / "part.yaml").write_text(text)
+    report = run(two, tmp_path, "steps: [{scenario: part.yaml, with: {word: x}, roles: {movers: all}}]", ROLES)
+
+    assert report.outcome == "failed"
+    assert [ask(two, robot, "stops") for robot in two] == [1, 1]
+
+
+@pytest.mark.usefixtures("part")
+def test_what_is_wrong_with_the_use_of_a_part(tmp_path: Path) -> None:
+    body = "steps: [{scenario: part.yaml, with: {seconds: 9, wrd: x}, roles: {moovers: all, movers: al}}]"
+
+    assert problems(tmp_path, body) == [
+        "trial.yaml:8:20: steps[0].scenario: parameter 'word' of scenario 'part' has no default: give it under 'with'",
+        "trial.yaml:8:47: steps[0].with.seconds: must be double 0..5, not 9",
+        "trial.yaml:8:50: steps[0].with.wrd: unknown parameter 'wrd' of scenario 'part'; did you mean 'word'?",
+        "trial.yaml:8:67: steps[0].roles.moovers: unknown role 'moovers' of scenario 'part'; did you mean 'movers'?",
+        "trial.yaml:8:89: steps[0].roles.movers: unknown role 'al'; did you mean 'all'?",
+    ]
+
+
+def test_problems_inside_a_part_are_told_with_its_own_places(two: Fleet, tmp_path: Path) -> None:
+    (tmp_path / "part.yaml").write_text(PART.replace("Base, cmd: s", "Bse, cmd: s"))
+    body = "steps: [{scenario: part.yaml, with: {word: x, seconds: 4}, roles: {movers: all}}]"
+
+    with pytest.raises(ConfigError) as caught:
+        make_plan(scenario(tmp_path, body, ROLES), two)
+    assert str(caught.value).endswith(
+        "part.yaml:18:32: finally[0].do[0].send_cmd.resource: fast, slow: unknown resource 'Bse'; did you mean 'Base'?"
+    )
+
+
+def test_circles_and_missing_files_are_refused(tmp_path: Path) -> None:
+    step = "steps: [{scenario: trial.yaml}]"
+    assert problems(tmp_path, step) == [
+        "trial.yaml:8:20: steps[0].scenario: trial.yaml: goes round in a circle: trial.yaml -> trial.yaml"
+    ]
+    assert problems(tmp_path, "steps: [{scenario: none.yaml}]") == [
+        "trial.yaml:8:20: steps[0].scenario: none.yaml: no such file"
+    ]
+
+
+def test_scenarios_stand_inside_each_other_only_so_deep(tmp_path: Path) -> None:
+    for number in range(12):
+        step = f"{{scenario: s{number + 1}.yaml}}" if number < 11 else "{log: x}"
+        text = f"version: 1\nname: s{number}\nroles: {{all: {{}}}}\nsteps: [{step}]\n"
+        (tmp_path / f"s{number}.yaml").write_text(text)
+
+    load_scenario(tmp_path / "s5.yaml")
+    with pytest.raises(ConfigError, match="is the 9th scenario inside another"):
+        load_scenario(tmp_path / "s0.yaml")
+
+
+@pytest.mark.usefixtures("part")
+def test_one_robot_in_two_branches_is_refused(two: Fleet, tmp_path: Path) -> None:
+    step = "scenario: part.yaml, with: {word: x}"
+    branches = f"left: [{{{step}, roles: {{movers: all}}}}], right: [{{on: quick, do: [{{log: x}}]}}]"
+    body = f"steps: [{{parallel: {{{branches}}}}}]"
+
+    with pytest.raises(ConfigError) as caught:
+        make_plan(scenario(tmp_path, body, ROLES), two)
+    assert "fast has role 'quick' here and role 'all' in branch 'left' at the same time" in str(caught.value)

@@ -1,0 +1,128 @@
+"""Python steps: what they are given, and what becomes of those that fail, take too long or are not allowed."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from eal_actors.errors import ConfigError
+from eal_actors.facade.fleet import Fleet
+from eal_actors.scenario import LogLine, make_plan
+from tests.scenarios.rig import rigs, scenario
+from tests.scenarios.running import ON, WAIT_S, Watch, outcomes, run
+
+MODULE = """\
+def greet(context, name="you", times=1):
+    context.log(f"hello {name}")
+    return {"robot": context.robot, "seed": context.seed, "x": context.variables["x"] * times}
+
+
+def keep(context):
+    (context.directory / "note.txt").write_text(",".join(context.robots))
+
+
+def drive(context, command):
+    for robot in context.robots.values():
+        robot["Base"].send_cmd(command).get()
+
+
+def fail(context):
+    raise ValueError("no luck")
+
+
+def wait_long(context):
+    while not context.is_cancelled():
+        context.clock.sleep(0.5)
+
+
+not_callable = 5
+"""
+STEPS = ("greet", "keep", "drive", "fail", "wait_long", "gone", "not_callable")
+ALLOWED = f"python_steps: [{', '.join(f'helpers:{name}' for name in STEPS)}, nowhere:x]"
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Iterator[Fleet]:
+    (tmp_path / "helpers.py").write_text(MODULE)
+    with rigs(tmp_path, head=ALLOWED, a={}, b={}) as opened:
+        yield opened
+
+
+def test_a_step_is_given_its_robot_and_its_arguments(fleet: Fleet, tmp_path: Path) -> None:
+    watch = Watch()
+    body = f"""{ON}
+    - let: {{x: index + 2}}
+    - python: helpers:greet
+      with: {{name: "${{robot}}", times: 10}}
+      save_as: answer
+    - log: "${{answer['x']}} ${{answer['robot']}}"
+- python: helpers:keep
+"""
+    report = run(fleet, tmp_path, body, listeners=[watch], directory=tmp_path / "run")
+
+    lines = [(event.robot, event.text) for event in watch.events if isinstance(event, LogLine)]
+    assert report.outcome == "done", report.error
+    assert sorted(lines, key=str) == sorted([("a", "hello a"), ("b", "hello b"), ("a", "20 a"), ("b", "30 b")], key=str)
+    assert (tmp_path / "run/note.txt").read_text() == "a,b"
+    assert [record.label for record in report.steps if record.robot is None] == ["python helpers:keep"]
+
+
+def test_a_step_may_use_robots(fleet: Fleet, tmp_path: Path) -> None:
+    report = run(fleet, tmp_path, "steps: [{python: 'helpers:drive', with: {command: now}}]")
+
+    assert report.outcome == "done"
+    assert [robot["Base"].send_req("tries").get().value for robot in fleet.values()] == [1, 1]
+
+
+def test_a_step_that_raises_fails_as_any_other(fleet: Fleet, tmp_path: Path) -> None:
+    report = run(fleet, tmp_path, f"{ON}  - python: helpers:fail\n    on_failure: {{retry: 1, then: skip}}\n")
+
+    assert report.outcome == "done"
+    record = report.steps[0]
+    assert (record.outcome, record.attempts) == ("skipped", 2)
+    assert record.error is not None
+    assert record.error.message == "Python step 'helpers:fail' raised ValueError: no luck"
+
+
+def test_a_step_has_a_deadline_and_is_told(fleet: Fleet, tmp_path: Path) -> None:
+    report = run(fleet, tmp_path, "steps: [{python: 'helpers:wait_long', timeout_s: 2}]")
+
+    assert (report.outcome, outcomes(report)) == ("failed", {"a": "aborted", "b": "aborted"})
+    assert report.error is not None
+    assert (report.error.code, report.error.message) == (
+        "deadline",
+        "Python step 'helpers:wait_long' had no answer before its deadline",
+    )
+    assert not [thread for thread in threading.enumerate() if "python step" in thread.name]
+
+
+def test_an_abort_cancels_a_step(fleet: Fleet, tmp_path: Path) -> None:
+    body = "steps: [{parallel: [[{python: 'helpers:wait_long', timeout_s: 1000}], [{wait_s: 1}, {expect: 1 == 2}]]}]"
+    report = run(fleet, tmp_path, body)
+
+    assert report.duration_s < WAIT_S * 20
+    assert [record.outcome for record in report.steps if record.kind == "python"] == ["aborted"]
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        ("helpers:secret", "is not among the python_steps that fleet 'rigs' allows; add it there"),
+        ("helpers:gone", "cannot be loaded: AttributeError"),
+        ("helpers:not_callable", "is no function"),
+        ("nowhere:x", "cannot be loaded: ModuleNotFoundError"),
+        ("stitch", "unknown Python step 'stitch'"),
+        ("helpers:drive", "does not take these arguments: missing a required argument: 'command'"),
+    ],
+)
+def test_what_cannot_be_run_is_found_before_anything_moves(
+    fleet: Fleet, tmp_path: Path, step: str, message: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make_plan(scenario(tmp_path, f"steps: [{{python: '{step}'}}]"), fleet)
+
+    assert "trial.yaml:6:18: steps[0].python: " in str(caught.value)
+    assert message in str(caught.value)

@@ -1,0 +1,252 @@
+"""The laboratory's fleet, `fleets/lab.yaml`: from the fleet file to the wheels of emulators, byte by byte."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from eal_actors.bundled import bundled_path
+from eal_actors.cli import emulators
+from eal_actors.cli.emulators import Emulators, Wire, open_wires
+from eal_actors.cli.lab import commands, destination
+from eal_actors.errors import PreemptedError, UnavailableError
+from eal_actors.facade.fleet import Fleet
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.scenario import Report, load_scenario, run_scenario
+from plugins.camera.emulator import PICTURES, draw
+
+LAB = bundled_path("fleets/lab.yaml")
+WIRES = {"LAB_EVBOT2": "evbot2-1", "LAB_EVBOT3": "evbot3-1", "LAB_ROOMBA": "roomba-1", "LAB_CREATE": "create-1"}
+"""The variables, and the robot of each."""
+
+BODIES = """\
+version: 1
+robots:
+  evbot2-body: {plugins: {sim: {model: evbot2, noise: false, start: {x_m: -3, y_m: 0}}}}
+  evbot3-body: {plugins: {sim: {model: evbot3, noise: false, start: {x_m: -1, y_m: 0}}}}
+  roomba-body: {plugins: {sim: {model: roomba, noise: false, start: {x_m: 1, y_m: 0}}}}
+  create-body: {plugins: {sim: {model: roomba, noise: false, start: {x_m: 3, y_m: 0}}}}
+"""
+FLEET = """\
+version: 1
+name: floor
+include: [bodies.yaml, {lab}]
+clock: {{rate: max}}
+world: world.yaml
+"""
+WORLD = "version: 1\nname: world\nsize_m: [10.0, 6.0]\n"
+
+COUNT_M = {"evbot2-1": 0.0005, "evbot3-1": 0.0002, "roomba-1": 0.001, "create-1": math.pi * 0.072 / 508.8}
+"""What each robot's encoders resolve."""
+ARM_M = {"evbot2-1": 0.12, "evbot3-1": 0.15, "roomba-1": 0.129, "create-1": 0.129}
+"""From each robot's middle to its wheels."""
+OFF_COUNTS = 2.0
+"""Within so many counts of its length a motion is at its end."""
+STEP_M = 0.5
+POLL_HZ = 20
+BRAKE_M_S2 = 0.5
+"""What the slowest of them brakes with."""
+
+
+def tolerance(robot: str, drives: int, turns: int) -> tuple[float, float]:
+    """Return how far off, in m and rad, a robot may be where each motion's end is off by its encoders' resolution."""
+    turn_rad = OFF_COUNTS * COUNT_M[robot] / ARM_M[robot]
+    return drives * (OFF_COUNTS * COUNT_M[robot] + STEP_M * turn_rad), turns * turn_rad
+
+
+@pytest.fixture
+def floor(tmp_path: Path) -> Iterator[Fleet]:
+    """The laboratory's fleet, in which each emulator drives a robot of a simulated floor, and a camera that plays."""
+    (tmp_path / "pictures").mkdir()
+    draw(tmp_path / "pictures")
+    (tmp_path / "world.yaml").write_text(WORLD, encoding="utf-8")
+    (tmp_path / "bodies.yaml").write_text(BODIES, encoding="utf-8")
+    file = tmp_path / "fleet.yaml"
+    file.write_text(FLEET.format(lab=LAB), encoding="utf-8")
+    bodies = {variable: f"sim://world/{robot.replace('-1', '-body')}" for variable, robot in WIRES.items()}
+    environment = {**bodies, "LAB_CAMERA": str(tmp_path / "pictures")}
+    with Fleet(EALConfigManager.load(file, environment=environment).fleet) as fleet:
+        yield fleet
+
+
+def carry_out(fleet: Fleet, name: str) -> Report:
+    """Run a shipped scenario on the robots with drivers."""
+    scenario = load_scenario(bundled_path(f"scenarios/{name}.yaml"))
+    (role,) = scenario.file.roles
+    return run_scenario(scenario, fleet, binding={role: list(WIRES.values())})
+
+
+@pytest.mark.parametrize(
+    ("name", "drives", "turns", "yaw_deg"), [("square", 8, 8, 0.0), ("dance", 0, 7, 45 - 90 + 90 - 10 + 10 - 10)]
+)
+def test_all_of_them_end_where_they_should(floor: Fleet, name: str, drives: int, turns: int, yaw_deg: float) -> None:
+    starts = {robot: floor[robot.replace("-1", "-body")]["Pose"].get_value().get().value for robot in COUNT_M}
+    report = carry_out(floor, name)
+    assert (report.outcome, {robot: end.outcome for robot, end in report.robots.items()}) == (
+        "done",
+        dict.fromkeys(COUNT_M, "done"),
+    )
+    for robot, start in starts.items():
+        end = floor[robot.replace("-1", "-body")]["Pose"].get_value().get().value
+        off_m, off_rad = tolerance(robot, drives, turns)
+        yaw_rad = math.radians(-yaw_deg)
+        assert math.dist(end[:2], start[:2]) < off_m + 1e-3, robot
+        assert abs(math.remainder(end[2] - start[2] - yaw_rad, math.tau)) < off_rad, robot
+        believed = floor[robot]["Odometry"].get_value().get().value
+        assert abs(math.remainder(believed[2] - yaw_rad, math.tau)) < off_rad, robot
+
+
+@pytest.mark.parametrize("robot", COUNT_M)
+def test_a_stop_stands_within_a_poll(floor: Fleet, robot: str) -> None:
+    base, pose = floor[robot]["Base"], floor[robot.replace("-1", "-body")]["Pose"]
+    speed_m_s = base.get_config("speed_m_s").get().value
+    driving = base.send_cmd("f3")
+    floor.clock.sleep(1.0)
+    before = pose.get_value().get().value
+    assert base.send_cmd("s").get() == 1
+    assert isinstance(driving.exception(), PreemptedError)
+    floor.clock.sleep(2.0)
+    stopped = pose.get_value().get().value
+    assert 0 < math.dist(before[:2], stopped[:2]) < speed_m_s / POLL_HZ + speed_m_s**2 / (2 * BRAKE_M_S2)
+    floor.clock.sleep(2.0)
+    assert pose.get_value().get().value == pytest.approx(stopped, abs=1e-9)
+
+
+def test_the_camera_and_the_computer_of_the_first_are_there(floor: Fleet) -> None:
+    assert floor["evbot2-1"]["Camera"].get_value().get().value.shape == (120, 160, 3)
+    assert PICTURES > 1
+    assert 0 <= floor["evbot2-1"]["Memory"].get_value().get().value <= 1
+
+
+# The emulators as programs.
+
+QUICK = """\
+version: 1
+name: quick
+robots:
+  tracks: {plugins: {evbot2: {port: "${LAB_ONE:-/dev/null/nowhere}", watchdog_s: 5, poll_hz: 5}}}
+  turret: {plugins: {evbot3: {address: "${LAB_TWO:-udp://127.0.0.1:9}", watchdog_s: 5, poll_hz: 5}}}
+  moted: {plugins: {mote_roomba: {link: mote, port: "${LAB_THREE:-/dev/null/nowhere}", poll_hz: 5}}}
+  cabled: {plugins: {roomba_oi: {port: "${LAB_FOUR:-/dev/null/nowhere}", poll_hz: 5}}}
+"""
+
+NOD = """\
+version: 1
+name: nod
+description: A little way and a little turn.
+roles: {all: {}}
+timeout_s: 60
+steps:
+  - on: all
+    do:
+      - send_cmd: {resource: Base, cmd: f0.1}
+      - send_cmd: {resource: Base, cmd: "l${ANGLE}"}
+"""
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
+    """Start `eal lab` in a process of its own, which nods by so many degrees."""
+    processes: list[subprocess.Popen[str]] = []
+    (tmp_path / "fleet.yaml").write_text(QUICK, encoding="utf-8")
+
+    def start(angle_deg: str) -> subprocess.Popen[str]:
+        (tmp_path / "nod.yaml").write_text(NOD.replace("${ANGLE}", angle_deg), encoding="utf-8")
+        process = subprocess.Popen(
+            [sys.executable, "-m", "eal_actors", "lab", "nod.yaml", "--fleet", "fleet.yaml"],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(bundled_path(".")), "NO_COLOR": "1"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        processes.append(process)
+        return process
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def test_the_lab_tells_what_it_started_and_where_the_robots_got_to(lab: Callable[[str], subprocess.Popen[str]]) -> None:
+    out, err = lab("15").communicate()
+    started = {line.partition(":")[0]: line for line in err.splitlines() if "emulated" in line}
+    assert sorted(started) == ["cabled", "moted", "tracks", "turret"], out + err
+    for robot in ("cabled", "moted", "tracks"):
+        port = started[robot].split(" at ")[1].partition(",")[0]
+        assert port.startswith("/dev/")
+    poses = {line.split()[0]: line for line in out.splitlines() if "mm, " in line}
+    assert sorted(poses) == ["cabled", "moted", "tracks", "turret"], out + err
+    for line in poses.values():
+        assert "0.100 m, 0.000 m, 15.0°" in line
+        off_mm, off_deg = line.split()[-3], line.split()[-1].rstrip("°")
+        assert float(off_mm) < 30
+        assert float(off_deg) < 10
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_no_emulator_outlives_the_lab(lab: Callable[[str], subprocess.Popen[str]], number: signal.Signals) -> None:
+    process = lab("3000")
+    assert process.stdout is not None
+    begun = 0
+    for line in process.stdout:
+        begun += "Base l3000" in line
+        if begun == 4:
+            break
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)  # which ends when nobody has stderr any more: they inherited it
+    assert process.returncode == {signal.SIGKILL: -signal.SIGKILL}.get(number, 130), out + err
+    assert "Traceback" not in err
+    if number != signal.SIGKILL:
+        assert "nod on quick: aborted" in out
+        assert out.count("unknown") == 4
+
+
+def test_a_wire_whose_variable_is_set_is_the_robot_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in (*WIRES, "LAB_CAMERA"):
+        monkeypatch.delenv(variable, raising=False)
+    found = {wire.variable: (wire.robot, wire.plugin) for wire in open_wires(LAB)}
+    assert {variable: robot for variable, (robot, _) in found.items()} == {**WIRES, "LAB_CAMERA": "evbot2-1"}
+    assert {plugin for _, plugin in found.values()} == {"evbot2", "evbot3", "mote_roomba", "roomba_oi", "camera"}
+    monkeypatch.setenv("LAB_EVBOT2", "/dev/ttyUSB0")
+    assert "LAB_EVBOT2" not in {wire.variable for wire in open_wires(LAB)}
+
+
+def test_an_emulator_that_does_not_start_is_named(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(emulators._ARGUMENTS, "evbot2", lambda _: ())
+    wires = [Wire("lost", "evbot2", "LAB_LOST", {}), Wire("there", "evbot3", "LAB_THERE", {})]
+    with pytest.raises(UnavailableError, match="lost: its emulator has ended"), Emulators(wires):
+        pass
+    assert "required: --pty" in capfd.readouterr().err
+    assert "LAB_THERE" not in os.environ
+
+
+def test_where_commands_lead() -> None:
+    square = ["g", "r"] * 4 + ["s"] + ["l", "b"] * 4
+    assert destination(square) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert destination(["l90", "f0.2", "r45", "b1"]) == pytest.approx((-math.sqrt(0.5), 0.2 - math.sqrt(0.5), 45.0))
+    assert destination(["r360", "l10", "unknown"]) == pytest.approx((0.0, 0.0, 10.0))
+
+
+def test_a_run_that_was_cut_short_leads_nobody_knows_where(tmp_path: Path) -> None:
+    step = '{"robot": "one", "resource": "Base", "command": "%s", "start_s": %d, "outcome": "%s", "attempts": 1}'
+    (tmp_path / "first").mkdir()
+    done = ", ".join([step % ("r45", 2, "done"), step % ("g", 1, "done")])
+    (tmp_path / "first" / "summary.json").write_text(f'{{"steps": [{done}]}}', encoding="utf-8")
+    assert commands("one", [tmp_path / "first"]) == ["g", "r45"]
+    assert commands("two", [tmp_path / "first"]) == []
+    (tmp_path / "second").mkdir()
+    assert commands("one", [tmp_path / "first", tmp_path / "second"]) is None
+    failed = step % ("g", 1, "failed")
+    (tmp_path / "second" / "summary.json").write_text(f'{{"steps": [{failed}]}}', encoding="utf-8")
+    assert commands("one", [tmp_path / "first", tmp_path / "second"]) is None

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from eal_actors.actors.future import Future
+from eal_actors.clock import ScaledClock
+from eal_actors.errors import DeadlineError
+from eal_actors.scenario.engine.loop import Branch, Loop
+
+
+@pytest.fixture
+def loop() -> Loop:
+    return Loop(ScaledClock(1000.0))
+
+
+def test_branches_take_turns_at_their_futures(loop: Loop) -> None:
+    seen: list[str] = []
+    over: Future[None] = Future()
+    left = [2]
+
+    def count(error: BaseException | None) -> None:
+        assert error is None
+        left[0] -= 1
+        if not left[0]:
+            over.set()
+
+    def branch(name: str, *waits_s: float) -> Branch:
+        for wait_s in waits_s:
+            yield loop.sleep(wait_s)
+            seen.append(f"{name}{wait_s:g}")
+
+    def main() -> Branch:
+        loop.spawn(branch("a", 10, 30), count)
+        loop.spawn(branch("b", 20, 40), count)
+        yield over
+
+    loop.run(main())
+
+    assert seen == ["a10", "b20", "a30", "b40"]
+
+
+def test_a_future_that_is_done_does_not_wait(loop: Loop) -> None:
+    def main() -> Branch:
+        for number in range(10_000):  # and does not nest
+            future: Future[int] = Future()
+            future.set(number)
+            yield future
+            assert future.get() == number
+
+    loop.run(main())
+
+
+def test_what_a_branch_raises_comes_out(loop: Loop) -> None:
+    def main() -> Branch:
+        yield loop.sleep(1)
+        raise ValueError("broken")
+
+    with pytest.raises(ValueError, match="broken"):
+        loop.run(main())
+
+
+def test_deadlines_ring_in_the_loop(loop: Loop) -> None:
+    future: Future[None] = Future(loop.clock, loop.clock.now() + 5.0)
+
+    def main() -> Branch:
+        yield future
+
+    loop.run(main())
+
+    assert isinstance(future.exception(), DeadlineError)
+
+
+def test_alarms_that_are_called_off_are_forgotten(loop: Loop) -> None:
+    for _ in range(5000):
+        loop.call_at(1e9, lambda: None).cancel()
+
+    assert len(loop._timers) < 3000
+
+
+def test_a_signal_handler_may_post(loop: Loop) -> None:
+    over: Future[None] = Future()
+    before = signal.signal(signal.SIGUSR1, lambda *_: loop.post(over.set))
+
+    def main() -> Branch:
+        signal.raise_signal(signal.SIGUSR1)
+        yield over
+
+    try:
+        loop.run(main())
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+
+    assert over.done()
