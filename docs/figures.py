@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import cv2
 import numpy as np
 
+from eal_actors import Fleet, RobotHandle
+from eal_actors.calibration.drive import GroundTruth, calibrate_base, drive_squares, wheelbase_of
+from eal_actors.calibration.fit import fit_squares
+from eal_actors.calibration.square import WAYS
+from eal_actors.calibration.umbmark import SquareEnds
+from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import PoseRecorder, draw_trajectory, draw_world
+from eal_actors.recording.figure import draw_grid, new_figure
 from eal_actors.scenario import run_scenario
 from eal_actors.testing import Simulation
 from eal_actors.world import load_world
@@ -65,14 +77,143 @@ def draw_view(out: Path) -> None:
     cv2.imwrite(str(out), cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
 
 
+def draw_calibration(out: Path) -> None:
+    """Draw where squares of 1 m end before and after a calibration, as in the paper on UMBmark."""
+    fleet = Fleet.load(ROOT / "fleets/uncalibrated.yaml")
+    figure = new_figure(11, 4.4)
+    if figure is None:
+        raise RuntimeError("matplotlib is missing")
+    with fleet.connect():
+        for axes, robot in zip(figure.subplots(1, len(fleet)), fleet.values(), strict=True):
+            before, after = _calibrated(robot)
+            for ends, colour, when in ((before, "#c0392b", "before"), (after, "#1f77b4", "after")):
+                for way, marker in zip(WAYS, "os", strict=True):
+                    x_mm, y_mm = (1000 * np.array(list(ends.of(way)))).T
+                    axes.plot(x_mm, y_mm, marker, mfc="none", color=colour, ms=5, label=f"{when}, {way}")
+                    axes.plot(x_mm.mean(), y_mm.mean(), "+", color=colour, ms=14)
+            axes.plot(0, 0, "x", color="black", ms=9, label="start")
+            axes.set_aspect("equal", "datalim")
+            axes.set_xlabel("x, ahead [mm]")
+            draw_grid(axes)
+            axes.set_title(f"{robot.type}: {before.error_m * 1000:.0f} mm, then {after.error_m * 1000:.0f} mm")
+    figure.axes[0].set_ylabel("y, to the left [mm]")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
+    figure.savefig(out, metadata={"Software": None})
+
+
+def _calibrated(robot: RobotHandle) -> tuple[SquareEnds, SquareEnds]:
+    """Calibrate a robot; return where five squares each way ended before and after."""
+    truth, wheelbase_m = GroundTruth(robot), wheelbase_of(robot)
+    if wheelbase_m is None:
+        raise RuntimeError(f"{robot.name} tells no wheelbase")
+    before = drive_squares(robot, truth, 1.0, 5)
+    calibrate_base(robot, fit_squares(before, 1.0, wheelbase_m).calibration)
+    return before, drive_squares(robot, truth, 1.0, 5)
+
+
+def draw_panorama(out: Path) -> None:
+    """Draw what a robot's eight frames of the laboratory become, at half size."""
+    robots = {"eye": {"model": "evbot2", "start": (0.3, -0.2, 0)}}
+    with TemporaryDirectory() as folder, Simulation(robots, "lab", seed=SEED) as simulation:
+        report = run_scenario(ROOT / "scenarios/panorama.yaml", simulation.fleet, directory=Path(folder))
+        if report.outcome != "done":
+            raise RuntimeError(f"panorama: {report.error}")
+        image = cv2.imread(f"{folder}/eye/panorama.png")
+    if image is None:
+        raise RuntimeError("panorama: no picture")
+    height, width, _ = image.shape
+    cv2.imwrite(str(out), cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
+
+
+def draw_shipped(name: str, title: str, out: Path) -> None:
+    """Run a shipped scenario on the fleet that comes with it, and draw where the robots went."""
+    with Simulation(ROOT / f"fleets/{name}.yaml") as simulation:
+        with PoseRecorder(simulation.fleet, list(simulation.fleet)) as recorder:
+            report = run_scenario(ROOT / f"scenarios/{name}.yaml", simulation.fleet)
+        if report.outcome != "done":
+            raise RuntimeError(f"{name}: {report.error}")
+        draw_trajectory(recorder.paths_since(0), simulation.fleet.config.world, out, title)
+
+
+def draw_patrol(out: Path) -> None:
+    """Draw what a guard saw at one place in two laps, and what has changed there, at half size."""
+    with TemporaryDirectory() as folder, Simulation(ROOT / "fleets/patrol.yaml") as simulation:
+        report = run_scenario(ROOT / "scenarios/patrol-visit.yaml", simulation.fleet, directory=Path(folder))
+        if report.outcome != "done":
+            raise RuntimeError(f"patrol-visit: {report.error}")
+        image = cv2.imread(f"{folder}/evbot3-2/changed.1.2.png")
+    if image is None:
+        raise RuntimeError("patrol-visit: no picture")
+    cv2.imwrite(str(out), cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+
+
+def draw_dashboard(images: Path) -> None:
+    """Draw the views of the dashboard, where a Chromium is installed; they show live robots, so they never repeat."""
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if program is None:
+        print("no Chromium is installed: the pictures of the dashboard stay as they are")  # noqa: T201
+        return
+    from playwright.sync_api import sync_playwright
+
+    from eal_actors.dashboard import Dashboard
+
+    lab = load_world(ROOT / "fleets/worlds/lab.yaml")
+    config = replace(EALConfigManager.load(ROOT / "fleets/sim.yaml").fleet, world=lab)
+    with (
+        Fleet(config).connect() as fleet,
+        Dashboard(fleet, scenarios=ROOT / "scenarios") as dashboard,
+        sync_playwright() as playwright,
+        playwright.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"]) as browser,
+    ):
+        for robot in fleet.values():
+            robot["Base"].set_config("step_m", 0.6).get()
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.goto(f"{dashboard.link}#/scenario")
+        page.get_by_label("Scenario", exact=True).first.select_option("square.yaml")
+        page.get_by_role("button", name="Start", exact=True).click()
+        for view in ("fleet", "map", "scenario", "cameras", "robot/evbot3-1", "logs"):
+            page.evaluate("(view) => { location.hash = `#/${view}`; }", view)
+            page.wait_for_selector("[data-frames]" if view == "cameras" else "h1")
+            page.wait_for_timeout(2500)
+            page.screenshot(path=images / f"dashboard-{view.partition('/')[0]}.png")
+        dark = browser.new_page(viewport={"width": 1280, "height": 720}, color_scheme="dark")
+        dark.goto(f"{dashboard.link}#/map")
+        phone = browser.new_page(viewport={"width": 375, "height": 720})
+        phone.goto(f"{dashboard.link}#/robot/roomba-1")
+        phone.wait_for_timeout(2000)
+        phone.screenshot(path=images / "dashboard-phone.png")
+        dark.screenshot(path=images / "dashboard-dark.png")
+
+
+def draw_sweep(out: Path) -> None:
+    """Draw what the sweep of its page comes to."""
+    page = (ROOT / "docs/sweeps.md").read_text(encoding="utf-8")
+    scenario = page.partition("```yaml\n")[2].partition("```")[0]
+    vary = ("--vary", "side_m=0.25:1.5:0.25", "--vary", "turn=left,right", "--seeds", "1:10")
+    with TemporaryDirectory() as folder:
+        file, swept = Path(folder) / "sides.yaml", Path(folder) / "out"
+        file.write_text(scenario, encoding="utf-8")
+        command = ["sweep", file, "--fleet", ROOT / "fleets/sim.yaml", *vary, "--out", swept]
+        subprocess.run([sys.executable, "-m", "eal_actors", *map(str, command)], check=True, cwd=ROOT)  # noqa: S603
+        shutil.copyfile(swept / "table.png", out)
+
+
 def main() -> None:
     """Make every picture."""
     IMAGES.mkdir(exist_ok=True)
     draw_square(IMAGES / "square.png")
     draw_dance(IMAGES / "dance.png")
     draw_view(IMAGES / "lab-view.png")
+    draw_panorama(IMAGES / "panorama.png")
+    draw_calibration(IMAGES / "calibration.png")
+    draw_sweep(IMAGES / "sweep.png")
+    draw_shipped("formation", "formation: a circle", IMAGES / "formation.png")
+    draw_patrol(IMAGES / "patrol.png")
+    draw_shipped("search", "search: the first to hear the beacon stops the rest", IMAGES / "search.png")
+    draw_shipped("relay", "relay: two laps with three batteries", IMAGES / "relay.png")
     draw_world(load_world(ROOT / "fleets/worlds/lab.yaml"), IMAGES / "lab.png")
     draw_world(load_world(ROOT / "fleets/worlds/maze.yaml"), IMAGES / "maze.png")
+    draw_dashboard(IMAGES)
 
 
 if __name__ == "__main__":

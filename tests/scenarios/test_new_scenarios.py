@@ -240,16 +240,16 @@ def test_each_runner_goes_on_where_the_one_before_stopped() -> None:
         assert all(simulation.distance_m(name, homes[name][:2]) < 0.06 for name in homes)
     assert (report.error, report.outcome) == (None, "done")
     assert [line.split(" are done")[0] for line in said] == [
-        "roomba-1: marks 0 to 14",
-        "roomba-2: marks 15 to 21",
+        "roomba-1: marks 0 to 12",
+        "roomba-2: marks 13 to 21",
         "roomba-3: marks 22 to 23",
     ]
     assert 0.19 < left["roomba-1"] < 0.2, "it was low, and came home on what was left"
     paths = recorder.paths_since(0)
-    near_15 = [sample.time_s for sample in paths["roomba-2"] if math.dist((sample.x_m, sample.y_m), mark(15)) < 0.06]
+    near_13 = [sample.time_s for sample in paths["roomba-2"] if math.dist((sample.x_m, sample.y_m), mark(13)) < 0.06]
     end_s = max(step.end_s for step in report.steps if step.robot == "roomba-1" and step.command != "s")
-    assert min(near_15) > end_s, "the second sets out when the first is home"
-    assert not any(math.dist((s.x_m, s.y_m), mark(15)) < 0.3 for s in paths["roomba-1"] if s.time_s > 60)
+    assert min(near_13) > end_s, "the second sets out when the first is home"
+    assert not any(math.dist((s.x_m, s.y_m), mark(13)) < 0.3 for s in paths["roomba-1"] if s.time_s > 60)
 
 
 def mark(number: int) -> tuple[float, float]:
@@ -289,4 +289,4 @@ def test_a_runner_whose_battery_dies_on_the_way_ends_the_relay() -> None:
 
 def test_relay_in_python() -> None:
     with Simulation(fleet_file("relay")) as simulation:
-        assert relay_py.relay(list(simulation.fleet.values()), 2) == {"roomba-1": 15, "roomba-2": 7, "roomba-3": 2}
+        assert relay_py.relay(list(simulation.fleet.values()), 2) == {"roomba-1": 13, "roomba-2": 9, "roomba-3": 2}

@@ -83,7 +83,9 @@ def test_what_has_changed_is_saved_and_what_has_not_is_not(tmp_path: Path) -> No
     assert other["things"] == 1
     assert 0.02 < other["share"] < 0.1
     assert not (tmp_path / "eye/changed.1.png").exists()
-    assert cv2.imread(str(tmp_path / "eye/changed.2.png")).shape == (240, 640, 3)
+    both = cv2.imread(str(tmp_path / "eye/changed.2.png"))
+    assert both is not None
+    assert both.shape == (240, 640, 3)
 
 
 def test_pictures_that_cannot_be_compared(tmp_path: Path) -> None:
