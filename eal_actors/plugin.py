@@ -14,7 +14,7 @@ against it and arrive as `context.settings` (Source: thesis §4.2.2, B.3).
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
@@ -58,6 +58,7 @@ __all__ = [
     "FleetServices",
     "Link",
     "NotReadyError",
+    "Onlooker",
     "PluginContext",
     "PluginError",
     "PluginSettingsModel",
@@ -132,6 +133,33 @@ class PortMaker(Protocol):
         ...
 
 
+class Onlooker(Protocol):
+    """Watches how near the robots of a simulated world come to each other and to what stands in it.
+
+    Attributes:
+        reach_m: what is farther away does not matter.
+    """
+
+    reach_m: float
+
+    def see(self, time_s: float, robot: str, place_m: tuple[float, float], gaps_m: Mapping[str, float]) -> float:
+        """Take notice of what is near a robot at the end of a step of the simulation.
+
+        Args:
+            time_s: in seconds of the fleet's clock.
+            robot: the robot's name.
+            place_m: x and y of its middle, in the world's frame.
+            gaps_m: from its outline to the outline of everything within reach, by name; below 0 where they overlap.
+
+        Returns:
+            The gap in metres from which on nothing must be missed: this robot is seen again at the first step at whose
+            end something may be nearer to it.
+
+        Thread: whichever moves the world; must not block, and must not ask robots.
+        """
+        ...
+
+
 class FleetServices:
     """What the plugins of one fleet share: its clock, its world, and objects made once, such as a simulation.
 
@@ -140,6 +168,9 @@ class FleetServices:
         seed: the fleet's seed, from which every random generator of a plugin must come.
         world: the fleet file's world, or None.
         open_port: makes simulated ports; None where there are none.
+
+    Attributes:
+        onlooker: is told by simulations how near robots come to things, if it was set before they connect.
     """
 
     def __init__(
@@ -149,6 +180,7 @@ class FleetServices:
         self.seed = seed
         self.world = world
         self.open_port = open_port
+        self.onlooker: Onlooker | None = None
         self._lock = threading.RLock()
         self._shared: dict[Hashable, Any] = {}
         self._links: dict[str, Link] = {}

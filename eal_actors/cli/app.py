@@ -12,12 +12,16 @@ from eal_actors.cli import (
     calibrate,
     call,
     check,
+    dashboard,
     demo_network,
     discover,
+    doctor,
     keys,
+    lab,
     ping,
     plugin,
     records,
+    rehearse,
     resources,
     router,
     run,
@@ -25,6 +29,7 @@ from eal_actors.cli import (
     serve,
     stitch,
     stop,
+    sweep,
     world,
 )
 from eal_actors.cli.exit_codes import EPILOG, ExitCode, report
@@ -82,6 +87,8 @@ def _global_options(
 
 
 app.command("run", cls=Command)(run.run_scenario)
+app.command("rehearse", cls=Command)(rehearse.rehearse_scenario)
+app.command("sweep", cls=Command)(sweep.sweep_scenario)
 app.command("calibrate", cls=Command)(calibrate.calibrate_robots)
 app.command("report", cls=Command)(records.report_run)
 app.command("diff", cls=Command)(records.diff_runs)
@@ -93,14 +100,17 @@ app.command("resources", cls=Command)(resources.list_resources)
 app.command("call", cls=Command, context_settings={"ignore_unknown_options": True})(call.call_method)  # -5 is a number
 app.command("stitch", cls=Command)(stitch.stitch_frames)
 app.command("serve", cls=Command)(serve.serve_robot)
+app.command("dashboard", cls=Command)(dashboard.show_dashboard)
 app.command("ping", cls=Command)(ping.ping_robots)
 app.command("stop", cls=Command)(stop.stop_robots)
 app.command("resume", cls=Command)(stop.resume_robots)
 app.command("discover", cls=Command)(discover.discover_robots)
+app.command("doctor", cls=Command)(doctor.examine)
 app.command("router", cls=Command)(router.run_router)
 app.add_typer(keys.app, name="keys")
 app.add_typer(plugin.app, name="plugin")
 app.command("demo-network", cls=Command, hidden=True)(demo_network.demo_network)  # for `make demo-network`
+app.command("lab", cls=Command, hidden=True)(lab.run_lab)  # for `make lab`
 
 
 def main() -> None:

@@ -17,16 +17,25 @@ WALL_RADIUS_M: Final = 0.1
 
 _PITCHES_M: Final = (1.0, 0.5)  # of the grid of places, the coarser first
 _WALL_FRICTION: Final = 0.5
+_WALL_NAMES: Final = ("west", "south", "east", "north")  # in the order of `_walls`
 
 
-def add_solids(space: pymunk.Space, model: WorldModel) -> None:
-    """Put the walls, obstacles and beacons of a world into a space."""
+def add_solids(space: pymunk.Space, model: WorldModel) -> dict[pymunk.Shape, str]:
+    """Put the walls, obstacles and beacons of a world into a space; return what each shape is, for people."""
     body = space.static_body
-    posts = [pymunk.Circle(body, beacon.radius_m, (beacon.x_m, beacon.y_m)) for beacon in model.beacons]
-    shapes = [*_walls(body, *model.size_m), *_obstacles(body, model), *posts]
-    for shape in shapes:
+    named: dict[pymunk.Shape, str] = {}
+    for wall, shape in zip(_WALL_NAMES, _walls(body, *model.size_m), strict=True):
+        named[shape] = f"the {wall} wall"
+    for number, shape in enumerate(_obstacles(body, model)):
+        obstacle = model.obstacles[number]
+        where = "" if obstacle.kind == "wall" else f" at x {obstacle.x_m:g} m, y {obstacle.y_m:g} m"
+        named[shape] = f"obstacles[{number}] ({obstacle.kind}{where})"
+    for beacon in model.beacons:
+        named[pymunk.Circle(body, beacon.radius_m, (beacon.x_m, beacon.y_m))] = f"beacon {beacon.name}"
+    for shape in named:
         shape.friction = _WALL_FRICTION
-    space.add(*shapes)
+    space.add(*named)
+    return named
 
 
 def places(model: WorldModel) -> Iterator[Pose]:
@@ -39,15 +48,19 @@ def places(model: WorldModel) -> Iterator[Pose]:
 
 def is_on_floor(model: WorldModel, pose: Pose, radius_m: float) -> bool:
     """Return whether a disc stands on the floor with all of it, over no drop."""
+    return all(from_drop_m >= radius_m for from_drop_m in from_drops_m(model, pose))
+
+
+def from_drops_m(model: WorldModel, pose: Pose) -> list[float]:
+    """Return how far a point is from each drop of a world; 0 inside."""
     x_m, y_m, _ = pose
+    found = []
     for drop in model.drops:
         yaw_rad = math.radians(drop.yaw_deg)
         cos, sin, dx, dy = math.cos(yaw_rad), math.sin(yaw_rad), x_m - drop.x_m, y_m - drop.y_m
         ahead_m, left_m = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
-        beyond_m = max(0.0, ahead_m - drop.size_m[0] / 2), max(0.0, left_m - drop.size_m[1] / 2)
-        if math.hypot(*beyond_m) < radius_m:
-            return False
-    return True
+        found.append(math.hypot(max(0.0, ahead_m - drop.size_m[0] / 2), max(0.0, left_m - drop.size_m[1] / 2)))
+    return found
 
 
 def corners(size_m: tuple[float, float]) -> list[tuple[float, float]]:

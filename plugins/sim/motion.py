@@ -123,6 +123,11 @@ class Move:
         return (self._ticks - self._tick) * self._tick_s
 
     @property
+    def done_share(self) -> float:
+        """Which part of the way is travelled, 0..1."""
+        return self._travelled_m / self._profile.length_m if self._profile.length_m else 1.0
+
+    @property
     def is_over(self) -> bool:
         """See Motion."""
         return self._tick >= self._ticks

@@ -16,7 +16,7 @@ from .touching import Touching
 _LOOK_M: Final = 1.0  # how far round a robot is searched
 _RECEDES_M: Final = 1e-9  # what comes no nearer than this is not run into
 _ROWS: Final = 32  # of a table of distances, worked out at once: more would not fit a processor's cache
-_FASTEST_M_S: Final = 1.2 * max(make.max_speed_m_s for make in MAKES.values())  # wheel errors and pushed boxes included
+FASTEST_M_S: Final = 1.2 * max(make.max_speed_m_s for make in MAKES.values())  # wheel errors and pushed boxes included
 
 
 class Nearness:
@@ -33,7 +33,7 @@ class Nearness:
 
     def __init__(self, touching: Touching, tick_s: float) -> None:
         self._touching = touching
-        self._tick_m = _FASTEST_M_S * tick_s
+        self._tick_m = FASTEST_M_S * tick_s
 
     def pushing(self, driven: Sequence[SimRobot], tick: int) -> list[SimRobot]:
         """Return those of the driven robots that may touch something in this tick, in their order.

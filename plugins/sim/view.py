@@ -28,6 +28,7 @@ class View:
 
     Attributes:
         is_stale: whether something may have moved since the last look.
+        names: what each shape is, for people.
 
     Thread: every member is for the holder of the world's lock.
     """
@@ -35,18 +36,18 @@ class View:
     def __init__(self, model: WorldModel, boxes: Sequence[SimBox]) -> None:
         self.is_stale = False
         self._space = pymunk.Space()
-        add_solids(self._space, model)
+        self.names = add_solids(self._space, model)
         self._shown: dict[SimRobot | SimBox, tuple[pymunk.Body, Pose]] = {}
         for box in boxes:
             body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-            self._add(box, body, pymunk.Poly(body, corners(box.model.size_m)))
+            self._add(box, body, pymunk.Poly(body, corners(box.model.size_m)), f"box {box.name}")
 
     def add(self, robot: SimRobot) -> None:
         """Show a robot that has got its place."""
         body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         disc = pymunk.Circle(body, robot.make.radius_m)
         disc.filter = robot.filter
-        self._add(robot, body, disc)
+        self._add(robot, body, disc, robot.name)
 
     @property
     def space(self) -> pymunk.Space:
@@ -58,7 +59,8 @@ class View:
                     self._show(thing, body)
         return self._space
 
-    def _add(self, thing: SimRobot | SimBox, body: pymunk.Body, shape: pymunk.Shape) -> None:
+    def _add(self, thing: SimRobot | SimBox, body: pymunk.Body, shape: pymunk.Shape, name: str) -> None:
+        self.names[shape] = name
         body.position, body.angle = thing.pose[:2], thing.pose[2]
         self._space.add(body, shape)
         self._shown[thing] = body, thing.pose

@@ -17,6 +17,7 @@ from eal_actors.plugin import (
     ArgumentError,
     Clock,
     FleetServices,
+    Onlooker,
     PluginError,
     UnavailableError,
     WheelCalibration,
@@ -24,6 +25,7 @@ from eal_actors.plugin import (
 )
 
 from .arena import is_on_floor, places
+from .clearance import Clearance
 from .models import Make
 from .motion import NOMINAL, Drive, Motion
 from .nearness import Nearness
@@ -54,6 +56,7 @@ class SimWorld:
         clock: the fleet's clock.
         seed: the fleet's seed.
         model: size, obstacles and tick rate; None for an empty room.
+        onlooker: is told how near the robots come to each other and to all else; None where nobody wants to know.
 
     Attributes:
         model: what it is made from.
@@ -62,7 +65,9 @@ class SimWorld:
     Thread: any; one lock.
     """
 
-    def __init__(self, clock: Clock, seed: int = 0, model: WorldModel | None = None) -> None:
+    def __init__(
+        self, clock: Clock, seed: int = 0, model: WorldModel | None = None, onlooker: Onlooker | None = None
+    ) -> None:
         self.model: Final = model or EMPTY_ROOM
         self._clock = clock
         self._seed = seed
@@ -81,6 +86,7 @@ class SimWorld:
         self._touching = Touching(self.model, self.tick_s)
         self._nearness = Nearness(self._touching, self.tick_s)
         self._view = View(self.model, self._touching.boxes)
+        self._clearance = Clearance(self.model, self._view, onlooker, self.tick_s) if onlooker is not None else None
 
     @property
     def robots(self) -> tuple[SimRobot, ...]:
@@ -261,6 +267,8 @@ class SimWorld:
             self._tick += 1
             self._run_tick()
         self._tick = max(self._tick, due)
+        if self._clearance is not None and self._clearance.is_stale:
+            self._clearance.look(self._placed, self._tick)
 
     def _run_tick(self) -> None:
         self._view.is_stale = True
@@ -272,6 +280,8 @@ class SimWorld:
             robot.arrive(held.get(robot, robot.next_pose) if held else robot.next_pose)
         for robot in [robot for robot in self._driven if robot.is_done]:
             self.stop(robot)
+        if self._clearance is not None:
+            self._clearance.look(self._placed, self._tick)
 
     def _place_waiting(self) -> None:
         spots = list(places(self.model))
@@ -296,6 +306,8 @@ class SimWorld:
         self._touching.settle(robot)
         for known in self._robots.values():
             known.clear_until_tick = 0
+        if self._clearance is not None:
+            self._clearance.is_stale = True
 
     def _is_free(self, pose: Pose, radius_m: float, ignoring: pymunk.ShapeFilter | None = None) -> bool:
         x_m, y_m, _ = pose
@@ -325,4 +337,6 @@ class _Hold:
 
 def world_of(services: FleetServices) -> SimWorld:
     """Return the one world of a fleet. Thread: any."""
-    return services.shared("sim.world", lambda: SimWorld(services.clock, services.seed, services.world))
+    return services.shared(
+        "sim.world", lambda: SimWorld(services.clock, services.seed, services.world, services.onlooker)
+    )

@@ -245,7 +245,8 @@ def test_a_real_robot_is_stood_in_for_by_its_model(fleet: Callable[..., Path]) -
 
 
 def test_a_driver_on_a_simulated_port_stays_and_its_body_goes_by_its_name(fleet: Callable[..., Path]) -> None:
-    file = fleet({"a": "mote_roomba: {port: 'sim://world/body'}", "body": roomba(2.0, 0.0).replace("noise: false, ", "")})
+    body = roomba(2.0, 0.0).replace("noise: false, ", "")  # as the port has it too
+    file = fleet({"a": "mote_roomba: {port: 'sim://world/body'}", "body": body})
     twins = simulated(of(file), ["a", "body"])
     assert set(twins.config.robots["a"].plugins) == {"mote_roomba"}
     rehearsal = rehearse(moves(a="f1.5"), twins, 0.05, 0)

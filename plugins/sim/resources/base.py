@@ -35,6 +35,8 @@ _TURN_RATE = ValueInfo(DataType.DOUBLE, "deg/s", 1, max(make.max_turn_rate_deg_s
 _TRACK_FACTOR = ValueInfo(DataType.DOUBLE, None, 0.5, 2, description="a factor; 1 is nominal")
 _WHEEL_RATIO = ValueInfo(DataType.DOUBLE, None, 0.9, 1.1, description="a ratio; 1 is nominal")
 _ROUNDING = 1e-9
+_TELL_S = 0.5
+"""How often at least a motion tells how far it has come."""
 
 
 class Base(OnRobot):
@@ -234,10 +236,11 @@ class Base(OnRobot):
             self._world.start(self._robot, move)
         try:
             while not move.is_over:
-                yield self._until_look_s(move)
+                yield min(self._until_look_s(move), _TELL_S)
                 with self._world.caught_up():
                     self._check_going(move)
                     self._check_ground(forward)
+                    self.progress(move.done_share)
             return 1
         finally:
             with self._world.caught_up():
