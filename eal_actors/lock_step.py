@@ -22,6 +22,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
+from pathlib import Path
 from typing import ClassVar, Final, Literal, TypeAlias
 
 from eal_actors.clock import REAL_TIME, Clock, ScaledClock, acquire_alert, new_waiter, release
@@ -36,9 +37,13 @@ Rate: TypeAlias = float | Literal["max"]
 
 _LOOK_S: Final = 0.25
 _IDLE_LOOKS: Final = 2
+_IDLE_LOOKS_WHILE_OTHERS_WORK: Final = 20
 _IDLE_S: Final = 0.001
-"""A thread that has the turn and uses less processor time than this from look to look, this many times, waits for
-something; who wakes up now and then to see whether it came, uses some."""
+"""A thread that has the turn, sleeps at every look and uses less processor time than this in between, this many times,
+waits for something; who wakes up now and then to see whether it came, uses some. If other threads of the process work
+meanwhile, they may do so for it, as those of OpenCV do: then it takes more looks to tell."""
+_OTHERS_WORK: Final = 0.2
+"""Share of the time that a process works at least to count as working."""
 
 _PATIENCE_S: Final = 30.0
 """Real seconds that a thread may compute before time goes on without it."""
@@ -245,7 +250,7 @@ class LockStepClock:
 
     def _keep_watch(self, stop: threading.Lock) -> None:
         """Take the turn from threads that wait for something else."""
-        turns, idle_looks, since_s, used_s = -1, 0, 0.0, 0.0
+        turns, idle_looks, since_s, used_s, all_used_s = -1, 0, 0.0, 0.0, 0.0
         while True:
             with self._lock:
                 if not self._waits and not self._ready:
@@ -254,12 +259,15 @@ class LockStepClock:
                 holder, turn = self._running, self._turns
             if holder is not None:
                 used_before_s, used_s = used_s, _processor_time_s(holder)
+                all_used_before_s, all_used_s = all_used_s, time.process_time()
                 if turn != turns:
                     turns, idle_looks, since_s = turn, 0, REAL_TIME.now()
                 else:
-                    is_idle = used_s - used_before_s < _IDLE_S and holder not in self._in_step
+                    is_idle = used_s - used_before_s < _IDLE_S and holder not in self._in_step and _sleeps(holder)
                     idle_looks = idle_looks + 1 if is_idle else 0
-                if idle_looks >= _IDLE_LOOKS or REAL_TIME.now() - since_s > _PATIENCE_S or not holder.is_alive():
+                others_work = all_used_s - all_used_before_s > _OTHERS_WORK * _LOOK_S
+                looks = _IDLE_LOOKS_WHILE_OTHERS_WORK if others_work else _IDLE_LOOKS
+                if idle_looks >= looks or REAL_TIME.now() - since_s > _PATIENCE_S or not holder.is_alive():
                     self._go_on_without(holder, turn)
             stop.acquire(timeout=_LOOK_S)
 
@@ -282,6 +290,15 @@ def _processor_time_s(thread: threading.Thread) -> float:
         if thread.ident is not None and thread.is_alive() and hasattr(time, "pthread_getcpuclockid"):
             return time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
     return time.process_time()
+
+
+def _sleeps(thread: threading.Thread) -> bool:
+    """Return whether a thread waits for something that is no processor and no disk; True if the system cannot tell."""
+    try:
+        stat = Path(f"/proc/self/task/{thread.native_id}/stat").read_text(encoding="utf-8")
+    except OSError:  # it has ended just now, or there is no /proc
+        return True
+    return stat.rpartition(")")[2].split()[0] == "S"
 
 
 def clock_of(rate: Rate) -> Clock:
