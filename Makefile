@@ -9,7 +9,12 @@ STAMP := $(VENV)/.installed
 SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 INSTALL_VENV := { echo "Installing python3-venv, which $(PYTHON) -m venv needs"; $(SUDO) apt-get update -qq && $(SUDO) DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv >/dev/null; }
 
-.PHONY: demo demo-network test test-slow check bench figures format clean help
+# What `evbotos build` and `evbotos run` call; evbotos/hosttools.py names each where one is missing.
+EVBOTOS_TOOLS := apt bc binutils bison dosfstools dpkg e2fsprogs fdisk flex gcc gcc-aarch64-linux-gnu gcc-arm-linux-gnueabihf \
+	grub-common grub-pc-bin libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
+	tar xz-utils zstd
+
+.PHONY: demo demo-network lab test test-slow check bench figures format evbotos-setup test-evbotos clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -19,7 +24,7 @@ $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || $(INSTALL_VENV)
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --quiet --editable '.[sim,vision,record,system]' --group dev
+	$(BIN)/python -m pip install --quiet --editable '.[sim,vision,record,system,dashboard,evbotos]' --group dev
 	@touch $(STAMP)
 
 demo: $(STAMP)  ## run the dance on the simulated fleet and show where its picture is
@@ -27,6 +32,9 @@ demo: $(STAMP)  ## run the dance on the simulated fleet and show where its pictu
 
 demo-network: $(STAMP)  ## the same dance over the network: three robots, each served by a process of its own
 	$(BIN)/eal demo-network
+
+lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, drive the square and dance
+	$(BIN)/eal lab
 
 test: $(STAMP)  ## run every test
 	$(BIN)/python -m pytest -n auto --dist loadfile
@@ -50,6 +58,13 @@ figures: $(STAMP)  ## make the pictures of the documentation
 format: $(STAMP)  ## format the code and mend what the linter can
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+evbotos-setup:  ## install the programs that building and trying images of EvBotOS needs (Debian and Ubuntu)
+	$(SUDO) apt-get update -qq
+	$(SUDO) DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(EVBOTOS_TOOLS)
+
+test-evbotos: $(STAMP)  ## build images, boot them in QEMU and try them, updates and power cuts included
+	$(BIN)/python -m pytest tests/evbotos -m evbotos -rA --timeout=3600
 
 clean:  ## remove the environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

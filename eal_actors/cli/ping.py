@@ -13,6 +13,7 @@ from rich.text import Text
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState
+from eal_actors.actors.running import Running
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption, RobotsArgument
@@ -118,6 +119,7 @@ def _described(entry: _Findings) -> dict[str, Any]:
         "stopped": last and last.stopped,
         "holders": {} if last is None else dict(last.holders),
         "not_ready": {} if last is None else dict(last.not_ready),
+        "running": [] if last is None else [running.to_dict() for running in last.running],
     }
 
 
@@ -176,6 +178,16 @@ def _notes(entry: _Findings) -> Iterator[Text]:
             yield Text(f"{resource} is not ready: {reason}", style="yellow")
         for resource, holder in entry.last.holders.items():
             yield Text(f"{resource} is held by controller {holder}")
+        for running in entry.last.running:
+            yield Text(f"{running.resource} carries out {running.command} for {running.by}{_shown_progress(running)}")
+
+
+def _shown_progress(running: Running) -> str:
+    told = running.progress
+    if told is None:
+        return ""
+    parts = [f"{told.fraction:.0%}"] if told.fraction is not None else []
+    return ": " + ", ".join([*parts, *([told.text] if told.text else [])])
 
 
 def _ms(duration_s: float) -> str:

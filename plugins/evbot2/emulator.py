@@ -4,15 +4,13 @@ As a program it is a robot on an endless floor:
 
     python -m plugins.evbot2.emulator --pty [--pace] [--loss 0.1] [--seed 7]
 
-prints the port that the plugin opens, and runs until Ctrl-C.
+prints the port that the plugin opens, and runs until Ctrl-C or SIGTERM, when it prints its pose.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-import contextlib
-import sys
 from collections.abc import Callable
 from random import Random
 from typing import Final
@@ -23,7 +21,7 @@ from .faults import FaultyWire
 from .firmware import Firmware, any_boot
 from .messages import Channel
 from .protocol import BAUD_RATE, MODEL, BaseCodec
-from .serving import TICK_S, Serving, on_pty
+from .serving import TICK_S, Serving, on_pty, run
 from .wheels import WheelModel, Wheels
 
 TRACKS: Final = WheelModel(track_m=0.24, step_m=0.0005, max_speed_m_s=0.4, acceleration_m_s2=0.5)
@@ -58,18 +56,15 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--pace", action="store_true", help=f"send as slowly as {BAUD_RATE} baud")
     parser.add_argument("--loss", type=share, default=0.0, help="share of the lines that are lost, each way")
     parser.add_argument("--seed", type=int, default=0, help="of what is lost")
-    with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(_serve(parser.parse_args(arguments)))
+    asyncio.run(_serve(parser.parse_args(arguments)))
 
 
 async def _serve(options: argparse.Namespace) -> None:
     random = Random(options.seed)  # noqa: S311  # nobody is to be kept out by it
-    device = evbot2(free_body(asyncio.get_running_loop().time), TICK_S, any_boot())
+    body = free_body(asyncio.get_running_loop().time)
     there, back = (FaultyWire(random, options.loss) for _ in range(2))
-    async with on_pty(Serving(device, there, back, BAUD_RATE if options.pace else None)) as path:
-        sys.stdout.write(f"{path}\n")
-        sys.stdout.flush()
-        await asyncio.Event().wait()
+    serving = Serving(evbot2(body, TICK_S, any_boot()), there, back, BAUD_RATE if options.pace else None)
+    await run(on_pty(serving), body)
 
 
 def share(text: str) -> float:

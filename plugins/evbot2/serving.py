@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import os
+import signal
+import sys
 import tty
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from functools import partial
 from typing import Final
 
+from .body import FreeBody
 from .device import Device
 from .faults import FaultyWire
 
@@ -22,6 +27,23 @@ _MOST_BYTES: Final = 4096
 Address = tuple[str, int]
 
 
+class _Pace:
+    """One way of a line, on which bytes take their time. Args: baud_rate; None for at once."""
+
+    def __init__(self, baud_rate: int | None) -> None:
+        self._baud_rate = baud_rate
+        self._loop = asyncio.get_running_loop()
+        self._free_at_s = self._loop.time()
+
+    def carry(self, data: bytes, deliver: Callable[[bytes], object]) -> None:
+        """Deliver bytes when the last of them has arrived."""
+        if self._baud_rate is None:
+            deliver(data)
+            return
+        self._free_at_s = max(self._free_at_s, self._loop.time()) + len(data) * _BITS_A_BYTE / self._baud_rate
+        self._loop.call_at(self._free_at_s, deliver, data)
+
+
 class Serving:
     """What is common to all ways of serving a device. Thread: that of its event loop.
 
@@ -29,7 +51,7 @@ class Serving:
         device: the device.
         incoming: what happens to pieces on their way to it.
         outgoing: what happens to its replies.
-        baud_rate: replies leave at this pace; None for at once.
+        baud_rate: pace of both ways; None for at once.
         rate: seconds of the device's time in one real second.
     """
 
@@ -43,24 +65,19 @@ class Serving:
     ) -> None:
         self._device = device
         self._incoming, self._outgoing = incoming, outgoing
-        self._baud_rate = baud_rate
+        self._there, self._back = _Pace(baud_rate), _Pace(baud_rate)
         self._rate = rate
         self._loop = asyncio.get_running_loop()
-        self._free_at_s = self._loop.time()
 
     def take(self, piece: bytes, send: Callable[[bytes], object]) -> None:
-        """Hand a piece to the device, and its replies to a function."""
+        """Hand a piece to the device when it has arrived, and its replies to a function when they have."""
         for arrived in self._incoming.carry(piece):
-            for reply in self._device.replies(arrived, self._loop.time() * self._rate):
-                for sent in self._outgoing.carry(reply):
-                    self._send(sent, send)
+            self._there.carry(arrived, partial(self._reply, send=send))
 
-    def _send(self, data: bytes, send: Callable[[bytes], object]) -> None:
-        if self._baud_rate is None:
-            send(data)
-            return
-        self._free_at_s = max(self._free_at_s, self._loop.time()) + len(data) * _BITS_A_BYTE / self._baud_rate
-        self._loop.call_at(self._free_at_s, send, data)
+    def _reply(self, request: bytes, send: Callable[[bytes], object]) -> None:
+        for reply in self._device.replies(request, self._loop.time() * self._rate):
+            for sent in self._outgoing.carry(reply):
+                self._back.carry(sent, send)
 
     async def keep_ticking(self) -> None:
         """Let the device's time pass, for ever."""
@@ -78,6 +95,29 @@ class Serving:
             ticking.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await ticking
+
+
+async def run(served: AbstractAsyncContextManager[str], body: FreeBody, scheme: str = "") -> None:
+    """Serve until Ctrl-C or SIGTERM; at first it prints where, at the end the robot's pose.
+
+    Args:
+        served: serves for the length of a block, and gives the address.
+        body: the robot's body.
+        scheme: what stands before the address, such as `udp://`.
+    """
+    loop, ended = asyncio.get_running_loop(), asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, ended.set)
+    async with served as address:
+        _say(f"{scheme}{address}")
+        await ended.wait()
+    x_m, y_m, yaw_rad = body.pose
+    _say(f"pose {x_m:.4f} m {y_m:.4f} m {math.degrees(yaw_rad):.2f} deg")
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
 
 
 @asynccontextmanager

@@ -5,16 +5,14 @@ As a program it is a robot on an endless floor:
     python -m plugins.evbot3.emulator --udp 127.0.0.1:0 [--loss 0.1 --duplicate 0.1 --reorder 0.1] [--seed 7]
     python -m plugins.evbot3.emulator --tcp 127.0.0.1:0
 
-prints the address for the fleet file, and runs until Ctrl-C.
+prints the address for the fleet file, and runs until Ctrl-C or SIGTERM, when it prints its pose.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-import contextlib
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
@@ -28,7 +26,7 @@ from ..evbot2.emulator import share
 from ..evbot2.faults import FaultyWire
 from ..evbot2.firmware import Firmware, any_boot
 from ..evbot2.messages import Channel
-from ..evbot2.serving import TICK_S, Address, Serving, on_tcp, on_udp
+from ..evbot2.serving import TICK_S, Address, Serving, on_tcp, on_udp, run
 from ..evbot2.wheels import Actuator, WheelModel, Wheels
 from .firmware import Turret, TurretBody, TurretServo, senses
 from .protocol import MODEL, BaseCodec
@@ -146,20 +144,16 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if options.tcp and (options.loss or options.duplicate or options.reorder):
         parser.error("--loss, --duplicate and --reorder are for --udp: a TCP connection keeps what it carries")
-    with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(_serve(options))
+    asyncio.run(_serve(options))
 
 
 async def _serve(options: argparse.Namespace) -> None:
     random = Random(options.seed)  # noqa: S311  # nobody is to be kept out by it
-    device = evbot3(FreeTurretBody(asyncio.get_running_loop().time), TICK_S, any_boot())
+    body = FreeTurretBody(asyncio.get_running_loop().time)
     there, back = (FaultyWire(random, options.loss, options.duplicate, options.reorder) for _ in range(2))
-    serving = Serving(device, there, back)
-    serve, scheme = (on_udp(serving, options.udp), "udp") if options.udp else (on_tcp(serving, options.tcp), "tcp")
-    async with serve as address:
-        sys.stdout.write(f"{scheme}://{address}\n")
-        sys.stdout.flush()
-        await asyncio.Event().wait()
+    serving = Serving(evbot3(body, TICK_S, any_boot()), there, back)
+    served, scheme = (on_udp(serving, options.udp), "udp") if options.udp else (on_tcp(serving, options.tcp), "tcp")
+    await run(served, body, f"{scheme}://")
 
 
 def _address(text: str) -> Address:

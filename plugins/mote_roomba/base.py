@@ -277,6 +277,7 @@ class Base(Resource):
                 raise ResourceFaultError(
                     f"driven at {progress.velocity_mm_s} mm/s, the wheels counted nothing in {_STALL_S:g} s"
                 )
+            self.progress(1 - left_m / motion.length_m if motion.length_m else None)
             if left_m <= _AT_END_M:
                 return
             velocity_mm_s = motion.velocity_mm_s(left_m)

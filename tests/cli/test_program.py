@@ -47,7 +47,7 @@ BAD_INPUT = {
     "ArgumentError",
     "RobotNotFoundError",
 }
-UNREACHABLE = {"PluginError", "UnavailableError", "RobotFailedError", "RemoteError"}
+UNREACHABLE = {"PluginError", "UnavailableError", "NotReadyError", "RobotFailedError", "RemoteError"}
 
 
 @pytest.mark.parametrize("kind", [kind for kind in all_errors() if kind.__module__ == errors.__name__])

@@ -51,8 +51,6 @@ OFF_COUNTS = 2.0
 """Within so many counts of its length a motion is at its end."""
 STEP_M = 0.5
 POLL_HZ = 20
-BRAKE_M_S2 = 0.5
-"""What the slowest of them brakes with."""
 
 
 def tolerance(robot: str, drives: int, turns: int) -> tuple[float, float]:
@@ -107,14 +105,16 @@ def test_all_of_them_end_where_they_should(floor: Fleet, name: str, drives: int,
 def test_a_stop_stands_within_a_poll(floor: Fleet, robot: str) -> None:
     base, pose = floor[robot]["Base"], floor[robot.replace("-1", "-body")]["Pose"]
     speed_m_s = base.get_config("speed_m_s").get().value
+    start = pose.get_value().get().value
     driving = base.send_cmd("f3")
     floor.clock.sleep(1.0)
     before = pose.get_value().get().value
+    assert math.dist(start[:2], before[:2]) > 0.1
     assert base.send_cmd("s").get() == 1
     assert isinstance(driving.exception(), PreemptedError)
     floor.clock.sleep(2.0)
     stopped = pose.get_value().get().value
-    assert 0 < math.dist(before[:2], stopped[:2]) < speed_m_s / POLL_HZ + speed_m_s**2 / (2 * BRAKE_M_S2)
+    assert math.dist(before[:2], stopped[:2]) < speed_m_s / POLL_HZ
     floor.clock.sleep(2.0)
     assert pose.get_value().get().value == pytest.approx(stopped, abs=1e-9)
 

@@ -1,0 +1,88 @@
+"""`eal doctor`: what is wrong with a machine and a fleet, and what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from eal_actors.cli.exit_codes import ExitCode
+from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.options import JsonOption, RobotsArgument
+from eal_actors.cli.output import counted, new_table, stdout, write_json
+from eal_actors.doctor import Finding, Level, examine_fleet, examine_machine
+from eal_actors.errors import ConfigError
+from eal_actors.facade.elsewhere import FLEET_VARIABLE
+
+_SIGNS: Final = {Level.OK: ("✓", "+"), Level.WARNING: ("▲", "!"), Level.PROBLEM: ("✗", "x")}
+_STYLES: Final = {Level.OK: "green", Level.WARNING: "yellow", Level.PROBLEM: "bold red"}
+
+
+def examine(
+    fleet: Annotated[
+        Path | None,
+        typer.Option(
+            "--fleet",
+            "-f",
+            envvar=FLEET_VARIABLE,
+            show_default=False,
+            help="The fleet file; without one, the machine alone.",
+        ),
+    ] = None,
+    robots: RobotsArgument = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Look at this machine and at a fleet, and say what to do about each finding.
+
+    Packages, clock, plugins, devices and their rights, cameras, certificates, ports, and the robots of other processes,
+    which are asked how they are. Nothing is moved. Ends with 1 if there is a problem; warnings do not count.
+    """
+    findings = [*examine_machine(), *(_of_fleet(fleet, robots or []) if fleet is not None else ())]
+    problems = sum(finding.level is Level.PROBLEM for finding in findings)
+    if as_json:
+        write_json({"problems": problems, "findings": [asdict(finding) for finding in findings]})
+    else:
+        _print(findings, problems)
+    if problems:
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _of_fleet(fleet: Path, robots: list[str]) -> Iterator[Finding]:
+    try:
+        config = read_fleet(fleet, robots)
+    except ConfigError as error:
+        for problem in error.problems:
+            yield Finding(Level.PROBLEM, "fleet file", str(problem), "Correct the file there; eal check looks again.")
+        return
+    yield from examine_fleet(config)
+
+
+def _print(findings: list[Finding], problems: int) -> None:
+    console = stdout()
+    table = new_table("", "area", "finding")
+    for finding in findings:
+        style = _STYLES[finding.level]
+        what = Text(finding.what)
+        if finding.advice:
+            what.append(
+                f"\n{_arrow(console)} {finding.advice}", style="bold" if finding.level is Level.PROBLEM else "dim"
+            )
+        table.add_row(Text(f"{_sign(console, finding.level)} {finding.level}", style=style), finding.area, what)
+    console.print(table)
+    warnings = sum(finding.level is Level.WARNING for finding in findings)
+    style = _STYLES[Level.PROBLEM if problems else Level.WARNING if warnings else Level.OK]
+    console.print(Text(f"{counted(problems, 'problem')}, {counted(warnings, 'warning')}", style=style))
+
+
+def _sign(console: Console, level: Level) -> str:
+    rich, plain = _SIGNS[level]
+    return rich if console.encoding.startswith("utf") else plain
+
+
+def _arrow(console: Console) -> str:
+    return "→" if console.encoding.startswith("utf") else "->"

@@ -1,0 +1,41 @@
+"""How much one browser may ask for."""
+
+from __future__ import annotations
+
+from typing import Final
+
+MAX_MESSAGE_BYTES: Final = 16 * 1024
+"""A browser's message may be this long."""
+MAX_BROWSERS: Final = 32
+MAX_CAMERAS: Final = 4
+"""Cameras that one browser may watch at once."""
+MAX_FRAMES_PER_S: Final = 15.0
+COMMANDS_PER_S: Final = 10.0
+COMMANDS_AT_ONCE: Final = 20.0
+MESSAGES_PER_S: Final = 60.0
+MESSAGES_AT_ONCE: Final = 120.0
+
+
+class Allowance:
+    """So many in a second on average, and so many at once.
+
+    Args:
+        per_s: how many come back in a second.
+        at_once: how many there are at first, and at most.
+    """
+
+    def __init__(self, per_s: float, at_once: float) -> None:
+        self._per_s = per_s
+        self._most = at_once
+        self._left = at_once
+        self._last_s: float | None = None
+
+    def take(self, now_s: float) -> bool:
+        """Take one; returns False if none is left."""
+        if self._last_s is not None:
+            self._left = min(self._most, self._left + (now_s - self._last_s) * self._per_s)
+        self._last_s = now_s
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True

@@ -1,0 +1,53 @@
+"""Pictures for want of a camera: a folder of images, of a bar that wanders to the right.
+
+    python -m plugins.camera.emulator --folder
+
+prints the path that the plugin takes as its source, with `loop: true`, and removes the folder at Ctrl-C or SIGTERM.
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+
+PICTURES: Final = 10
+_HEIGHT: Final = 120
+_WIDTH: Final = 160
+_FLOOR: Final = (60, 60, 60)
+_BAR: Final = (40, 160, 230)  # blue, green, red
+
+
+def draw(folder: Path) -> None:
+    """Write the pictures into a folder."""
+    width = _WIDTH // PICTURES
+    for number in range(PICTURES):
+        picture = np.full((_HEIGHT, _WIDTH, 3), _FLOOR, dtype=np.uint8)
+        picture[:, number * width : (number + 1) * width] = _BAR
+        cv2.imwrite(str(folder / f"{number}.png"), picture)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Keep a folder of pictures until the program is told to end."""
+    parser = argparse.ArgumentParser(prog="python -m plugins.camera.emulator", description="Pictures for a camera.")
+    parser.add_argument("--folder", action="store_true", required=True, help="make a folder of images; prints its path")
+    parser.parse_args(arguments)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    with tempfile.TemporaryDirectory(prefix="eal-pictures-") as folder:
+        draw(Path(folder))
+        sys.stdout.write(f"{folder}\n")
+        sys.stdout.flush()
+        ended.wait()
+
+
+if __name__ == "__main__":
+    main()
