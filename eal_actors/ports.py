@@ -27,6 +27,8 @@ _T = TypeVar("_T")
 _FIRST_TRY_S: Final = 0.2
 _LONGEST_TRY_S: Final = 5.0
 _WRITE_TIMEOUT_S: Final = 0.2
+_SERIAL_WRITE_TIMEOUT_S: Final = 1.0
+"""Pyserial looks at the time after the bytes have gone: on a busy machine a shorter one would lose a sound port."""
 _CONNECT_TIMEOUT_S: Final = 5.0
 _JOIN_S: Final = 1.0
 _PEER_LOST_S: Final = 10  # a peer that has lost its power says nothing; this long until TCP gives it up
@@ -289,7 +291,7 @@ def open_serial(
             parity=parity,
             stopbits=stopbits,
             timeout=0,
-            write_timeout=_WRITE_TIMEOUT_S,
+            write_timeout=_SERIAL_WRITE_TIMEOUT_S,
             exclusive=exclusive,
         )
     except ValueError as error:

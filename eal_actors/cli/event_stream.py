@@ -6,12 +6,13 @@ import json
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Final
 
 import typer
 
+from eal_actors.log import get_logger
 from eal_actors.scenario import Event, Listener
 
 STDOUT: Final = "-"
@@ -29,18 +30,30 @@ def event_stream(target: str | None) -> Iterator[list[Listener]]:
     elif target == STDOUT:
         yield [_writer(sys.stdout)]
     else:
-        with ExitStack() as stack:
-            try:
-                stream = stack.enter_context(Path(target).open("w", encoding="utf-8"))
-            except OSError as error:
-                why = os.strerror(error.errno) if error.errno else str(error)
-                raise typer.BadParameter(f"{target} cannot be written: {why}", param_hint="'--events'") from error
+        try:
+            stream = Path(target).open("w", encoding="utf-8")  # noqa: SIM115  # closing it may fail, on a full disk
+        except OSError as error:
+            why = os.strerror(error.errno) if error.errno else str(error)
+            raise typer.BadParameter(f"{target} cannot be written: {why}", param_hint="'--events'") from error
+        try:
             yield [_writer(stream)]
+        finally:
+            with suppress(OSError):  # what was not written was told of already
+                stream.close()
 
 
 def _writer(stream: IO[str]) -> Listener:
+    is_open = True
+
     def write(event: Event) -> None:
-        stream.write(json.dumps(event.to_dict()) + "\n")
-        stream.flush()
+        nonlocal is_open
+        if not is_open:
+            return
+        try:
+            stream.write(json.dumps(event.to_dict()) + "\n")
+            stream.flush()
+        except OSError as error:  # a full disk, or nobody reads any more: the run goes on
+            is_open = False
+            get_logger().error("the stream of events ends here", reason=str(error))
 
     return write

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
@@ -16,6 +16,7 @@ from rich.text import Text
 from eal_actors.cli.event_stream import STDOUT, event_stream
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.interrupts import Interrupts
+from eal_actors.cli.metrics import MetricsPortOption, metrics_at
 from eal_actors.cli.opening import advice_on_plugins
 from eal_actors.cli.options import GlobalOptions, JsonOption
 from eal_actors.cli.output import stderr, stdout, write_json
@@ -25,7 +26,7 @@ from eal_actors.cli.run_options import Order, Wanted, read_order
 from eal_actors.cli.run_plan import plan_as_json, print_plan
 from eal_actors.cli.run_summary import print_summary
 from eal_actors.clock import wall_time
-from eal_actors.errors import ConfigError, PluginError, Problem
+from eal_actors.errors import ConfigError, PluginError, Problem, ScenarioError
 from eal_actors.facade.elsewhere import FLEET_VARIABLE
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.fleet_model import FleetConfig
@@ -87,6 +88,7 @@ def run_scenario(
         ),
     ] = None,
     as_json: JsonOption = False,
+    metrics_port: MetricsPortOption = None,
     no_plot: Annotated[bool, typer.Option("--no-plot", help="Draw no picture of the paths.")] = False,
     show: Annotated[bool, typer.Option("--show", help="Open the picture, where there is a desktop.")] = False,
 ) -> None:
@@ -109,12 +111,13 @@ def run_scenario(
         return
     options = context.find_object(GlobalOptions) or GlobalOptions()
     with event_stream(events) as listeners:
-        done = _carry_out(order, runs_dir, console, options, listeners, record)
-    kept = _keep_paths(done, order.config, draw=not no_plot and done.interrupts < 2)
+        done = _carry_out(order, runs_dir, console, options, listeners, record, metrics_port)
     if as_json:
         write_json(done.report.model_dump(mode="json"))
     else:
         print_summary(console, done.report)
+    with _writing_into(done.directory):
+        kept = _keep_paths(done, order.config, draw=not no_plot and done.interrupts < 2)
     for what, file in (("run", done.directory), *((file.suffix[1:], file) for file in kept)):
         console.print(Text(f"{what}: {file}", style="dim"), soft_wrap=True)
     if show and kept and kept[-1].suffix == ".png" and any(map(os.environ.get, _DESKTOPS)):
@@ -164,17 +167,22 @@ def _carry_out(
     options: GlobalOptions,
     listeners: Sequence[Listener],
     extent: Extent,
+    metrics_port: int | None,
 ) -> _Done:
     """Connect the robots that the scenario means, show and record the run, and disconnect them."""
-    with Fleet(order.config).connect(_bound(order)) as opened:
+    with (
+        Fleet(order.config).connect(_bound(order)) as opened,
+        metrics_at(metrics_port, opened, opened.clock, console),
+    ):
         with advice_on_plugins(opened):
             plan = _plan(order, opened)
         resumption = order.resumption
         directory = resumption.directory if resumption is not None else _new_directory(runs_dir, plan.scenario.name)
         progress = new_progress(console, opened, options)
-        recorder = RunRecorder(opened, [name for name in plan.robots if name not in plan.lost], directory, extent)
+        with _writing_into(directory):
+            keep_provenance(directory, order.config, plan.scenario)
+            recorder = RunRecorder(opened, [name for name in plan.robots if name not in plan.lost], directory, extent)
         run = Run(plan, opened, directory, [progress.hear, recorder.hear, *listeners], resumption)
-        keep_provenance(directory, order.config, order.scenario.source)
         with ExitStack() as stack:
             stack.enter_context(progress)
             stack.enter_context(recorder)
@@ -208,6 +216,15 @@ def _new_directory(runs_dir: Path, scenario: str) -> Path:
             raise ConfigError([Problem(str(directory), 0, 0, "", f"cannot be made: {error.strerror}")]) from error
         else:
             return directory
+
+
+@contextmanager
+def _writing_into(directory: Path) -> Iterator[None]:
+    """Say of a run's folder that it cannot be written, such as for a full disk."""
+    try:
+        yield
+    except OSError as error:
+        raise ScenarioError(f"the run's folder {directory} cannot be written: {error}") from error
 
 
 def _keep_paths(done: _Done, config: FleetConfig, *, draw: bool) -> list[Path]:

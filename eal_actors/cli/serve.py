@@ -8,6 +8,7 @@ import typer
 from rich.text import Text
 
 from eal_actors.cli.interrupts import heed_signals
+from eal_actors.cli.metrics import MetricsPortOption, metrics_at
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import stdout
@@ -18,6 +19,7 @@ from eal_actors.facade.service import RobotService
 def serve_robot(
     fleet: FleetOption,
     robot: Annotated[str, typer.Option("--robot", "-r", help="The robot's name.", show_default=False)],
+    metrics_port: MetricsPortOption = None,
 ) -> None:
     """Run a robot in this process, and serve its resources at its address until Ctrl-C or SIGTERM.
 
@@ -29,7 +31,9 @@ def serve_robot(
         resources = ", ".join(service.robot)
         out.print(Text.assemble((robot, "bold"), f" serves {resources}"), soft_wrap=True)
         out.print(f"listening at {', '.join(service.endpoints)}", soft_wrap=True)
+        robots = {robot: service.robot}
         try:
-            REAL_TIME.wait(new_waiter(), None)
+            with metrics_at(metrics_port, robots, service.robot.clock, out, service.dead_man_trips):
+                REAL_TIME.wait(new_waiter(), None)
         except KeyboardInterrupt:
             out.print("halting and leaving the network")

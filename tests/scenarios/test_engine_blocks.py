@@ -251,3 +251,29 @@ def test_csv_grows_by_a_row_for_each_reading(two: Fleet, tmp_path: Path) -> None
     times_s = [float(line.partition(",")[0]) for line in lines[1:]]
     assert times_s == sorted(times_s)
     assert (tmp_path / "run/slow/deep/frame.csv").read_text().splitlines()[0] == "time_s,value_0,value_1"
+
+
+def test_stopping_a_branch_leaves_the_other_branches_of_its_robot_alone(two: Fleet, tmp_path: Path) -> None:
+    body = f"""{ON}
+    - parallel:
+        - [{{send_cmd: {{resource: Base, cmd: go9}}}}]
+        - - parallel:
+              - [{{wait_s: 0.2}}]
+              - [{{wait_s: 1000}}]
+            until: first
+"""
+    report = run(two, tmp_path, body)
+
+    outcomes_of = {record.label: record.outcome for record in records(report, "slow")}
+    assert report.outcome == "done"
+    assert outcomes_of == {"send_cmd Base go9": "done", "wait_s 0.2": "done", "wait_s 1000": "stopped"}
+
+
+def test_what_is_cancelled_ends_in_the_order_in_which_it_began(tmp_path: Path) -> None:
+    names = [f"r{number}" for number in range(12)]
+    body = "steps:\n  - parallel:\n      - [{wait_s: 1}, {signal: over}]\n      - - on: all\n          until: over\n"
+    body += "          do: [{parallel: [[{wait_s: 1000}], [{wait_s: 2000}], [{wait_s: 3000}]]}]\n"
+    with rigs(tmp_path / "rigs", {name: {} for name in names}) as fleet:
+        report = run(fleet, tmp_path, body)
+    stopped = [(record.robot, record.label) for record in report.steps if record.outcome == "stopped"]
+    assert stopped == [(name, f"wait_s {seconds}") for name in names for seconds in (1000, 2000, 3000)]
