@@ -30,6 +30,7 @@ from eal_actors.cli import (
     stitch,
     stop,
     sweep,
+    top,
     world,
 )
 from eal_actors.cli.exit_codes import EPILOG, ExitCode, report
@@ -101,6 +102,7 @@ app.command("call", cls=Command, context_settings={"ignore_unknown_options": Tru
 app.command("stitch", cls=Command)(stitch.stitch_frames)
 app.command("serve", cls=Command)(serve.serve_robot)
 app.command("dashboard", cls=Command)(dashboard.show_dashboard)
+app.command("top", cls=Command)(top.show_top)
 app.command("ping", cls=Command)(ping.ping_robots)
 app.command("stop", cls=Command)(stop.stop_robots)
 app.command("resume", cls=Command)(stop.resume_robots)

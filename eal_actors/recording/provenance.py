@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 import re
 from collections.abc import Mapping
@@ -13,18 +14,22 @@ from typing import Any, Final
 import yaml
 
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.scenario import Scenario
 from eal_actors.world import WorldModel, load_world
 
 FLEET: Final = "fleet.yaml"
 WORLD: Final = "world.yaml"
 SCENARIO: Final = "scenario.yaml"
+SCENARIOS: Final = "scenarios"
 VERSIONS: Final = "versions.json"
 _PACKAGES: Final = ("eal-actors", "eclipse-zenoh", "numpy", "opencv-python-headless", "pykka", "pymunk")
 _PASSWORD: Final = re.compile(r"(?<=://)([^/@:\s]+):[^/@\s]+@")
 
 
-def keep_provenance(directory: Path, config: FleetConfig, scenario: Path) -> None:
+def keep_provenance(directory: Path, config: FleetConfig, scenario: Scenario) -> None:
     """Write the fleet with what it includes, the arena, the scenario and the versions into a run's folder.
+
+    A scenario that carries out others is kept with them as well, in a folder where they lie to each other as they did.
 
     The passwords of URLs are left out. What the fleet file names beside itself, such as plugin folders, is named as it
     was, not copied.
@@ -36,8 +41,30 @@ def keep_provenance(directory: Path, config: FleetConfig, scenario: Path) -> Non
     if config.world is not None:
         world = config.world.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
         (directory / WORLD).write_text(_as_yaml({"version": 1, **world}), encoding="utf-8")
-    (directory / SCENARIO).write_bytes(scenario.read_bytes())
+    (directory / SCENARIO).write_text(_text_of(scenario), encoding="utf-8", newline="")
+    if scenario.parts:
+        _keep_parts(directory / SCENARIOS, scenario)
     (directory / VERSIONS).write_text(json.dumps(versions(), indent=2) + "\n", encoding="utf-8")
+
+
+def _keep_parts(folder: Path, scenario: Scenario) -> None:
+    """Write a scenario and all that it carries out, so that the paths from one to the other still hold."""
+    files: dict[Path, str] = {}
+    waiting = [scenario]
+    while waiting:
+        one = waiting.pop()
+        files[one.source.resolve()] = _text_of(one)
+        waiting += one.parts.values()
+    above = Path(os.path.commonpath([file.parent for file in files]))
+    for file, text in files.items():
+        kept = folder / file.relative_to(above)
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.write_text(text, encoding="utf-8", newline="")
+
+
+def _text_of(scenario: Scenario) -> str:
+    """Return what a scenario's file said when it was read."""
+    return "\n".join(scenario.lines)
 
 
 def resolved_fleet(config: FleetConfig) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from eal_actors.record.pose_sample import PoseSample
 from eal_actors.record.recorded_run import INFOS
 from eal_actors.recording.poses import POSE_PERIOD_S, POSE_RESOURCE, Paths
 from eal_actors.recording.sampler import Sampler, Wish
-from eal_actors.scenario.events import Event, LogLine, RobotDropped, RunStarted, StepEnded, StepRetried
+from eal_actors.scenario.events import Event, LogLine, RobotDropped, RunContinued, RunStarted, StepEnded, StepRetried
 from eal_actors.scenario.report import StepRecord
 
 Extent: TypeAlias = Literal["poses", "sensors", "all"]
@@ -77,7 +77,7 @@ class RunRecorder:
 
     def __enter__(self) -> Self:
         if self._file is not None:
-            self._open(self._file)
+            self._guarded(self._open)
             self._angles = _angles(self._infos, self._wishes)
         self._sampler.__enter__()
         return self
@@ -108,10 +108,8 @@ class RunRecorder:
     def _open(self, file: McapFile) -> None:
         config = self._fleet.config
         file.note(RUN, {"fleet": config.name, "seed": str(config.seed)})
-        file.attach(
-            INFOS,
-            {robot: {name: info.to_dict() for name, info in infos.items()} for robot, infos in self._infos.items()},
-        )
+        infos = {robot: {name: info.to_dict() for name, info in found.items()} for robot, found in self._infos.items()}
+        file.attach(INFOS, infos)
         if config.world is not None:
             file.write("/arena", schemas.SCENE, 0.0, messages.scene_message(config.world))
 
@@ -161,12 +159,23 @@ class RunRecorder:
     def hear(self, event: Event) -> None:
         """Record an event of the run; the first one tells when it began."""
         with self._lock:
-            if isinstance(event, RunStarted):
+            if isinstance(event, RunStarted | RunContinued) and self._start_s is None:
                 self._start_s = self._clock.now() - event.time_s
                 for write in self._early.values():
                     write()
                 self._early.clear()
             self._write_event(event)
+            if isinstance(event, StepEnded) and isinstance(event.answer, EALData):
+                self._write_answer(event.record, event.answer)
+
+    def _write_answer(self, record: StepRecord, answer: EALData) -> None:
+        """Write what the scenario itself read from a sensor, which costs nobody anything; poses are sampled anyway."""
+        robot, name = record.robot or "", record.resource or ""
+        if record.kind == "get_value" and name != POSE_RESOURCE and name in self._infos.get(robot, {}):
+            stamp_s = (
+                answer.stamp_s - self._start_s if answer.stamp_s is not None and self._start_s is not None else None
+            )
+            self._write_value(self._fleet[robot][name], answer, record.end_s if stamp_s is None else max(0.0, stamp_s))
 
     def _write_event(self, event: Event) -> None:
         fields = {**messages.stamped(event.time_s), **event.to_dict()}

@@ -151,10 +151,17 @@ class StepEnded(Event):
 
     Attributes:
         record: how it went.
+        answer: what a call answered, for listeners: an EALData, a status int, or None. It is not in the line of
+            `events.jsonl`, which frames would swell.
     """
 
     kind = "step_ended"
     record: StepRecord
+    answer: object = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """See Event."""
+        return {"event": self.kind, "time_s": self.time_s, "record": self.record.model_dump()}
 
 
 @dataclass(frozen=True, slots=True)

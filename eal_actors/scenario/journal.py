@@ -90,8 +90,8 @@ class Journal:
         if stream is not None:
             try:
                 stream.close()
-            except OSError:
-                get_logger().exception("closing the file of events failed")
+            except OSError as error:
+                get_logger().error("the file of events is cut short", reason=str(error))
 
 
 def _cut_half_line(path: Path) -> None:

@@ -10,6 +10,8 @@ from eal_actors.data import EALData
 from eal_actors.errors import DataError
 
 MAX_ELEMENTS: Final = 10_000
+MAX_BITS: Final = 1024
+"""Longer whole numbers are not kept: readers of JSON refuse them."""
 _DATA: Final = "eal_data"
 
 
@@ -44,11 +46,15 @@ def _plain(value: Any) -> Any:
         return value.tolist() if getattr(value, "size", 1) <= MAX_ELEMENTS else None
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    if isinstance(value, str | int):
+    if isinstance(value, str):
         return value
+    if isinstance(value, int):
+        return value if value.bit_length() <= MAX_BITS else None
     if isinstance(value, tuple | list):
         items = [_plain(item) for item in value[: MAX_ELEMENTS + 1]]
         return None if len(items) > MAX_ELEMENTS or any(item is None for item in items) else items
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        entries = {key: _plain(item) for key, item in value.items() if isinstance(key, str)}
+        is_whole = len(entries) == len(value) <= MAX_ELEMENTS and set(entries) != {_DATA}
+        return entries if is_whole and all(value[key] is None or entries[key] is not None for key in entries) else None
     return None

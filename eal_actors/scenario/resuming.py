@@ -136,7 +136,7 @@ def _gather(directory: Path, events: list[dict[str, Any]]) -> Resumption:
                 checkpoint, was_begun = event, False
             case "run_ended":
                 raise ScenarioError(f"the run in {directory} came to its end; only one that was cut off can be resumed")
-            case "step_started":
+            case "step_started" | "signal":
                 was_begun = True
             case "step_ended":
                 records.append(StepRecord.model_validate(event["record"]))

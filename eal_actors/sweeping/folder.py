@@ -119,7 +119,7 @@ class SweepFolder:
             "vary": {variation.name: list(variation.values) for variation in sweep.variations},
             "seeds": list(sweep.seeds),
         }
-        keep_provenance(self.path, sweep.fleet, sweep.scenario.source)
+        keep_provenance(self.path, sweep.fleet, sweep.scenario)
         unfinished = self.path / f"{ORDER}.tmp"
         unfinished.write_text(json.dumps(order, indent=2) + "\n", encoding="utf-8")
         unfinished.replace(self.path / ORDER)

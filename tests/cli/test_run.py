@@ -169,3 +169,26 @@ def test_a_folder_that_cannot_be_made_is_bad_input(eal: Any, slides: Path, move:
     result = eal("run", move, "--fleet", slides, "--runs-dir", write("a_file", ""))
     assert result.exit_code == 2
     assert "cannot be made: Not a directory" in result.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_run_goes_on_where_its_stream_of_events_cannot_be_written(
+    eal: Any, slides: Path, move: Path, tmp_path: Path
+) -> None:
+    runs = tmp_path / "runs"
+    result = eal("run", move, "--fleet", slides, "--runs-dir", runs, "--rate", 10, "--events", "/dev/full")
+    assert result.exit_code == 0
+    assert "the stream of events ends here" in result.stderr
+    assert json.loads((the_run(runs) / "summary.json").read_text(encoding="utf-8"))["outcome"] == "done"
+
+
+def test_the_scenarios_that_a_scenario_carries_out_are_kept_with_it(eal: Any, slides: Path, write: Any) -> None:
+    write("parts/inner.yaml", "version: 1\nname: inner\nroles: {all: {}}\nsteps: [{log: inside}]\n")
+    outer = "version: 1\nname: outer\nroles: {all: {}}\nsteps:\n  - scenario: ../parts/inner.yaml\n"
+    scenario = write("mine/outer.yaml", outer)
+    runs = slides.parent / "runs"
+    assert eal("run", scenario, "--fleet", slides, "--runs-dir", runs, "--rate", 10).exit_code == 0
+    kept = the_run(runs)
+    assert (kept / "scenario.yaml").read_text(encoding="utf-8") == outer
+    assert (kept / "scenarios" / "mine" / "outer.yaml").read_text(encoding="utf-8") == outer
+    assert eal("check", kept / "scenarios" / "mine" / "outer.yaml").exit_code == 0

@@ -45,7 +45,7 @@ def record_run(directory: Path, extent: Extent, seed: int = 3) -> Path:
             report = run.start().get(timeout=60)
     assert report.outcome == "done", report
     write_trajectory(recorder.paths_since(run.start_s), directory / "trajectory.csv")
-    keep_provenance(directory, config, scenario)
+    keep_provenance(directory, config, plan.scenario)
     return directory
 
 

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import math
 from pathlib import Path
 
 import pytest
 
+from eal_actors.bundled import bundled_path
 from eal_actors.errors import ScenarioError
+from eal_actors.facade.fleet import Fleet
+from eal_actors.lock_step import MAX
+from eal_actors.managers.config import EALConfigManager
 from eal_actors.record.mcap_file import read_mcap
 from eal_actors.record.recorded_run import RecordedRun
+from eal_actors.recording import RunRecorder
+from eal_actors.scenario.events import RunContinued
 from tests.recording.conftest import record_run
 
 
@@ -103,3 +110,23 @@ def test_what_is_no_record_says_so(tmp_path: Path) -> None:
     file.write_bytes(b"certainly not an MCAP file, but long enough to be taken for one")
     with pytest.raises(ScenarioError, match=r"run\.mcap is no record of a run"):
         read_mcap(file)
+
+
+def test_frames_that_the_scenario_takes_are_recorded_though_cameras_are_not(tmp_path: Path) -> None:
+    directory = record_run(tmp_path / "one" / "run", "poses")
+    frames = [entry for entry in read_mcap(directory / "run.mcap").entries if entry.topic.endswith("/Camera")]
+    assert sorted(frame.topic for frame in frames) == ["/evbot3-1/Camera", "/roomba-1/Camera"]
+    assert {frame.schema for frame in frames} == {"foxglove.CompressedImage"}
+    assert '"answer"' not in (directory / "events.jsonl").read_text(encoding="utf-8")
+
+
+def test_poses_are_recorded_where_a_run_goes_on(tmp_path: Path) -> None:
+    config = EALConfigManager.load(bundled_path("fleets/sim.yaml")).fleet
+    with Fleet(dataclasses.replace(config, rate=MAX)).connect() as fleet:
+        recorder = RunRecorder(fleet, fleet, tmp_path)
+        with recorder:
+            recorder.hear(RunContinued(30.0, first_step=1))
+            fleet.clock.sleep(1.0)
+    times_s = [entry.time_s for entry in read_mcap(tmp_path / "run.mcap").entries if entry.topic == "/roomba-1/Pose"]
+    assert len(times_s) > 5
+    assert max(times_s) == pytest.approx(31.0, abs=0.2)

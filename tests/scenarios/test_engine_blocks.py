@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -273,7 +274,8 @@ def test_what_is_cancelled_ends_in_the_order_in_which_it_began(tmp_path: Path) -
     names = [f"r{number}" for number in range(12)]
     body = "steps:\n  - parallel:\n      - [{wait_s: 1}, {signal: over}]\n      - - on: all\n          until: over\n"
     body += "          do: [{parallel: [[{wait_s: 1000}], [{wait_s: 2000}], [{wait_s: 3000}]]}]\n"
-    with rigs(tmp_path / "rigs", {name: {} for name in names}) as fleet:
+    robots: dict[str, Any] = {name: {} for name in names}
+    with rigs(tmp_path, **robots) as fleet:
         report = run(fleet, tmp_path, body)
     stopped = [(record.robot, record.label) for record in report.steps if record.outcome == "stopped"]
     assert stopped == [(name, f"wait_s {seconds}") for name in names for seconds in (1000, 2000, 3000)]

@@ -191,7 +191,7 @@ def test_an_error_of_the_engine_fails_the_run_and_halts_the_robots(two: Fleet, t
     assert report.outcome == "failed"
     assert report.error is not None
     assert report.error.code == "error"
-    assert report.error.message.startswith("AttributeError: ")
+    assert report.error.message.startswith("TypeError: ")
     assert report.duration_s < 90
     assert outcomes(report)["slow"] != "done"
     assert ask(two, "slow", "halts") >= 2

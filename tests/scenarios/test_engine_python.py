@@ -38,9 +38,21 @@ def wait_long(context):
         context.clock.sleep(0.5)
 
 
+class Odd:
+    def __eq__(self, other):
+        raise RuntimeError("not to be compared")
+
+    def __repr__(self):
+        raise RuntimeError("not to be shown")
+
+
+def odd(context, is_long=False):
+    return 10**6000 if is_long else Odd()
+
+
 not_callable = 5
 """
-STEPS = ("greet", "keep", "drive", "fail", "wait_long", "gone", "not_callable")
+STEPS = ("greet", "keep", "drive", "fail", "wait_long", "odd", "gone", "not_callable")
 ALLOWED = f"python_steps: [{', '.join(f'helpers:{name}' for name in STEPS)}, nowhere:x]"
 
 
@@ -126,3 +138,24 @@ def test_what_cannot_be_run_is_found_before_anything_moves(
 
     assert "trial.yaml:6:18: steps[0].python: " in str(caught.value)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("is_long", ["true", "false"])
+def test_whatever_a_step_returns_fails_only_the_steps_that_cannot_use_it(
+    fleet: Fleet, tmp_path: Path, is_long: str
+) -> None:
+    body = f"""
+        on_failure: skip
+        steps:
+          - {{python: 'helpers:odd', with: {{is_long: {is_long}}}, save_as: odd}}
+          - log: "${{odd}}"
+          - expect: odd == 3
+          - for: {{x: "${{odd}}"}}
+            do: [{{log: never}}]
+          - {{signal: told, value: "${{odd}}"}}
+        """
+    report = run(fleet, tmp_path, body)
+
+    failed = [record.step for record in report.steps if record.outcome == "skipped"]
+    assert report.outcome == "done", report.error
+    assert failed == ["steps[1]", "steps[2]", "steps[3].for.x"]

@@ -46,6 +46,7 @@ class _SomeAct:
     resource: str | None = None
     command: str | None = None
     began_s: float | None = None
+    answer: object = None
 
     def __init__(self, stage: Stage, context: Context, label: str) -> None:
         self.label = label
@@ -193,10 +194,10 @@ class ExpectAct(_SomeAct):
             target = plain(render(step.equals, known), "equals")
             is_right = _equal(found, target, step.tolerance or 0.0)
             around = f" ± {step.tolerance:g}" if step.tolerance else ""
-            wanted = f"to be {_value(target)}{around}"
+            wanted = f"to be {in_few_words(target)}{around}"
         if not is_right:
             says = f"{render_text(step.says, known)}: " if step.says is not None else ""
-            seen = _seen([expression], known) if step.equals is None else f", but it is {_value(found)}"
+            seen = _seen([expression], known) if step.equals is None else f", but it is {in_few_words(found)}"
             raise ScenarioError(f"{says}expected {step.expect} {wanted}{seen}")
 
 
@@ -258,21 +259,26 @@ def _seen(expressions: Iterable[Expression], known: Known) -> str:
     """Return what readings and variables of an expression were, for messages."""
     parts = []
     for expression in expressions:
-        parts += [f"{reading} is {_value(known.readings[reading])}" for reading, _ in expression.readings]
+        parts += [f"{reading} is {in_few_words(known.readings[reading])}" for reading, _ in expression.readings]
         parts += [
-            f"{name.name} is {_value(known.variables[name.name])}"
+            f"{name.name} is {in_few_words(known.variables[name.name])}"
             for name in expression.names
             if name.name in known.variables and name.name != "run"
         ]
     return f", but {', '.join(parts)}" if parts else ""
 
 
-def _value(value: object) -> str:
+def in_few_words(value: object) -> str:
     """Return a value in few words."""
     inner = value.value if isinstance(value, EALData) else value
-    if isinstance(inner, bool | int | float):
-        return as_text(inner) if not isinstance(inner, float) else f"{inner:.6g}"
-    text = repr(inner.tolist() if hasattr(inner, "tolist") and getattr(inner, "size", 99) <= 8 else inner)
+    if isinstance(inner, float):
+        return f"{inner:.6g}"
+    if isinstance(inner, bool):
+        return as_text(inner)
+    try:
+        text = repr(inner.tolist() if hasattr(inner, "tolist") and getattr(inner, "size", 99) <= 8 else inner)
+    except Exception:  # noqa: BLE001  # a function's own object may raise whatever it likes
+        text = f"of type {type(inner).__name__}"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

@@ -25,6 +25,7 @@ class CallAct:
     def __init__(self, stage: Stage, context: Context, step: CallStep, path: str) -> None:
         self.is_begun = False
         self.began_s: float | None = None
+        self.answer: object = None
         self._stage = stage
         self._context = context
         self._step = step
@@ -65,6 +66,7 @@ class CallAct:
             self._is_first = False
             start = yield from join_start(stage, context, step, self._path)
         self.is_begun = True
+        context.task.touch(self.resource)
         if start is None:
             future: Future[Any] = method(**self._fields, timeout_s=timeout_s)
         else:
@@ -74,9 +76,9 @@ class CallAct:
         finally:
             if start is not None:
                 self.began_s = start.end(robot, future if isinstance(future, Call) else None)
-        answer = future.get()
+        self.answer = future.get()
         if isinstance(step, AnswerStep):
-            self._keep(step, robot, answer, known)
+            self._keep(step, robot, self.answer, known)
 
     def _keep(self, step: AnswerStep, robot: RobotRun, answer: object, known: Known) -> None:
         stage, context = self._stage, self._context

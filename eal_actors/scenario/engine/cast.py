@@ -30,7 +30,7 @@ class RobotRun:
     outcome: RobotOutcome | None = None
     error: BaseException | None = None
     is_seated: bool = False
-    pending: set[Future[Any]] = field(default_factory=set)
+    pending: dict[Future[Any], None] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -86,6 +86,8 @@ class Task:
     Attributes:
         children: the lines that it waits for.
         pending: what it waits for.
+        touched: the resources of its robot that it, or a line inside it, has called.
+        touches_all: it may have called any.
         is_stopped: nothing new is begun in it.
         steps_taken: the number of the last single step that it took while the run was paused.
     """
@@ -102,9 +104,11 @@ class Task:
         self.branch = branch
         self.meets = meets
         self.children: dict[Task, None] = {}
-        self.pending: set[Future[Any]] = set()
+        self.pending: dict[Future[Any], None] = {}
         self.is_stopped = False
         self.steps_taken = 0
+        self.touched: dict[str, None] = {}
+        self.touches_all = False
 
     @property
     def name(self) -> str:
@@ -112,6 +116,16 @@ class Task:
         if self.seat is not None:
             return self.seat.robot.name
         return f"branch '{self.branch}'" if self.branch is not None else "the scenario"
+
+    def touch(self, resource: str | None) -> None:
+        """Note that it calls a resource; None stands for any."""
+        task: Task | None = self
+        while task is not None:
+            if resource is None:
+                task.touches_all = True
+            else:
+                task.touched[resource] = None
+            task = task.parent
 
     def stop(self) -> None:
         """Begin nothing more in it, and cancel what is under way."""

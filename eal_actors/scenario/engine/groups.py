@@ -67,9 +67,14 @@ class Group:
         return task.seat is None or task.seat.robot.outcome is None
 
     def _stop_rest(self) -> Branch:
-        robots = dict.fromkeys(robot for task in self._left for robot in task.robots())
-        for task in list(self._left):
+        tasks = list(self._left)
+        seat = self._context.seat
+        robots = dict.fromkeys([seat.robot] if seat else [robot for task in tasks for robot in task.robots()])
+        for task in tasks:
             task.stop()
         if self._left:
             yield self._all_ended
-        yield from self._stage.halt([robot for robot in robots if robot.outcome is None])
+        touched: dict[str, None] | None = None
+        if seat is not None and not any(task.touches_all for task in tasks):  # the robot's other branches go on
+            touched = {name: None for task in tasks for name in task.touched}
+        yield from self._stage.halt([robot for robot in robots if robot.outcome is None], touched)

@@ -25,6 +25,7 @@ class Act(Protocol):
         command: the text that the call is given, or None.
         is_begun: it has gone further than working out what to do.
         began_s: when it began, in seconds since the run's start, where it had to wait for others first.
+        answer: what a call answered, or None.
     """
 
     label: str
@@ -32,6 +33,7 @@ class Act(Protocol):
     command: str | None
     is_begun: bool
     began_s: float | None
+    answer: object
 
     def attempt(self) -> Branch:
         """Do it once.
@@ -172,7 +174,7 @@ class _Performance:
                 error=ErrorReport.of(error) if error is not None else None,
             )
             self._stage.records.append(record)
-            return StepEnded(time_s, record)
+            return StepEnded(time_s, record, act.answer if error is None else None)
 
         self._stage.tell(ended)
 

@@ -20,6 +20,7 @@ from eal_actors.scenario.engine.acts import (
     WaitForAct,
     WaitUntilAct,
     WorkOutAct,
+    in_few_words,
 )
 from eal_actors.scenario.engine.calls import CallAct
 from eal_actors.scenario.engine.cast import Context, Seat, Task, Unit
@@ -307,5 +308,5 @@ def _go_on(condition: Any, limit: int | None, known: Known) -> bool:
 def _list(values: object, known: Known) -> list[Any]:
     found = plain(render(values, known), "the list")
     if not isinstance(found, list):
-        raise ScenarioError(f"a loop goes through a list, and this is none: {found!r}")
+        raise ScenarioError(f"a loop goes through a list, and this is none: {in_few_words(found)}")
     return found

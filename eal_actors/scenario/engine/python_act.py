@@ -39,6 +39,7 @@ class PythonAct:
     resource: str | None = None
     command: str | None = None
     began_s: float | None = None
+    answer: object = None
 
     def __init__(self, stage: Stage, context: Context, step: PythonStep) -> None:
         self.label = f"python {step.python}"
@@ -57,6 +58,7 @@ class PythonAct:
         function = stage.plan.python.functions[step.python]
         step_context = self._context_of(answer, dict(known.variables))
         self.is_begun = True
+        context.task.touch(None)
         thread = threading.Thread(
             target=_work, args=(function, step_context, given, answer), name=f"python step {step.python}", daemon=True
         )

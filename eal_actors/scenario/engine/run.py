@@ -254,7 +254,11 @@ class Run:
 
     def _fail(self, error: BaseException) -> None:
         """Note an error of the engine itself: the steps are stopped, but never what makes the robots safe."""
-        get_logger(scenario=self._plan.scenario.name).error("the run had an internal error", exc_info=error)
+        logger = get_logger(scenario=self._plan.scenario.name)
+        if isinstance(error, OSError):  # a full disk, say, which a traceback explains no better
+            logger.error("the run's record cannot be written", directory=str(self._directory), reason=str(error))
+        else:
+            logger.error("the run had an internal error", exc_info=error)
         self._error = self._error or error
         if self._phase is _Phase.STEPS:
             self._stage.stop()

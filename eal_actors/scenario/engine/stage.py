@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -95,7 +95,7 @@ class Stage:
         self.zero_s = 0.0
         self.substitutes: dict[str, tuple[str, str]] = {}
         self.threads: list[threading.Thread] = []
-        self._pending: set[Future[Any]] = set()
+        self._pending: dict[Future[Any], None] = {}
         self._step_at_s = 0.0
         self._steps_at_once = 0
 
@@ -188,14 +188,14 @@ class Stage:
         robot = context.robot
         holders = [self._pending, context.task.pending, *([robot.pending] if robot is not None else [])]
         for pending in holders:
-            pending.add(future)
+            pending[future] = None
         if self.is_stopping or context.task.is_stopped:
             future.cancel()
         try:
             yield future
         finally:
             for pending in holders:
-                pending.discard(future)
+                pending.pop(future, None)
 
     def wait_within(self, context: Context, future: Future[T], timeout_s: float) -> Generator[Future[Any], None, bool]:
         """Wait for a future at most so long, pauses aside; return whether it is done.
@@ -270,9 +270,9 @@ class Stage:
 
     # Halting.
 
-    def halt(self, robots: Sequence[RobotRun]) -> Branch:
-        """Halt every actuator of some robots at once, and wait until they confirm it or their time is up."""
-        halts = [(robot, name, halt) for robot in robots for name, halt in self._begin_halt(robot)]
+    def halt(self, robots: Sequence[RobotRun], only: Collection[str] | None = None) -> Branch:
+        """Halt every actuator of some robots, or only these, at once; wait until they confirm it or time is up."""
+        halts = [(robot, name, halt) for robot in robots for name, halt in self._begin_halt(robot, only)]
         for robot, name, halt in halts:
             yield halt
             error = halt.exception()
@@ -281,9 +281,11 @@ class Stage:
                 if robot.outcome not in ("dropped", "replaced"):
                     robot.end("failed", error)
 
-    def _begin_halt(self, robot: RobotRun) -> list[tuple[str, Future[int]]]:
+    def _begin_halt(self, robot: RobotRun, only: Collection[str] | None) -> list[tuple[str, Future[int]]]:
         halts: list[tuple[str, Future[int]]] = []
         for name, resource in robot.handle.items():
+            if only is not None and name not in only:
+                continue
             try:
                 moves = ResourceType.ACTUATOR in resource.info.types
             except UnavailableError:  # it has never been up, so it has never moved

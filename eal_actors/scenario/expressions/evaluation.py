@@ -52,7 +52,7 @@ def evaluate(expression: Expression, known: Known) -> Any:
         raise ScenarioError(f"{expression.text.strip()}: {error}") from error
     except ZeroDivisionError as error:
         raise ScenarioError(f"{expression.text.strip()}: a division by zero") from error
-    except (ArithmeticError, ValueError, TypeError, LookupError, RecursionError, AttributeError) as error:
+    except Exception as error:  # a function's own object may raise whatever it likes
         raise ScenarioError(f"{expression.text.strip()}: {_reason(error)}") from error
     finally:
         evaluator.names = {}

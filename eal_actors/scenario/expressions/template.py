@@ -128,7 +128,10 @@ def _as_text(expression: Expression, value: object) -> str:
     if isinstance(found, str):
         return found
     if isinstance(found, bool | int | float):
-        return as_text(found)
+        try:
+            return as_text(found)
+        except ValueError as error:  # Python writes no numbers of thousands of digits
+            raise ScenarioError(f"${{{expression.text}}} is too long a number to stand in a text") from error
     raise ScenarioError(f"${{{expression.text}}} is of type {type(found).__name__}, which cannot stand in a text")
 
 

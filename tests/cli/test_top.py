@@ -1,0 +1,194 @@
+"""`eal top`, driven by Textual's pilot on robots of this process and on one that is served."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual.pilot import Pilot
+from textual.widgets import DataTable, Static
+
+from eal_actors import Fleet
+from eal_actors.clock import ManualClock
+from eal_actors.errors import PreemptedError, StoppedError
+from eal_actors.facade.service import RobotService
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.metrics.tally import CallWatch
+from eal_actors.top.figures import Recent
+from eal_actors.top.newest_run import newest_run, progress_of
+from eal_actors.top.screen import Details, LastLines, TopApp
+from tests.net.links import eventually, free_port
+
+Script = Callable[[TopApp, Pilot[None]], Awaitable[None]]
+
+
+def watch(fleet: Fleet, runs: Path, script: Script, lines: LastLines | None = None) -> None:
+    """Run the screen without a terminal and without timers, and the script on it."""
+    calls = Recent()
+    clock = fleet.clock
+
+    async def play() -> None:
+        app = TopApp(fleet, calls, runs, lines, look_each_s=None)
+        async with app.run_test(size=(140, 30)) as pilot:
+            await script(app, pilot)
+
+    with CallWatch(clock, lambda call, _, took_s: calls.note(call.cell.robot, clock.now(), took_s)):
+        asyncio.run(play())
+
+
+def cells(app: TopApp, robot: str) -> list[str]:
+    return [str(cell) for cell in app.screen_stack[0].query_one(DataTable).get_row(robot)]
+
+
+def text(app: TopApp, where: str) -> str:
+    return str(app.screen.query_one(where, Static).render())
+
+
+@pytest.fixture
+def fleet(slides: Path) -> Any:
+    with ExitStack() as stack:
+        yield stack.enter_context(Fleet(EALConfigManager.load(slides).fleet, ManualClock()).connect())
+
+
+class TestRobots:
+    def test_states_commands_and_figures_are_shown(self, fleet: Fleet, tmp_path: Path) -> None:
+        clock: Any = fleet.clock
+
+        async def script(app: TopApp, _: Pilot[None]) -> None:
+            assert cells(app, "one")[:8] == ["one", "ready", "0", "–", "0.0", "–", "–", "0"]
+            for _number in range(20):
+                fleet["one"]["Slide"].get_status().get()
+            drive = fleet["one"]["Slide"].send_cmd("to1")
+            fleet["one"]["Slide"].get_status().get()
+            clock.advance(0.5)
+            app.look()
+            one = cells(app, "one")
+            assert one[4] == "2.1"  # 21 calls have ended in 10 s
+            assert one[5:7] == ["0.0 ms", "0.0 ms"]
+            assert "Slide to1" in one[8]
+            assert cells(app, "two")[4] == "0.0"
+            assert text(app, "#head") == "slides: 2 of 2 robots ready"
+            drive.cancel()
+
+        watch(fleet, tmp_path, script)
+
+    def test_stop_and_resume_reach_every_robot(self, fleet: Fleet, tmp_path: Path) -> None:
+        async def script(app: TopApp, pilot: Pilot[None]) -> None:
+            drive = fleet["two"]["Slide"].send_cmd("to1")
+            fleet["two"]["Slide"].get_status().get()
+            await pilot.press("s")
+            assert isinstance(drive.exception(), PreemptedError)
+            assert all(robot.stopped_because == "stopped at eal top" for robot in fleet.values())
+            assert isinstance(fleet["one"]["Slide"].send_cmd("to1").exception(), StoppedError)
+            app.look()
+            assert cells(app, "one")[1] == "STOP"
+            await pilot.press("r")
+            app.look()
+            assert [cells(app, name)[1] for name in fleet] == ["ready", "ready"]
+
+        watch(fleet, tmp_path, script)
+
+    def test_details_of_the_robot_under_the_cursor_and_stop_from_there(self, fleet: Fleet, tmp_path: Path) -> None:
+        async def script(app: TopApp, pilot: Pilot[None]) -> None:
+            await pilot.press("down", "enter")
+            await pilot.pause()
+            assert isinstance(app.screen, Details)
+            app.look()
+            assert "two: ready, in this process" in text(app, "#details")
+            assert "Slide, 0 calls wait" in text(app, "#details")
+            await pilot.press("s")
+            app.look()
+            assert "emergency stop: stopped at eal top" in text(app, "#details")
+            await pilot.press("escape")
+            await pilot.pause()
+            assert not isinstance(app.screen, Details)
+            await pilot.press("q")
+            assert app._exit
+
+        watch(fleet, tmp_path, script)
+
+    def test_log_lines_do_not_tear_the_screen(self, fleet: Fleet, tmp_path: Path) -> None:
+        lines = LastLines(most=2)
+
+        async def script(app: TopApp, _: Pilot[None]) -> None:
+            lines.write("first\nsecond\n")
+            lines.write("third\n")
+            app.look()
+            assert text(app, "#told") == "second\nthird"
+
+        watch(fleet, tmp_path, script, lines)
+
+    def test_a_robot_that_is_served_elsewhere_is_pinged(self, slides: Path, tmp_path: Path) -> None:
+        source = slides.read_text(encoding="utf-8").replace("  two: {plugins: {slide: {}}}\n", "")
+        slides.write_text(source.replace("  one: {", f"  one: {{address: 'tcp/127.0.0.1:{free_port()}', "))
+        config = EALConfigManager.load(slides).fleet
+
+        async def script(app: TopApp, pilot: Pilot[None]) -> None:
+            assert cells(app, "one")[1:4] == ["ready", "–", "–"]  # it has not answered yet
+
+            def is_measured() -> bool:
+                app.look()
+                return cells(app, "one")[5].endswith("ms")
+
+            assert eventually(is_measured)
+            assert cells(app, "one")[2] == "0"
+            assert cells(app, "one")[7] == "0"
+            await pilot.press("s")
+            assert eventually(lambda: service.robot.stopped_because == "stopped at eal top")
+
+        with RobotService(config, "one") as service, Fleet(config).connect() as opened:
+            watch(opened, tmp_path, script)
+
+
+class TestRuns:
+    def test_the_progress_of_a_real_run_of_this_fleet_is_shown(
+        self, eal: Any, slides: Path, move: Path, tmp_path: Path
+    ) -> None:
+        runs = tmp_path / "runs"
+        assert eal("run", move, "--fleet", slides, "--runs-dir", runs, "--rate", "max").exit_code == 0
+        with Fleet.load(slides).connect() as fleet:
+
+            async def script(app: TopApp, _: Pilot[None]) -> None:
+                assert text(app, "#run") == "last run: move done, 4/4 calls"
+
+            watch(fleet, runs, script)
+        (file,) = runs.glob("*/events.jsonl")
+        lines = file.read_text(encoding="utf-8").splitlines()
+        (first_end,) = [n for n, line in enumerate(lines) if json.loads(line)["event"] == "step_ended"][:1]
+        cut = progress_of([*lines[: first_end + 1], lines[first_end + 1][:10]])  # while the next line is being written
+        assert cut is not None
+        assert (cut.done, cut.calls, cut.outcome) == (1, 4, None)
+        assert [label for _, label in cut.now]
+
+    def test_runs_of_other_fleets_are_not(self, eal: Any, slides: Path, move: Path, tmp_path: Path) -> None:
+        eal("run", move, "--fleet", slides, "--runs-dir", tmp_path / "runs", "--rate", "max")
+        assert newest_run(tmp_path / "runs", "others") is None
+        assert newest_run(tmp_path / "nowhere", "slides") is None
+
+
+class TestFigures:
+    def test_quantiles_and_rates_of_the_last_seconds(self) -> None:
+        recent = Recent()
+        recent.note("one", 0.0, 9.0)  # too long ago
+        for number in range(100):
+            recent.note("one", 10.5, (number + 1) / 100)
+        figures = recent.figures("one", 11.0)
+        assert (figures.calls_per_s, figures.p50_s, figures.p99_s) == (10.0, 0.5, 0.99)
+        assert recent.figures("two", 11.0).p50_s is None
+
+    def test_a_flood_is_counted_by_what_is_kept_of_it(self) -> None:
+        recent = Recent()
+        for number in range(10_000):
+            recent.note("one", number / 10_000, 0.001)
+        assert recent.figures("one", 1.0).calls_per_s == pytest.approx(10_000, rel=0.01)
+
+
+def test_without_a_terminal_it_says_so(eal: Any, slides: Path) -> None:
+    result = eal("top", "--fleet", slides)
+    assert result.exit_code == 2
+    assert "needs a terminal" in result.stderr
