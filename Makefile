@@ -24,7 +24,7 @@ $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || $(INSTALL_VENV)
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --quiet --editable '.[sim,vision,record,system,dashboard,evbotos]' --group dev
+	$(BIN)/python -m pip install --quiet --editable '.[sim,vision,record,system,dashboard,evbotos,metrics,top]' --group dev
 	@touch $(STAMP)
 
 demo: $(STAMP)  ## run the dance on the simulated fleet and show where its picture is

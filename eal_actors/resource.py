@@ -9,6 +9,7 @@ its `finally` stops the motors. One thread runs everything of one resource, so a
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from dataclasses import dataclass
 from typing import Any, ClassVar, Final, TypeAlias, TypeVar
 
 from eal_actors.data import EALData
@@ -17,6 +18,22 @@ from eal_actors.info import METHODS, CommandInfo, ConfigInfo, ResourceInfo, Reso
 
 Activity: TypeAlias = Generator[float, None, Any]
 """Long work: yields seconds until its next step, returns the result, stops what moves in its `finally`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far an activity has come.
+
+    Attributes:
+        fraction: which part of it is done, 0..1; None where that is not known.
+        text: what it is at, for people; empty for nothing to say.
+        time_s: when it was told, by the fleet's clock.
+    """
+
+    fraction: float | None
+    text: str
+    time_s: float
+
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK: Final = "_eal_mark"
@@ -103,6 +120,7 @@ class Resource:
     description: ClassVar[str] = ""
     name: str = ""
 
+    _told_progress: tuple[float | None, str] | None = None
     _handlers: ClassVar[dict[tuple[str, str], str]] = {}
     _fields: ClassVar[dict[tuple[str, str], dict[str, Any]]] = {}
 
@@ -225,6 +243,24 @@ class Resource:
         configuration is an error of `connect`.
         """
         return None
+
+    def progress(self, fraction: float | None = None, text: str = "") -> None:
+        """Tell how far the activity whose step this is has come, to whoever waits for it or looks at the robot.
+
+        Call it in an activity as often as it is known; elsewhere it does nothing. The latest of a step counts.
+
+        Args:
+            fraction: which part is done; below 0 counts as 0, above 1 as 1. None where that is not known.
+            text: what it is at, for people.
+
+        Raises:
+            ArgumentError: the fraction is no number.
+        """
+        if fraction is not None:
+            if fraction != fraction:
+                raise ArgumentError("progress needs a fraction from 0 to 1, not NaN")
+            fraction = min(max(float(fraction), 0.0), 1.0)
+        self._told_progress = fraction, text
 
     def background(self) -> Activity | None:
         """Return an activity that runs as long as the resource does, such as a poller; None for none.

@@ -11,7 +11,7 @@ from eal_actors.actors.answers import seconds_of, status_of
 from eal_actors.actors.call import MOTION_METHODS, Call
 from eal_actors.errors import EALError, PreemptedError, ReturnTypeError
 from eal_actors.log import set_call
-from eal_actors.resource import Activity
+from eal_actors.resource import Activity, Progress
 from eal_actors.timers import Timer
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ class _Running:
 
     activity: Activity
     call: Call[Any] | None
+    since_s: float = 0.0
     answer: Callable[[Any], Any] = status_of
     """Makes the answer of what the activity returned."""
     timer: Timer | None = None
@@ -56,9 +57,17 @@ class Activities:
         """Return the calls that activities answer. Thread: any."""
         return [running.call for running in self._under_way() if running.call is not None]
 
+    def commands(self) -> list[tuple[Call[Any], float]]:
+        """Return the commands under way, and the times at which they began. Thread: any."""
+        return [
+            (running.call, running.since_s)
+            for running in self._under_way()
+            if running.call is not None and running.call.method in MOTION_METHODS
+        ]
+
     def begin(self, call: Call[Any], activity: Activity, answer: Callable[[Any], Any]) -> None:
         """Begin the activity that answers a call; `answer` makes the answer of what it returns."""
-        running = _Running(activity, call, answer)
+        running = _Running(activity, call, self._host.clock.now(), answer)
         if call.method in ("send_cmd", "set_value"):
             self._motion = running
         else:
@@ -110,7 +119,8 @@ class Activities:
             self._background = None
 
     def _under_way(self) -> list[_Running]:
-        return [*self._exchanges, *([self._motion] if self._motion is not None else [])]
+        motion = self._motion
+        return [*self._exchanges, *([motion] if motion is not None else [])]
 
     def _step(self, running: _Running) -> None:
         """Run an activity up to its next yield."""
@@ -124,6 +134,8 @@ class Activities:
         until_s = now_s + self._host.cell.timeout_s
         self._host._busy(min(until_s, call.deadline_s) if call is not None and call.deadline_s is not None else until_s)
         set_call(call.call_id if call is not None else None)
+        resource = self._host._opened
+        resource._told_progress = None  # what an earlier call told is not about this one
         try:
             delay_s = seconds_of(next(running.activity))
         except AbandonedThread:
@@ -133,6 +145,8 @@ class Activities:
         except BaseException as error:  # noqa: BLE001  # a plugin may raise anything
             self._failed(running, error)
         else:
+            if call is not None and resource._told_progress is not None:
+                call.note_progress(Progress(*resource._told_progress, now_s))
             next_s = now_s + delay_s
             if call is not None and call.deadline_s is not None:
                 next_s = min(next_s, call.deadline_s)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import threading
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
-from eal_actors.actors.future import Future
+from eal_actors.actors.future import Future, Later
 from eal_actors.actors.inbox import Envelope, Inbox
 from eal_actors.clock import Clock
 from eal_actors.errors import (
@@ -20,7 +22,8 @@ from eal_actors.errors import (
 )
 from eal_actors.info import ResourceInfo
 from eal_actors.link import Link
-from eal_actors.resource import Resource
+from eal_actors.log import get_logger
+from eal_actors.resource import Progress, Resource
 
 if TYPE_CHECKING:
     from eal_actors.actors.feeds import OpenFeed
@@ -32,6 +35,31 @@ MOTION_METHODS: Final = frozenset({"send_cmd", "set_value", "write_comm"})
 """The calls that can move something: a halt drops them where they wait."""
 
 _call_ids = itertools.count(1)
+_watchers: tuple[Callable[[Call[Any]], None], ...] = ()
+_watchers_lock = threading.Lock()
+
+
+def watch_calls(watcher: Callable[[Call[Any]], None]) -> Callable[[], None]:
+    """Show a watcher every call of this process as it is made, before it is on its way; for metrics.
+
+    Args:
+        watcher: must not block, nor raise; it may link to the call to learn of its outcome.
+
+    Returns:
+        What ends it; calling it twice is harmless.
+
+    Thread: any; the watcher runs in the thread that makes the call.
+    """
+    global _watchers  # read by every call, so it must be cheap to read
+    with _watchers_lock:
+        _watchers = (*_watchers, watcher)
+    return partial(_forget_watcher, watcher)
+
+
+def _forget_watcher(watcher: Callable[[Call[Any]], None]) -> None:
+    global _watchers
+    with _watchers_lock:
+        _watchers = tuple(other for other in _watchers if other is not watcher)
 
 
 class Call(Future[T]):
@@ -53,6 +81,12 @@ class Call(Future[T]):
     """The fleet's time at which it began, of a call with `start_s`; None as long as that is not known."""
     began_error_s: float = 0.0
     """By how many seconds at most `began_s` is wrong: over 0 where another machine's clock told it."""
+    stamp_error_s: float = 0.0
+    """By how many seconds at most the answer's `stamp_s` is wrong: over 0 where it is from another machine's clock."""
+    caller: str = ""
+    """Who called, where that is another process; empty for this one."""
+    _progress: Progress | None = None
+    _progress_callbacks: tuple[Callable[[Progress], None], ...] = ()
 
     def __init__(self, cell: ResourceCell, method: str, arguments: tuple[Any, ...], timeout_s: float) -> None:
         if timeout_s != timeout_s:  # not a number: it would never be over
@@ -65,6 +99,9 @@ class Call(Future[T]):
         self.timeout_s = timeout_s
         self.call_id = next(_call_ids)
         self.stops = False
+        if _watchers:
+            for watcher in _watchers:
+                watcher(self)
 
     @property
     def message(self) -> Call[T]:
@@ -79,6 +116,42 @@ class Call(Future[T]):
         """Return the call as `method 'argument'`."""
         return " ".join([self.method, *(repr(argument) for argument in self.arguments if argument is not None)])
 
+    def progress(self) -> Progress | None:
+        """Return how far it has come, as its resource told last; None if it told nothing. Thread: any."""
+        return self._progress
+
+    def add_progress_callback(self, callback: Callable[[Progress], None]) -> None:
+        """Call back with what the resource tells of its progress, until the call is done; errors of it are logged.
+
+        If there is something to tell, it is told at once. What follows quickly on one another may be left out.
+
+        Thread: the callback runs in the thread that learns of it, so it must not block.
+        """
+        with self._lock:
+            self._progress_callbacks = (*self._progress_callbacks, callback)
+            known = self._progress
+        if known is not None:
+            self._tell_progress(callback, known)
+
+    def note_progress(self, progress: Progress, later: Later | None = None) -> None:
+        """Take in how far it has come: for whoever carries it out. `later` is as with `settle`. Thread: any."""
+        with self._lock:
+            if self._done:
+                return
+            self._progress = progress
+            callbacks = self._progress_callbacks
+        for callback in callbacks:
+            if later is None:
+                self._tell_progress(callback, progress)
+            else:
+                later(partial(self._tell_progress, callback, progress))
+
+    def _tell_progress(self, callback: Callable[[Progress], None], progress: Progress) -> None:
+        try:
+            callback(progress)
+        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # another's callback must not break the call
+            get_logger().exception("a call's progress-callback raised", call=self.describe())
+
     def fail(self, error: BaseException) -> None:
         """Set the failure, naming the resource."""
         self._finish(None, error.at(self.cell.robot, self.cell.name) if isinstance(error, EALError) else error)
@@ -88,6 +161,8 @@ class Call(Future[T]):
 
     def _expired(self) -> EALError:
         message = f"{self.shown()} had no answer within its {self.timeout_s:g} s"
+        if self.cell.actor is None:
+            message += f": {self.cell.error.message}"
         return DeadlineError(message).at(self.cell.robot, self.cell.name)
 
     def _given_up(self) -> None:

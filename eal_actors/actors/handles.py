@@ -9,6 +9,8 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.resource_handle import ResourceHandle
 from eal_actors.actors.robot_view import Ping, RobotConnection, RobotState, RobotView
+from eal_actors.actors.running import Running
+from eal_actors.actors.state_wait import StateWait
 from eal_actors.clock import Clock
 from eal_actors.errors import (
     EALError,
@@ -52,6 +54,35 @@ class RobotHandle(Mapping[str, ResourceHandle]):
     def state(self) -> RobotState:
         """Where the robot is in its life."""
         return self._view.state
+
+    def on_state(self, callback: Callable[[RobotState], None]) -> Callable[[], None]:
+        """Call back with the robot's state now, and with each later one; errors of the callback are logged.
+
+        Returns:
+            What ends it; calling it twice is harmless.
+
+        Thread: any; does not block. The callback runs in the robot's own thread, so it must not block.
+        """
+        return self._view.observe(callback)
+
+    def wait_for_state(self, state: RobotState, timeout_s: float) -> Future[RobotState]:
+        """Return a future that is done when the robot is in a state, at once if it is.
+
+        It fails with DeadlineError after `timeout_s` seconds of the fleet's clock, and with UnavailableError as soon as
+        the robot is disconnected or has failed for good.
+
+        Thread: any; does not block.
+        """
+        return StateWait(self._view, state, timeout_s, self._actor.actor_inbox)
+
+    @property
+    def running(self) -> tuple[Running, ...]:
+        """The commands under way on this robot, whoever gave them; without those that end within an instant.
+
+        Of a remote robot it is what the robot has told: a command is listed when it has run for some 0.1 to 0.3 s, and
+        its progress is at most as old. Nothing is listed while the robot is out of reach.
+        """
+        return self._actor.running()
 
     @property
     def problems(self) -> tuple[EALError, ...]:

@@ -73,6 +73,11 @@ class Inbox:
         """Return whether no envelope waits; timers do not count. Thread: any."""
         return not self._urgent and not self._normal
 
+    def waiting(self) -> list[Envelope]:
+        """Return what waits now, the urgent first; timers do not count. Thread: any; never blocks."""
+        with self._lock:
+            return [*self._urgent, *(envelope for _, envelope in self._normal)]
+
     def put(self, envelope: Envelope) -> None:
         """Add to the normal lane.
 

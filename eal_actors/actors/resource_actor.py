@@ -14,6 +14,7 @@ from eal_actors.actors.answers import comm_data_of, data_of, explained, status_o
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.readiness import Readiness
 from eal_actors.actors.resource_roles import ResourceFactory, ResourceObserver
+from eal_actors.actors.running import Running, command_of, process_name
 from eal_actors.actors.starts import PendingStart
 from eal_actors.data import EALData
 from eal_actors.errors import (
@@ -297,6 +298,13 @@ class ResourceActor(EALActor):
         if self.resource is None:
             raise ResourceFaultError("is closed")
         return self.resource
+
+    def running(self) -> list[Running]:
+        """Return the commands under way. Thread: any."""
+        return [
+            Running(self.cell.name, command_of(call), call.caller or process_name(), since_s, call.progress())
+            for call, since_s in self._activities.commands()
+        ]
 
     def stop_activity_of(self, call: Call[Any]) -> None:
         """Stop the activity that answers a call nobody waits for any more. Thread: any; does not block."""

@@ -7,9 +7,9 @@ from typing import Any
 
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.feeds import Encoding, Feed, Sink, StreamSpec
-from eal_actors.actors.future import Future
 from eal_actors.actors.polling import PolledFeed
 from eal_actors.actors.streams import Stream
+from eal_actors.actors.waiting import Waiting, waiting_in
 from eal_actors.data import EALData
 from eal_actors.errors import ArgumentError
 from eal_actors.info import ResourceInfo
@@ -66,6 +66,11 @@ class ResourceHandle:
             raise self._cell.unavailable()
         return self._cell.info
 
+    @property
+    def waiting(self) -> Waiting | None:
+        """What waits in its mailbox; None where that is in another process. Thread: any; does not block."""
+        return waiting_in(self._cell)
+
     def start_call(
         self,
         method: str,
@@ -121,26 +126,28 @@ class ResourceHandle:
         cell.submit_urgent(call, stops=stops)
         return call
 
-    def get_status(self, *, timeout_s: float | None = None) -> Future[int]:
+    def get_status(self, *, timeout_s: float | None = None) -> Call[int]:
         """Ask for the status; overtakes what waits, and is answered while a command runs."""
         return self._urgent_call("get_status", (), timeout_s, stops=False)
 
-    def get_value(self, *, timeout_s: float | None = None) -> Future[EALData]:
+    def get_value(self, *, timeout_s: float | None = None) -> Call[EALData]:
         """Ask for the value."""
         return self._call("get_value", (), timeout_s)
 
-    def set_value(self, value: Any, *, timeout_s: float | None = None, at_s: float | None = None) -> Future[int]:
+    def set_value(self, value: Any, *, timeout_s: float | None = None, at_s: float | None = None) -> Call[int]:
         """Set the value; the answer is a status int. `at_s` is as with send_cmd."""
         return self._call("set_value", (EALData.of(value),), timeout_s, at_s)
 
-    def send_req(self, req: str, *, timeout_s: float | None = None) -> Future[EALData]:
+    def send_req(self, req: str, *, timeout_s: float | None = None) -> Call[EALData]:
         """Send a request; the answer is its data."""
         return self._call("send_req", (req,), timeout_s)
 
     def send_cmd(
         self, cmd: str, data: Any = None, *, timeout_s: float | None = None, at_s: float | None = None
-    ) -> Future[int]:
+    ) -> Call[int]:
         """Send a command; the future is done when the command is, with a status int.
+
+        Its `progress()` is how far it has come, where the resource tells.
 
         A newer command takes over from a running one, whose future fails with PreemptedError. A stop overtakes
         everything that waits, and drops the commands that wait.
@@ -158,24 +165,24 @@ class ResourceHandle:
             return self._urgent_call("send_cmd", arguments, timeout_s, stops=True)
         return self._call("send_cmd", arguments, timeout_s, at_s)
 
-    def read_comm(self, length: int, *, timeout_s: float | None = None) -> Future[EALData]:
+    def read_comm(self, length: int, *, timeout_s: float | None = None) -> Call[EALData]:
         """Read up to `length` bytes; the answer holds what was read."""
         return self._call("read_comm", (length,), timeout_s)
 
-    def write_comm(self, data: Any, length: int | None = None, *, timeout_s: float | None = None) -> Future[int]:
+    def write_comm(self, data: Any, length: int | None = None, *, timeout_s: float | None = None) -> Call[int]:
         """Write the first `length` bytes, all if None; the answer is how many were written."""
         packed = EALData.of(data)
         return self._call("write_comm", (packed, packed.length if length is None else length), timeout_s)
 
-    def get_config(self, key: str, *, timeout_s: float | None = None) -> Future[EALData]:
+    def get_config(self, key: str, *, timeout_s: float | None = None) -> Call[EALData]:
         """Ask for a configuration value."""
         return self._call("get_config", (key,), timeout_s)
 
-    def set_config(self, key: str, value: Any = None, *, timeout_s: float | None = None) -> Future[int]:
+    def set_config(self, key: str, value: Any = None, *, timeout_s: float | None = None) -> Call[int]:
         """Set a configuration value; the answer is a status int."""
         return self._call("set_config", (key, _as_data(value)), timeout_s)
 
-    def halt(self, *, timeout_s: float | None = None) -> Future[int]:
+    def halt(self, *, timeout_s: float | None = None) -> Call[int]:
         """Stop what moves, at once: overtakes everything, closes the running command, drops those that wait."""
         return self._urgent_call("halt", (), timeout_s, stops=True)
 

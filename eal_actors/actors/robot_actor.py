@@ -17,6 +17,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.resource_actor import ResourceActor
 from eal_actors.actors.resource_roles import ResourceFactory
 from eal_actors.actors.robot_view import Ping, RobotState, RobotView, release
+from eal_actors.actors.running import Running
 from eal_actors.actors.supervision import ChildSpec, Restart, RestartIntensity, wants_restart
 from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.errors import EALError, PluginError, RobotFailedError, UnavailableError, shown
@@ -259,9 +260,22 @@ class RobotActor(EALActor):
     def ping(self) -> Future[Ping]:
         """See RobotConnection: answered at once, whatever the robot does."""
         future: Future[Ping] = Future()
-        view = self.view
-        future.set(Ping(view.state, release(), len(view.cells), view.latch.reason, not_ready=dict(view.not_ready)))
+        view, not_ready = self.view, dict(self.view.not_ready)
+        future.set(
+            Ping(
+                view.state,
+                release(),
+                len(view.cells),
+                view.latch.reason,
+                not_ready=not_ready,
+                running=self.running(),
+            )
+        )
         return future
+
+    def running(self) -> tuple[Running, ...]:
+        """See RobotConnection."""
+        return tuple(running for actor in list(self._children.values()) for running in actor.running())
 
     # Emergency stop.
 

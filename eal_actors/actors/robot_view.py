@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
@@ -11,8 +12,12 @@ from typing import Protocol
 
 from eal_actors.actors.call import ResourceCell, StopLatch
 from eal_actors.actors.future import Future
+from eal_actors.actors.inbox import Inbox
+from eal_actors.actors.running import Running
+from eal_actors.actors.waiting import Waiting
 from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.errors import EALError
+from eal_actors.log import get_logger
 
 
 @cache
@@ -46,6 +51,9 @@ class Ping:
         offset_s: the robot's clock minus the controller's, both in real seconds; 0 for a robot of this process.
         offset_error_s: by how many seconds at most `offset_s` is wrong, either way.
         not_ready: by the names of resources whose device cannot be used now, the reason.
+        running: the commands under way, whoever gave them.
+        mailboxes: by the names of resources of another process, what waits there, in real seconds; without empty ones.
+        restarts: how often resources of another process were restarted; without those that never were.
     """
 
     state: RobotState
@@ -57,6 +65,9 @@ class Ping:
     offset_s: float = 0.0
     offset_error_s: float = 0.0
     not_ready: Mapping[str, str] = field(default_factory=dict)
+    running: tuple[Running, ...] = ()
+    mailboxes: Mapping[str, Waiting] = field(default_factory=dict)
+    restarts: Mapping[str, int] = field(default_factory=dict)
 
 
 class RobotView:
@@ -67,7 +78,6 @@ class RobotView:
         clock: the fleet's clock.
 
     Attributes:
-        state: where it is in its life.
         cells: its resources' slots by name, in the order of its plugins.
         problems: what kept plugins out, or made the robot fail.
         restarts: how often each resource was restarted.
@@ -80,7 +90,9 @@ class RobotView:
     def __init__(self, name: str, clock: Clock) -> None:
         self.name = name
         self.clock = clock
-        self.state = RobotState.STARTING
+        self._state = RobotState.STARTING
+        self._lock = threading.Lock()
+        self._observers: tuple[Callable[[RobotState], None], ...] = ()
         self.cells: dict[str, ResourceCell] = {}
         self.problems: tuple[EALError, ...] = ()
         self.restarts: dict[str, int] = {}
@@ -88,6 +100,42 @@ class RobotView:
         self.latch = StopLatch()
         self.started: Future[None] = Future(clock)
         self.stopped: Future[None] = Future(REAL_TIME)
+
+    @property
+    def state(self) -> RobotState:
+        """Where it is in its life."""
+        return self._state
+
+    @state.setter
+    def state(self, state: RobotState) -> None:
+        with self._lock:
+            if state is self._state:
+                return
+            self._state = state
+            observers = self._observers
+        for observer in observers:
+            self._tell(observer, state)
+
+    def observe(self, observer: Callable[[RobotState], None]) -> Callable[[], None]:
+        """Tell of the state now, and of each change; returns what ends that. Errors of the observer are logged.
+
+        Thread: any; the observer runs in this thread once, then in the robot's.
+        """
+        with self._lock:
+            self._observers = (*self._observers, observer)
+            state = self._state
+        self._tell(observer, state)
+        return lambda: self._forget(observer)
+
+    def _forget(self, observer: Callable[[RobotState], None]) -> None:
+        with self._lock:
+            self._observers = tuple(other for other in self._observers if other is not observer)
+
+    def _tell(self, observer: Callable[[RobotState], None], state: RobotState) -> None:
+        try:
+            observer(state)
+        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # anybody's code must not break the robot's thread
+            get_logger(robot=self.name).exception("a callback of the robot's state raised")
 
     def note_readiness(self, name: str, reason: str | None) -> None:
         """Note why a resource is not ready; None if it is. Thread: any."""
@@ -108,6 +156,15 @@ class RobotConnection(Protocol):
     @property
     def is_remote(self) -> bool:
         """Whether the robot is in another process."""
+        ...
+
+    @property
+    def actor_inbox(self) -> Inbox:
+        """Where deadlines are rung, by the fleet's clock."""
+        ...
+
+    def running(self) -> tuple[Running, ...]:
+        """Return the commands under way, as far as is known now. Thread: any; does not block."""
         ...
 
     def ping(self) -> Future[Ping]:

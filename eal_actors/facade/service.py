@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from types import TracebackType
@@ -28,6 +29,7 @@ class RobotService:
 
     Attributes:
         endpoints: where it listens, or which routers it dials out to.
+        dead_man_trips: how often each resource was halted because its controller was silent.
 
     Raises:
         RobotNotFoundError: the fleet has no such robot.
@@ -48,6 +50,7 @@ class RobotService:
         self.endpoints: Final = endpoints_of(self._network)
         self._fleet = Fleet(replace(config, robots={robot: replace(wanted, address=None, listen=None)}))
         self._stack = ExitStack()
+        self.dead_man_trips: Mapping[str, int] = {}
 
     @property
     def robot(self) -> RobotHandle:
@@ -70,6 +73,7 @@ class RobotService:
             self.robot.require_started()
             session = stack.enter_context(open_session(self._network))
             server = RobotServer(self._config.name, self.robot, session, self._config.network).launch()
+            self.dead_man_trips = server.dead_man_trips
             stack.callback(server.close, _CLOSE_S)
             stack.callback(self._halt)
             self._stack = stack.pop_all()

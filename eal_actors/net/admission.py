@@ -14,6 +14,7 @@ from eal_actors.clock import REAL_TIME
 from eal_actors.errors import EALError, StaleCommandError
 from eal_actors.net.deadman import DeadMan, Silence
 from eal_actors.net.leases import Leases
+from eal_actors.net.names import Names
 from eal_actors.net.receipts import Receipt, Receipts, Stamp
 from eal_actors.net.wire import Answer, CallHeader, CallId
 
@@ -29,13 +30,17 @@ class Admission:
         actuators: names of the resources that one controller at a time may command.
         dead_man_s: how long a controller may be silent.
 
+    Attributes:
+        names: what controllers call themselves.
+
     Thread: any.
     """
 
     def __init__(self, era: str, actuators: list[str], dead_man_s: float) -> None:
         self._guard = threading.Lock()
         self._receipts: Receipts[Answer] = Receipts(era)
-        self._leases = Leases(actuators, dead_man_s)
+        self.names: Final = Names()
+        self._leases = Leases(actuators, dead_man_s, self.names.of)
         self._dead_man = DeadMan(dead_man_s)
 
     def check(self, header: CallHeader, method: str, resource: str) -> float:
@@ -81,8 +86,9 @@ class Admission:
         with self._guard:
             return self._receipts.recall(call)
 
-    def enter(self, client: str, epoch: int) -> None:
-        """Take note that a controller has connected anew."""
+    def enter(self, client: str, epoch: int, name: str) -> None:
+        """Take note that a controller has connected anew, and of what it calls itself."""
+        self.names.note(client, name)
         with self._guard:
             self._receipts.enter(client, epoch, REAL_TIME.now())
 
@@ -105,9 +111,10 @@ class Admission:
             return self._dead_man.due(REAL_TIME.now())
 
     def holders(self) -> dict[str, str]:
-        """Return who holds which resource."""
+        """Return who holds which resource, as they call themselves."""
         with self._guard:
-            return self._leases.holders(REAL_TIME.now())
+            holders = self._leases.holders(REAL_TIME.now())
+        return {resource: self.names.of(client) for resource, client in holders.items()}
 
 
 def _stamp_of(header: CallHeader) -> Stamp:

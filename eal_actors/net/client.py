@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
 
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import Ping, RobotState, RobotView
-from eal_actors.clock import REAL_TIME, Clock
+from eal_actors.actors.running import Running
+from eal_actors.clock import Clock
 from eal_actors.errors import EALError, ProtocolError, UnavailableError, shown
 from eal_actors.link import Link
 from eal_actors.log import get_logger
 from eal_actors.net import keys
-from eal_actors.net.exchange import Question
 from eal_actors.net.lane import Lane
-from eal_actors.net.pinging import PING_TIMEOUT_S, Pinger, texts
-from eal_actors.net.resource_info import info_from
+from eal_actors.net.pinging import PING_TIMEOUT_S, Pinger
+from eal_actors.net.questions import Questions
+from eal_actors.net.runs import RunBoard, progress_from, translated_progress
 from eal_actors.net.streams import RemoteFeeds
-from eal_actors.net.wire import Answer, CallHeader, Event, RobotTime
+from eal_actors.net.timing import fleet_time_of
+from eal_actors.net.welcome import Welcome
+from eal_actors.net.wire import Answer, Event, RobotTime
 
 if TYPE_CHECKING:
     from eal_actors.net.controller import Controller
-
-T = TypeVar("T")
 
 CONNECT_S: Final = 3.0
 """Real seconds after which a fleet does not wait any longer for a robot that does not answer."""
@@ -34,9 +35,8 @@ CONNECT_S: Final = 3.0
 _HELLO_TIMEOUT_S: Final = 2.0
 _LEAVE_TIMEOUT_S: Final = 0.5
 _STOP_TIMEOUT_S: Final = 2.0
-_GRACE_S: Final = 0.5
-"""What zenoh may be late with telling that there is no answer, in real seconds."""
 _HELLO_RETRY_S: Final = 0.5
+_LOOK_EACH_S: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +78,9 @@ class RemoteRobot(EALActor):
         self._controller = controller
         self.pinger = Pinger()
         self.lane = Lane(self, controller)
-        self._epoch = 0
+        self._questions = Questions(self, controller)
         self._feeds = RemoteFeeds(spec.name, self, controller, self.pinger, self.ask_robot)
+        self._board = RunBoard()
         self._owed_stop: str | None = None
         self._is_greeting = False
         self._log = get_logger(robot=spec.name)
@@ -95,6 +96,13 @@ class RemoteRobot(EALActor):
         """Begin to look for the robot. Thread: the actor's own."""
         self._controller.add(self)
         self.actor_inbox.call_later(self.clock.of_real(CONNECT_S), self._wait_no_longer)
+        self._look()
+
+    def _look(self) -> None:
+        """Compare clocks again, which drift apart, and learn of what no event told."""
+        if self.is_ready:
+            self.ping()
+        self.actor_inbox.call_later(self.clock.of_real(_LOOK_EACH_S), self._look)
 
     def _wait_no_longer(self) -> None:
         if self.view.state is RobotState.STARTING:
@@ -110,11 +118,24 @@ class RemoteRobot(EALActor):
         self.soon(lambda: self._lose(reason))
 
     def tell(self, event: Event) -> None:
-        """It tells something. Thread: zenoh's; does not block."""
-        if event.kind == "result":
+        """It tells something.
+
+        Raises:
+            ProtocolError: it makes no sense.
+
+        Thread: zenoh's; does not block.
+        """
+        call_id = event.call
+        if call_id is None:
+            self.soon(lambda: self._hear(event))
+        elif event.kind == "result":
+            self._board.end(call_id)
             self.lane.hear(event)
-            return
-        self.soon(lambda: self._hear(event))
+        elif event.kind == "began":
+            self._board.begin(call_id, event.fields, event.stamp_s)
+        elif event.kind == "progress" and (progress := progress_from(event.fields.get("progress"))) is not None:
+            self._board.advance(call_id, progress)
+            self.lane.hear_progress(call_id, translated_progress(progress, self._our_time))
 
     def soon(self, action: Callable[[], None]) -> None:
         """Run an action in this actor's thread, unless it has ended. Thread: any; does not block."""
@@ -127,8 +148,9 @@ class RemoteRobot(EALActor):
         if self._is_greeting or self.view.state is RobotState.STOPPED:
             return
         self._is_greeting = True
-        self._epoch = self.lane.renumber()
-        self.ask_robot(keys.HELLO, (), _HELLO_TIMEOUT_S, self._welcome, miss=self._not_welcome)
+        self._questions.epoch = self.lane.renumber()
+        name = self._controller.name_for_people
+        self.ask_robot(keys.HELLO, (name,), _HELLO_TIMEOUT_S, self._welcome, miss=self._not_welcome)
 
     def _not_welcome(self) -> None:
         self._is_greeting = False
@@ -140,21 +162,28 @@ class RemoteRobot(EALActor):
 
     def _welcome(self, answer: Answer) -> None:
         self._is_greeting = False
-        if not isinstance(answer, dict):
-            reason = answer.message if isinstance(answer, EALError) else f"answered {answer!r}"
-            self._note_lost(f"does not let us in: {reason}")
-            self._not_welcome()
-            return
         try:
-            infos = [info_from(fields) for fields in answer["resources"]]
-            stopped, problems = answer["stopped"], [str(problem) for problem in answer["problems"]]
-            self.view.not_ready = texts(answer.get("not_ready", {}))
-        except (ProtocolError, AttributeError, KeyError, TypeError) as error:
-            self._note_lost(f"greets in a way that makes no sense: {shown(error)}")
+            welcome = Welcome.of(answer, self._controller.certificate)
+            self._board.replace(welcome.running)
+        except ProtocolError as error:
+            self._note_lost(error.message)
             self._not_welcome()
             return
+        self.lane.rights = welcome.rights
+        self.view.not_ready = dict(welcome.not_ready)
+        self._take_resources(welcome)
+        self._take_stop(welcome.stopped)
+        if self.view.state is not RobotState.READY:
+            self._log.info("robot is ready", address=self.spec.address)
+        self.view.state = RobotState.READY
+        self.view.started.set(None)
+        self.lane.reattach()
+        self._feeds.renew()
+        self.ping()  # tells the clocks' offset better than the greeting
+
+    def _take_resources(self, welcome: Welcome) -> None:
         cells = dict(self.view.cells)
-        for info in infos:
+        for info in welcome.infos:
             cell = cells.get(info.name)
             if cell is None:
                 spec, latch = self.spec, self.view.latch
@@ -164,24 +193,21 @@ class RemoteRobot(EALActor):
                 cell.open_feed = self._feeds.open
             cell.info = info
             cell.actor = self.lane
-        for name in cells.keys() - {info.name for info in infos}:
+        for name in cells.keys() - {info.name for info in welcome.infos}:
             cells[name].actor = None
             cells[name].error = UnavailableError("the robot does not have it any more")
         self.view.cells = cells
-        self.view.problems = tuple(UnavailableError(problem, robot=self.spec.name) for problem in problems)
+        self.view.problems = tuple(UnavailableError(problem, robot=self.spec.name) for problem in welcome.problems)
+
+    def _take_stop(self, stopped: str | None) -> None:
+        """Take in whether an emergency stop holds the robot; one that we still owe it is sent."""
         if stopped is not None:
             self._owed_stop = None
-            self.view.latch.set(str(stopped))
+            self.view.latch.set(stopped)
         elif self._owed_stop is not None:
             self.stop_now(self._owed_stop)
         else:
             self.view.latch.clear()
-        if self.view.state is not RobotState.READY:
-            self._log.info("robot is ready", address=self.spec.address)
-        self.view.state = RobotState.READY
-        self.view.started.set(None)
-        self.lane.reattach()
-        self._feeds.renew()
 
     def _lose(self, reason: str) -> None:
         if self.view.state is RobotState.READY:
@@ -191,11 +217,12 @@ class RemoteRobot(EALActor):
         error = UnavailableError(reason, robot=self.spec.name)
         if self.view.state is not RobotState.LOST:
             self._log.warning("robot is lost", reason=reason)
-        self.view.state = RobotState.LOST
+        self._board.clear()
         self.view.problems = (error,)
         for cell in self.view.cells.values():
             cell.error = UnavailableError(f"the robot {reason}")
             cell.actor = None
+        self.view.state = RobotState.LOST
 
     def _hear(self, event: Event) -> None:
         if event.kind == "state":
@@ -205,39 +232,6 @@ class RemoteRobot(EALActor):
             self._log.warning("the robot has halted: it did not hear us", resource=event.fields.get("resource"))
 
     # The robot itself.
-
-    def ask(
-        self, method: str, arguments: tuple[str | int, ...] = (), timeout_s: float = 2.0
-    ) -> Future[Mapping[str, Any]]:
-        """Ask the robot itself; fails with UnavailableError where nothing is answered. Thread: any; does not block."""
-        return self._ask(method, arguments, timeout_s, lambda answer, *_: answer if isinstance(answer, dict) else {})
-
-    def _ask(
-        self,
-        method: str,
-        arguments: tuple[str | int, ...],
-        timeout_s: float,
-        read: Callable[[Answer, RobotTime | None, float, float], T],
-    ) -> Future[T]:
-        """Ask the robot itself; `read`, in zenoh's thread, makes of the answer what the future comes to."""
-        future: Future[T] = Future(REAL_TIME, REAL_TIME.now() + timeout_s + _GRACE_S)
-        later = self._controller.later
-
-        def take(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
-            try:
-                if isinstance(answer, EALError):
-                    raise answer
-                value = read(answer, time, sent_s, answered_s)
-            except EALError as error:
-                future.settle(None, error.at(self.spec.name), later)
-            else:
-                future.settle(value, None, later)
-
-        def miss() -> None:
-            future.settle(None, UnavailableError("the robot did not answer", robot=self.spec.name), later)
-
-        self._send(method, arguments, timeout_s, take, miss)
-        return future
 
     def ask_robot(
         self,
@@ -257,56 +251,40 @@ class RemoteRobot(EALActor):
             self.pinger.note(time, sent_s, answered_s)
             self.soon(lambda: take(answer))
 
-        self._send(method, arguments, timeout_s, heard, lambda: self.soon(miss), resource)
-
-    def _send(
-        self,
-        method: str,
-        arguments: tuple[str | int, ...],
-        timeout_s: float,
-        take: Callable[[Answer, RobotTime | None, float, float], None],
-        miss: Callable[[], None],
-        resource: str = keys.ROBOT,
-    ) -> None:
-        key = keys.method_key(self._controller.fleet, self.spec.name, resource, method)
-        header = CallHeader(self._controller.client, self._epoch, 0, timeout_s, timeout_s, None, arguments)
-        is_urgent = method in (keys.STOP, keys.RESUME)
-        question = Question(
-            self._controller, key, header, self._noting(take), miss, is_urgent=is_urgent, insist=self.soon
-        )
-        if is_urgent:
-            self._controller.urge(question)
-        elif not self._controller.sender.submit(question):
-            miss()
-
-    def _noting(
-        self, take: Callable[[Answer, RobotTime | None, float, float], None]
-    ) -> Callable[[Answer, RobotTime | None, float, float], None]:
-        def heard(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
-            self.lane.note_time(time)
-            take(answer, time, sent_s, answered_s)
-
-        return heard
+        self._questions.send(method, arguments, timeout_s, heard, lambda: self.soon(miss), resource)
 
     def ping(self) -> Future[Ping]:
         """See RobotConnection."""
 
         def read(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> Ping:
             ping = self.pinger.take(answer, time, sent_s, answered_s)
+            if isinstance(answer, dict):  # as it is, else it would have been refused
+                self._board.replace(answer.get("running", ()), answer["received_s"])
             self.view.not_ready = dict(ping.not_ready)
-            return ping
+            return replace(ping, running=self.running())
 
-        return self._ask(keys.PING, (), PING_TIMEOUT_S, read)
+        return self._questions.ask(keys.PING, (), PING_TIMEOUT_S, read)
+
+    def running(self) -> tuple[Running, ...]:
+        """See RobotConnection."""
+        return self._board.running(self._our_time)
+
+    def _our_time(self, robot_s: float) -> float:
+        """Return our fleet's time at a real time of the robot."""
+        known = self.pinger.latest
+        return fleet_time_of(self.clock, robot_s - (0.0 if known is None else known.offset.offset_s))
 
     def stop_now(self, reason: str) -> Future[None]:
         """See RobotConnection."""
-        self.view.latch.set(reason)
-        self._owed_stop = reason
+        rights = self.lane.rights
+        if rights is None or rights.allows(keys.ROBOT, keys.STOP):
+            self.view.latch.set(reason)
+            self._owed_stop = reason
 
         def held(*_: object) -> None:
             self._owed_stop = None
 
-        return self._ask(keys.STOP, (reason,), _STOP_TIMEOUT_S, held)
+        return self._questions.ask(keys.STOP, (reason,), _STOP_TIMEOUT_S, held)
 
     def resume(self) -> Future[None]:
         """See RobotConnection."""
@@ -315,7 +293,7 @@ class RemoteRobot(EALActor):
             self._owed_stop = None
             self.view.latch.clear()
 
-        return self._ask(keys.RESUME, (), _STOP_TIMEOUT_S, cleared)
+        return self._questions.ask(keys.RESUME, (), _STOP_TIMEOUT_S, cleared)
 
     # The end.
 

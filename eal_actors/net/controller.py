@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.inbox import Inbox
+from eal_actors.actors.running import process_name
 from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.data import Payload
 from eal_actors.errors import EALError, ProtocolError, shown
@@ -18,6 +19,7 @@ from eal_actors.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net import keys
 from eal_actors.net.client import RemoteRobot
+from eal_actors.net.pacing import Pace
 from eal_actors.net.sender import Sender, UrgentMessage
 from eal_actors.net.session import controller_config, open_session
 from eal_actors.net.wire import Heartbeat, decode_event, encode_heartbeat
@@ -43,7 +45,10 @@ class Controller(EALActor):
     Attributes:
         fleet: the fleet's name.
         client: names this controller, anew in each process.
+        certificate: the name of the certificate that it shows; None where the fleet has no security.
+        name_for_people: what it is called by robots.
         sender: sends the calls to all robots.
+        pace: of the calls to all robots.
 
     Thread: an actor, which opens the session and sends the heartbeat. What zenoh's threads tell is passed on at once.
     """
@@ -52,6 +57,9 @@ class Controller(EALActor):
         super().__init__(f"{config.name} network", clock)
         self.fleet: Final = config.name
         self.client: Final = secrets.token_hex(8)
+        security = config.network.security
+        self.certificate: Final = None if security is None else security.controller
+        self.name_for_people: Final = process_name(self.certificate)
         self._config = config
         self._wanted = None if robots is None else list(robots)
         self._lock = threading.Lock()
@@ -60,7 +68,8 @@ class Controller(EALActor):
         self._session: zenoh.Session | None = None
         self._stack = ExitStack()
         self._sequence = 0
-        self.sender: Final = Sender(f"{config.name} sender")
+        self.pace: Final = Pace()
+        self.sender: Final = Sender(f"{config.name} sender", self.pace)
         self._urgent = Sender(f"{config.name} urgent sender")
         self._aide = EALActor(f"{config.name} callbacks", clock)
 
@@ -121,7 +130,7 @@ class Controller(EALActor):
         if self._session is not None:
             import zenoh
 
-            beat = encode_heartbeat(Heartbeat(self.client, 0, self._sequence))
+            beat = encode_heartbeat(Heartbeat(self.client, 0, self._sequence, self.name_for_people))
             try:
                 self._session.put(
                     keys.heartbeat_key(self.fleet, self.client),
@@ -132,6 +141,11 @@ class Controller(EALActor):
                 )
             except zenoh.ZError as error:
                 get_logger(fleet=self.fleet).debug("a heartbeat could not be sent", reason=shown(error))
+        with self._lock:
+            robots = list(self._robots.values())
+        now_s = REAL_TIME.now()
+        for robot in robots:
+            robot.lane.look(now_s)
         period_s = self._config.network.dead_man_s / _BEATS
         self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
 
@@ -294,5 +308,9 @@ class Controller(EALActor):
             return
         with self._lock:
             robot = self._robots.get(name)
-        if robot is not None:
+        if robot is None:
+            return
+        try:
             robot.tell(event)
+        except ProtocolError as error:
+            get_logger(robot=name).warning("an event makes no sense", reason=error.message)

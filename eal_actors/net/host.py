@@ -27,8 +27,8 @@ class Served(Protocol):
         """See after silent controllers, long commands and the robot's state. Thread: the host's; does not block."""
         ...
 
-    def hear(self, client: str) -> None:
-        """Take in a controller's sign of life. Thread: zenoh's; does not block."""
+    def hear(self, client: str, name: str) -> None:
+        """Take in a controller's sign of life, and what it calls itself. Thread: zenoh's; does not block."""
         ...
 
     def forsake(self) -> None:
@@ -126,9 +126,9 @@ class Host(EALActor):
     def _on_heartbeat(self, sample: zenoh.Sample) -> None:
         """Thread: zenoh's."""
         try:
-            client = decode_heartbeat(sample.payload.to_bytes()).client
+            beat = decode_heartbeat(sample.payload.to_bytes())
         except ProtocolError as error:
             get_logger(fleet=self._fleet).warning("a heartbeat makes no sense", reason=error.message)
             return
         for server in self._servers:
-            server.hear(client)
+            server.hear(beat.client, beat.name)

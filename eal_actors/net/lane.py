@@ -8,6 +8,7 @@ zenoh's threads, which wake those that wait for them and leave callbacks to the 
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -23,9 +24,12 @@ from eal_actors.net import keys
 from eal_actors.net.calling import READS, split_arguments
 from eal_actors.net.exchange import read_reply
 from eal_actors.net.receipts import Stamper
+from eal_actors.net.rights import Rights
 from eal_actors.net.sender import UrgentMessage
+from eal_actors.net.stamps import translated
 from eal_actors.net.timing import fleet_time_of, real_time_of
 from eal_actors.net.wire import ACCEPTED, Answer, CallHeader, CallId, Event, RobotTime, encode_call
+from eal_actors.resource import Progress
 
 if TYPE_CHECKING:
     import zenoh
@@ -44,6 +48,8 @@ _ANSWER_S: Final = 2.0
 
 _RETRY_S: Final = 0.05
 _REATTACH_S: Final = 2.0
+_ASK_EACH_S: Final = (1.0, 8.0)
+"""Real seconds between two questions for commands that take long: first, and most."""
 
 
 class Lane(UrgentMessage):
@@ -52,6 +58,9 @@ class Lane(UrgentMessage):
     Args:
         robot: the connection to the robot.
         controller: the fleet's end of the network.
+
+    Attributes:
+        rights: what may be called, as the robot told; None for everything.
 
     Thread: any, but for what says otherwise.
     """
@@ -68,6 +77,9 @@ class Lane(UrgentMessage):
         self._sending = threading.Lock()
         self._running: dict[CallId, Call[Any]] = {}
         self._told: tuple[RobotTime, float] | None = None
+        self.rights: Rights | None = None
+        self._ask_at_s = math.inf
+        self._ask_each_s = _ASK_EACH_S[0]
         self._keys: dict[tuple[str, str], str | zenoh.KeyExpr] = {}
 
     # As the target of calls; see CallTarget and Mailbox.
@@ -90,6 +102,7 @@ class Lane(UrgentMessage):
         """Add a call.
 
         Raises:
+            AccessDeniedError: the robot does not grant it.
             BusyError: too many are under way.
             UnavailableError: the connection has ended.
         """
@@ -104,6 +117,7 @@ class Lane(UrgentMessage):
         """Add a call that goes first; see Inbox.
 
         Raises:
+            AccessDeniedError: the robot does not grant it.
             BusyError: too many are under way.
             UnavailableError: the connection has ended.
         """
@@ -124,6 +138,8 @@ class Lane(UrgentMessage):
     def _admit(self, call: Call[Any], *, bounded: bool = True) -> None:
         if self._end is not None:
             raise self._end.copy()
+        if self.rights is not None:
+            self.rights.check(call.cell.name, call.method)
         if bounded and len(self._under_way) >= MOST_UNDER_WAY:
             raise BusyError(f"{MOST_UNDER_WAY} calls to the robot are under way already")
         self._under_way.add(call)
@@ -188,6 +204,7 @@ class Lane(UrgentMessage):
             real_s = min(real_s, _ANSWER_S)
         query = _Query(self, call, header.call_id)
         key = self._key(call)
+        self._controller.pace.sent()
         self._controller.get(
             key, query.reply, query.drop, envelope, payload, real_s, is_urgent=call.stops, is_last=is_last
         )
@@ -199,6 +216,8 @@ class Lane(UrgentMessage):
         if call.method in READS:
             return CallHeader(stamper.client, stamper.epoch, 0, left_s, left_s, None, plain), data
         start_s = None if call.start_s is None else self._time_on_robot(call.start_s)
+        if data is not None and data.stamp_s is not None:
+            data = data.with_meta(stamp_s=self._time_on_robot(data.stamp_s))
         told, self._told = self._told, None
         if told is not None:
             time, told_s = told
@@ -226,16 +245,20 @@ class Lane(UrgentMessage):
 
     # Answers.
 
-    def conclude(self, call: Call[Any], call_id: CallId, answer: Answer, began_s: float | None) -> None:
+    def conclude(self, call: Call[Any], call_id: CallId, answer: Answer, time: RobotTime | None) -> None:
         """Give a call its outcome, unless it goes on. Thread: zenoh's."""
         self._under_way.discard(call)
         if answer is ACCEPTED:
             if call_id in self._running:
+                self._ask_at_s = math.inf  # `look` begins anew
                 return
             answer = ProtocolError("the robot has accepted a call that cannot take long")
         self._running.pop(call_id, None)
-        if began_s is not None and call.start_s is not None:
-            self._note_begin(call, began_s)
+        if time is not None:
+            if time.began_s is not None and call.start_s is not None:
+                self._note_begin(call, time.began_s)
+            if isinstance(answer, EALData) and answer.stamp_s is not None:
+                answer, call.stamp_error_s = translated(answer, time, self._robot.pinger, self._robot.clock)
         later = self._controller.later
         if isinstance(answer, EALError):
             call.settle(None, answer.at(self._robot.name, call.cell.name), later)
@@ -247,7 +270,14 @@ class Lane(UrgentMessage):
         call = self._running.get(event.call) if event.call is not None else None
         if call is not None and event.answer is not None and event.call is not None:
             began_s = event.fields.get("began_s")
-            self.conclude(call, event.call, event.answer, began_s if isinstance(began_s, float) else None)
+            time = RobotTime("", event.stamp_s, began_s if isinstance(began_s, float) else None)
+            self.conclude(call, event.call, event.answer, time)
+
+    def hear_progress(self, call_id: CallId, progress: Progress) -> None:
+        """Take in how far a command has come, by our fleet's clock. Thread: zenoh's."""
+        call = self._running.get(call_id)
+        if call is not None:
+            call.note_progress(progress, self._controller.later)
 
     def _note_begin(self, call: Call[Any], began_s: float) -> None:
         """Take in when a command began by the robot's clock, and how well that is known by ours."""
@@ -255,6 +285,10 @@ class Lane(UrgentMessage):
         offset = self._robot.pinger.offset(REAL_TIME.now())
         call.began_s = fleet_time_of(clock, began_s - offset.offset_s)
         call.began_error_s = clock.of_real(offset.error_s)
+
+    def answered(self) -> None:
+        """A query is over. Thread: zenoh's."""
+        self._controller.pace.answered()
 
     def missed(self, call: Call[Any], call_id: CallId) -> None:
         """There was no answer: what only reads is asked again, a command never. Thread: zenoh's."""
@@ -287,6 +321,19 @@ class Lane(UrgentMessage):
         with self._sending:
             self._stamper.reconnect()
             return self._stamper.epoch
+
+    def look(self, now_s: float) -> None:
+        """Ask for commands that take long now and again, for their outcome may get lost. Thread: the controller's."""
+        if not self._running:
+            self._ask_at_s = math.inf
+        elif self._ask_at_s == math.inf:
+            self._ask_each_s = _ASK_EACH_S[0]
+            self._ask_at_s = now_s + self._ask_each_s
+        elif now_s >= self._ask_at_s:
+            self._ask_each_s = min(2 * self._ask_each_s, _ASK_EACH_S[1])
+            self._ask_at_s = now_s + self._ask_each_s
+            if self._robot.is_ready:
+                self._robot.soon(self.reattach)
 
     def reattach(self) -> None:
         """Ask what has become of commands whose answer did not come."""
@@ -332,9 +379,10 @@ class _Query:
             self.is_answered = True
             answer, time = heard
             self.lane.note_time(time)
-            self.lane.conclude(self.call, self.call_id, answer, None if time is None else time.began_s)
+            self.lane.conclude(self.call, self.call_id, answer, time)
 
     def drop(self) -> None:
         """There will be no further answer."""
+        self.lane.answered()
         if not self.is_answered:
             self.lane.missed(self.call, self.call_id)

@@ -18,7 +18,7 @@ holder left moving is halted before the next one's command.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -40,6 +40,7 @@ class Leases:
     Args:
         exclusive: names of the resources that one client at a time may command.
         dead_man_s: how long a holder may be silent, 0.1..60 s.
+        name_of: makes of a client what people call it.
 
     Raises:
         ArgumentError: `dead_man_s` is outside its range.
@@ -47,9 +48,15 @@ class Leases:
     Thread: one at a time.
     """
 
-    def __init__(self, exclusive: Iterable[str], dead_man_s: float = DEFAULT_DEAD_MAN_S) -> None:
+    def __init__(
+        self,
+        exclusive: Iterable[str],
+        dead_man_s: float = DEFAULT_DEAD_MAN_S,
+        name_of: Callable[[str], str] = str,
+    ) -> None:
         self.exclusive: Final = frozenset(exclusive)
         self.dead_man_s: Final = checked_dead_man_s(dead_man_s)
+        self._name_of = name_of
         self._leases: dict[str, _Lease] = {}
 
     def claim(self, client: str, resource: str, now_s: float) -> None:
@@ -66,8 +73,9 @@ class Leases:
             self._leases[resource] = _Lease(client, now_s)
         elif lease.holder != client:
             left_s = lease.heard_s + self.dead_man_s - now_s
+            holder = self._name_of(lease.holder)
             raise ResourceBusyError(
-                f"held by controller {lease.holder}, until it lets go or is silent for {left_s:.2f} s more",
+                f"held by controller {holder}, until it lets go or is silent for {left_s:.2f} s more",
                 resource=resource,
             )
 

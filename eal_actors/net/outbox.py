@@ -80,9 +80,9 @@ class Outbox(Sender):
         else:
             self.submit(letter)
 
-    def publish(self, key: str, envelope: bytes, payload: Payload) -> None:
-        """Publish an event. Thread: any; does not block."""
-        self.submit(_Letter(self, None, key, envelope, payload))
+    def publish(self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool = True) -> None:
+        """Publish an event; one that is not vital is dropped where a link is full. Thread: any; does not block."""
+        self.submit(_Letter(self, None, key, envelope, payload, is_vital=is_vital))
 
     def post(self, message: Message) -> None:
         """Send a letter, together with others if some are due. Thread: the actor's own."""
@@ -113,7 +113,9 @@ class Outbox(Sender):
                     data,
                     attachment=letter.envelope,
                     express=is_last,
-                    congestion_control=zenoh.CongestionControl.BLOCK,  # an outcome must not be lost
+                    congestion_control=zenoh.CongestionControl.BLOCK  # an outcome must not be lost
+                    if letter.is_vital
+                    else zenoh.CongestionControl.DROP,
                 )
             else:
                 with query:
@@ -125,14 +127,24 @@ class Outbox(Sender):
 class _Letter(Message):
     """An answer to a query, or an event."""
 
-    __slots__ = ("envelope", "key", "outbox", "payload", "query")
+    __slots__ = ("envelope", "is_vital", "key", "outbox", "payload", "query")
 
-    def __init__(self, outbox: Outbox, query: zenoh.Query | None, key: str, envelope: bytes, payload: Payload) -> None:
+    def __init__(
+        self,
+        outbox: Outbox,
+        query: zenoh.Query | None,
+        key: str,
+        envelope: bytes,
+        payload: Payload,
+        *,
+        is_vital: bool = True,
+    ) -> None:
         self.outbox = outbox
         self.query = query
         self.key = key
         self.envelope = envelope
         self.payload = payload
+        self.is_vital = is_vital
 
     def send(self, *, is_last: bool) -> None:
         """See Message."""

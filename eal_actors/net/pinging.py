@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from eal_actors.actors.robot_view import Ping, RobotState
+from eal_actors.actors.waiting import Waiting
 from eal_actors.errors import EALError, ProtocolError
 from eal_actors.net.offset import Offset, OffsetEstimator
 from eal_actors.net.wire import Answer, RobotTime
@@ -16,17 +17,31 @@ PING_TIMEOUT_S: Final = 2.0
 """Real seconds that a robot has for its answer."""
 
 
+class Known(NamedTuple):
+    """What the last answer told of a robot's clock.
+
+    Attributes:
+        era: the run of the robot's server.
+        offset: of its clock.
+        at_s: our time (REAL_TIME) for which the bound of the offset's error holds; after it, that grows by MAX_DRIFT.
+    """
+
+    era: str
+    offset: Offset
+    at_s: float
+
+
 class Pinger:
     """Takes in the answers of one robot.
 
     Attributes:
-        latest: the run of the robot's server and the offset, as the last answer told; None before. Read by any thread.
+        latest: what the last answer told; None before the first one. Read by any thread.
 
     Thread: any.
     """
 
     def __init__(self) -> None:
-        self.latest: tuple[str, Offset] | None = None
+        self.latest: Known | None = None
         self._lock = threading.Lock()
         self._offsets = OffsetEstimator()
         self._era = ""
@@ -77,7 +92,7 @@ class Pinger:
                 self._era = era
                 self._offsets.forget()
             self._offsets.add(sent_s, received_s, replied_s, answered_s)
-            self.latest = era, self._offsets.estimate(answered_s)
+            self.latest = Known(era, self._offsets.estimate(answered_s), answered_s)
 
 
 def _ping_from(answer: Mapping[str, Any], round_trip_s: float, offset: Offset) -> Ping:
@@ -93,6 +108,11 @@ def _ping_from(answer: Mapping[str, Any], round_trip_s: float, offset: Offset) -
             offset_s=offset.offset_s,
             offset_error_s=offset.error_s,
             not_ready=texts(answer.get("not_ready", {})),  # older robots do not tell
+            mailboxes={
+                str(name): Waiting(int(count), float(oldest_s))
+                for name, (count, oldest_s) in answer.get("mailboxes", {}).items()
+            },
+            restarts={str(name): int(count) for name, count in answer.get("restarts", {}).items()},
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ProtocolError(f"a ping was answered in a way that makes no sense: {error!r}") from error

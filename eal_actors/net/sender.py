@@ -11,6 +11,7 @@ from eal_actors.actors.actor import EALActor
 from eal_actors.clock import REAL_TIME
 from eal_actors.errors import EALError, shown
 from eal_actors.log import get_logger
+from eal_actors.net.pacing import Pace
 
 
 class Message:
@@ -51,12 +52,14 @@ class Sender(EALActor):
 
     Args:
         name: of its thread.
+        pace: how far it may run ahead of the answers; None for as far as it likes.
 
     Thread: an actor; any may call `submit`.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, pace: Pace | None = None) -> None:
         super().__init__(name, REAL_TIME)
+        self._pace = pace
 
     def submit(self, message: Message) -> bool:
         """Have a message sent; returns whether that is still possible. Thread: any; does not block."""
@@ -74,6 +77,8 @@ class Sender(EALActor):
 
     def post(self, message: Message) -> None:
         """Send a message. Thread: the actor's own."""
+        if self._pace is not None:
+            self._pace.keep()
         message.send(is_last=self.actor_inbox.empty())
 
     def on_crash(self, error: BaseException) -> None:

@@ -9,30 +9,29 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.actors.robot_view import RobotState, release
 from eal_actors.clock import REAL_TIME
 from eal_actors.data import EALData, Payload
-from eal_actors.errors import DeadlineError, EALError, ProtocolError, ResourceFaultError, UnavailableError, shown
+from eal_actors.errors import DeadlineError, EALError, ResourceFaultError, shown
 from eal_actors.info import ResourceType
 from eal_actors.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.net import keys
 from eal_actors.net.admission import Admission
 from eal_actors.net.calling import READS, start_call
+from eal_actors.net.desk import Desk
 from eal_actors.net.host import Host
 from eal_actors.net.publishing import StreamPublisher
+from eal_actors.net.stamps import stamp_in, stamp_out
 from eal_actors.net.timing import fleet_time_of, real_time_of
 from eal_actors.net.underway import Running, UnderWay
 from eal_actors.net.wire import (
     ACCEPTED,
     Answer,
     CallHeader,
-    CallId,
     Event,
     RobotTime,
     decode_call,
@@ -57,6 +56,9 @@ class RobotServer:
         network: the fleet's network.
         host: what all servers of the session share, which outlives them; one of its own if None.
 
+    Attributes:
+        dead_man_trips: how often each resource was halted because its controller was silent.
+
     Thread: any; what may take a moment happens in the host's.
     """
 
@@ -74,8 +76,10 @@ class RobotServer:
         self._admission = Admission(self._era, _actuators(robot), network.dead_man_s)
         self._under_way = UnderWay()
         self._publisher = StreamPublisher(fleet, robot, session, self._era)
+        self._desk = Desk(robot, self._admission, self._under_way, self._publisher, self._publish, network.security)
         self._declared: list[Any] = []
         self._stopped_for: str | None = None
+        self.dead_man_trips: dict[str, int] = {}
         self._state = robot.state
         self._log = get_logger(robot=robot.name)
 
@@ -121,6 +125,7 @@ class RobotServer:
             self._outbox.expect(-1)
             self._answer(query, running.key, ACCEPTED)  # its outcome will be told as an event
             running.call.arm()  # what goes on beyond its deadline is stopped
+        self._tell_what_runs()
         reason, self._stopped_for = self._stopped_for, None
         if reason is not None:  # not at once: other robots are still to be stopped
             self._log.warning("emergency stop", reason=reason)
@@ -128,9 +133,18 @@ class RobotServer:
             self._state = self._robot.state
             self._publish(Event("state", REAL_TIME.now(), fields={"state": self._state.value}))
 
-    def hear(self, client: str) -> None:
+    def _tell_what_runs(self) -> None:
+        """Tell everybody what has begun and takes long, and how far it has come."""
+        now_s = REAL_TIME.now()
+        for running in self._under_way.take_begun():
+            self._publish(Event("began", now_s, running.call_id, fields=running.about()))
+        for running in self._under_way.take_progressed(now_s):
+            self._publish(Event("progress", now_s, running.call_id, fields=running.progress()), is_vital=False)
+
+    def hear(self, client: str, name: str) -> None:
         """Take in a controller's sign of life."""
         self._admission.hear(client)
+        self._admission.names.note(client, name)
 
     def forsake(self) -> None:
         """Halt the robot, and take leave: nobody looks after it any more."""
@@ -139,7 +153,9 @@ class RobotServer:
 
     def _halt_silent(self) -> None:
         for silence in self._admission.silences():
-            self._log.warning("its controller is silent: halted", resource=silence.resource, controller=silence.client)
+            controller = self._admission.names.of(silence.client)
+            self.dead_man_trips[silence.resource] = self.dead_man_trips.get(silence.resource, 0) + 1
+            self._log.warning("its controller is silent: halted", resource=silence.resource, controller=controller)
             self._robot[silence.resource].halt()
             fields = {"resource": silence.resource, "client": silence.client}
             self._publish(Event("dead_man", REAL_TIME.now(), fields=fields))
@@ -155,6 +171,8 @@ class RobotServer:
                 attachment.to_bytes() if attachment is not None else b"",
                 payload.to_bytes() if payload is not None else b"",
             )
+            if data is not None:
+                data = stamp_in(data, self._clock)
             if resource == keys.ROBOT:
                 self._serve_robot(method, query, key, header)
             else:
@@ -185,11 +203,11 @@ class RobotServer:
             raise DeadlineError(f"{method} came after its deadline; it was not executed")
         if method in READS:
             call = start_call(handle, method, header.arguments, data, header.deadline_s, None)
-            call.link(lambda done, _: self._answer(query, key, _outcome(done), send=self._outbox.answer_from_here))
+            call.link(lambda done, _: self._answer(query, key, self._outcome(done), send=self._outbox.answer_from_here))
         elif method == keys.HALT or _is_stop(handle, method, header):
             self._admission.note_stop(header, handle.name)
             call = start_call(handle, method, header.arguments, data, header.deadline_s, None)
-            call.link(lambda done, _: self._answer(query, key, _outcome(done)))
+            call.link(lambda done, _: self._answer(query, key, self._outcome(done)))
         else:
             self._command(handle, method, query, key, header, data)
 
@@ -213,13 +231,14 @@ class RobotServer:
             self._outbox.expect(-1)
             self._admission.finish(call_id, error)
             raise
+        call.caller = self._admission.names.of(header.client)
         running = Running(call_id, key, query, call, REAL_TIME.now())
         self._under_way.add(running)
         call.link(lambda _, __: self._finish(running))
 
     def _finish(self, running: Running) -> None:
         """Tell what a command came to. Thread: whichever finishes it, mostly its resource's."""
-        outcome = _outcome(running.call)
+        outcome = self._outcome(running.call)
         self._admission.finish(running.call_id, outcome)
         query = self._under_way.end(running)
         began_s = running.call.began_s
@@ -235,85 +254,30 @@ class RobotServer:
 
     def _serve_robot(self, method: str, query: zenoh.Query, key: str, header: CallHeader) -> None:
         if method == keys.PING:
-            received_s = REAL_TIME.now()
-            about = {**self._about(), "resources": len(self._robot)}
-            answer = {**about, "received_s": received_s, "replied_s": REAL_TIME.now()}
-            self._answer(query, key, answer, send=self._outbox.answer_from_here)
+            self._answer(query, key, self._desk.ping(), send=self._outbox.answer_from_here)
         elif method == keys.STOP:
             reason = " ".join(map(str, header.arguments))
             self._outbox.expect(1, has_more=header.has_more)
             stopped = self._robot.stop(reason)
-            stopped.link(lambda done, _: self._answer_expected(query, key, _outcome(done)))
+            stopped.link(lambda done, _: self._answer_expected(query, key, self._outcome(done)))
             self._stopped_for = reason
         elif method == keys.RESUME:
             self._log.warning("resumed")
-            self._robot.resume().link(lambda done, _: self._answer(query, key, _outcome(done)))
+            self._robot.resume().link(lambda done, _: self._answer(query, key, self._outcome(done)))
         else:
-            act = {
-                keys.HELLO: self._hello,
-                keys.REATTACH: self._reattach,
-                keys.CANCEL: self._cancel,
-                keys.LEAVE: self._leave,
-            }[method]
-            self._host.soon(lambda: self._act(partial(act, header), query, key))
-
-    def _act(self, act: Callable[[], Answer], query: zenoh.Query, key: str) -> None:
-        try:
-            answer = act()
-        except EALError as error:
-            answer = error.at(self._robot.name)
-        except Exception as error:  # noqa: BLE001  # what a controller sends must not end the server
-            answer = ProtocolError(f"the query makes no sense: {shown(error)}", robot=self._robot.name)
-        self._answer(query, key, answer)
-
-    def _hello(self, header: CallHeader) -> Answer:
-        self._admission.enter(header.client, header.epoch)
-        if self._robot.state is RobotState.STARTING:
-            raise UnavailableError("it is still starting")
-        return {
-            **self._about(),
-            "problems": [shown(problem) for problem in self._robot.problems],
-            "resources": [handle.info.to_dict() for handle in self._robot.values()],
-            "running": [[*call_id] for call_id in self._under_way.ids()],
-        }
-
-    def _about(self) -> dict[str, Any]:
-        return {
-            "release": release(),
-            "state": self._robot.state.value,
-            "stopped": self._robot.stopped_because,
-            "holders": self._admission.holders(),
-            "not_ready": dict(self._robot.not_ready),
-        }
-
-    def _reattach(self, header: CallHeader) -> Answer:
-        """Tell what is known of commands; the outcomes of those that have ended are told once more."""
-        numbers = [int(number) for number in header.arguments]
-        running, unknown = [], []
-        for epoch, sequence in zip(numbers[::2], numbers[1::2], strict=False):
-            call_id = CallId(header.client, epoch, sequence)
-            receipt = self._admission.recall(call_id)
-            if receipt is None:
-                unknown.append([epoch, sequence])
-            elif receipt.is_finished:
-                self._publish(Event("result", REAL_TIME.now(), call_id, receipt.outcome))
-            else:
-                running.append([epoch, sequence])
-        return {"running": running, "unknown": unknown}
-
-    def _cancel(self, header: CallHeader) -> Answer:
-        epoch, sequence = (int(number) for number in header.arguments)
-        self._under_way.cancel(CallId(header.client, epoch, sequence))
-        return 1
-
-    def _leave(self, header: CallHeader) -> Answer:
-        """Let a controller go: what it commanded is halted, what it held is free."""
-        self._publisher.leave(header.client)
-        for resource in self._admission.leave(header.client):
-            self._robot[resource].halt()
-        return 1
+            self._host.soon(lambda: self._answer(query, key, self._desk.answer(method, header)))
 
     # Answers.
+
+    def _outcome(self, done: Future[Any]) -> Answer:
+        """Return what a finished call came to."""
+        error = done.exception()
+        if error is not None:
+            return error if isinstance(error, EALError) else ResourceFaultError(shown(error))
+        value = done.get()
+        if isinstance(value, EALData):
+            return stamp_out(value, self._clock)
+        return 1 if value is None else value
 
     def _answer(
         self,
@@ -345,17 +309,8 @@ class RobotServer:
         self._answer(query, key, answer, began_s=began_s)
         self._outbox.expect(-1)
 
-    def _publish(self, event: Event) -> None:
-        self._outbox.publish(self._own_key(keys.EVENTS), *encode_event(event))
-
-
-def _outcome(done: Future[Any]) -> Answer:
-    """Return what a finished call came to."""
-    error = done.exception()
-    if error is None:
-        value = done.get()
-        return 1 if value is None else value
-    return error if isinstance(error, EALError) else ResourceFaultError(shown(error))
+    def _publish(self, event: Event, *, is_vital: bool = True) -> None:
+        self._outbox.publish(self._own_key(keys.EVENTS), *encode_event(event), is_vital=is_vital)
 
 
 def _is_stop(handle: ResourceHandle, method: str, header: CallHeader) -> bool:

@@ -143,9 +143,9 @@ class RemoteFeeds:
     def _sent_s(self, frame: Frame, came_s: float) -> float:
         """Return our real time at which a frame was sent, as well as it is known."""
         known = self._pinger.latest
-        if known is None or known[0] != frame.time.era:
+        if known is None or known.era != frame.time.era:
             return came_s
-        return min(came_s, frame.time.time_s - known[1].offset_s)
+        return min(came_s, frame.time.time_s - known.offset.offset_s)
 
 
 class _Subscription:

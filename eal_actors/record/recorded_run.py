@@ -143,7 +143,11 @@ def _value_of(entry: Entry) -> EALData:
 
 def _plain_value(message: Mapping[str, Any], stamp_s: float) -> EALData:
     value, dtype, kind = message["value"], message["dtype"], DataType(message["type"])
-    meta: dict[str, Any] = {"unit": message["unit"] or None, "frame_id": message["frame_id"] or None, "stamp_s": stamp_s}
+    meta: dict[str, Any] = {
+        "unit": message["unit"] or None,
+        "frame_id": message["frame_id"] or None,
+        "stamp_s": stamp_s,
+    }
     if dtype:
         import numpy as np
 

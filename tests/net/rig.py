@@ -163,15 +163,16 @@ class Process:
     Args:
         arguments: of the Python interpreter.
         folder: where it runs.
+        within: the command that runs it, such as one that enters a network namespace; it takes its place.
     """
 
-    def __init__(self, arguments: Sequence[str], folder: Path) -> None:
+    def __init__(self, arguments: Sequence[str], folder: Path, within: Sequence[str] = ()) -> None:
         unwanted = {"COLUMNS", "EAL_FLEET", "FORCE_COLOR"}
         environment = {name: value for name, value in os.environ.items() if name not in unwanted}
         self.lines: list[str] = []
         self._changed = threading.Condition()
         self._popen = subprocess.Popen(
-            [sys.executable, *arguments],
+            [*within, sys.executable, *arguments],
             cwd=folder,
             env={**environment, "PYTHONPATH": str(bundled_path("."))},
             stdout=subprocess.PIPE,

@@ -134,7 +134,7 @@ def test_what_is_set_stays_set(remote: RobotHandle) -> None:
 
 def test_a_robot_says_the_same_of_itself(pair: tuple[RobotHandle, RobotHandle]) -> None:
     local, remote = pair
-    assert list(remote) == list(local) == ["Arm", "Gauge", "Eye", "Line"]
+    assert list(remote) == list(local) == ["Arm", "Gauge", "Eye", "Line", "Watch"]
     assert [handle.info for handle in remote.values()] == [handle.info for handle in local.values()]
     with pytest.raises(ResourceNotFoundError, match="did you mean 'Gauge'"):
         remote["Guage"]

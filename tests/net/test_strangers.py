@@ -17,6 +17,7 @@ from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.clock import SystemClock
 from eal_actors.errors import (
+    AccessDeniedError,
     DeadlineError,
     EALError,
     ProtocolError,
@@ -27,7 +28,7 @@ from eal_actors.net.packing import PROTOCOL_VERSION
 from eal_actors.net.session import controller_config, open_session
 from eal_actors.net.wire import Answer, CallHeader, RobotTime, decode_reply, encode_call
 from tests.net.links import eventually
-from tests.net.rig import WAIT_S, Rig, becomes, ready, served, servers
+from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served, servers
 
 
 @pytest.fixture
@@ -234,8 +235,13 @@ def test_roles_hold_for_whole_robots(tmp_path: Path, keys: Path) -> None:
         with seen_by(rig, "display") as display:
             arm = display["r1"]["Arm"]
             assert arm.get_value().get().value == 0.0
-            for call in (arm.send_cmd("step2", timeout_s=2.0), arm.halt(timeout_s=2.0), display["r1"].stop()):
-                assert isinstance(call.exception(timeout=WAIT_S), EALError)
+            for call in (arm.send_cmd("step2"), arm.halt(), display["r1"].stop(), display["r1"].resume()):
+                assert call.done()  # refused before anything was sent
+                denied = failure(call, AccessDeniedError)
+                assert denied.robot == "r1"
+                assert "to 'display', which has the role observer there" in denied.message
+            assert failure(arm.halt(), AccessDeniedError).resource == "Arm"
+            assert display["r1"].stopped_because is None
             assert display["r1"].state is RobotState.READY
             assert fleet["r1"].stopped_because is None
         assert fleet["r1"]["Arm"].send_cmd("step3").get() == 3
@@ -250,7 +256,9 @@ def test_a_controller_of_one_resource_can_cancel_there(tmp_path: Path, keys: Pat
         assert rig.begun("move60")
         move.cancel()
         assert eventually(lambda: rig.notes("halt"))
-        assert isinstance(driver["r1"]["Eye"].set_value(b"x", timeout_s=1.0).exception(timeout=WAIT_S), EALError)
+        denied = failure(driver["r1"]["Eye"].set_value(b"x"), AccessDeniedError)
+        assert "set_value to 'driver', which has the role controller of Arm alone there" in denied.message
+        assert driver["r1"]["Arm"].halt().get() == 1
 
 
 @pytest.mark.parametrize("way", ["no role", "another authority", "no certificate"])

@@ -91,6 +91,7 @@ class Arm(Resource):
         with self._move(f"move{seconds:g}"):
             end_s = self._notebook.clock.now() + seconds
             while (left_s := end_s - self._notebook.clock.now()) > 0:
+                self.progress(1 - left_s / seconds, f"{left_s:.1f} s left")
                 yield min(left_s, _STEP_S)
         return 7
 
@@ -211,11 +212,40 @@ class Line(Resource):
     def halt(self) -> None: ...
 
 
+class Watch(Resource):
+    """Tells the time that all processes of the machine share, stamped by the robot's own clock."""
+
+    types = ResourceType.SENSOR | ResourceType.COMMUNICATION
+
+    def __init__(self, notebook: Notebook) -> None:
+        self._clock = notebook.clock
+        self._age_s = -1.0
+
+    def get_value(self) -> EALData:
+        return EALData.of(time.clock_gettime(time.CLOCK_MONOTONIC), stamp_s=self._clock.now())
+
+    def read_comm(self, length: int) -> Activity:
+        """Take longer than a query waits."""
+        yield 0.5
+        return EALData.of(time.clock_gettime(time.CLOCK_MONOTONIC), stamp_s=self._clock.now())
+
+    def set_value(self, data: EALData) -> None:
+        assert data.stamp_s is not None
+        self._age_s = self._clock.now() - data.stamp_s
+
+    @request("age", ValueInfo(DataType.DOUBLE, "s"))
+    def age(self) -> float:
+        """How old the value was that was set last."""
+        return self._age_s
+
+    def halt(self) -> None: ...
+
+
 class Witness(EALPlugin):
     """Keeps the notebook of its resources."""
 
     def __init__(self, notebook: Notebook) -> None:
-        super().__init__("Arm", "Gauge", "Eye", "Line")
+        super().__init__("Arm", "Gauge", "Eye", "Line", "Watch")
         self.notebook = notebook
 
 
@@ -252,3 +282,10 @@ def create_Line() -> Line:
 
 
 def destroy_Line(resource: Line) -> None: ...
+
+
+def create_Watch(context: PluginContext) -> Watch:
+    return Watch(context.plugin.notebook)
+
+
+def destroy_Watch(resource: Watch) -> None: ...

@@ -1,0 +1,100 @@
+"""Questions: what a controller asks a robot itself, beside the calls to its resources."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from eal_actors.actors.future import Future
+from eal_actors.clock import REAL_TIME
+from eal_actors.errors import AccessDeniedError, EALError, UnavailableError
+from eal_actors.net import keys
+from eal_actors.net.exchange import Question
+from eal_actors.net.wire import Answer, CallHeader, RobotTime
+
+if TYPE_CHECKING:
+    from eal_actors.net.client import RemoteRobot
+    from eal_actors.net.controller import Controller
+
+T = TypeVar("T")
+
+_GRACE_S: Final = 0.5
+"""What zenoh may be late with telling that there is no answer, in real seconds."""
+
+Take = Callable[[Answer, RobotTime | None, float, float], T]
+"""Takes an answer, the robot's clock if it came along, and our clock as the query left and as the answer came."""
+
+
+class Questions:
+    """Asks one robot.
+
+    Args:
+        robot: the connection to it.
+        controller: the fleet's end of the network.
+
+    Attributes:
+        epoch: how often we have connected to it.
+
+    Thread: any; nothing blocks.
+    """
+
+    def __init__(self, robot: RemoteRobot, controller: Controller) -> None:
+        self.epoch = 0
+        self._robot = robot
+        self._controller = controller
+
+    def ask(self, method: str, arguments: tuple[str | int, ...], timeout_s: float, read: Take[T]) -> Future[T]:
+        """Ask the robot itself; `read`, in zenoh's thread, makes of the answer what the future comes to.
+
+        The future fails with what the robot answered, with AccessDeniedError where it does not grant this, and with
+        UnavailableError where nothing is answered.
+        """
+        future: Future[T] = Future(REAL_TIME, REAL_TIME.now() + timeout_s + _GRACE_S)
+        name, later = self._robot.name, self._controller.later
+
+        def take(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
+            try:
+                if isinstance(answer, EALError):
+                    raise answer
+                value = read(answer, time, sent_s, answered_s)
+            except EALError as error:
+                future.settle(None, error.at(name), later)
+            else:
+                future.settle(value, None, later)
+
+        def miss() -> None:
+            future.settle(None, UnavailableError("the robot did not answer", robot=name), later)
+
+        self.send(method, arguments, timeout_s, take, miss)
+        return future
+
+    def send(
+        self,
+        method: str,
+        arguments: tuple[str | int, ...],
+        timeout_s: float,
+        take: Take[None],
+        miss: Callable[[], None],
+        resource: str = keys.ROBOT,
+    ) -> None:
+        """Send a query; `take` or `miss` tells what comes of it, in zenoh's thread, or at once where it is refused."""
+        robot, lane = self._robot, self._robot.lane
+        try:
+            if lane.rights is not None:
+                lane.rights.check(resource, method)
+        except AccessDeniedError as error:
+            take(error, None, 0.0, 0.0)
+            return
+
+        def heard(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
+            lane.note_time(time)
+            take(answer, time, sent_s, answered_s)
+
+        key = keys.method_key(self._controller.fleet, robot.name, resource, method)
+        header = CallHeader(self._controller.client, self.epoch, 0, timeout_s, timeout_s, None, arguments)
+        is_urgent = method in (keys.STOP, keys.RESUME)
+        question = Question(self._controller, key, header, heard, miss, is_urgent=is_urgent, insist=robot.soon)
+        if is_urgent:
+            self._controller.urge(question)
+        elif not self._controller.sender.submit(question):
+            miss()

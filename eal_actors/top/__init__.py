@@ -1,0 +1,1 @@
+"""`eal top`: a fleet in the terminal."""

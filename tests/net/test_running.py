@@ -1,0 +1,164 @@
+"""Progress, running commands, states and times across a network."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from eal_actors import Fleet
+from eal_actors.actors.call import Call
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.robot_view import RobotState
+from eal_actors.actors.running import Running, process_name
+from eal_actors.data import EALData
+from eal_actors.errors import PreemptedError, UnavailableError
+from eal_actors.net.messages import Event
+from eal_actors.resource import Progress
+from tests.net.links import eventually
+from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    return Rig(tmp_path)
+
+
+@pytest.fixture
+def fleet(rig: Rig) -> Iterator[Fleet]:
+    """A robot served in this process, through the network."""
+    with rig.served_here() as fleet:
+        yield fleet
+
+
+def test_progress_comes_through_the_network_now_and_again(fleet: Fleet) -> None:
+    heard: list[Progress] = []
+    move = fleet["r1"]["Arm"].send_cmd("move1")
+    move.add_progress_callback(heard.append)
+    assert move.get() == 7
+    fractions = [progress.fraction for progress in heard]
+    assert 2 <= len(heard) <= 5  # of some fifty steps, four in a second at most
+    assert fractions == sorted(fractions)  # type: ignore[type-var]  # each is told
+    assert heard[-1].text.endswith("s left")
+    assert move.progress() is heard[-1]
+    assert all(0 < progress.time_s < fleet.clock.now() for progress in heard)
+
+
+def listed(robot: RobotHandle) -> list[tuple[str, str, str]]:
+    return [(running.resource, running.command, running.by) for running in robot.running]
+
+
+def test_who_comes_later_sees_what_runs(rig: Rig, fleet: Fleet) -> None:
+    mine = ("Arm", "move30", process_name())
+    move = fleet["r1"]["Arm"].send_cmd("move30")
+    assert eventually(lambda: listed(fleet["r1"]) == [mine])
+    with ready(Fleet(rig.config)) as late:
+        robot = late["r1"]
+        assert listed(robot) == [mine]
+        assert [running.command for running in robot.ping().get().running] == ["move30"]
+
+        def fraction() -> float:
+            (running,) = robot.running
+            assert running.progress is not None
+            assert running.progress.fraction is not None
+            return running.progress.fraction
+
+        first = fraction()
+        assert eventually(lambda: fraction() > first)  # kept current
+        age_s = late.clock.now() - robot.running[0].since_s
+        assert 0 < age_s < WAIT_S
+        fleet["r1"]["Arm"].halt().get()
+        assert eventually(lambda: not robot.running)
+        failure(move, PreemptedError)
+        assert not robot.ping().get().running
+
+
+def test_a_short_command_is_never_listed(fleet: Fleet) -> None:
+    seen: list[tuple[Running, ...]] = []
+    assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
+    seen.append(fleet["r1"].ping().get().running)
+    assert seen == [()]
+
+
+def test_an_outcome_whose_event_got_lost_is_asked_for(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
+    connection = fleet["r1"]._actor
+    lost: list[Event] = []
+    tell = connection.tell  # type: ignore[attr-defined]
+
+    def lossy(event: Event) -> None:
+        if event.kind == "result" and not lost:
+            lost.append(event)
+        else:
+            tell(event)
+
+    monkeypatch.setattr(connection, "tell", lossy)
+    assert fleet["r1"]["Arm"].send_cmd("move0.5", timeout_s=WAIT_S).get() == 7
+    assert len(lost) == 1
+    assert not fleet["r1"].running
+
+
+def test_states_are_events(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    with served(rig) as (running, fleet):
+        robot = fleet["r1"]
+        states: list[RobotState] = []
+        robot.on_state(states.append)
+        lost = robot.wait_for_state(RobotState.LOST, WAIT_S)
+        move = robot["Arm"].send_cmd("move30")
+        assert eventually(lambda: robot.running)
+        running["r1"].kill()
+        assert lost.get() is RobotState.LOST
+        assert robot.problems
+        assert not robot.running
+        back = robot.wait_for_state(RobotState.READY, WAIT_S)
+        running.start("r1")
+        assert back.get() is RobotState.READY
+        failure(move, UnavailableError)
+        assert not robot.running
+        assert states == [RobotState.READY, RobotState.LOST, RobotState.READY]
+
+
+# Times.
+
+
+def truly_s(fleet: Fleet, data: EALData) -> float:
+    """Return when a reading of the watch was made, by the fleet's clock: its value is the machine's time."""
+    age_s = time.clock_gettime(time.CLOCK_MONOTONIC) - float(data.value)
+    return fleet.clock.now() - fleet.clock.of_real(age_s)
+
+
+@pytest.mark.parametrize("rate", [1, 4])
+def test_values_are_stamped_by_the_readers_clock(tmp_path: Path, rate: int) -> None:
+    """The server's process began later than this one, so its clock is far behind."""
+    rig = Rig(tmp_path, extra={"clock": {"rate": rate}})
+    with served(rig) as (_, fleet):
+        assert becomes(fleet["r1"], RobotState.READY)
+        watch = fleet["r1"]["Watch"]
+        ping = fleet["r1"].ping().get()
+        assert abs(ping.offset_s) > 10 * ping.offset_error_s
+        readings: list[Call[EALData]] = [watch.get_value(), watch.read_comm(1)]
+        for call in readings:
+            data = call.get()
+            assert data.stamp_s is not None
+            assert 0 < call.stamp_error_s < 0.1 * rate
+            assert data.stamp_s == pytest.approx(truly_s(fleet, data), abs=call.stamp_error_s + 0.005 * rate)
+        watch.set_value(EALData.of(1, stamp_s=fleet.clock.now() - 100.0)).get()
+        assert watch.send_req("age").get().value == pytest.approx(100.0, abs=0.5 * rate)
+
+
+def test_the_shown_names_hold_no_tricks() -> None:
+    from eal_actors.net.names import Names
+
+    names = Names()
+    assert names.of("ab") == "ab"
+    names.note("ab", " anna@\x1b[31mlab\n ")
+    assert names.of("ab") == "anna@[31mlab"
+    names.note("ab", "\n")
+    assert names.of("ab") == "anna@[31mlab"
+    names.note("cd", "x" * 1000)
+    assert len(names.of("cd")) == 100
+    for number in range(2000):
+        names.note(str(number), "somebody")
+    assert names.of("ab") == "ab"  # forgotten: as many as that are never under way
