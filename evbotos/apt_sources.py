@@ -1,0 +1,102 @@
+"""Where Debian's packages come from: the build machine's own apt configuration, or the user's mirror."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from evbotos.errors import BuildError
+from evbotos.lock import Archive
+
+APT: Final = Path("/etc/apt")
+_KEYRING: Final = "/usr/share/keyrings/debian-archive-keyring.gpg"
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One archive of a suite.
+
+    Attributes:
+        uri: its address, without a slash at the end.
+        suite: such as `bookworm-security`.
+        components: such as `main`.
+        signed_by: keyring that its index is signed with.
+    """
+
+    uri: str
+    suite: str
+    components: tuple[str, ...]
+    signed_by: str
+
+    @property
+    def archive(self) -> Archive:
+        """What kind of archive of its suite it is."""
+        _, _, kind = self.suite.partition("-")
+        return "security" if kind == "security" else "updates" if kind == "updates" else "main"
+
+    def line(self) -> str:
+        """Return it as in a sources.list."""
+        return f"deb [signed-by={self.signed_by}] {self.uri} {self.suite} {' '.join(self.components)}"
+
+
+def sources_for(suite: str, mirror: str | None, folder: Path = APT) -> list[Source]:
+    """Return where a suite's packages come from.
+
+    Args:
+        suite: of Debian, such as `bookworm`.
+        mirror: the user's own; then it is the only one.
+        folder: apt's configuration.
+
+    Raises:
+        BuildError: the build machine knows no source of that suite.
+    """
+    if mirror is not None:
+        return [Source(mirror.rstrip("/"), suite, ("main",), _KEYRING)]
+    wanted = (suite, f"{suite}-updates", f"{suite}-security")
+    found = [source for source in _configured(folder) if source.suite in wanted and "main" in source.components]
+    if not any(source.suite == suite for source in found):
+        raise BuildError(f"apt on this machine has no source of Debian's {suite}; name one as `mirror` in local.yaml")
+    return list(dict.fromkeys(found))
+
+
+def _configured(folder: Path) -> Iterator[Source]:
+    files = [folder / "sources.list", *sorted((folder / "sources.list.d").glob("*"))]
+    for file in files:
+        if not file.is_file():
+            continue
+        text = file.read_text()
+        if file.suffix == ".sources":
+            for paragraph in text.split("\n\n"):
+                yield from _deb822(paragraph.splitlines())
+        elif file.suffix == ".list":
+            for line in text.splitlines():
+                yield from _one_line(line)
+
+
+def _deb822(lines: Iterable[str]) -> Iterator[Source]:
+    fields: dict[str, str] = {}
+    for line in lines:
+        key, separator, value = line.partition(":")
+        if separator and not line.startswith(("#", " ")):
+            fields[key.strip().lower()] = value.strip()
+    if "deb" not in fields.get("types", "").split() or fields.get("enabled", "yes") == "no":
+        return
+    for uri in fields.get("uris", "").split():
+        for suite in fields.get("suites", "").split():
+            components = tuple(fields.get("components", "").split())
+            yield Source(uri.rstrip("/"), suite, components, fields.get("signed-by", _KEYRING))
+
+
+def _one_line(line: str) -> Iterator[Source]:
+    words = line.split("#", 1)[0].split()
+    if words[:1] != ["deb"]:
+        return
+    options, rest = "", words[1:]
+    if rest and rest[0].startswith("["):
+        end = next(index for index, word in enumerate(rest) if word.endswith("]"))
+        options, rest = " ".join(rest[: end + 1]).strip("[]"), rest[end + 1 :]
+    keys = dict(option.split("=", 1) for option in options.split() if "=" in option)
+    if len(rest) >= 2:
+        yield Source(rest[0].rstrip("/"), rest[1], tuple(rest[2:]), keys.get("signed-by", _KEYRING))

@@ -1,0 +1,339 @@
+"""The build: from definitions and a lock file to a disk image."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import eal_actors
+from eal_actors.clock import wall_time
+from evbotos import bytecode, disk, grub, kernel, project, pruning, sbom, sizes, squash, tree
+from evbotos.apt_sources import sources_for
+from evbotos.errors import BuildError
+from evbotos.hashing import file_sha256, files_sha256, key_of
+from evbotos.hosttools import needed_for, require
+from evbotos.lock import FOLDER as LOCKS
+from evbotos.lock import Lock, asked_by, lock_path, read_lock, require_match, write_lock
+from evbotos.model import Image, Local, Platform
+from evbotos.packages import Apt
+from evbotos.plan import layers_of, packages_of, wheels_of
+from evbotos.robot_files import gather_robot_files
+from evbotos.steps import Runner, Step, owned, place
+from evbotos.wheels import fetch_wheels, provided_by, resolve_wheels
+
+OUTPUT: Final = Path("build/evbotos")
+_FOLDERS: Final = (
+    "proc",
+    "sys",
+    "dev",
+    "run",
+    "tmp",
+    "data",
+    "boot",
+    "media",
+    "ro",
+    "root",
+    "var/log",
+    "var/lib",
+    "mnt",
+)
+_OWN: Final = f"{tree.SITE}/eal_actors"
+"""Compiled like the rest, but for the plugins: they are found by their source files, so that those stay."""
+_OPTIONAL: Final[tuple[str, ...]] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """What a build made.
+
+    Attributes:
+        folder: with all of it.
+        report: sizes, hashes, steps and warnings, as plain data.
+    """
+
+    folder: Path
+    report: dict[str, Any]
+
+
+def cache_folder(local: Local) -> Path:
+    """Return the folder of the cache: the user's choice, else the user's cache folder."""
+    if local.cache is not None:
+        return Path(local.cache).expanduser()
+    base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return Path(base).expanduser() / "evbotos"
+
+
+def kernel_key(platform: Platform, lock: Lock) -> str:
+    """Return the key under which a platform's kernel is kept."""
+    wanted = platform.kernel
+    return key_of([lock.kernel.sha256, wanted.model_dump(mode="json"), kernel.fragments_text(wanted)])
+
+
+def has_kernel(platform: Platform, image: Image, local: Local) -> bool:
+    """Return whether the kernel, whose compilation takes longest by far, is in the cache already."""
+    lock = read_lock(lock_path(platform, image))
+    return lock is not None and (cache_folder(local) / "kernel" / kernel_key(platform, lock)).is_dir()
+
+
+class Build:
+    """One build.
+
+    Args:
+        platform: the board.
+        image: what goes onto it.
+        local: the user's settings.
+        tell: told of each step that is made, and of warnings.
+        locks: folder of the lock files.
+    """
+
+    def __init__(
+        self, platform: Platform, image: Image, local: Local, tell: Callable[[str], None], locks: Path = LOCKS
+    ) -> None:
+        self._platform = platform
+        self._image = image
+        self._local = local
+        self._tell = tell
+        self._cache = cache_folder(local)
+        self._runner = Runner(self._cache, tell)
+        self._warnings: list[str] = []
+        self._lock_path = lock_path(platform, image, locks)
+
+    def run(self, output: Path, *, update_lock: bool = False) -> Built:
+        """Build, or find built what is there already.
+
+        Args:
+            output: gets a folder for this platform and image.
+            update_lock: take the present versions, and write them down.
+
+        Raises:
+            BuildError: a step failed, or the lock file does not fit.
+            MissingToolsError: programs are not installed; all are named.
+            ConfigError: the lock file is wrong.
+        """
+        require(needed_for(self._platform))
+        with owned(self._cache):
+            lock = self._lock(update_lock)
+            debs, wheels = self._fetch(lock)
+            kernel_folder = self._runner.run(self._kernel_step(lock))
+            base = self._runner.run(self._base_step(lock, debs, wheels))
+            root = self._runner.run(self._root_step(lock, base))
+            squashed = self._runner.run(self._squash_step(lock, root))
+            image = self._runner.run(self._disk_step(lock, squashed, kernel_folder))
+            table = self._runner.run(self._sizes_step(root))
+            folder = output / f"{self._platform.name}-{self._image.name}"
+            return self._write_outputs(lock, folder, squashed, kernel_folder, image, table)
+
+    def _warn(self, words: str) -> None:
+        self._warnings.append(words)
+        self._tell(f"warning: {words}")
+
+    def _apt(self, architecture: str) -> Apt:
+        sources = sources_for(self._platform.suite, self._local.mirror)
+        folder = self._cache / "apt" / f"{self._platform.suite}-{architecture}"
+        return Apt(folder, architecture, sources, self._warn)
+
+    def _lock(self, update: bool) -> Lock:
+        lock = read_lock(self._lock_path)
+        if lock is not None and not update:
+            require_match(lock, self._platform, self._image, self._lock_path)
+            return lock
+        if lock is None and not update:
+            raise BuildError(f"there is no {self._lock_path.name}; `evbotos build --update-lock` writes it")
+        self._tell("lock: asking for the present versions")
+        names = packages_of(self._platform, self._image)
+        apt = self._apt(self._platform.architecture)
+        apt.update()
+        packages = apt.resolve(names)
+        source = next(found for found in apt.resolve([self._platform.kernel.source]) if found.name in self._source)
+        provided = provided_by(package.name for package in packages)
+        wheels = resolve_wheels(self._platform, wheels_of(self._platform, self._image), provided)
+        asked = asked_by(self._platform, self._image)
+        content = {"kernel": source, "packages": tuple(packages), "wheels": tuple(wheels)}
+        if lock is not None and lock.asked == asked and all(getattr(lock, key) == content[key] for key in content):
+            return lock
+        new = Lock(
+            version=1,
+            platform=self._platform.name,
+            image=self._image.name,
+            asked=asked,
+            epoch=int(wall_time().timestamp()),
+            kernel=source,
+            packages=tuple(packages),
+            wheels=tuple(wheels),
+        )
+        write_lock(new, self._lock_path)
+        return new
+
+    @property
+    def _source(self) -> tuple[str]:
+        return (self._platform.kernel.source,)
+
+    def _fetch(self, lock: Lock) -> tuple[list[Path], list[Path]]:
+        left_out = set(self._image.drop_packages)
+        wanted = [package for package in lock.packages if package.name not in left_out]
+        debs = self._apt(self._platform.architecture).fetch(wanted, self._cache / "debs")
+        return debs, fetch_wheels(self._platform, lock.wheels, self._cache / "wheels")
+
+    def _kernel_step(self, lock: Lock) -> Step:
+        wanted = self._platform.kernel
+
+        def make(out: Path) -> None:
+            source = self._apt(self._platform.architecture).fetch([lock.kernel], self._cache / "debs")[0]
+            kernel.build_kernel(wanted, source, out, self._cache)
+
+        return Step("kernel", kernel_key(self._platform, lock), make)
+
+    def _base_step(self, lock: Lock, debs: list[Path], wheels: list[Path]) -> Step:
+        image = self._image
+        hashes = [[deb.stem for deb in debs], [wheel.sha256 for wheel in lock.wheels]]
+        inputs = [*hashes, image.prune, image.keep, image.sourceless, lock.epoch]
+
+        def make(out: Path) -> None:
+            out.mkdir(parents=True)
+            tree.unpack_packages(debs, out)
+            tree.unpack_wheels(wheels, out)
+            tree.settle(out)
+            pruning.prune_tree(out, image.prune, image.keep)
+            bytecode.compile_tree(out, ["usr/lib/python3.11", tree.SITE], sourceless=image.sourceless)
+            missing = tree.missing_libraries(out, _OPTIONAL)
+            if missing:
+                told = "; ".join(f"{name} for {', '.join(sorted(users)[:3])}" for name, users in missing.items())
+                raise BuildError(f"shared libraries are missing, so something was left out that is needed: {told}")
+
+        return Step("base", key_of(inputs, tree, pruning, bytecode), make)
+
+    def _root_step(self, lock: Lock, base: Path) -> Step:
+        layers = layers_of(self._image)
+        files = [(str(path), path) for layer in layers for path in layer.rglob("*") if not path.is_dir()]
+        named = [(name.rpartition("/rootfs/")[2], path) for name, path in files if "__pycache__" not in name]
+        own = list(project.project_files()) if self._image.project else []
+        inputs = [base.name, files_sha256(named), files_sha256(own), self._image.services, self._image.sourceless]
+
+        def make(out: Path) -> None:
+            shutil.copytree(base, out, symlinks=True)
+            self._lay_over(out, lock, layers)
+
+        return Step("root", key_of([*inputs, lock.epoch], tree, bytecode, project), make)
+
+    def _lay_over(self, root: Path, lock: Lock, layers: list[Path]) -> None:
+        for name in _FOLDERS:
+            (root / name).mkdir(parents=True, exist_ok=True)
+        inittab = (layers[0] / "etc/inittab").read_text()
+        for layer in layers:
+            if not layer.is_dir():
+                raise BuildError(f"there is no folder {layer.name} in {layer.parent}")
+            tree.overlay(layer, root)
+            inittab += (layer / "inittab").read_text() if (layer / "inittab").is_file() else ""
+            (root / "inittab").unlink(missing_ok=True)
+        (root / "etc/inittab").write_text(inittab)
+        (root / "etc/resolv.conf").symlink_to("/run/resolv.conf")
+        if self._image.project:
+            project.install_project(root)
+            bytecode.compile_tree(root, [_OWN], sourceless=self._image.sourceless, skip="/_bundled/")
+            bytecode.compile_tree(root, [f"{_OWN}/_bundled"], sourceless=False)
+        bytecode.compile_tree(root, ["usr/lib/evbotos"], sourceless=True)
+        about = root / "etc/evbotos"
+        (about / "platform").write_text(f"{self._platform.name}\n")
+        (about / "epoch").write_text(f"{lock.epoch}\n")
+        (about / "manifest.json").write_text(json.dumps(self._manifest(lock), indent=1) + "\n")
+        tree.normalise(root)
+        (root / "tmp").chmod(0o1777)
+
+    def _manifest(self, lock: Lock) -> dict[str, Any]:
+        left_out = set(self._image.drop_packages)
+        return {
+            "platform": lock.platform,
+            "image": lock.image,
+            "eal_actors": eal_actors.__version__,
+            "epoch": lock.epoch,
+            "kernel": lock.kernel.version,
+            "packages": {item.name: item.version for item in lock.packages if item.name not in left_out},
+            "left_out": sorted(left_out & {item.name for item in lock.packages}),
+            "wheels": {item.name: item.version for item in lock.wheels},
+        }
+
+    def _squash_step(self, lock: Lock, root: Path) -> Step:
+        compression = self._platform.compression
+
+        def make(out: Path) -> None:
+            squash.squash(root, out, compression, lock.epoch)
+
+        return Step("squash", key_of([root.name, compression, lock.epoch], squash), make)
+
+    def _disk_step(self, lock: Lock, squashed: Path, kernel_folder: Path) -> Step:
+        gathered = gather_robot_files(self._local)
+        layout, platform = self._image.layout, self._platform
+        inputs = [
+            squashed.name,
+            kernel_folder.name,
+            layout.model_dump(),
+            platform.boot,
+            disk.kernel_line(platform),
+            lock.epoch,
+        ]
+        contents = [(name, hashed) for name, (hashed, _) in sorted(gathered.items())]
+
+        def make(out: Path) -> None:
+            boot_files = self._cache / ".part-robot"
+            boot_files.mkdir()
+            for name, (_, content) in gathered.items():
+                (boot_files / name).parent.mkdir(parents=True, exist_ok=True)
+                (boot_files / name).write_bytes(content)
+            what = disk.Contents(
+                root=squashed,
+                kernel=kernel_folder / Path(platform.kernel.image).name,
+                boot_files=boot_files,
+                kernel_line=disk.kernel_line(platform),
+                has_grub=platform.boot == "grub",
+                epoch=lock.epoch,
+            )
+            try:
+                disk.write_disk(out, layout, what)
+            finally:
+                shutil.rmtree(boot_files)
+
+        return Step("disk", key_of([inputs, contents], disk, grub), make)
+
+    def _sizes_step(self, root: Path) -> Step:
+        def make(out: Path) -> None:
+            out.write_text(json.dumps(sizes.sizes_of(root), indent=1) + "\n")
+
+        return Step("sizes", key_of(root.name, sizes), make)
+
+    def _write_outputs(
+        self, lock: Lock, folder: Path, squashed: Path, kernel_folder: Path, image: Path, table: Path
+    ) -> Built:
+        folder.mkdir(parents=True, exist_ok=True)
+        kernel_file = kernel_folder / Path(self._platform.kernel.image).name
+        for source, name in (
+            (squashed, "root.squashfs"),
+            (kernel_file, "kernel"),
+            (image, "disk.img"),
+            (table, "sizes.json"),
+        ):
+            place(source, folder / name)
+        for device_tree in self._platform.kernel.device_trees:
+            place(kernel_folder / Path(device_tree).name, folder / Path(device_tree).name)
+        bill = sbom.bill_of_materials(lock, set(self._image.drop_packages), self._platform.architecture)
+        (folder / "sbom.cdx.json").write_text(bill)
+        files = {name: folder / name for name in ("root.squashfs", "kernel", "disk.img")}
+        mb = {name: path.stat().st_size / 1e6 for name, path in files.items()}
+        total_mb = mb["root.squashfs"] + mb["kernel"]
+        budget_mb = self._image.budget_mb.root_with_kernel
+        if total_mb > budget_mb:
+            self._warn(f"root and kernel have {total_mb:.1f} MB, over the budget of {budget_mb:g} MB")
+        report = {
+            **self._manifest(lock),
+            "files": {name: {"mb": round(mb[name], 2), "sha256": file_sha256(path)} for name, path in files.items()},
+            "root_with_kernel_mb": round(total_mb, 2),
+            "budget_mb": budget_mb,
+            "steps": [asdict(step) for step in self._runner.done],
+            "warnings": self._warnings,
+        }
+        (folder / "manifest.json").write_text(json.dumps(report, indent=1) + "\n")
+        return Built(folder, report)

@@ -1,0 +1,244 @@
+"""The program `evbotos`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from eal_actors.clock import REAL_TIME
+from eal_actors.errors import ConfigError, EALError, Problem
+from evbotos.bench_command import bench, times
+from evbotos.build import OUTPUT, Build
+from evbotos.definitions import Definitions, load_definitions
+from evbotos.disk import parts_of
+from evbotos.errors import BuildError
+from evbotos.flash_command import flash
+from evbotos.hosttools import require
+from evbotos.lock import lock_path, read_lock
+from evbotos.model import Image, Platform
+from evbotos.plan import make_plan
+from evbotos.qemu import run_emulator
+from evbotos.sdk_command import sdk
+from evbotos.terminal import EPILOG, ExitCode, console, new_table, report, write_json
+
+
+class _Program(TyperGroup):
+    """The one place where an error becomes a message and an exit code."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except EALError as error:
+            raise typer.Exit(report(error)) from error
+        except KeyboardInterrupt:
+            raise typer.Exit(ExitCode.INTERRUPTED) from None
+
+
+app = typer.Typer(
+    name="evbotos",
+    cls=_Program,
+    help="Build, try and install small bootable images whose robots serve their resources.",
+    epilog=EPILOG,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+
+app.command("flash")(flash)
+app.command("bench")(bench)
+app.command("times")(times)
+app.command("sdk")(sdk)
+
+_PlatformArgument = Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")]
+_ImageArgument = Annotated[str, typer.Argument(metavar="[IMAGE]", help="What goes onto it.")]
+_LocalOption = Annotated[
+    Path | None, typer.Option("--local", help="Your own settings, which win.", show_default="local.yaml, if it is here")
+]
+_OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Folder of what was built.")]
+_JsonOption = Annotated[bool, typer.Option("--json", help="Write JSON.")]
+
+
+@app.command("list")
+def list_definitions(local: _LocalOption = None, as_json: _JsonOption = False) -> None:
+    """List platforms and images."""
+    found = load_definitions(local)
+    if as_json:
+        write_json(
+            {
+                "platforms": {name: one.model_dump(mode="json") for name, one in found.platforms.items()},
+                "images": {name: one.model_dump(mode="json") for name, one in found.images.items()},
+            }
+        )
+        return
+    table = new_table("platform", "architecture", "starts by", "what it is")
+    for platform in found.platforms.values():
+        table.add_row(platform.name, platform.architecture, platform.boot, platform.description)
+    console().print(table)
+    console().print()
+    table = new_table("image", "at most, with kernel", "disk", "what it holds")
+    for image in found.images.values():
+        budget = f"{image.budget_mb.root_with_kernel:g} MB"
+        table.add_row(image.name, budget, f"{parts_of(image.layout).total >> 20} MiB", image.description)
+    console().print(table)
+
+
+@app.command("check")
+def check_definitions(local: _LocalOption = None, as_json: _JsonOption = False) -> None:
+    """Check every definition, lock file and local.yaml; all problems at once."""
+    found = load_definitions(local)
+    problems: list[Problem] = []
+    plans = 0
+    for platform in found.platforms.values():
+        for image in found.images.values():
+            try:
+                plan = make_plan(platform, image, read_lock(lock_path(platform, image)))
+            except ConfigError as error:
+                problems += error.problems
+                continue
+            except BuildError as error:
+                problems.append(Problem(f"platforms/{platform.name}.yaml", 0, 0, "", error.message))
+                continue
+            plans += 1
+            if plan["locked_packages"] is not None and not plan["lock_is_current"]:
+                message = "is older than the definitions; `evbotos build --update-lock` writes it anew"
+                problems.append(Problem(lock_path(platform, image).name, 0, 0, "", message))
+    if problems:
+        raise ConfigError(sorted(set(problems)))
+    counts = {"platforms": len(found.platforms), "images": len(found.images), "plans": plans}
+    if as_json:
+        write_json(counts)
+    else:
+        console().print(f"{counts['platforms']} platforms, {counts['images']} images: no problems")
+
+
+@app.command("plan")
+def show_plan(
+    platform: _PlatformArgument,
+    image: _ImageArgument = "robot",
+    local: _LocalOption = None,
+    as_json: _JsonOption = False,
+) -> None:
+    """Show every step, package, file and budget of a build, without building."""
+    _, board, what = _chosen(platform, image, local)
+    plan = make_plan(board, what, read_lock(lock_path(board, what)))
+    if as_json:
+        write_json(plan)
+        return
+    out = console()
+    out.print(f"{board.name} {what.name}: {board.floor}", soft_wrap=True)
+    for number, step in enumerate(plan["steps"], 1):
+        out.print(f"{number}. {step}", soft_wrap=True)
+    table = new_table("what", "")
+    for key in ("packages", "locked_packages", "left_out_packages", "wheels", "locked_wheels", "services", "files"):
+        table.add_row(key.replace("_", " "), ", ".join(plan[key]) if plan[key] is not None else "not locked yet")
+    for name, why in plan["without_wheels"].items():
+        table.add_row(f"without {name}", why)
+    budget = plan["budget_mb"]
+    table.add_row(
+        "budget", f"{budget['root_with_kernel']:g} MB with kernel, runs in {budget['memory'] or '?'} MB of RAM"
+    )
+    table.add_row("disk", f"{plan['disk_mib']} MiB")
+    table.add_row("missing tools", ", ".join(plan["missing_tools"]) or "none")
+    out.print(table)
+
+
+@app.command("build")
+def build_image(
+    platform: _PlatformArgument,
+    image: _ImageArgument = "robot",
+    local: _LocalOption = None,
+    output: _OutputOption = OUTPUT,
+    update_lock: Annotated[
+        bool, typer.Option("--update-lock", help="Take the present versions, and lock them.")
+    ] = False,
+    as_json: _JsonOption = False,
+) -> None:
+    """Build an image; goes on where an interrupted build stopped, and does nothing twice."""
+    found, board, what = _chosen(platform, image, local)
+    start_s, progress = REAL_TIME.now(), console(error=True)
+
+    def tell(words: str) -> None:
+        progress.print(f"{REAL_TIME.now() - start_s:7.1f} s  {words}", soft_wrap=True)
+
+    built = Build(board, what, found.local, tell).run(output, update_lock=update_lock)
+    if as_json:
+        write_json({"folder": str(built.folder), **built.report})
+        return
+    table = new_table("step", "seconds", "")
+    for step in built.report["steps"]:
+        table.add_row(step["name"], f"{step['seconds']:.1f}", "was there" if step["cached"] else "made")
+    out = console()
+    out.print(table)
+    files = ", ".join(f"{name} {file['mb']:.1f} MB" for name, file in built.report["files"].items())
+    total_mb, budget_mb = built.report["root_with_kernel_mb"], built.report["budget_mb"]
+    out.print(f"{built.folder}: {files}; root and kernel {total_mb:.1f} MB of {budget_mb:g} MB", soft_wrap=True)
+
+
+@app.command("size")
+def show_sizes(
+    platform: _PlatformArgument,
+    image: _ImageArgument = "robot",
+    output: _OutputOption = OUTPUT,
+    most: Annotated[int, typer.Option("--most", "-n", min=1, help="Rows to show.")] = 25,
+    as_json: _JsonOption = False,
+) -> None:
+    """Show what the megabytes of a built image are made of."""
+    folder = _built_folder(output, platform, image)
+    groups = json.loads((folder / "sizes.json").read_text())
+    report_ = json.loads((folder / "manifest.json").read_text())
+    if as_json:
+        write_json({"files": report_["files"], "groups": groups})
+        return
+    table = new_table("part", "MB", "MB compressed, about")
+    for group, (plain, packed) in list(groups.items())[:most]:
+        table.add_row(group, f"{plain / 1e6:.2f}", f"{packed / 1e6:.2f}")
+    rest = list(groups.values())[most:]
+    table.add_row(
+        f"{len(rest)} others", f"{sum(row[0] for row in rest) / 1e6:.2f}", f"{sum(row[1] for row in rest) / 1e6:.2f}"
+    )
+    out = console()
+    out.print(table)
+    for name, file in report_["files"].items():
+        out.print(f"{name}: {file['mb']:.2f} MB")
+    out.print(f"root and kernel: {report_['root_with_kernel_mb']:.2f} MB of {report_['budget_mb']:g} MB")
+
+
+@app.command("run")
+def run_image(
+    platform: _PlatformArgument,
+    image: _ImageArgument = "robot",
+    local: _LocalOption = None,
+    output: _OutputOption = OUTPUT,
+    memory_mb: Annotated[
+        int | None, typer.Option("--memory-mb", min=16, help="RAM.", show_default="the platform's")
+    ] = None,
+    keep: Annotated[bool, typer.Option("--keep", help="Keep what the system writes to its disk.")] = False,
+) -> None:
+    """Run a built image in QEMU, with its ports forwarded to this machine, until Ctrl-C."""
+    _, board, _ = _chosen(platform, image, local)
+    if board.emulator is None:
+        raise BuildError(f"QEMU has no machine that stands in for {board.name}")
+    require([board.emulator.program])
+    folder = _built_folder(output, platform, image)
+    run_emulator(board, folder, console(), memory_mb=memory_mb, keep=keep)
+
+
+def _chosen(platform: str, image: str, local: Path | None) -> tuple[Definitions, Platform, Image]:
+    found = load_definitions(local)
+    return found, found.platform(platform), found.image(image)
+
+
+def _built_folder(output: Path, platform: str, image: str) -> Path:
+    folder = output / f"{platform}-{image}"
+    if not (folder / "manifest.json").is_file():
+        raise BuildError(f"{folder} is not built yet: `evbotos build {platform} {image}`")
+    return folder
+
+
+def main() -> None:
+    """Run the program and exit."""
+    app(prog_name="evbotos")

@@ -1,0 +1,144 @@
+"""Read the definitions: every problem of all files at once, with file, line and column."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeVar
+
+from pydantic import ValidationError
+
+from eal_actors.errors import ConfigError, Problem
+from eal_actors.strict_model import StrictModel, did_you_mean, problems_from
+from eal_actors.yaml_source import load_yaml
+from evbotos.model import LISTS, Image, Local, Platform
+
+FOLDER: Final = Path(__file__).parent
+LOCAL: Final = "local.yaml"
+
+_M = TypeVar("_M", bound=StrictModel)
+
+
+@dataclass(frozen=True, slots=True)
+class Definitions:
+    """Everything that can be built.
+
+    Attributes:
+        platforms: by name.
+        images: by name, each with what it includes and with what the user changes.
+        local: the user's own settings.
+    """
+
+    platforms: dict[str, Platform]
+    images: dict[str, Image]
+    local: Local
+
+    def platform(self, name: str) -> Platform:
+        """Return a platform; raises ConfigError for an unknown one."""
+        return _known("platform", name, self.platforms)
+
+    def image(self, name: str) -> Image:
+        """Return an image; raises ConfigError for an unknown one."""
+        return _known("image", name, self.images)
+
+
+def load_definitions(local: Path | None = None, folder: Path = FOLDER) -> Definitions:
+    """Read all platforms and images.
+
+    Args:
+        local: the user's file; `local.yaml` in the working directory if it is there, for None.
+        folder: where `platforms/` and `images/` are.
+
+    Raises:
+        ConfigError: with every problem of all the files.
+    """
+    problems: list[Problem] = []
+    platforms = _read_folder(folder / "platforms", Platform, problems)
+    raw = _read_folder(folder / "images", Image, problems)
+    own = local if local is not None else Path(LOCAL)
+    settings = Local(version=1)
+    if local is not None or own.is_file():
+        settings = _read(own, Local, problems) or settings
+        problems += _unknown_images(own, settings, raw)
+    images = {name: _with_includes(name, raw, folder, problems, ()) for name in raw}
+    if problems:
+        raise ConfigError(sorted(set(problems)))
+    return Definitions(platforms, {name: _overridden(image, settings) for name, image in images.items()}, settings)
+
+
+def _known(kind: str, name: str, found: dict[str, _M]) -> _M:
+    if name not in found:
+        message = f"there is no {kind} '{name}'{did_you_mean(name, found)}"
+        raise ConfigError([Problem(f"{kind}s", 0, 0, "", message)])
+    return found[name]
+
+
+def _read_folder(folder: Path, model: type[_M], problems: list[Problem]) -> dict[str, _M]:
+    found: dict[str, _M] = {}
+    for path in sorted(folder.glob("*.yaml")):
+        definition = _read(path, model, problems)
+        if definition is None:
+            continue
+        name: str = getattr(definition, "name", path.stem)
+        if name != path.stem:
+            problems.append(Problem(str(path), 0, 0, "name", f"is '{name}', but the file is called {path.name}"))
+        found[path.stem] = definition
+    return found
+
+
+def _read(path: Path, model: type[_M], problems: list[Problem]) -> _M | None:
+    try:
+        tree = load_yaml(path)
+    except ConfigError as error:
+        problems += error.problems
+        return None
+    try:
+        return model.model_validate(tree.root)
+    except ValidationError as error:
+        problems += problems_from(error, tree, model)
+        return None
+
+
+def _with_includes(
+    name: str, raw: dict[str, Image], folder: Path, problems: list[Problem], way: tuple[str, ...]
+) -> Image:
+    """Return an image with the lists of those that it includes before its own."""
+    image, file = raw[name], str(folder / "images" / f"{name}.yaml")
+    if name in way:
+        problems.append(Problem(file, 0, 0, "include", f"include loop: {' -> '.join([*way, name])}"))
+        return image
+    lists: dict[str, list[str]] = {key: [] for key in LISTS}
+    for other in image.include:
+        if other not in raw:
+            message = f"there is no image '{other}'{did_you_mean(other, raw)}"
+            problems.append(Problem(file, 0, 0, "include", message))
+            continue
+        base = _with_includes(other, raw, folder, problems, (*way, name))
+        for key in LISTS:
+            lists[key] += getattr(base, key)
+    joined = {key: tuple(dict.fromkeys([*lists[key], *getattr(image, key)])) for key in LISTS}
+    asked = set(joined["packages"])  # what an image asks for wins over what an included one leaves out
+    joined["drop_packages"] = tuple(name for name in joined["drop_packages"] if name not in asked)
+    return image.model_copy(update=joined)
+
+
+def _overridden(image: Image, local: Local) -> Image:
+    over = local.images.get(image.name)
+    if over is None:
+        return image
+    joined = {
+        key: tuple(dict.fromkeys([*getattr(image, key), *getattr(over, key)]))
+        for key in ("packages", "wheels", "services")
+    }
+    replaced = {key: value for key in ("budget_mb", "layout") if (value := getattr(over, key)) is not None}
+    return image.model_copy(update={**joined, **replaced})
+
+
+def _unknown_images(file: Path, local: Local, images: Iterable[str]) -> list[Problem]:
+    names = set(images)
+    return [
+        Problem(str(file), 0, 0, f"images.{name}", f"there is no image '{name}'{did_you_mean(name, names)}")
+        for name in local.images
+        if name not in names
+    ]

@@ -1,0 +1,164 @@
+"""A whole disk in a file: boot partition, two slots for the root, data; no loop device, no mounts, no root."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from evbotos import grub
+from evbotos.errors import BuildError
+from evbotos.hosttools import tool
+from evbotos.model import Layout, Platform
+from evbotos.shell import run
+
+MIB: Final = 1 << 20
+START: Final = MIB
+"""Of the first partition, in bytes."""
+KERNEL_ROOM: Final = 7 * MIB
+"""Each slot's kernel has that much on the boot partition, so that an update overwrites it in its place."""
+DISK_ID: Final = "45564f53"
+DATA_LABEL: Final = "evbot-data"
+_DATA_UUID: Final = "45564f53-da7a-4000-8000-000000000004"
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """Where the parts of a disk are, in bytes: offset and size."""
+
+    boot: tuple[int, int]
+    slot_a: tuple[int, int]
+    slot_b: tuple[int, int]
+    data: tuple[int, int]
+
+    @property
+    def total(self) -> int:
+        """The size of the disk."""
+        return sum(self.data)
+
+
+def parts_of(layout: Layout) -> Parts:
+    """Return where the parts of a layout are."""
+    offset, places = START, []
+    for size in (layout.boot, layout.slot, layout.slot, layout.data):
+        places.append((offset, size * MIB))
+        offset += size * MIB
+    return Parts(*places)
+
+
+def kernel_line(platform: Platform) -> str:
+    """Return what the kernel is told when it starts, but for where the root is."""
+    own = ("ro", "rootwait", "init=/usr/lib/evbotos/init", f"console={platform.console},115200", "panic=5", "quiet")
+    return " ".join([*own, *platform.kernel_arguments])
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What goes onto a disk.
+
+    Attributes:
+        root: the squashed root, for slot A.
+        kernel: the kernel's file.
+        boot_files: folder that is laid on the boot partition, or None.
+        kernel_line: what the kernel is told, but for the root and the slot.
+        has_grub: whether GRUB starts it.
+        epoch: the date of everything.
+    """
+
+    root: Path
+    kernel: Path
+    boot_files: Path | None
+    kernel_line: str
+    has_grub: bool
+    epoch: int
+
+
+def write_disk(out: Path, layout: Layout, contents: Contents) -> None:
+    """Write a disk image: slot A holds the root, slot B is empty.
+
+    Raises:
+        BuildError: something does not fit, or a tool failed.
+    """
+    parts = parts_of(layout)
+    _require_room("the root file system", contents.root, parts.slot_a[1], "`layout: {slot: ...}`")
+    _require_room("the kernel", contents.kernel, KERNEL_ROOM, "another kernel")
+    with out.open("wb") as file:
+        file.truncate(parts.total)
+    _write_table(out, parts)
+    with TemporaryDirectory() as folder:
+        boot = Path(folder) / "boot"
+        _fill_boot(boot, contents)
+        _write_at(out, _fat(boot, parts.boot[1], Path(folder), contents.epoch), parts.boot[0])
+        _write_at(out, contents.root, parts.slot_a[0])
+        _write_at(out, _ext4(parts.data[1], Path(folder), contents.epoch), parts.data[0])
+    if contents.has_grub:
+        grub.install(out, grub.core_image(), parts.boot[0] // grub.SECTOR)
+
+
+def _require_room(what: str, path: Path, room: int, remedy: str) -> None:
+    if path.stat().st_size > room:
+        raise BuildError(f"{what} has {path.stat().st_size / 1e6:.1f} MB, but its place {room / 1e6:.1f} MB: {remedy}")
+
+
+def _write_table(out: Path, parts: Parts) -> None:
+    kinds = (
+        (parts.boot, "c", ", bootable"),
+        (parts.slot_a, "83", ""),
+        (parts.slot_b, "83", ""),
+        (parts.data, "83", ""),
+    )
+    lines = ["label: dos", f"label-id: 0x{DISK_ID}", "unit: sectors"]
+    for (offset, size), kind, flag in kinds:
+        lines.append(f"start={offset // grub.SECTOR}, size={size // grub.SECTOR}, type={kind}{flag}")
+    run([tool("sfdisk"), "--quiet", "--no-reread", "--no-tell-kernel", out], data="\n".join(lines).encode())
+
+
+def _fill_boot(boot: Path, contents: Contents) -> None:
+    boot.mkdir()
+    for slot in "ab":
+        kernel = boot / f"vmlinuz-{slot}"
+        shutil.copyfile(contents.kernel, kernel)
+        os.truncate(kernel, KERNEL_ROOM)
+    robot = boot / "robot"
+    if contents.boot_files is not None:
+        shutil.copytree(contents.boot_files, robot)
+    else:
+        robot.mkdir()
+    if contents.has_grub:
+        (boot / "grub").mkdir()
+        (boot / "grub/grub.cfg").write_text(grub.menu(contents.kernel_line, DISK_ID))
+        (boot / grub.ENVIRONMENT).write_bytes(grub.environment_block({"good": "a", "try": ""}))
+    for path in boot.rglob("*"):
+        os.utime(path, (contents.epoch, contents.epoch))
+
+
+def _fat(tree: Path, size: int, work: Path, epoch: int) -> Path:
+    """Return a FAT file system with the files of a folder."""
+    out = work / "boot.fat"
+    env = {"SOURCE_DATE_EPOCH": str(epoch), "MTOOLS_SKIP_CHECK": "1"}
+    with out.open("wb") as file:
+        file.truncate(size)
+    run([tool("mformat"), "-i", out, "-N", DISK_ID, "-v", "EVBOT", "-T", str(size // grub.SECTOR), "::"], env=env)
+    run([tool("mcopy"), "-i", out, "-s", "-m", "-Q", *sorted(tree.iterdir()), "::/"], env=env)
+    return out
+
+
+def _ext4(size: int, work: Path, epoch: int) -> Path:
+    """Return an empty ext4 file system; without the features that need room or a large kernel."""
+    out = work / "data.ext4"
+    with out.open("wb") as file:
+        file.truncate(size)
+    env = {"E2FSPROGS_FAKE_TIME": str(epoch), "SOURCE_DATE_EPOCH": str(epoch)}
+    extended = f"root_owner=0:0,hash_seed={_DATA_UUID},lazy_itable_init=0,nodiscard"
+    options = ["-q", "-t", "ext4", "-L", DATA_LABEL, "-U", _DATA_UUID, "-E", extended, "-m", "0", "-O", "^resize_inode"]
+    run([tool("mke2fs"), *options, out], env=env)
+    return out
+
+
+def _write_at(image: Path, part: Path, offset: int) -> None:
+    with image.open("r+b") as target, part.open("rb") as source:
+        target.seek(offset)
+        shutil.copyfileobj(source, target, MIB)

@@ -1,0 +1,117 @@
+"""GRUB on a disk image: written as grub-bios-setup would, without a device and without root."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from evbotos.errors import BuildError
+from evbotos.hosttools import tool
+from evbotos.shell import run
+
+SECTOR: Final = 512
+ENVIRONMENT: Final = "grub/grubenv"
+"""On the boot partition: which slot starts."""
+_HEADER: Final = "# GRUB Environment Block\n"
+_ENVIRONMENT_SIZE: Final = 1024
+_MODULES: Final = (
+    "biosdisk part_msdos fat normal configfile linux loadenv test echo serial terminal reboot sleep minicmd"
+)
+_FOLDER: Final = Path("/usr/lib/grub/i386-pc")
+_KERNEL_SECTOR: Final = 0x5C
+"""In boot.img: the sector where the core image begins."""
+_BLOCK_LIST: Final = 0x1F4
+"""In the core image's first sector: where the rest of it is."""
+_CORE_SEGMENT: Final = 0x820
+_CODE_SIZE: Final = 440
+"""Of the first sector; then follow the disk's signature and the partitions."""
+
+
+def environment_block(values: dict[str, str]) -> bytes:
+    """Return GRUB's environment as it stands on the disk: 1024 bytes, always."""
+    text = _HEADER + "".join(f"{key}={value}\n" for key, value in values.items())
+    if len(text) > _ENVIRONMENT_SIZE:
+        raise BuildError("GRUB's environment holds 1024 bytes")
+    return text.ljust(_ENVIRONMENT_SIZE, "#").encode("ascii")
+
+
+def parse_environment(block: bytes) -> dict[str, str]:
+    """Return the values in GRUB's environment.
+
+    Raises:
+        BuildError: it is none.
+    """
+    text = block.decode("ascii", errors="replace")
+    if len(block) != _ENVIRONMENT_SIZE or not text.startswith(_HEADER):
+        raise BuildError("this is not GRUB's environment")
+    lines = text.removeprefix(_HEADER).splitlines()
+    return dict(line.split("=", 1) for line in lines if "=" in line and not line.startswith("#"))
+
+
+def menu(kernel_line: str, disk_id: str) -> str:
+    """Return grub.cfg.
+
+    A slot that is to be tried starts once: unless the system in it says that it is good, the other one starts after it.
+
+    Args:
+        kernel_line: what the kernel is told, but for the root and the slot.
+        disk_id: the disk's signature, eight hex digits.
+    """
+    return f"""serial --unit=0 --speed=115200
+terminal_input serial console
+terminal_output serial console
+set slot=a
+load_env --file ($root)/{ENVIRONMENT} good try
+if [ -n "$good" ]; then set slot=$good; fi
+if [ -n "$try" ]; then
+  set slot=$try
+  set try=
+  save_env --file ($root)/{ENVIRONMENT} try
+fi
+if [ "$slot" = b ]; then set part=03; else set part=02; fi
+echo "evbotos: slot $slot"
+linux ($root)/vmlinuz-$slot root=PARTUUID={disk_id}-$part {kernel_line} evbotos.slot=$slot
+boot
+reboot
+"""
+
+
+def core_image() -> bytes:
+    """Return GRUB's core image, which finds the menu on the first partition of the disk that it was started from.
+
+    Raises:
+        BuildError: grub-mkimage failed.
+    """
+    with TemporaryDirectory() as folder:
+        early = Path(folder) / "early.cfg"
+        early.write_text("set root=(hd0,msdos1)\nset prefix=($root)/grub\nconfigfile $prefix/grub.cfg\n")
+        out = Path(folder) / "core.img"
+        options: list[str | Path] = ["-O", "i386-pc", "-p", "(hd0,msdos1)/grub", "-c", early, "-o", out]
+        run([tool("grub-mkimage"), *options, *_MODULES.split()])
+        return out.read_bytes()
+
+
+def install(image: Path, core: bytes, first_partition: int) -> None:
+    """Write GRUB before the first partition of a disk image.
+
+    Args:
+        image: the disk image, with its partitions.
+        core: what `core_image` returns.
+        first_partition: in sectors.
+
+    Raises:
+        BuildError: there is no room for it.
+    """
+    sectors = -(-len(core) // SECTOR)
+    if 1 + sectors > first_partition:
+        raise BuildError(f"GRUB needs {sectors} sectors, but only {first_partition - 1} lie before the first partition")
+    boot = bytearray((_FOLDER / "boot.img").read_bytes())
+    struct.pack_into("<Q", boot, _KERNEL_SECTOR, 1)
+    first = bytearray(core.ljust(sectors * SECTOR, b"\0"))
+    struct.pack_into("<QHH", first, _BLOCK_LIST, 2, sectors - 1, _CORE_SEGMENT)
+    with image.open("r+b") as file:
+        file.write(boot[:_CODE_SIZE])
+        file.seek(SECTOR)
+        file.write(first)

@@ -1,0 +1,107 @@
+"""Programs of the build machine that a build needs, and the packages that have them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from evbotos.errors import MissingToolsError
+from evbotos.model import Platform
+
+PACKAGES: Final = {
+    "apt-get": "apt",
+    "dpkg-deb": "dpkg",
+    "tar": "tar",
+    "readelf": "binutils",
+    "mksquashfs": "squashfs-tools",
+    "unsquashfs": "squashfs-tools",
+    "sfdisk": "fdisk",
+    "mformat": "mtools",
+    "mcopy": "mtools",
+    "mke2fs": "e2fsprogs",
+    "grub-mkimage": "grub-common",
+    "gcc": "gcc",
+    "make": "make",
+    "flex": "flex",
+    "bison": "bison",
+    "bc": "bc",
+    "xz": "xz-utils",
+    "zstd": "zstd",
+    "qemu-system-x86_64": "qemu-system-x86",
+    "qemu-system-i386": "qemu-system-x86",
+    "qemu-system-arm": "qemu-system-arm",
+    "qemu-system-aarch64": "qemu-system-arm",
+    "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu",
+    "arm-linux-gnueabihf-gcc": "gcc-arm-linux-gnueabihf",
+    "/usr/lib/grub/i386-pc/boot.img": "grub-pc-bin",
+    "/usr/include/gelf.h": "libelf-dev",
+    "/usr/include/openssl/opensslv.h": "libssl-dev",
+}
+"""By program, or by file where the package has none."""
+
+_ROOT: Final = ("apt-get", "dpkg-deb", "tar", "readelf", "mksquashfs")
+_KERNEL: Final = (
+    "gcc",
+    "make",
+    "flex",
+    "bison",
+    "bc",
+    "xz",
+    "zstd",
+    "/usr/include/gelf.h",
+    "/usr/include/openssl/opensslv.h",
+)
+_DISK: Final = ("sfdisk", "mformat", "mcopy", "mke2fs")
+_GRUB: Final = ("grub-mkimage", "/usr/lib/grub/i386-pc/boot.img")
+_ADMIN_FOLDERS: Final = ("/usr/sbin", "/sbin")
+
+
+def needed_for(platform: Platform) -> list[str]:
+    """Return what a build for a platform needs, by program."""
+    tools = [*_ROOT, *_KERNEL, *_DISK]
+    if platform.boot == "grub":
+        tools += _GRUB
+    if platform.kernel.cross is not None:
+        tools.append(f"{platform.kernel.cross}gcc")
+    return tools
+
+
+def find_tool(name: str) -> str | None:
+    """Return where a program is, also one that is meant for the administrator, or None."""
+    if name.startswith("/"):
+        return name if Path(name).exists() else None
+    return shutil.which(name, path=os.pathsep.join([os.environ.get("PATH", os.defpath), *_ADMIN_FOLDERS]))
+
+
+def tool(name: str) -> str:
+    """Return where a program is.
+
+    Raises:
+        MissingToolsError: it is not installed.
+    """
+    found = find_tool(name)
+    if found is None:
+        raise MissingToolsError(_message([name]))
+    return found
+
+
+def require(names: Iterable[str]) -> None:
+    """See that programs are installed.
+
+    Raises:
+        MissingToolsError: names all that are not, with the packages to install.
+    """
+    missing = [name for name in names if find_tool(name) is None]
+    if missing:
+        raise MissingToolsError(_message(missing))
+
+
+def _message(missing: list[str]) -> str:
+    packages = sorted({PACKAGES.get(name, name) for name in missing})
+    return (
+        f"not installed: {', '.join(missing)}; `make evbotos-setup` installs what is needed, "
+        f"or: apt-get install {' '.join(packages)}"
+    )

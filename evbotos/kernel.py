@@ -1,0 +1,84 @@
+"""Kernels of our own, from Debian's source: small, everything built in, so that no initial RAM disk is needed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from evbotos.errors import BuildError
+from evbotos.hosttools import tool
+from evbotos.model import Kernel
+from evbotos.shell import run
+
+FOLDER: Final = Path(__file__).parent / "kernel"
+CONFIG: Final = "config"
+_REPRODUCIBLE: Final = {"KBUILD_BUILD_USER": "evbotos", "KBUILD_BUILD_HOST": "evbotos"}
+
+
+def fragments_text(kernel: Kernel, folder: Path = FOLDER) -> str:
+    """Return a kernel's configuration as far as it is ours.
+
+    Raises:
+        BuildError: a fragment does not exist.
+    """
+    missing = [name for name in kernel.fragments if not (folder / name).is_file()]
+    if missing:
+        raise BuildError(f"there is no kernel fragment {', '.join(missing)} in {folder.name}/")
+    return "".join((folder / name).read_text() for name in kernel.fragments)
+
+
+def refused_options(wanted: str, config: str) -> list[str]:
+    """Return the options that a configuration was asked for and does not have: misspelt, or without what they need."""
+    has = set(config.splitlines())
+    options = dict(line.split("=", 1) for line in wanted.splitlines() if line.startswith("CONFIG_"))
+    return [
+        f"{name}={value}"
+        for name, value in options.items()
+        if (f"{name}={value}" not in has if value != "n" else any(line.startswith(f"{name}=") for line in has))
+    ]
+
+
+def build_kernel(kernel: Kernel, source: Path, out: Path, work: Path) -> None:
+    """Build a kernel and its device trees into a folder.
+
+    Args:
+        kernel: what to build.
+        source: the package with the source.
+        out: gets the image, the device trees and the configuration.
+        work: where there is room for the source, about 2 GB.
+
+    Raises:
+        BuildError: an option is refused, or it does not compile.
+    """
+    with TemporaryDirectory(dir=work, prefix=".part-kernel-") as folder:
+        tree, date = _unpack(source, Path(folder))
+        make = [tool("make"), "-s", f"ARCH={kernel.architecture}", f"-j{os.cpu_count() or 1}"]
+        if kernel.cross is not None:
+            make.append(f"CROSS_COMPILE={kernel.cross}")
+        stamp = {"KBUILD_BUILD_TIMESTAMP": f"@{date}", **_REPRODUCIBLE}
+        run([*make, kernel.base], cwd=tree, env=stamp)
+        wanted = fragments_text(kernel)
+        with (tree / ".config").open("a") as file:
+            file.write(wanted)
+        run([*make, "olddefconfig"], cwd=tree, env=stamp)
+        refused = refused_options(wanted, (tree / ".config").read_text())
+        if refused:
+            raise BuildError(f"the kernel does not take these options: {', '.join(refused)}")
+        trees = [f"arch/{kernel.architecture}/boot/dts/{name}" for name in kernel.device_trees]
+        run([*make, Path(kernel.image).name, *(name.partition("/dts/")[2] for name in trees)], cwd=tree, env=stamp)
+        out.mkdir(parents=True)
+        for name in (kernel.image, *trees, ".config"):
+            shutil.copy(tree / name, out / (Path(name).name if name != ".config" else CONFIG))
+
+
+def _unpack(source: Path, folder: Path) -> tuple[Path, int]:
+    """Return where the source is unpacked, and its date: that of the kernel, so that every build of it is the same."""
+    run([tool("dpkg-deb"), "-x", source, folder / "package"])
+    archives = list((folder / "package/usr/src").glob("linux-source-*.tar.xz"))
+    if len(archives) != 1:
+        raise BuildError(f"{source.name} does not hold the source of a kernel")
+    run([tool("tar"), "-xf", archives[0], "-C", folder])
+    return folder / archives[0].name.removesuffix(".tar.xz"), int(archives[0].stat().st_mtime)

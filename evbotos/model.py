@@ -1,0 +1,164 @@
+"""What the definitions say: platforms, images, and a user's own `local.yaml`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field, PositiveFloat, PositiveInt
+
+from eal_actors.strict_model import NAMES_ONLY, Name, StrictModel, Version1
+
+Architecture = Literal["amd64", "arm64", "armhf", "i386"]
+"""As Debian names it."""
+
+Text = Annotated[str, Field(min_length=1)]
+Texts = Annotated[tuple[Text, ...], Field(strict=False)]
+PackageName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9+.-]+$")]
+WheelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*(\[[a-z,]+\])?([=<>!~].*)?$")]
+
+
+class Kernel(StrictModel):
+    """A kernel of our own, built from Debian's source with everything in it that robots need, and no modules."""
+
+    source: PackageName
+    """The package with the source, such as `linux-source-6.1`."""
+    architecture: Literal["x86_64", "i386", "arm", "arm64"]
+    """As the kernel names it."""
+    cross: Text | None = None
+    """Prefix of the compiler where it is not the build machine's own, such as `arm-linux-gnueabihf-`."""
+    base: Literal["tinyconfig", "allnoconfig"] = "tinyconfig"
+    fragments: Texts
+    """Files of `evbotos/kernel/`, later ones over earlier ones."""
+    image: Text
+    """What is built, relative to the source."""
+    device_trees: Texts = ()
+    """What else is built, relative to the source's `arch/<architecture>/boot/dts`."""
+
+
+class Emulator(StrictModel):
+    """How QEMU stands in for the board."""
+
+    program: Text
+    machine: Text
+    cpu: Text | None = None
+    memory_mb: PositiveInt = 128
+    network: Text = "virtio-net-pci"
+    """The network card, as `-device` names it."""
+    disk: Literal["virtio-blk-pci", "virtio-blk-device", "ide-hd"] = "virtio-blk-pci"
+    """The disk, as `-device` names it."""
+    watchdog: Text | None = None
+    """The watchdog, as `-device` names it."""
+    has_pci: bool = True
+    """Whether there is a bus for a source of randomness and for a USB controller, into which sticks can be plugged."""
+
+
+class Platform(StrictModel):
+    """A kind of board."""
+
+    version: Version1
+    name: Name
+    description: Text
+    architecture: Architecture
+    suite: Text = "bookworm"
+    """Of Debian."""
+    wheel_tags: Texts
+    """Of Python wheels that run on it, the best first."""
+    floor: Text
+    """The least that a board must have, plainly."""
+    kernel: Kernel
+    boot: Literal["grub", "u-boot", "raspberry-pi", "none"]
+    """What loads the kernel from the disk; `none` where QEMU loads it itself."""
+    console: Text
+    """Serial console, as the kernel names it."""
+    kernel_arguments: Texts = ()
+    """What else the kernel is told when it starts."""
+    compression: Literal["zstd", "xz"] = "zstd"
+    """Of the root file system: xz is smaller, zstd starts several times faster."""
+    without_wheels: dict[PackageName, Text] = Field(default={})
+    """Python packages that no image of this platform gets, and why."""
+    packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
+    """What every image of this platform has."""
+    emulator: Emulator | None = None
+
+
+class Budget(StrictModel):
+    """What an image may take, in MB of 10^6 bytes."""
+
+    root_with_kernel: PositiveFloat
+    memory: PositiveFloat | None = None
+
+
+class Layout(StrictModel):
+    """Sizes of the disk's parts, in MiB."""
+
+    boot: PositiveInt = 16
+    slot: PositiveInt = 48
+    data: PositiveInt = 14
+
+
+class Image(StrictModel):
+    """What a root file system holds. A later file of `include` overrides earlier ones, and the image overrides all."""
+
+    version: Version1
+    name: Name
+    description: Text
+    include: Texts = ()
+    """Other images, by name, to build on: lists are joined, the rest is overridden."""
+    packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
+    """Debian packages; what they depend on comes along, what they recommend does not."""
+    drop_packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
+    """Dependencies that nothing in the image needs, such as dpkg."""
+    wheels: Annotated[tuple[WheelName, ...], Field(strict=False)] = ()
+    """Python packages, with what they depend on."""
+    project: bool = False
+    """Whether this project itself is installed, with its plugins and fleets."""
+    services: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+    """What runs from the start: names of folders under `evbotos/rootfs/services`."""
+    files: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+    """Further folders of `evbotos/rootfs` that are laid over the root."""
+    prune: Texts = ()
+    """Patterns of paths to leave out."""
+    keep: Texts = ()
+    """Patterns of paths to keep although a pattern of `prune` fits."""
+    sourceless: bool = True
+    """Keep compiled Python alone: half the size, a fast start, and tracebacks without their source lines."""
+    check: Texts = ()
+    """Commands that must succeed in the booted image: what a pruner may have broken."""
+    budget_mb: Budget
+    layout: Layout = Layout()
+
+
+class ImageOverride(StrictModel):
+    """What a user changes of an image."""
+
+    packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
+    wheels: Annotated[tuple[WheelName, ...], Field(strict=False)] = ()
+    services: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+    budget_mb: Budget | None = None
+    layout: Layout | None = None
+
+
+class Local(StrictModel):
+    """A user's `local.yaml`, which wins over everything (as OpenEmbedded's local overlay does)."""
+
+    version: Version1
+    mirror: Text | None = None
+    """Where packages come from, in place of the build machine's own apt configuration."""
+    cache: Text | None = None
+    """Folder of the cache, in place of the user's cache folder."""
+    ssh_keys: Texts = ()
+    """Public keys that may log in, as in authorized_keys."""
+    robot: Text | None = None
+    """Folder of what makes a robot of an image: `fleet.yaml`, its keys, `name`. It is laid on the boot partition."""
+    update_key: Text | None = None
+    """File with the public key (ed25519, PEM) whose updates the robot takes; without one it takes none."""
+    images: dict[Name, ImageOverride] = Field(default={}, json_schema_extra=NAMES_ONLY)
+
+
+LISTS: Final = ("packages", "drop_packages", "wheels", "services", "files", "prune", "keep", "check")
+"""Keys of an image that are joined with those of the images that it includes."""
+
+
+def schema_of(model: type[StrictModel]) -> dict[str, Any]:
+    """Return the JSON Schema of a file."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}

@@ -1,0 +1,230 @@
+"""Images in QEMU: no KVM, no privileges, no way out of the machine but the forwarded ports."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import IO, Any, Final
+
+from rich.console import Console
+
+from eal_actors.clock import REAL_TIME
+from evbotos.disk import DISK_ID, kernel_line
+from evbotos.errors import BuildError
+from evbotos.hosttools import tool
+from evbotos.model import Emulator, Platform
+
+PORTS: Final = {"ssh": 22, "eal": 50000}
+"""Ports inside that are forwarded."""
+_ANSWER_S: Final = 20.0
+_END_S: Final = 10.0
+_CODE_CACHE_MB: Final = 64
+"""Of translated code: QEMU's own choice would take a gigabyte of the build machine."""
+
+
+class Machine:
+    """A running QEMU.
+
+    Attributes:
+        ports: on 127.0.0.1, by the service behind them.
+        console: file with all that the serial console says.
+    """
+
+    def __init__(self, process: subprocess.Popen[bytes], control: socket.socket, console: Path) -> None:
+        self._process = process
+        self._control = control
+        self._answers: IO[bytes] = control.makefile("rb")
+        self.console = console
+        json.loads(self._answers.readline())
+        self.ask("qmp_capabilities")
+        self.ports = forwarded(self.monitor("info usernet"))
+
+    def ask(self, command: str, **arguments: object) -> Any:
+        """Carry out a command of QEMU's machine protocol and return its answer.
+
+        Raises:
+            BuildError: QEMU has ended, or refuses.
+        """
+        try:
+            self._control.sendall(json.dumps({"execute": command, "arguments": arguments}).encode() + b"\n")
+            while line := self._answers.readline():
+                answer = json.loads(line)
+                if "error" in answer:
+                    raise BuildError(f"qemu: {command}: {answer['error']['desc']}")
+                if "return" in answer:
+                    return answer["return"]
+        except OSError as error:
+            raise BuildError(f"qemu does not answer: {error}") from error
+        raise BuildError("qemu has ended")
+
+    def monitor(self, line: str) -> str:
+        """Carry out a line of QEMU's monitor for people, and return what it says."""
+        return str(self.ask("human-monitor-command", **{"command-line": line}))
+
+    def computed_s(self) -> float:
+        """Return the seconds of processor time that QEMU has used: what a boot costs, however busy the machine is."""
+        words = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+    def is_running(self) -> bool:
+        """Return whether QEMU has not ended yet."""
+        return self._process.poll() is None
+
+    def wait(self, timeout_s: float | None = None) -> int:
+        """Return QEMU's exit code once it has ended. Thread: blocks the caller."""
+        return self._process.wait(timeout_s)
+
+    def kill(self) -> None:
+        """End QEMU as a power cut would."""
+        self._process.kill()
+        self._process.wait(_END_S)
+
+    def close(self) -> None:
+        """End QEMU and let go of it."""
+        if self.is_running():
+            self.kill()
+        self._answers.close()
+        self._control.close()
+
+
+def forwarded(said: str) -> dict[str, int]:
+    """Return the ports that QEMU forwards, out of what `info usernet` says."""
+    inside = {port: name for name, port in PORTS.items()}
+    found = re.findall(r"TCP\[HOST_FORWARD\]\s+\d+\s+\S+\s+(\d+)\s+\S+\s+(\d+)", said)
+    return {inside[int(guest)]: int(host) for host, guest in found if int(guest) in inside}
+
+
+def arguments_for(
+    platform: Platform, disk: Path, folder: Path, memory_mb: int, control: Path, console: Path
+) -> list[str]:
+    """Return QEMU's arguments.
+
+    Args:
+        platform: with an emulator.
+        disk: its disk.
+        folder: with the kernel, for platforms whose kernel QEMU loads itself.
+        memory_mb: RAM.
+        control: socket for the machine protocol.
+        console: file for what the serial console says.
+    """
+    emulator = platform.emulator
+    assert emulator is not None  # noqa: S101  # the callers have seen to it
+    forwards = ",".join(f"hostfwd=tcp:127.0.0.1:0-:{port}" for port in PORTS.values())
+    arguments = ["-machine", emulator.machine, "-accel", f"tcg,tb-size={_CODE_CACHE_MB}", "-m", str(memory_mb)]
+    arguments += ["-smp", "1", "-nodefaults", "-no-user-config", "-display", "none"]
+    arguments += ["-serial", f"file:{console}", "-qmp", f"unix:{control},server=on,wait=on"]
+    arguments += ["-netdev", f"user,id=net,restrict=on,{forwards}"]
+    if emulator.cpu is not None:
+        arguments += ["-cpu", emulator.cpu]
+    arguments += _disk_and_network(emulator, disk)
+    if emulator.watchdog is not None:
+        arguments += ["-device", emulator.watchdog, "-action", "watchdog=reset"]
+    if emulator.has_pci:
+        arguments += ["-device", "virtio-rng-pci", "-device", "qemu-xhci,id=usb"]
+    if platform.boot != "grub":
+        arguments += _direct_boot(platform, folder)
+    return [tool(emulator.program), *arguments]
+
+
+def _disk_and_network(emulator: Emulator, disk: Path) -> list[str]:
+    drive = ["-drive", f"file={disk},format=raw,if=none,id=disk,cache=unsafe"]
+    return [*drive, "-device", f"{emulator.disk},drive=disk", "-device", f"{emulator.network},netdev=net"]
+
+
+def _direct_boot(platform: Platform, folder: Path) -> list[str]:
+    words = f"root=PARTUUID={DISK_ID}-02 {kernel_line(platform)}"
+    return ["-kernel", str(folder / "kernel"), "-append", words]
+
+
+@contextmanager
+def running(
+    platform: Platform, folder: Path, disk: Path, console: Path, memory_mb: int | None = None
+) -> Iterator[Machine]:
+    """Run an image for the length of a `with` block.
+
+    Args:
+        platform: with an emulator.
+        folder: of what was built.
+        disk: the disk, which it writes to.
+        console: file for what the serial console says.
+        memory_mb: RAM; the platform's for None.
+
+    Raises:
+        BuildError: QEMU does not start.
+    """
+    if platform.emulator is None:
+        raise BuildError(f"QEMU has no machine that stands in for {platform.name}")
+    with TemporaryDirectory(prefix="evbotos-") as work:
+        control = Path(work) / "qmp"
+        memory_mb = memory_mb or platform.emulator.memory_mb
+        said = Path(work) / "said"
+        with said.open("wb") as errors:
+            argv = arguments_for(platform, disk, folder, memory_mb, control, console)
+            process = subprocess.Popen(argv, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors)  # noqa: S603
+        try:
+            machine = Machine(process, _connect(process, control, said), console)
+        except BaseException:
+            process.kill()
+            process.wait(_END_S)
+            raise
+        try:
+            yield machine
+        finally:
+            machine.close()
+
+
+def _connect(process: subprocess.Popen[bytes], path: Path, said: Path) -> socket.socket:
+    """Return a connection to QEMU, which waits for it before it starts the machine."""
+    end_s = REAL_TIME.now() + _ANSWER_S
+    control = socket.socket(socket.AF_UNIX)
+    control.settimeout(_ANSWER_S)
+    while REAL_TIME.now() < end_s and process.poll() is None:
+        with suppress(FileNotFoundError, ConnectionRefusedError):
+            control.connect(str(path))
+            return control
+        REAL_TIME.sleep(0.02)
+    control.close()
+    raise BuildError(f"qemu does not start: {said.read_text(errors='replace').strip() or 'it says nothing'}")
+
+
+def run_emulator(
+    platform: Platform, folder: Path, out: Console, *, memory_mb: int | None = None, keep: bool = False
+) -> None:
+    """Run a built image until it ends or Ctrl-C, and show its console.
+
+    Args:
+        platform: with an emulator.
+        folder: of what was built.
+        out: where the ports and the console are shown.
+        memory_mb: RAM; the platform's for None.
+        keep: let it write to the built disk itself, and not to a copy that is thrown away.
+
+    Raises:
+        BuildError: QEMU does not start.
+    """
+    console = folder / "console.log"
+    console.write_bytes(b"")
+    with TemporaryDirectory(prefix="evbotos-disk-") as work:
+        disk = folder / "disk.img"
+        if not keep:
+            disk = Path(shutil.copyfile(disk, Path(work) / "disk.img"))
+        with running(platform, folder, disk, console, memory_mb) as machine, console.open(errors="replace") as said:
+            _show_ports(out, machine.ports)
+            while machine.is_running():
+                out.print(said.read(), end="", soft_wrap=True)
+                REAL_TIME.sleep(0.2)
+            out.print(said.read(), end="", soft_wrap=True)
+
+
+def _show_ports(out: Console, ports: Mapping[str, int]) -> None:
+    out.print(f"SSH: ssh -p {ports['ssh']} root@127.0.0.1", soft_wrap=True)
+    out.print(f"EAL: EVBOT_PORT={ports['eal']} eal run SCENARIO --fleet FLEET", soft_wrap=True)
+    out.print("Ctrl-C ends it.")

@@ -1,0 +1,97 @@
+"""Serve the robot that this machine is, as `eal serve` does, without loading the command line: boards are slow.
+
+The fleet file is that of a USB stick, else of the data partition, else of the boot partition, else the image's own. The
+robot is the one that the file `name` beside it names, else the only one with an address, else the one called as the
+machine is.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import Final, NoReturn
+
+from eal_actors.clock import REAL_TIME, new_waiter
+from eal_actors.errors import ConfigError, EALError, Problem
+from eal_actors.facade.service import RobotService
+from eal_actors.log import configure_logging
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_model import FleetConfig
+
+_STATE: Final = Path("/run/evbotos")
+_DEFAULT: Final = Path("/usr/share/evbotos/fleet.yaml")
+
+
+def find_fleet() -> Path:
+    """Return the fleet file that counts."""
+    sticks = sorted(Path("/media").glob("*/fleet.yaml"))
+    places = [*sticks, Path("/data/robot/fleet.yaml"), Path("/boot/robot/fleet.yaml")]
+    return next((place for place in places if place.is_file()), _DEFAULT)
+
+
+def choose_robot(config: FleetConfig, fleet: Path, hostname: str) -> str:
+    """Return which robot of a fleet this machine is.
+
+    Raises:
+        ConfigError: several could be meant.
+    """
+    name = fleet.with_name("name")
+    if name.is_file():
+        return name.read_text().strip()
+    served = [robot.name for robot in config.robots.values() if robot.address is not None]
+    if len(served) == 1:
+        return served[0]
+    if hostname in served:
+        return hostname
+    message = f"which of {', '.join(served) or 'no robots'} is this machine, {hostname}? Write it into {name}"
+    raise ConfigError([Problem(str(fleet), 0, 0, "robots", message)])
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def _say(words: str) -> None:
+    """Write to the log and to the console."""
+    sys.stderr.write(f"{words}\n")
+    Path("/dev/console").write_text(f"evbotos: {words}\n")
+
+
+def serve() -> None:
+    """Serve until SIGTERM.
+
+    Raises:
+        EALError: what keeps the robot from being served.
+    """
+    fleet = find_fleet()
+    config = EALConfigManager.load(fleet).fleet
+    robot = choose_robot(config, fleet, socket.gethostname())
+    with RobotService(config, robot) as service:
+        uptime_s = Path("/proc/uptime").read_text().split()[0]
+        (_STATE / "robot.up").write_text(f"{robot} {fleet} {uptime_s}\n")
+        resources = ", ".join(service.robot)
+        _say(f"{robot} of {fleet} serves {resources} at {', '.join(service.endpoints)}, {uptime_s} s after the start")
+        REAL_TIME.wait(new_waiter(), None)
+
+
+def main() -> None:
+    """Serve, and tell what went wrong."""
+    configure_logging("human", "info")
+    (_STATE / "robot.pid").write_text(str(os.getpid()))
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupt)
+    try:
+        serve()
+    except KeyboardInterrupt:
+        sys.stderr.write("halted; leaving the network\n")
+    except EALError as error:
+        _say(f"the robot does not start: {error}")
+        raise SystemExit(1) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,89 @@
+"""`evbotos sdk`: what plugins are compiled against, as one archive."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import typer
+
+from eal_actors.clock import REAL_TIME
+from evbotos.apt_sources import sources_for
+from evbotos.build import OUTPUT, cache_folder
+from evbotos.definitions import load_definitions
+from evbotos.errors import BuildError
+from evbotos.hashing import file_sha256
+from evbotos.hosttools import require
+from evbotos.lock import lock_path, read_lock, require_match
+from evbotos.packages import Apt
+from evbotos.sdk import (
+    ENVIRONMENT,
+    IMAGE,
+    environment_text,
+    make_sysroot,
+    missing_compiler,
+    python_of,
+    readme_text,
+    write_archive,
+)
+from evbotos.steps import owned
+from evbotos.terminal import console, write_json
+
+
+def sdk(
+    platform: Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")],
+    local: Annotated[
+        Path | None, typer.Option("--local", help="Your own settings.", show_default="local.yaml, if it is here")
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of what was built.")] = OUTPUT,
+    as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
+) -> None:
+    """Make the SDK of a platform: the sysroot of its development image, and a script that sets CC and its like."""
+    found = load_definitions(local)
+    board, image = found.platform(platform), found.image(IMAGE)
+    file = lock_path(board, image)
+    lock = read_lock(file)
+    if lock is None:
+        raise BuildError(f"there is no {file.name}; `evbotos build {platform} {IMAGE} --update-lock` writes it")
+    require_match(lock, board, image, file)
+    require(["dpkg-deb", "apt-get"])
+    progress, start_s = console(error=True), REAL_TIME.now()
+    cache = cache_folder(found.local)
+    name = f"evbotos-sdk-{board.name}"
+    output.mkdir(parents=True, exist_ok=True)
+    with owned(cache), TemporaryDirectory(dir=cache, prefix=".part-sdk-") as work:
+        folder = Path(work) / name
+        (folder / "sysroot").mkdir(parents=True)
+        sources = sources_for(board.suite, found.local.mirror)
+        apt = Apt(cache / "apt" / f"{board.suite}-{board.architecture}", board.architecture, sources, progress.print)
+        progress.print("packages")
+        left_out = set(image.drop_packages)
+        debs = apt.fetch((one for one in lock.packages if one.name not in left_out), cache / "debs")
+        progress.print("sysroot")
+        make_sysroot(debs, folder / "sysroot")
+        (folder / ENVIRONMENT).write_text(environment_text(board, python_of(folder / "sysroot")))
+        (folder / "README").write_text(readme_text(board, lock))
+        progress.print("archive")
+        archive = output / f"{name}.tar.xz"
+        write_archive(folder, name, archive, lock.epoch)
+        size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+        shutil.rmtree(folder)
+    told = {
+        "archive": str(archive),
+        "bytes": archive.stat().st_size,
+        "unpacked_bytes": size,
+        "sha256": file_sha256(archive),
+    }
+    if as_json:
+        write_json(told)
+        return
+    mb, unpacked = archive.stat().st_size / 1e6, size / 1e6
+    console().print(
+        f"{archive}: {mb:.1f} MB ({unpacked:.1f} MB unpacked), made in {REAL_TIME.now() - start_s:.1f} s",
+        soft_wrap=True,
+    )
+    package = missing_compiler(board)
+    if package is not None:
+        console().print(f"Its compiler is not on this machine: apt-get install {package}")

@@ -1,0 +1,139 @@
+"""The tree of a root file system: packages and wheels unpacked as their own scripts would leave them."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import zipfile
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Final
+
+from evbotos.errors import BuildError
+from evbotos.hosttools import tool
+from evbotos.shell import run, run_binary
+
+SITE: Final = "usr/lib/python3/dist-packages"
+_MERGED: Final = ("bin", "sbin", "lib", "lib32", "lib64", "libx32")
+"""Folders that Debian keeps in /usr, with links in their old places."""
+_APPLETS: Final = re.compile(rb"\0\[\0\[\[\0(?:[a-z0-9_+.-]+\0){100,}")
+_ELF: Final = b"\x7fELF"
+
+
+def unpack_packages(files: Iterable[Path], root: Path) -> None:
+    """Unpack Debian packages; none of their scripts runs.
+
+    Raises:
+        BuildError: one cannot be unpacked.
+    """
+    for name in _MERGED:
+        (root / "usr" / name).mkdir(parents=True, exist_ok=True)
+        (root / name).symlink_to(f"usr/{name}")
+    for file in files:
+        content = run_binary([tool("dpkg-deb"), "--fsys-tarfile", file])
+        run([tool("tar"), "-x", "--keep-directory-symlink", "--no-same-owner", "-C", root], data=content)
+    for name in _MERGED:
+        if not any((root / "usr" / name).iterdir()):
+            (root / name).unlink()
+            (root / "usr" / name).rmdir()
+
+
+def unpack_wheels(files: Iterable[Path], root: Path) -> None:
+    """Unpack wheels beside Debian's own Python packages, without their programs."""
+    site = root / SITE
+    site.mkdir(parents=True, exist_ok=True)
+    for file in files:
+        with zipfile.ZipFile(file) as archive:
+            for info in archive.infolist():
+                if ".data/" not in info.filename:
+                    archive.extract(info, site)
+
+
+def settle(root: Path) -> None:
+    """Do what the packages' scripts would have done: busybox's commands, the linear algebra libraries, `python3`."""
+    _link_busybox(root)
+    for library in ("blas/libblas.so.3", "lapack/liblapack.so.3"):
+        for file in root.glob(f"usr/lib/*/{library}"):
+            link = file.parent.parent / file.name
+            if not link.is_symlink():
+                link.symlink_to(library)
+    python = root / "usr/bin/python3"
+    if not python.is_symlink() and (root / "usr/bin/python3.11").exists():
+        python.symlink_to("python3.11")
+
+
+def _link_busybox(root: Path) -> None:
+    """Give each of busybox's commands a link, where no other package has a program of that name."""
+    busybox = root / "usr/bin/busybox"
+    if not busybox.exists():
+        return
+    for name in busybox_applets(busybox.read_bytes()):
+        if name != "busybox" and not any(os.path.lexists(root / "usr" / folder / name) for folder in ("bin", "sbin")):
+            (root / "usr/bin" / name).symlink_to("busybox")
+
+
+def busybox_applets(program: bytes) -> list[str]:
+    """Return the commands in a busybox of any architecture: a list of names in alphabetical order within it.
+
+    Raises:
+        BuildError: the list is not found.
+    """
+    match = _APPLETS.search(program)
+    names = match[0].strip(b"\0").decode().split("\0") if match is not None else []
+    in_order: list[str] = []
+    for name in names:
+        if in_order and name <= in_order[-1]:  # what follows the list
+            break
+        in_order.append(name)
+    if not {"init", "mount", "sh"} <= set(in_order):
+        raise BuildError("busybox's list of commands is not found in it")
+    return in_order
+
+
+def overlay(source: Path, root: Path) -> None:
+    """Lay a folder over a tree, file by file; links stay links, and modes are kept."""
+    for path in sorted(source.rglob("*")):
+        if "__pycache__" in path.parts:
+            continue
+        there = root / path.relative_to(source)
+        if path.is_dir() and not path.is_symlink():
+            there.mkdir(parents=True, exist_ok=True)
+            continue
+        there.parent.mkdir(parents=True, exist_ok=True)
+        there.unlink(missing_ok=True)
+        shutil.copy2(path, there, follow_symlinks=False)
+
+
+def normalise(root: Path) -> None:
+    """Give every file one of two modes, so that neither the builder's umask nor a checkout's is seen in the image."""
+    for path in root.rglob("*"):
+        if not path.is_symlink():
+            is_open = path.is_dir() or path.stat().st_mode & 0o100
+            path.chmod(0o755 if is_open else 0o644)
+    root.chmod(0o755)
+
+
+def missing_libraries(root: Path, optional: Sequence[str] = ()) -> dict[str, list[str]]:
+    """Return the shared libraries that programs in a tree need and that are not there, with who needs them."""
+    programs = [path for path in root.rglob("*") if _is_elf(path)]
+    there = {path.name for path in root.rglob("*.so*")}
+    missing: dict[str, list[str]] = {}
+    if not programs:
+        return missing
+    owner = ""
+    for line in run([tool("readelf"), "-d", "-W", *programs]).splitlines():
+        if line.startswith("File: "):
+            owner = line.removeprefix("File: ").removeprefix(f"{root}/")
+        elif "(NEEDED)" in line:
+            library = line.partition("[")[2].rstrip("]")
+            if library not in there and library not in optional:
+                missing.setdefault(library, []).append(owner)
+    return missing
+
+
+def _is_elf(path: Path) -> bool:
+    if path.is_symlink() or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(4) == _ELF

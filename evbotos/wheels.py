@@ -1,0 +1,129 @@
+"""Python packages for a platform: found and fetched by pip, with those that they need and Debian does not have."""
+
+from __future__ import annotations
+
+import email
+import re
+import sys
+import zipfile
+from collections.abc import Iterable
+from email.message import Message
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name, parse_wheel_filename
+
+from evbotos.errors import BuildError
+from evbotos.hashing import file_sha256
+from evbotos.lock import LockedWheel
+from evbotos.model import Platform
+from evbotos.shell import run
+
+PYTHON: Final = "3.11"
+"""Of Debian 12."""
+_DEBIAN_NAMES: Final = {"python3-yaml": "pyyaml", "python3-cffi-backend": "cffi"}
+"""Where Debian's name is not `python3-` and the package's own."""
+_MACHINES: Final = {"amd64": "x86_64", "arm64": "aarch64", "armhf": "armv7l", "i386": "i686"}
+_MOST_ROUNDS: Final = 8
+
+
+def provided_by(packages: Iterable[str]) -> set[str]:
+    """Return the Python packages that Debian packages hold, by their names on the package index."""
+    return {_DEBIAN_NAMES.get(name, name.removeprefix("python3-")) for name in packages if name.startswith("python3-")}
+
+
+def resolve_wheels(platform: Platform, names: Iterable[str], provided: set[str]) -> list[LockedWheel]:
+    """Return wheels with all that they need, the newest that fit together.
+
+    Args:
+        platform: where they run.
+        names: what is wanted.
+        provided: what Debian packages hold already.
+
+    Raises:
+        BuildError: there is no wheel of one for this platform.
+    """
+    absent = {canonicalize_name(name) for name in platform.without_wheels}
+    wanted: dict[str, set[str]] = {canonicalize_name(Requirement(name).name): {name} for name in names}
+    wanted = {name: demands for name, demands in wanted.items() if name not in absent}
+    if not wanted:
+        return []
+    with TemporaryDirectory() as folder:
+        for _ in range(_MOST_ROUNDS):
+            for old in Path(folder).iterdir():
+                old.unlink()
+            _download(platform, sorted(demand for demands in wanted.values() for demand in demands), Path(folder))
+            further = _further(Path(folder), wanted, provided, platform)
+            if not further:
+                return sorted(map(_locked, Path(folder).iterdir()), key=lambda wheel: wheel.name)
+            for name, demand in further:
+                wanted.setdefault(name, set()).add(demand)
+    raise BuildError(f"the wheels for {platform.name} demand ever more of one another: {', '.join(sorted(wanted))}")
+
+
+def fetch_wheels(platform: Platform, wheels: Iterable[LockedWheel], folder: Path) -> list[Path]:
+    """Return the files of wheels, out of a folder that keeps them by hash; those that it lacks are downloaded.
+
+    Raises:
+        BuildError: one is not offered any more, or is not what was locked.
+    """
+    found = {wheel: folder / wheel.sha256 / wheel.file for wheel in wheels}
+    missing = [wheel for wheel, file in found.items() if not file.is_file()]
+    folder.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=folder, prefix=".part-") as part:
+        if missing:
+            _download(platform, [f"{wheel.name}=={wheel.version}" for wheel in missing], Path(part))
+        for wheel in missing:
+            file = Path(part) / wheel.file
+            if not file.is_file() or file_sha256(file) != wheel.sha256:
+                raise BuildError(
+                    f"{wheel.file}, as locked, cannot be had; `evbotos build --update-lock` takes what there is"
+                )
+            found[wheel].parent.mkdir(exist_ok=True)
+            file.replace(found[wheel])
+    return list(found.values())
+
+
+def _download(platform: Platform, demands: list[str], folder: Path) -> None:
+    options = ["--no-deps", "--only-binary=:all:", "--python-version", PYTHON, "--implementation", "cp"]
+    for tag in platform.wheel_tags:
+        options += ["--platform", tag]
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
+    run([*pip, "download", "--quiet", *options, "--dest", folder, *demands], timeout_s=900)
+
+
+def _further(
+    folder: Path, wanted: dict[str, set[str]], provided: set[str], platform: Platform
+) -> list[tuple[str, str]]:
+    """Return what the downloaded wheels demand beyond what is asked for already, as name and demand."""
+    environment = {
+        "python_version": PYTHON,
+        "python_full_version": f"{PYTHON}.2",
+        "platform_machine": _MACHINES[platform.architecture],
+        "extra": "",
+    }
+    found: list[tuple[str, str]] = []
+    for wheel in folder.iterdir():
+        for line in metadata_of(wheel).get_all("Requires-Dist") or ():
+            demand = Requirement(line)
+            if demand.marker is not None and not demand.marker.evaluate(environment):
+                continue
+            name = canonicalize_name(demand.name)
+            plain = f"{demand.name}{demand.specifier}"
+            if name not in provided and plain not in wanted.get(name, ()):
+                found.append((name, plain))
+    return found
+
+
+def metadata_of(wheel: Path) -> Message:
+    """Return the METADATA of a wheel."""
+    with zipfile.ZipFile(wheel) as archive:
+        name = next(name for name in archive.namelist() if re.fullmatch(r"[^/]+\.dist-info/METADATA", name))
+        return email.message_from_bytes(archive.read(name))
+
+
+def _locked(file: Path) -> LockedWheel:
+    name, version, _, _ = parse_wheel_filename(file.name)
+    return LockedWheel(name=str(name), version=str(version), file=file.name, sha256=file_sha256(file))

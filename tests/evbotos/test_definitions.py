@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from eal_actors.errors import ConfigError
+from evbotos.definitions import load_definitions
+
+PLATFORM = """
+version: 1
+name: board
+description: a board
+architecture: amd64
+wheel_tags: [manylinux_2_17_x86_64]
+floor: anything
+kernel: {source: linux-source-6.1, architecture: x86_64, fragments: [common.config], image: arch/x86/boot/bzImage}
+boot: grub
+console: ttyS0
+"""
+SMALL = """
+version: 1
+name: small
+description: little
+packages: [busybox]
+services: [ssh]
+prune: ["usr/share/**"]
+budget_mb: {root_with_kernel: 10}
+"""
+LARGE = """
+version: 1
+name: large
+description: much
+include: [small]
+packages: [python3-numpy, busybox]
+services: [robot]
+budget_mb: {root_with_kernel: 20}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name, content in (
+        ("platforms/board.yaml", PLATFORM),
+        ("images/small.yaml", SMALL),
+        ("images/large.yaml", LARGE),
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(content)
+    return tmp_path
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # where no local.yaml lies
+
+
+def test_an_image_joins_the_lists_of_what_it_includes_and_overrides_the_rest(folder: Path) -> None:
+    image = load_definitions(folder=folder).image("large")
+    assert image.packages == ("busybox", "python3-numpy")
+    assert image.services == ("ssh", "robot")
+    assert image.prune == ("usr/share/**",)
+    assert image.budget_mb.root_with_kernel == 20
+
+
+def test_local_yaml_wins_over_the_image(folder: Path) -> None:
+    (folder / "local.yaml").write_text(
+        "version: 1\nimages: {large: {packages: [gdb], budget_mb: {root_with_kernel: 99}, layout: {slot: 64}}}\n"
+    )
+    found = load_definitions(folder=folder)
+    assert found.image("large").packages == ("busybox", "python3-numpy", "gdb")
+    assert found.image("large").budget_mb.root_with_kernel == 99
+    assert found.image("large").layout.slot == 64
+    assert found.image("small").layout.slot == 48
+
+
+def test_what_builds_on_an_image_gets_what_the_user_adds_only_if_it_says_so_itself(folder: Path) -> None:
+    (folder / "local.yaml").write_text("version: 1\nimages: {small: {packages: [gdb]}}\n")
+    assert "gdb" not in load_definitions(folder=folder).image("large").packages
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "told"),
+    [
+        ("platforms/board.yaml", PLATFORM.replace("amd64", "mips"), "board.yaml:5:15: architecture"),
+        ("platforms/board.yaml", PLATFORM + "colour: red\n", "board.yaml:11:1: colour"),
+        ("images/small.yaml", SMALL.replace("version: 1", "version: 2"), "small.yaml:2:10: version"),
+        (
+            "images/small.yaml",
+            SMALL.replace("name: small", "name: tiny"),
+            "is 'tiny', but the file is called small.yaml",
+        ),
+        ("images/large.yaml", LARGE.replace("[small]", "[smal]"), "there is no image 'smal'; did you mean 'small'?"),
+        ("images/small.yaml", SMALL + "include: [large]\n", "include loop"),
+        ("local.yaml", "version: 1\nimages: {larg: {packages: [gdb]}}\n", "did you mean 'large'?"),
+        ("local.yaml", "version: 1\nmiror: x\n", "local.yaml:2:1: miror"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place(folder: Path, file: str, content: str, told: str) -> None:
+    (folder / file).write_text(content)
+    with pytest.raises(ConfigError) as caught:
+        load_definitions(folder=folder)
+    assert told in str(caught.value)
+
+
+def test_all_problems_are_told_at_once(folder: Path) -> None:
+    (folder / "platforms/board.yaml").write_text(PLATFORM + "colour: red\n")
+    (folder / "images/small.yaml").write_text(SMALL + "taste: sweet\n")
+    with pytest.raises(ConfigError) as caught:
+        load_definitions(folder=folder)
+    assert {problem.path for problem in caught.value.problems} >= {"colour", "taste"}
+
+
+def test_unknown_names_are_told_with_what_was_meant(folder: Path) -> None:
+    found = load_definitions(folder=folder)
+    with pytest.raises(ConfigError, match="there is no platform 'bord'; did you mean 'board'"):
+        found.platform("bord")
+    with pytest.raises(ConfigError, match="there is no image 'lage'; did you mean 'large'"):
+        found.image("lage")
+
+
+def test_the_shipped_definitions_name_every_platform_and_image() -> None:
+    found = load_definitions()
+    assert set(found.platforms) == {"beagle-armhf", "pc104-i686", "qemu-amd64", "qemu-arm64", "raspberry-pi"}
+    assert set(found.images) == {"dev", "minimal", "octave", "robot"}
+    assert set(found.image("minimal").packages) < set(found.image("octave").packages)

@@ -1,0 +1,109 @@
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from evbotos import grub
+from evbotos.disk import DISK_ID, KERNEL_ROOM, MIB, Contents, parts_of, write_disk
+from evbotos.errors import BuildError
+from evbotos.hosttools import find_tool
+from evbotos.model import Layout
+
+LAYOUT = Layout(boot=16, slot=2, data=3)
+TOOLS = ("sfdisk", "mformat", "mcopy", "mke2fs", "grub-mkimage", "/usr/lib/grub/i386-pc/boot.img")
+MISSING = [name for name in TOOLS if find_tool(name) is None]
+needs_tools = pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)} (make evbotos-setup)")
+
+
+def contents(tmp_path: Path, root_size: int = 1000, *, has_grub: bool = True) -> Contents:
+    (tmp_path / "root").write_bytes(b"R" * root_size)
+    (tmp_path / "kernel").write_bytes(b"K" * 1000)
+    robot = tmp_path / "robot"
+    robot.mkdir(exist_ok=True)
+    (robot / "fleet.yaml").write_text("version: 1\n")
+    return Contents(tmp_path / "root", tmp_path / "kernel", robot, "quiet", has_grub, 1_700_000_000)
+
+
+def test_the_parts_follow_one_another() -> None:
+    parts = parts_of(LAYOUT)
+    assert parts.boot == (MIB, 16 * MIB)
+    assert parts.slot_a == (17 * MIB, 2 * MIB)
+    assert parts.slot_b == (19 * MIB, 2 * MIB)
+    assert parts.total == 24 * MIB
+
+
+def test_the_shipped_layout_of_a_robot_fits_128_mib() -> None:
+    assert parts_of(Layout()).total <= 128 * MIB
+
+
+@needs_tools
+def test_a_disk_has_its_parts_where_its_table_says(tmp_path: Path) -> None:
+    out = tmp_path / "disk.img"
+    write_disk(out, LAYOUT, contents(tmp_path))
+    sfdisk = find_tool("sfdisk")
+    assert sfdisk is not None
+    table = json.loads(subprocess.run([sfdisk, "--json", out], capture_output=True, check=True).stdout)
+    found = table["partitiontable"]
+    assert found["id"] == f"0x{DISK_ID}"
+    assert [(part["start"] * 512, part["size"] * 512) for part in found["partitions"]] == [
+        (MIB, 16 * MIB),
+        (17 * MIB, 2 * MIB),
+        (19 * MIB, 2 * MIB),
+        (21 * MIB, 3 * MIB),
+    ]
+    disk = out.read_bytes()
+    assert disk[17 * MIB : 17 * MIB + 1001] == b"R" * 1000 + b"\0"
+    assert disk[21 * MIB + 1024 + 56 : 21 * MIB + 1024 + 58] == b"\x53\xef"  # ext4's mark
+    listed = subprocess.run(
+        ["mdir", "-b", "-/", "-i", f"{out}@@{MIB}", "::"], capture_output=True, check=True, text=True
+    ).stdout.split()
+    assert {"::/vmlinuz-a", "::/vmlinuz-b", "::/grub/grub.cfg", "::/grub/grubenv", "::/robot/fleet.yaml"} <= set(listed)
+
+
+@needs_tools
+def test_two_disks_of_the_same_contents_are_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        write_disk(tmp_path / name, LAYOUT, contents(tmp_path))
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+
+
+@needs_tools
+def test_what_does_not_fit_is_refused_with_a_remedy(tmp_path: Path) -> None:
+    with pytest.raises(BuildError, match=r"the root file system has 3\.1 MB, but its place 2\.1 MB: `layout: \{slot"):
+        write_disk(tmp_path / "disk", LAYOUT, contents(tmp_path, 3 * MIB))
+    big = contents(tmp_path)
+    big.kernel.write_bytes(bytes(KERNEL_ROOM + 1))
+    with pytest.raises(BuildError, match="the kernel has"):
+        write_disk(tmp_path / "disk", LAYOUT, big)
+
+
+def test_grubs_environment_is_always_as_large() -> None:
+    values = {"good": "a", "try": ""}
+    block = grub.environment_block(values)
+    assert len(block) == 1024
+    assert block.startswith(b"# GRUB Environment Block\ngood=a\ntry=\n###")
+    assert grub.parse_environment(block) == values
+
+
+def test_what_is_no_environment_is_refused() -> None:
+    for block in (b"", bytes(1024), grub.environment_block({})[:-1]):
+        with pytest.raises(BuildError, match="not GRUB's environment"):
+            grub.parse_environment(block)
+    with pytest.raises(BuildError, match="1024 bytes"):
+        grub.environment_block({"a": "x" * 1024})
+
+
+def test_grub_leaves_the_partition_table_and_the_first_partition_alone(tmp_path: Path) -> None:
+    if find_tool(TOOLS[-1]) is None:
+        pytest.skip(f"not installed: {TOOLS[-1]}")
+    image = tmp_path / "disk"
+    image.write_bytes(b"\xee" * 4 * 512 * 8)
+    grub.install(image, b"C" * 1000, first_partition=8)
+    disk = image.read_bytes()
+    assert disk[440:512] == b"\xee" * 72
+    assert disk[8 * 512 :] == b"\xee" * (len(disk) - 8 * 512)
+    with pytest.raises(BuildError, match="GRUB needs"):
+        grub.install(image, b"C" * 512 * 8, first_partition=8)

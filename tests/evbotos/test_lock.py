@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from eal_actors.errors import ConfigError
+from evbotos.definitions import load_definitions
+from evbotos.errors import BuildError
+from evbotos.lock import Lock, LockedPackage, LockedWheel, asked_by, read_lock, require_match, write_lock
+
+FOUND = load_definitions()
+PLATFORM, IMAGE = FOUND.platform("qemu-amd64"), FOUND.image("robot")
+
+
+def package(name: str) -> LockedPackage:
+    return LockedPackage(
+        name=name, version="1:2.3-4", archive="main", path=f"pool/main/{name}.deb", size=7, sha256="ab" * 32
+    )
+
+
+@pytest.fixture
+def lock() -> Lock:
+    wheel = LockedWheel(name="pykka", version="4.5.0", file="pykka-4.5.0-py3-none-any.whl", sha256="cd" * 32)
+    return Lock(
+        version=1,
+        platform=PLATFORM.name,
+        image=IMAGE.name,
+        asked=asked_by(PLATFORM, IMAGE),
+        epoch=1_700_000_000,
+        kernel=package("linux-source-6.1"),
+        packages=(package("busybox"), package("libc6")),
+        wheels=(wheel,),
+    )
+
+
+def test_what_is_written_is_read_again(lock: Lock, tmp_path: Path) -> None:
+    write_lock(lock, tmp_path / "a.lock.yaml")
+    assert read_lock(tmp_path / "a.lock.yaml") == lock
+    assert read_lock(tmp_path / "other") is None
+
+
+def test_each_package_has_a_line_of_its_own(lock: Lock, tmp_path: Path) -> None:
+    write_lock(lock, tmp_path / "a.lock.yaml")
+    lines = (tmp_path / "a.lock.yaml").read_text().splitlines()
+    assert sum("busybox" in line for line in lines) == 1
+    assert all("sha256" in line for line in lines if line.startswith("  - "))
+
+
+def test_a_lock_with_another_hash_format_or_a_host_is_refused(lock: Lock, tmp_path: Path) -> None:
+    path = tmp_path / "a.lock.yaml"
+    write_lock(lock, path)
+    good = path.read_text()
+    for bad in (good.replace("ab" * 32, "ab"), good.replace("path: pool/", "path: http://mirror/pool/")):
+        path.write_text(bad)
+        with pytest.raises(ConfigError, match="must match the pattern"):
+            read_lock(path)
+
+
+def test_a_definition_that_asks_for_more_than_was_locked_is_refused(lock: Lock, tmp_path: Path) -> None:
+    require_match(lock, PLATFORM, IMAGE, tmp_path / "a.lock.yaml")
+    more = IMAGE.model_copy(update={"packages": (*IMAGE.packages, "gdb")})
+    with pytest.raises(BuildError, match=r"a\.lock\.yaml was written for other packages.*--update-lock"):
+        require_match(lock, PLATFORM, more, tmp_path / "a.lock.yaml")
+
+
+def test_pruning_and_services_do_not_need_a_new_lock() -> None:
+    other = IMAGE.model_copy(update={"prune": ("usr/**",), "services": ()})
+    assert asked_by(PLATFORM, other) == asked_by(PLATFORM, IMAGE)

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+from evbotos.definitions import load_definitions
+from evbotos.disk import kernel_line
+from evbotos.lock import FOLDER, asked_by, lock_path, read_lock
+from evbotos.plan import files_of, layers_of, make_plan
+
+
+def test_a_plan_names_steps_packages_files_and_budgets_of_every_pair() -> None:
+    found = load_definitions()
+    for platform in found.platforms.values():
+        for image in found.images.values():
+            plan = make_plan(platform, image, None)
+            assert len(plan["steps"]) == 8
+            assert set(image.packages) <= set(plan["packages"])
+            assert "usr/lib/evbotos/init" in plan["files"]
+            assert plan["budget_mb"]["root_with_kernel"] == image.budget_mb.root_with_kernel
+            assert plan["kernel_options"] > 50
+
+
+def test_every_service_of_every_image_has_its_files_and_is_started() -> None:
+    for image in load_definitions().images.values():
+        base, *services = layers_of(image)
+        assert (base / "etc/inittab").is_file()
+        for service in services:
+            assert (service / "inittab").is_file(), service.name
+
+
+def test_files_are_named_as_they_are_in_the_root() -> None:
+    files = files_of(load_definitions().image("robot"))
+    assert {"usr/lib/evbotos/serve_robot.py", "usr/bin/evbotos-update", "etc/mdev.conf"} <= set(files)
+    assert "inittab" not in files
+
+
+def test_what_a_platform_has_no_wheel_of_is_left_out_and_told_why() -> None:
+    found = load_definitions()
+    plan = make_plan(found.platform("beagle-armhf"), found.image("robot"), None)
+    assert "pymunk" not in plan["wheels"]
+    assert "wheel" in plan["without_wheels"]["pymunk"]
+
+
+def test_the_shipped_lock_files_are_those_of_the_definitions() -> None:
+    found = load_definitions()
+    shipped = {path.name for path in FOLDER.glob("*.lock.yaml")}
+    assert {"qemu-amd64-minimal.lock.yaml", "qemu-amd64-robot.lock.yaml"} <= shipped
+    for platform in found.platforms.values():
+        for image in found.images.values():
+            path = lock_path(platform, image)
+            lock = read_lock(path)
+            assert lock is None or lock.asked == asked_by(platform, image), path.name
+            assert lock is None or "://" not in path.read_text()
+
+
+def test_the_kernel_starts_our_init_on_the_platforms_console() -> None:
+    line = kernel_line(load_definitions().platform("qemu-amd64"))
+    assert "init=/usr/lib/evbotos/init" in line
+    assert "console=ttyS0,115200" in line

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import evbotos.steps as steps_module
+from evbotos.errors import BuildError
+from evbotos.hashing import files_sha256, key_of
+from evbotos.steps import Runner, Step, owned, place
+
+
+def write(path: Path, text: str) -> None:
+    path.write_text(text)
+
+
+def test_a_step_is_made_once(tmp_path: Path) -> None:
+    told: list[str] = []
+    step = Step("one", "key", lambda out: write(out, "made"))
+    for _ in range(2):
+        assert Runner(tmp_path, told.append).run(step).read_text() == "made"
+    assert told == ["one"]
+
+
+def test_a_step_that_fails_leaves_nothing_and_is_made_anew(tmp_path: Path) -> None:
+    runner = Runner(tmp_path, lambda _: None)
+
+    def half(out: Path) -> None:
+        out.mkdir()
+        (out / "half").write_text("")
+        raise OSError("No space left on device")
+
+    with pytest.raises(BuildError, match="step one: No space left on device"):
+        runner.run(Step("one", "key", half))
+    assert not any((tmp_path / "one").iterdir())
+    assert runner.run(Step("one", "key", lambda out: out.mkdir())).is_dir()
+
+
+def test_a_killed_build_leaves_nothing_that_counts(tmp_path: Path) -> None:
+    program = (
+        "import os, sys\nfrom pathlib import Path\nfrom evbotos.steps import *\n"
+        "def make(out):\n    out.mkdir()\n    (out / 'half').write_text('')\n    os.kill(os.getpid(), 9)\n"
+        "cache = Path(sys.argv[1])\n"
+        "with owned(cache):\n    Runner(cache, print).run(Step('one', 'key', make))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False, capture_output=True)
+    assert done.returncode == -9, done.stderr.decode()
+    assert [path.name for path in (tmp_path / "one").iterdir()] == [".part-key"]
+    with owned(tmp_path):
+        assert not any((tmp_path / "one").iterdir())
+        outcome = Runner(tmp_path, lambda _: None).run(Step("one", "key", lambda out: write(out, "whole")))
+    assert outcome.read_text() == "whole"
+
+
+def test_two_builds_do_not_share_a_cache(tmp_path: Path) -> None:
+    with owned(tmp_path), pytest.raises(BuildError, match="another build is at work"), owned(tmp_path):
+        pytest.fail("two owners")
+    with owned(tmp_path):
+        assert (tmp_path / "lock").exists()
+
+
+def test_keys_follow_inputs_and_code() -> None:
+    assert key_of({"a": 1, "b": 2}) == key_of({"b": 2, "a": 1})
+    assert key_of({"a": 1}) != key_of({"a": 2})
+    assert key_of({"a": 1}) != key_of({"a": 1}, steps_module)
+
+
+def test_the_hash_of_files_follows_names_contents_modes_and_links(tmp_path: Path) -> None:
+    file = tmp_path / "a"
+    file.write_text("1")
+    seen = {files_sha256([("a", file)]), files_sha256([("b", file)])}
+    file.chmod(0o755)
+    seen.add(files_sha256([("a", file)]))
+    file.write_text("2")
+    seen.add(files_sha256([("a", file)]))
+    (tmp_path / "link").symlink_to("a")
+    seen.add(files_sha256([("a", tmp_path / "link")]))
+    assert len(seen) == 5
+
+
+def test_a_file_is_placed_whole_over_another(tmp_path: Path) -> None:
+    (tmp_path / "new").write_text("new")
+    (tmp_path / "old").write_text("old")
+    place(tmp_path / "new", tmp_path / "old")
+    assert (tmp_path / "old").read_text() == "new"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "old"]

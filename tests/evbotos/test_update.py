@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import importlib.util
+import io
+import json
+import tarfile
+from contextlib import nullcontext
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+
+from evbotos.grub import environment_block, parse_environment
+from evbotos.plan import ROOTFS
+
+KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
+PUBLIC = KEY.public_key().public_bytes(Encoding.Raw, PublicFormat.Raw)
+
+
+def _has_openssl() -> bool:
+    try:
+        ctypes.CDLL("libcrypto.so.3")
+    except OSError:
+        return False
+    return True
+
+
+pytestmark = pytest.mark.skipif(not _has_openssl(), reason="libcrypto.so.3 is not installed")
+
+
+@pytest.fixture
+def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The program of the image, with folders in place of its partitions."""
+    spec = importlib.util.spec_from_file_location(
+        "update_slots", ROOTFS / "services/update/usr/lib/evbotos/update_slots.py"
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    for name in ("STATE", "BOOT"):
+        monkeypatch.setattr(module, name, tmp_path)
+    monkeypatch.setattr(module, "ENVIRONMENT", tmp_path / "grubenv")
+    monkeypatch.setattr(module, "KEY", tmp_path / "update_key")
+    monkeypatch.setattr(module, "PLATFORM", tmp_path / "platform")
+    monkeypatch.setattr(module, "writable_boot", nullcontext)
+    (tmp_path / "slot").write_text("a\n")
+    (tmp_path / "slot-b").write_text(f"{tmp_path}/device-b\n")
+    (tmp_path / "device-b").write_bytes(b"o" * 5000)
+    (tmp_path / "vmlinuz-b").write_bytes(b"o" * 3000)
+    (tmp_path / "grubenv").write_bytes(environment_block({"good": "a", "try": ""}))
+    (tmp_path / "update_key").write_text(PUBLIC.hex())
+    (tmp_path / "platform").write_text("board\n")
+    return module
+
+
+def bundle(
+    *,
+    platform: str = "board",
+    key: Ed25519PrivateKey = KEY,
+    root: bytes = b"R" * 4000,
+    changed_root: bytes | None = None,
+) -> io.BytesIO:
+    kernel = b"K" * 2000
+    parts = {
+        name: {"size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+        for name, content in (("kernel", kernel), ("root", root))
+    }
+    signed = json.dumps({"platform": platform, "image": "robot", "version": "7", **parts}).encode()
+    out = io.BytesIO()
+    with tarfile.open(fileobj=out, mode="w") as archive:
+        for name, content in (
+            ("manifest.json", signed),
+            ("manifest.sig", key.sign(signed)),
+            ("kernel", kernel),
+            ("root", root if changed_root is None else changed_root),
+        ):
+            info = tarfile.TarInfo(name)
+            info.size = len(content)
+            archive.addfile(info, io.BytesIO(content))
+    out.seek(0)
+    return out
+
+
+def environment(folder: Path) -> dict[str, str]:
+    return parse_environment((folder / "grubenv").read_bytes())
+
+
+def test_a_signed_update_is_written_and_tried_once(robot: Any, tmp_path: Path) -> None:
+    robot.install(bundle())
+    assert (tmp_path / "device-b").read_bytes() == b"R" * 4000 + b"o" * 1000
+    assert (tmp_path / "vmlinuz-b").read_bytes() == b"K" * 2000 + b"o" * 1000
+    assert environment(tmp_path) == {"good": "a", "try": "b"}
+
+
+def test_a_slot_is_good_once_the_system_in_it_says_so(robot: Any, tmp_path: Path) -> None:
+    robot.install(bundle())
+    (tmp_path / "slot").write_text("b\n")
+    assert not robot.is_good()
+    robot.mark_good()
+    assert robot.is_good()
+    assert environment(tmp_path) == {"good": "b", "try": ""}
+
+
+@pytest.mark.parametrize(
+    ("update", "told"),
+    [
+        (lambda: bundle(key=Ed25519PrivateKey.from_private_bytes(bytes(32))), "its signature is not that"),
+        (lambda: bundle(platform="other"), "it is for other, this is board"),
+        (lambda: bundle(root=b"R" * 5001), "its root has 5001 bytes, and there is room for 5000"),
+        (lambda: io.BytesIO(bundle().getvalue()[:512]), "end of data|lacks"),
+    ],
+)
+def test_what_is_refused_by_its_manifest_writes_nothing(robot: Any, tmp_path: Path, update: Any, told: str) -> None:
+    with pytest.raises((robot.RefusedError, tarfile.TarError), match=told):
+        robot.install(update())
+    assert (tmp_path / "device-b").read_bytes() == b"o" * 5000
+    assert (tmp_path / "vmlinuz-b").read_bytes() == b"o" * 3000
+    assert environment(tmp_path) == {"good": "a", "try": ""}
+
+
+def test_a_tampered_root_is_not_tried(robot: Any, tmp_path: Path) -> None:
+    with pytest.raises(robot.RefusedError, match="is not what was signed; it will not be tried"):
+        robot.install(bundle(changed_root=b"X" + b"R" * 3999))
+    assert environment(tmp_path) == {"good": "a", "try": ""}
+
+
+@pytest.mark.parametrize("size", [700, 2000, 4000, 6000, 8000])
+def test_an_update_that_ends_too_early_is_not_tried(robot: Any, tmp_path: Path, size: int) -> None:
+    with pytest.raises((robot.RefusedError, tarfile.TarError)):
+        robot.install(io.BytesIO(bundle().getvalue()[:size]))
+    assert environment(tmp_path) == {"good": "a", "try": ""}
+
+
+def test_a_robot_without_a_key_takes_no_update(robot: Any, tmp_path: Path) -> None:
+    (tmp_path / "update_key").unlink()
+    with pytest.raises(robot.RefusedError, match="has no key"):
+        robot.install(bundle())
