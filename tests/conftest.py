@@ -7,6 +7,10 @@ from collections.abc import Iterator
 
 import pykka
 import pytest
+from hypothesis import settings
+
+settings.register_profile("patient", deadline=None)  # how fast a busy machine is says nothing of the code
+settings.load_profile("patient")
 
 
 @pytest.fixture(autouse=True)

@@ -29,6 +29,7 @@ from eal_actors.errors import (
     ResourceFaultError,
     ResourceNotFoundError,
     ReturnTypeError,
+    StaleCommandError,
     UnsupportedError,
 )
 from eal_actors.net.wire import MAX_PAYLOAD_BYTES
@@ -161,7 +162,12 @@ def test_a_frame_arrives_as_it_was(remote: RobotHandle) -> None:
 
 def test_64_megabytes_pass_in_both_directions(remote: RobotHandle) -> None:
     most = np.zeros(MAX_PAYLOAD_BYTES, np.uint8)
-    assert remote["Eye"].set_value(most).get() == MAX_PAYLOAD_BYTES
+    taken = remote["Eye"].set_value(most)
+    for _ in range(3):  # it is late, and so not done, where the machine takes more than a second to carry it over
+        if not isinstance(taken.exception(timeout=WAIT_S), StaleCommandError):
+            break
+        taken = remote["Eye"].set_value(most)
+    assert taken.get() == MAX_PAYLOAD_BYTES
     assert remote["Eye"].send_req(f"blob{MAX_PAYLOAD_BYTES}").get().length == MAX_PAYLOAD_BYTES
 
 

@@ -140,7 +140,7 @@ def test_a_broken_manifest_and_a_missing_folder_are_reported_and_keep_nothing_el
     assert "probe" in found
     assert "broken" not in found
     assert [type(error) for error in errors] == [ConfigError, PluginError]
-    assert "resources: is missing" in str(errors[0])
+    assert "description: is missing" in str(errors[0])
     assert str(tmp_path / "nowhere") in str(errors[1])
 
 
