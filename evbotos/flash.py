@@ -16,7 +16,7 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Final, Literal, Protocol
+from typing import Any, BinaryIO, Final, Literal, Protocol
 
 from eal_actors.clock import REAL_TIME
 from evbotos.block_devices import SECTOR, Target
@@ -27,6 +27,8 @@ from evbotos.shell import run
 
 BLOCK: Final = 1 << 22
 """Bytes that are written, and compared, at a time."""
+_TABLE_MARK: Final = b"\x55\xaa"
+"""The end of the first sector of every disk with partitions: of an MBR's, and of a GPT's protective one."""
 _BLKRRPART: Final = 0x125F
 _BLKFLSBUF: Final = 0x1261
 _GONE: Final = (errno.ENODEV, errno.ENXIO, errno.ENOMEDIUM)
@@ -111,9 +113,8 @@ def refusals(image: DiskImage, target: Target, may_be_fixed: bool) -> list[str]:
 
 def what_is_on(target: Target) -> list[Lost]:
     """Return what would be lost, as far as the disk tells: its partitions, or what fills it without any."""
-    try:
-        table = json.loads(run([tool("sfdisk"), "--json", target.path], timeout_s=60))["partitiontable"]
-    except BuildError:  # it has none
+    table = _partition_table(target.path)
+    if table is None:
         kind, label = _probe(target.path, 0, target.size)
         return [Lost(str(target.path), target.size, kind, label)] if kind else []
     sector = table.get("sectorsize", SECTOR)
@@ -123,6 +124,23 @@ def what_is_on(target: Target) -> list[Lost]:
         kind, label = _probe(target.path, part["start"] * sector, size)
         found.append(Lost(Path(part["node"]).name, size, kind, label or part.get("name", "")))
     return found
+
+
+def _partition_table(path: Path) -> dict[str, Any] | None:
+    """Return the partitions of a disk as sfdisk tells them, or None if it has none."""
+    try:
+        with path.open("rb") as disk:
+            is_marked = disk.read(SECTOR)[-len(_TABLE_MARK) :] == _TABLE_MARK
+    except OSError:  # opening it for writing will tell why
+        return None
+    if not is_marked:
+        return None
+    sfdisk = tool("sfdisk")
+    try:
+        table: dict[str, Any] = json.loads(run([sfdisk, "--json", path], timeout_s=60))["partitiontable"]
+    except BuildError:  # the mark is that of a boot sector without partitions
+        return None
+    return table
 
 
 def _probe(path: Path, offset: int, size: int) -> tuple[str, str]:

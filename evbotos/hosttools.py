@@ -19,6 +19,7 @@ PACKAGES: Final = {
     "mksquashfs": "squashfs-tools",
     "unsquashfs": "squashfs-tools",
     "sfdisk": "fdisk",
+    "blkid": "util-linux",
     "mformat": "mtools",
     "mcopy": "mtools",
     "mke2fs": "e2fsprogs",
