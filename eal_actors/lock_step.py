@@ -41,7 +41,7 @@ _IDLE_LOOKS_WHILE_OTHERS_WORK: Final = 20
 _IDLE_S: Final = 0.001
 """A thread that has the turn, sleeps at every look and uses less processor time than this in between, this many times,
 waits for something; who wakes up now and then to see whether it came, uses some. If other threads of the process work
-meanwhile, they may do so for it, as those of OpenCV do: then it takes more looks to tell."""
+meanwhile, or want a processor to, it may be for it, as those of OpenCV do: then it takes more looks to tell."""
 _OTHERS_WORK: Final = 0.2
 """Share of the time that a process works at least to count as working."""
 
@@ -265,7 +265,7 @@ class LockStepClock:
                 else:
                     is_idle = used_s - used_before_s < _IDLE_S and holder not in self._in_step and _sleeps(holder)
                     idle_looks = idle_looks + 1 if is_idle else 0
-                others_work = all_used_s - all_used_before_s > _OTHERS_WORK * _LOOK_S
+                others_work = all_used_s - all_used_before_s > _OTHERS_WORK * _LOOK_S or _some_want_to_run()
                 looks = _IDLE_LOOKS_WHILE_OTHERS_WORK if others_work else _IDLE_LOOKS
                 if idle_looks >= looks or REAL_TIME.now() - since_s > _PATIENCE_S or not holder.is_alive():
                     self._go_on_without(holder, turn)
@@ -294,11 +294,27 @@ def _processor_time_s(thread: threading.Thread) -> float:
 
 def _sleeps(thread: threading.Thread) -> bool:
     """Return whether a thread waits for something that is no processor and no disk; True if the system cannot tell."""
+    return _state(thread.native_id) in {"S", None}
+
+
+def _some_want_to_run() -> bool:
+    """Return whether a thread of this process runs or would if it had a processor; the calling one does not count.
+
+    It tells the helpers of a library that are starved on a busy machine, whose processor time says nothing.
+    """
+    me = str(threading.get_native_id())
+    with contextlib.suppress(OSError):
+        return any(_state(task.name) in {"R", "D"} for task in Path("/proc/self/task").iterdir() if task.name != me)
+    return False
+
+
+def _state(task: int | str | None) -> str | None:
+    """Return the letter of a thread's state in /proc; None if it has ended just now, or there is no /proc."""
     try:
-        stat = Path(f"/proc/self/task/{thread.native_id}/stat").read_text(encoding="utf-8")
-    except OSError:  # it has ended just now, or there is no /proc
-        return True
-    return stat.rpartition(")")[2].split()[0] == "S"
+        stat = Path(f"/proc/self/task/{task}/stat").read_text(encoding="utf-8")
+    except OSError:
+        return None
+    return stat.rpartition(")")[2].split()[0]
 
 
 def clock_of(rate: Rate) -> Clock:
