@@ -40,6 +40,7 @@ class CallHeader(NamedTuple):
         held_s: of a command: seconds from that answer to the sending.
         has_more: of a command: the client sends more commands right behind it, to whichever robots; their answers may
             wait a moment for one another.
+        traceparent: the span that the call is a part of, as W3C Trace Context writes it; empty where nobody traces.
     """
 
     client: str
@@ -53,6 +54,7 @@ class CallHeader(NamedTuple):
     echo_s: float = 0.0
     held_s: float = 0.0
     has_more: bool = False
+    traceparent: str = ""
 
     @property
     def call_id(self) -> CallId:

@@ -74,10 +74,12 @@ def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes,
     Raises:
         DataError: the payload is over MAX_PAYLOAD_BYTES, or something in the header cannot be sent.
     """
-    client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, *echo, has_more = header
+    client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, *echo, has_more, traceparent = header
     about = None if data is None else data_header(data)
     row = [PROTOCOL_VERSION, _packed_client(client), epoch, sequence, ttl_s, deadline_s, start_s, arguments, about]
-    if has_more:
+    if traceparent:
+        row += (*echo, has_more, traceparent)
+    elif has_more:
         row += (*echo, True)
     elif any(echo):
         row += echo
@@ -90,8 +92,8 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
     Raises:
         ProtocolError: it is none, or of another version.
     """
-    row = unpack_row(envelope, "call", 9, 4)
-    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, era, echo_s, held_s, has_more = row
+    row = unpack_row(envelope, "call", 9, 5)
+    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo, has_more, traceparent = row
     if type(arguments) is not list or any(type(item) not in (str, int) for item in arguments):
         raise ProtocolError(f"call: arguments {shown(arguments)} are not a list of texts and ints")
     header = CallHeader(
@@ -102,8 +104,9 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
         _checked_seconds(deadline_s, "call: deadline_s"),
         None if start_s is None else _checked_time(start_s, "call: start_s"),
         tuple(arguments),
-        *(("", 0.0, 0.0) if era is None else _echo_from(era, echo_s, held_s)),
+        *(("", 0.0, 0.0) if echo[0] is None else _echo_from(*echo)),
         has_more is not None and _checked_flag(has_more, "call: has_more"),
+        "" if traceparent is None else _checked_text(traceparent, "call: traceparent"),
     )
     data = _data_of(about, payload, "call")
     return header, data

@@ -18,6 +18,7 @@ from eal_actors.net.wire import ACCEPTED, CallHeader, CallId, Event, Heartbeat
 
 CLIENT = "0123456789abcdef"
 CALL = CallHeader(CLIENT, 3, 17, 0.5, 2.0, None, ("r45",))
+TRACEPARENT = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01"
 ERRORS = [member for member in vars(errors).values() if isinstance(member, type) and issubclass(member, EALError)]
 
 
@@ -54,6 +55,14 @@ def raw(hexadecimal: str, **texts: str) -> bytes:
             "a26162 cb3fe0000000000000 cb3fd0000000000000 c3",
             "",
             id="with an echo, and more to come",
+        ),
+        pytest.param(
+            CALL._replace(traceparent=TRACEPARENT),
+            None,
+            "9e 01 c4080123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0"
+            f"a0 cb0000000000000000 cb0000000000000000 c2 d937 {TRACEPARENT.encode().hex()}",
+            "",
+            id="a part of a trace",
         ),
     ],
 )

@@ -43,7 +43,7 @@ def test_what_later_versions_add_is_passed_over() -> None:
     envelope, payload = wire.encode_call(CALL, data)
     row = msgpack.unpackb(envelope)
     row[8].append({"new": 1})
-    assert wire.decode_call(msgpack.packb([*row, False, "new", 2]), payload) == (CALL, data)
+    assert wire.decode_call(msgpack.packb([*row, False, "", "new", 2]), payload) == (CALL, data)
     assert wire.decode_reply(msgpack.packb([1, 0, 5, "8f3a", 2.5, None, "new"])) == (5, wire.RobotTime("8f3a", 2.5))
     beat, event = Heartbeat(CLIENT, 1, 2), Event("lost", 1.0)
     fields = msgpack.unpackb(wire.encode_heartbeat(beat)) | {"new": [1]}
