@@ -23,6 +23,7 @@ from evbotos.model import Image, Platform
 from evbotos.plan import make_plan
 from evbotos.qemu import run_emulator
 from evbotos.sdk_command import sdk
+from evbotos.slot_command import slot
 from evbotos.terminal import EPILOG, ExitCode, console, new_table, report, write_json
 
 
@@ -52,6 +53,7 @@ app.command("flash")(flash)
 app.command("bench")(bench)
 app.command("times")(times)
 app.command("sdk")(sdk)
+app.command("slot")(slot)
 
 _PlatformArgument = Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")]
 _ImageArgument = Annotated[str, typer.Argument(metavar="[IMAGE]", help="What goes onto it.")]

@@ -130,7 +130,7 @@ def _fill_boot(boot: Path, contents: Contents) -> None:
     if contents.has_grub:
         (boot / "grub").mkdir()
         (boot / "grub/grub.cfg").write_text(grub.menu(contents.kernel_line, DISK_ID))
-        (boot / grub.ENVIRONMENT).write_bytes(grub.environment_block({"good": "a", "try": ""}))
+        (boot / grub.ENVIRONMENT).write_bytes(grub.environment_block({"good": "a", "try": "", "starts": ""}))
     for path in boot.rglob("*"):
         os.utime(path, (contents.epoch, contents.epoch))
 

@@ -24,6 +24,6 @@ class FlashError(EALError, RuntimeError):
 
 
 class UpdateError(EALError, RuntimeError):
-    """An update that must not be installed: tampered with, for another machine, or too large."""
+    """An update that cannot be made: its key is not there, or is none."""
 
     code = "update"

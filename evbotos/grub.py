@@ -53,7 +53,9 @@ def parse_environment(block: bytes) -> dict[str, str]:
 def menu(kernel_line: str, disk_id: str) -> str:
     """Return grub.cfg.
 
-    A slot that is to be tried starts once: unless the system in it says that it is good, the other one starts after it.
+    A slot that is to be tried starts once: unless the system in it says that it is good, the other one starts after
+    it. A slot that was good makes way for the other one after three starts in a row of which none came up: GRUB counts
+    them in `starts`, the system clears it. A slot whose kernel cannot be loaded makes way at once.
 
     Args:
         kernel_line: what the kernel is told, but for the root and the slot.
@@ -63,17 +65,25 @@ def menu(kernel_line: str, disk_id: str) -> str:
 terminal_input serial console
 terminal_output serial console
 set slot=a
-load_env --file ($root)/{ENVIRONMENT} good try
+load_env --file ($root)/{ENVIRONMENT} good try starts
 if [ -n "$good" ]; then set slot=$good; fi
 if [ -n "$try" ]; then
   set slot=$try
   set try=
-  save_env --file ($root)/{ENVIRONMENT} try
+elif [ "$starts" = xxx ]; then
+  echo "evbotos: slot $slot did not come up three times"
+  set starts=x
+  if [ "$slot" = a ]; then set slot=b; else set slot=a; fi
+else
+  set starts="${{starts}}x"
 fi
-if [ "$slot" = b ]; then set part=03; else set part=02; fi
-echo "evbotos: slot $slot"
-linux ($root)/vmlinuz-$slot root=PARTUUID={disk_id}-$part {kernel_line} evbotos.slot=$slot
-boot
+save_env --file ($root)/{ENVIRONMENT} try starts
+for turn in 1 2; do
+  if [ "$slot" = b ]; then set part=03; else set part=02; fi
+  echo "evbotos: slot $slot"
+  if linux ($root)/vmlinuz-$slot root=PARTUUID={disk_id}-$part {kernel_line} evbotos.slot=$slot; then boot; fi
+  if [ "$slot" = a ]; then set slot=b; else set slot=a; fi
+done
 reboot
 """
 

@@ -1,22 +1,25 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import importlib.util
 import io
 import json
 import tarfile
 from contextlib import nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
+from evbotos.errors import BuildError, UpdateError
 from evbotos.grub import environment_block, parse_environment
 from evbotos.plan import ROOTFS
+from evbotos.slot_command import slot
+from evbotos.update import write_update
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 PUBLIC = KEY.public_key().public_bytes(Encoding.Raw, PublicFormat.Raw)
@@ -53,38 +56,28 @@ def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     (tmp_path / "slot-b").write_text(f"{tmp_path}/device-b\n")
     (tmp_path / "device-b").write_bytes(b"o" * 5000)
     (tmp_path / "vmlinuz-b").write_bytes(b"o" * 3000)
-    (tmp_path / "grubenv").write_bytes(environment_block({"good": "a", "try": ""}))
+    (tmp_path / "grubenv").write_bytes(environment_block({"good": "a", "try": "", "starts": "x"}))
     (tmp_path / "update_key").write_text(PUBLIC.hex())
     (tmp_path / "platform").write_text("board\n")
     return module
 
 
 def bundle(
-    *,
-    platform: str = "board",
-    key: Ed25519PrivateKey = KEY,
-    root: bytes = b"R" * 4000,
-    changed_root: bytes | None = None,
+    *, platform: str = "board", key: Ed25519PrivateKey = KEY, root: bytes = b"R" * 4000, flip_at: int | None = None
 ) -> io.BytesIO:
-    kernel = b"K" * 2000
-    parts = {
-        name: {"size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
-        for name, content in (("kernel", kernel), ("root", root))
-    }
-    signed = json.dumps({"platform": platform, "image": "robot", "version": "7", **parts}).encode()
-    out = io.BytesIO()
-    with tarfile.open(fileobj=out, mode="w") as archive:
-        for name, content in (
-            ("manifest.json", signed),
-            ("manifest.sig", key.sign(signed)),
-            ("kernel", kernel),
-            ("root", root if changed_root is None else changed_root),
-        ):
-            info = tarfile.TarInfo(name)
-            info.size = len(content)
-            archive.addfile(info, io.BytesIO(content))
-    out.seek(0)
-    return out
+    """Return an update as `evbotos slot` makes it; with a byte of its root changed after signing, if told so."""
+    with TemporaryDirectory() as name:
+        built = Path(name)
+        (built / "kernel").write_bytes(b"K" * 2000)
+        (built / "root.squashfs").write_bytes(root)
+        report = {"platform": platform, "image": "robot", "eal_actors": "7", "epoch": 1_700_000_000}
+        (built / "manifest.json").write_text(json.dumps(report))
+        (built / "key.pem").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+        write_update(built, built / "key.pem", built / "update.tar")
+        content = bytearray((built / "update.tar").read_bytes())
+    if flip_at is not None:
+        content[content.index(root) + flip_at] ^= 1
+    return io.BytesIO(bytes(content))
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -95,7 +88,15 @@ def test_a_signed_update_is_written_and_tried_once(robot: Any, tmp_path: Path) -
     robot.install(bundle())
     assert (tmp_path / "device-b").read_bytes() == b"R" * 4000 + b"o" * 1000
     assert (tmp_path / "vmlinuz-b").read_bytes() == b"K" * 2000 + b"o" * 1000
-    assert environment(tmp_path) == {"good": "a", "try": "b"}
+    assert environment(tmp_path) == {"good": "a", "try": "b", "starts": "x"}
+
+
+def test_a_good_slot_that_came_up_is_counted_from_nought_again_and_an_update_stays_due(
+    robot: Any, tmp_path: Path
+) -> None:
+    robot.install(bundle())
+    robot.mark_good()
+    assert environment(tmp_path) == {"good": "a", "try": "b", "starts": ""}
 
 
 def test_a_slot_is_good_once_the_system_in_it_says_so(robot: Any, tmp_path: Path) -> None:
@@ -104,7 +105,7 @@ def test_a_slot_is_good_once_the_system_in_it_says_so(robot: Any, tmp_path: Path
     assert not robot.is_good()
     robot.mark_good()
     assert robot.is_good()
-    assert environment(tmp_path) == {"good": "b", "try": ""}
+    assert environment(tmp_path) == {"good": "b", "try": "", "starts": ""}
 
 
 @pytest.mark.parametrize(
@@ -121,23 +122,40 @@ def test_what_is_refused_by_its_manifest_writes_nothing(robot: Any, tmp_path: Pa
         robot.install(update())
     assert (tmp_path / "device-b").read_bytes() == b"o" * 5000
     assert (tmp_path / "vmlinuz-b").read_bytes() == b"o" * 3000
-    assert environment(tmp_path) == {"good": "a", "try": ""}
+    assert environment(tmp_path) == {"good": "a", "try": "", "starts": "x"}
 
 
 def test_a_tampered_root_is_not_tried(robot: Any, tmp_path: Path) -> None:
     with pytest.raises(robot.RefusedError, match="is not what was signed; it will not be tried"):
-        robot.install(bundle(changed_root=b"X" + b"R" * 3999))
-    assert environment(tmp_path) == {"good": "a", "try": ""}
+        robot.install(bundle(flip_at=3999))
+    assert environment(tmp_path) == {"good": "a", "try": "", "starts": "x"}
 
 
 @pytest.mark.parametrize("size", [700, 2000, 4000, 6000, 8000])
 def test_an_update_that_ends_too_early_is_not_tried(robot: Any, tmp_path: Path, size: int) -> None:
     with pytest.raises((robot.RefusedError, tarfile.TarError)):
         robot.install(io.BytesIO(bundle().getvalue()[:size]))
-    assert environment(tmp_path) == {"good": "a", "try": ""}
+    assert environment(tmp_path) == {"good": "a", "try": "", "starts": "x"}
 
 
 def test_a_robot_without_a_key_takes_no_update(robot: Any, tmp_path: Path) -> None:
     (tmp_path / "update_key").unlink()
     with pytest.raises(robot.RefusedError, match="has no key"):
         robot.install(bundle())
+
+
+def test_the_same_build_and_key_give_the_same_update() -> None:
+    assert bundle().getvalue() == bundle().getvalue()
+
+
+def test_a_key_that_is_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BuildError, match="evbotos build board robot"):
+        slot("board", key=tmp_path / "key", output=tmp_path)
+    built = tmp_path / "board-robot"
+    built.mkdir()
+    (built / "manifest.json").write_text("{}")
+    with pytest.raises(UpdateError, match="No such file"):
+        slot("board", key=tmp_path / "key", output=tmp_path)
+    (tmp_path / "key").write_text("-----BEGIN PRIVATE KEY-----\n")
+    with pytest.raises(UpdateError, match="openssl genpkey -algorithm ed25519"):
+        slot("board", key=tmp_path / "key", output=tmp_path)

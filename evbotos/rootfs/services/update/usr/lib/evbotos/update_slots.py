@@ -101,10 +101,13 @@ def is_good() -> bool:
 
 
 def mark_good() -> None:
-    """Have the running slot start from now on."""
-    if not is_good():
-        write_environment({"good": running_slot(), "try": ""})
-        sys.stdout.write(f"slot {running_slot()} is good\n")
+    """Have the running slot start from now on, and tell GRUB that it came up."""
+    values = read_environment()
+    slot = running_slot()
+    if values.get("good") != slot or values.get("starts"):
+        due = "" if values.get("try") == slot else values.get("try", "")
+        write_environment({"good": slot, "try": due, "starts": ""})
+        sys.stdout.write(f"slot {slot} is good\n")
 
 
 def install(stream: IO[bytes]) -> None:
@@ -129,7 +132,7 @@ def install(stream: IO[bytes]) -> None:
         with writable_boot():
             _write(_next(archive, members, "kernel"), kernel, manifest["kernel"])
         _write(_next(archive, members, "root"), slot, manifest["root"])
-    write_environment({"good": running_slot(), "try": other})
+    write_environment({**read_environment(), "try": other})
     sys.stdout.write(f"{manifest['image']} {manifest['version']} is in slot {other}; the next start tries it\n")
 
 

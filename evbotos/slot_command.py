@@ -1,0 +1,37 @@
+"""`evbotos slot`: the update that brings a built image into a robot's other slot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from evbotos.build import OUTPUT
+from evbotos.errors import BuildError
+from evbotos.terminal import console, write_json
+from evbotos.update import write_update
+
+UPDATE = "update.tar"
+
+
+def slot(
+    platform: Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")],
+    image: Annotated[str, typer.Argument(metavar="[IMAGE]", help="What was built for it.")] = "robot",
+    key: Annotated[
+        Path, typer.Option("--key", help="Your private key (ed25519, PEM), to whose public one robots listen.")
+    ] = Path("update.pem"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of what was built.")] = OUTPUT,
+    as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
+) -> None:
+    """Sign a built image as an update, which `evbotos-update install` on the robot writes into its other slot."""
+    folder = output / f"{platform}-{image}"
+    if not (folder / "manifest.json").is_file():
+        raise BuildError(f"{folder} is not built yet: `evbotos build {platform} {image}`")
+    out = folder / UPDATE
+    signed = write_update(folder, key, out)
+    if as_json:
+        write_json({"file": str(out), **signed})
+        return
+    console().print(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {image} {signed['version']} for {platform}")
+    console().print(f"Install it: ssh root@ROBOT evbotos-update install - < {out}", soft_wrap=True)
