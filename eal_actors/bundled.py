@@ -1,8 +1,16 @@
-"""Find the plugins, fleets and scenarios that come with the framework, in a checkout and in an installed wheel."""
+"""Find what comes with the framework, in a checkout and in a wheel: plugins, fleets, scenarios and worlds."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final, Literal
+
+from eal_actors.errors import ConfigError, Problem
+
+Kind = Literal["fleet", "scenario", "world"]
+
+_FOLDERS: Final[dict[Kind, str]] = {"fleet": "fleets", "scenario": "scenarios", "world": "fleets/worlds"}
+_SUFFIX: Final = ".yaml"
 
 
 def bundled_path(name: str) -> Path:
@@ -10,3 +18,35 @@ def bundled_path(name: str) -> Path:
     package = Path(__file__).parent
     installed = package / "_bundled"
     return (installed if installed.is_dir() else package.parent) / name
+
+
+def bundled_names(kind: Kind) -> tuple[str, ...]:
+    """Return the names of the files of a kind that come with the framework."""
+    return tuple(sorted(file.stem for file in bundled_path(_FOLDERS[kind]).glob(f"*{_SUFFIX}")))
+
+
+def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
+    """Return the file that a path or a name means.
+
+    A path, which has a folder or a suffix, means itself. A name such as `dance` means the file `dance` or
+    `dance.yaml` of the folder, or else the one that comes with the framework.
+
+    Args:
+        name: what the user wrote.
+        kind: what it is to be.
+        folder: what relative paths are relative to; the working directory if None.
+
+    Raises:
+        ConfigError: no file has that name, here or in the framework.
+    """
+    path = Path(name) if folder is None else folder / name
+    if Path(name).suffix or len(Path(name).parts) != 1 or path.is_file():
+        return path
+    here = path.with_name(f"{path.name}{_SUFFIX}")
+    shipped = bundled_path(_FOLDERS[kind]) / here.name
+    for file in (here, shipped):
+        if file.is_file():
+            return file
+    known = ", ".join(bundled_names(kind))
+    message = f"no such file, and no {kind} of that name comes with the framework; there are: {known}"
+    raise ConfigError([Problem(str(name), 0, 0, "", message)])

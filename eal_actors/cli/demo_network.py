@@ -22,8 +22,8 @@ _PROGRAM: Final = (sys.executable, "-m", "eal_actors")
 
 
 def demo_network(
-    scenario: Annotated[Path, typer.Argument()] = Path("scenarios/dance.yaml"),
-    fleet: Annotated[Path, typer.Option("--fleet", "-f")] = Path("fleets/loopback.yaml"),
+    scenario: Annotated[Path, typer.Argument()] = Path("dance"),
+    fleet: Annotated[Path, typer.Option("--fleet", "-f")] = Path("loopback"),
     runs_dir: Annotated[Path, typer.Option()] = Path("runs"),
 ) -> None:
     """Serve each robot of a fleet by a process of its own, run a scenario over the network, and stop the servers."""

@@ -16,7 +16,7 @@ from eal_actors.cli.emulators import Emulators, Pose, Wire, open_wires
 from eal_actors.cli.output import new_table, stderr, stdout
 from eal_actors.cli.run import run_scenario
 
-_SCENARIOS: Final = (Path("scenarios/square.yaml"), Path("scenarios/dance.yaml"))
+_SCENARIOS: Final = (Path("square"), Path("dance"))
 _MOVE: Final = re.compile(r"([gbflr])(\d+(?:\.\d+)?)?")
 _STEP_M: Final = 0.5  # of g and b, unless a scenario sets it otherwise
 _TURN_DEG: Final = 90.0
@@ -25,7 +25,7 @@ _TURN_DEG: Final = 90.0
 def run_lab(
     context: typer.Context,
     scenarios: Annotated[list[Path] | None, typer.Argument()] = None,
-    fleet: Annotated[Path, typer.Option("--fleet", "-f")] = Path("fleets/lab.yaml"),
+    fleet: Annotated[Path, typer.Option("--fleet", "-f")] = Path("lab"),
     runs_dir: Annotated[Path, typer.Option()] = Path("runs"),
 ) -> None:
     """Put emulators behind the open wires of a fleet, run scenarios on it, and tell where the robots have got to."""

@@ -14,7 +14,10 @@ from eal_actors.log import LogFormat
 LogLevel = Literal["debug", "info", "warning", "error"]
 
 FleetOption = Annotated[
-    Path, typer.Option("--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="The fleet file.")
+    Path,
+    typer.Option(
+        "--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="The fleet file, or a shipped one by name."
+    ),
 ]
 RobotsArgument = Annotated[
     list[str] | None,

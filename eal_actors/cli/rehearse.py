@@ -32,7 +32,10 @@ KeepOption = Annotated[
 
 
 def rehearse_scenario(
-    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="The scenario file.", show_default=False)],
+    scenario: Annotated[
+        Path,
+        typer.Argument(metavar="SCENARIO", help="The scenario file, or a shipped one by name.", show_default=False),
+    ],
     fleet: FleetOption,
     margin: Annotated[float, typer.Option(min=0, max=10, help="What comes nearer than this is told, in metres.")] = 0.1,
     seeds: Annotated[

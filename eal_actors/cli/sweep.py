@@ -46,7 +46,10 @@ Tell = Callable[[Result], None]
 
 
 def sweep_scenario(
-    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="The scenario file.", show_default=False)],
+    scenario: Annotated[
+        Path,
+        typer.Argument(metavar="SCENARIO", help="The scenario file, or a shipped one by name.", show_default=False),
+    ],
     fleet: FleetOption,
     vary: Annotated[
         list[str] | None,

@@ -22,7 +22,9 @@ _Row = tuple[str, str, str, str, str]
 
 
 def show_world(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The world file.", show_default=False)],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="The world file, or a shipped one by name.", show_default=False)
+    ],
     save: Annotated[
         Path | None,
         typer.Option(

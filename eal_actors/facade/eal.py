@@ -11,7 +11,7 @@ from typing import Any, Final, Self, TypeVar
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.bundled import bundled_path
+from eal_actors.bundled import bundled_path, find_file
 from eal_actors.data import EALData
 from eal_actors.errors import RemoteError, RobotNotFoundError, UnavailableError
 from eal_actors.facade.elsewhere import FLEET_VARIABLE, endpoint_of, fleet_at, robot_at, unknown_robot
@@ -38,8 +38,9 @@ def connect(host: str | None = None, port: int = DEFAULT_PORT, *, fleet: str | P
             such as `tls/host:50000`; None where the fleet has just one robot. A robot that is served somewhere need
             not be in any fleet file.
         port: the port of a robot's server, where `host` is a machine; a robot with a name needs none.
-        fleet: a fleet file, or a connected Fleet; None takes the file that $EAL_FLEET names, else the bundled
-            `fleets/local.yaml`. Connections of one process to the same file share one fleet.
+        fleet: a fleet file, the name of one that comes with the framework, such as `sim`, or a connected Fleet; None
+            takes what $EAL_FLEET names, else the bundled `local`. Connections of one process to the same file share
+            one fleet.
 
     Raises:
         ConfigError: what is wrong with the fleet file.
@@ -52,7 +53,7 @@ def connect(host: str | None = None, port: int = DEFAULT_PORT, *, fleet: str | P
     """
     if isinstance(fleet, Fleet):
         return EAL(_choose(fleet, host, port))
-    path = Path(fleet or os.environ.get(FLEET_VARIABLE) or bundled_path("fleets/local.yaml"))
+    path = find_file(fleet or os.environ.get(FLEET_VARIABLE) or bundled_path("fleets/local.yaml"), "fleet")
     config = EALConfigManager.load(path).fleet
     if host is None or robot_at(config, host, port) is not None:
         opened = acquire_fleet(path)

@@ -71,7 +71,7 @@ class Fleet(Mapping[str, RobotHandle]):
         """Read a fleet file; nothing is connected yet.
 
         Args:
-            path: the fleet file.
+            path: the fleet file, or the name of one that comes with the framework, such as `sim`.
             environment: what `${NAME}` in the file means; the process's environment if None.
 
         Raises:

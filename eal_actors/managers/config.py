@@ -36,7 +36,7 @@ class EALConfigManager:
         """Read a fleet file and what it refers to.
 
         Args:
-            path: the fleet file.
+            path: the fleet file, or the name of one that comes with the framework, such as `sim`.
             environment: what `${NAME}` in fleet files stands for; the process's environment if None.
 
         Raises:

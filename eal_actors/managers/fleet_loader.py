@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from eal_actors.bundled import Kind, find_file
 from eal_actors.errors import ConfigError, Problem
 from eal_actors.managers.fleet_model import (
     MAX_ROBOTS_OF_ONE_ENTRY,
@@ -27,14 +28,15 @@ def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:
     """Read a fleet file and what it refers to.
 
     Args:
-        path: the fleet file.
+        path: the fleet file, or the name of one that comes with the framework.
         environment: what `${NAME}` in the files stands for.
 
     Raises:
         ConfigError: with every problem of all the files.
     """
     reader = _Reader(environment)
-    return _resolved(reader, reader.read(Path(path), ()), Path(path))
+    source = find_file(path, "fleet")
+    return _resolved(reader, reader.read(source, ()), source)
 
 
 def fleet_of(content: Mapping[str, object], name: str, environment: Mapping[str, str]) -> FleetConfig:
@@ -125,15 +127,16 @@ class _Reader:
         return merge(merged, tree.root)
 
     def _include(self, tree: YamlTree, at: YamlPath, target: str, chain: tuple[Path, ...]) -> MarkedDict | None:
-        path = _beside(tree.mark_at(at), target)
+        try:
+            path = _find(tree.mark_at(at), target, "fleet")
+        except FileNotFoundError as error:
+            self.problems.append(tree.problem(at, str(error)))
+            self.sound = False
+            return None
         identities = [file.resolve() for file in chain]
         if path.resolve() in identities:
             loop = [*chain[identities.index(path.resolve()) :], path]
             self.problems.append(tree.problem(at, f"include loop: {' -> '.join(str(file) for file in loop)}"))
-            return None
-        if not path.is_file():
-            self.problems.append(tree.problem(at, _no_such_file(path)))
-            self.sound = False
             return None
         return self.read(path, chain)
 
@@ -186,12 +189,11 @@ class _Resolver:
         target = self._tree.root.get("world")
         if not isinstance(target, str):
             return None
-        path = _beside(self._tree.mark_at(("world",)), target)
-        if not path.is_file():
-            self._report(("world",), _no_such_file(path))
-            return None
         try:
-            return load_world(path)
+            return load_world(_find(self._tree.mark_at(("world",)), target, "world"))
+        except FileNotFoundError as error:
+            self._report(("world",), str(error))
+            return None
         except ConfigError as error:
             self.problems += error.problems
             return None
@@ -306,6 +308,21 @@ def _texts(value: object) -> list[str]:
 def _beside(mark: Mark, target: str) -> Path:
     """Return a path that is relative to the file in which it is written."""
     return Path(mark.file).parent / target
+
+
+def _find(mark: Mark, target: str, kind: Kind) -> Path:
+    """Return the file that a path or a name means in the file in which it is written.
+
+    Raises:
+        FileNotFoundError: there is none; its text says what there is.
+    """
+    try:
+        path = find_file(target, kind, Path(mark.file).parent)
+    except ConfigError as error:
+        raise FileNotFoundError(error.problems[0].message) from None
+    if not path.is_file():
+        raise FileNotFoundError(_no_such_file(path))
+    return path
 
 
 def _no_such_file(path: Path) -> str:

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
+from eal_actors.bundled import find_file
 from eal_actors.errors import ConfigError, Problem
 from eal_actors.scenario.checks import check_scope
 from eal_actors.scenario.model import AnyStep, ScenarioFile, ScenarioStep, inner_steps
@@ -26,14 +27,15 @@ def load_scenario(path: str | Path, parameters: Mapping[str, object] | None = No
     """Read a scenario file. The environment has no say in it.
 
     Args:
-        path: the scenario file.
+        path: the scenario file, or the name of one that comes with the framework, such as `dance`.
         parameters: values of its parameters by name, in place of their defaults. Those without a default may be given
             later, to `make_plan`.
 
     Raises:
         ConfigError: with every problem of the file, and of the scenarios that it carries out.
     """
-    return _Loader().load(Path(path), str(path), parameters or {})
+    file = find_file(path, "scenario")
+    return _Loader().load(file, str(file), parameters or {})
 
 
 def parse_scenario(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from eal_actors.bundled import find_file
 from eal_actors.errors import ConfigError
 from eal_actors.strict_model import problems_from
 from eal_actors.world.contradictions import contradictions
@@ -16,10 +17,13 @@ from eal_actors.yaml_source import load_yaml
 def load_world(path: str | Path) -> WorldModel:
     """Read a world file. The environment has no say in it: a world is the same on every machine.
 
+    Args:
+        path: the world file, or the name of one that comes with the framework, such as `lab`.
+
     Raises:
         ConfigError: with every problem of the file.
     """
-    tree = load_yaml(path)
+    tree = load_yaml(find_file(path, "world"))
     try:
         world = WorldModel.model_validate(tree.root)
     except ValidationError as error:
