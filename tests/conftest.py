@@ -9,7 +9,9 @@ import pykka
 import pytest
 from hypothesis import settings
 
-settings.register_profile("patient", deadline=None)  # how fast a busy machine is says nothing of the code
+# How fast a busy machine is says nothing of the code, and what failed must fail again: the same examples in every run.
+settings.register_profile("patient", deadline=None, derandomize=True)
+settings.register_profile("search", deadline=None)  # `pytest --hypothesis-profile search` looks for new ones
 settings.load_profile("patient")
 
 

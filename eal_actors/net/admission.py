@@ -10,7 +10,7 @@ import threading
 from typing import Final
 
 from eal_actors.actors.call import MOTION_METHODS
-from eal_actors.clock import REAL_TIME
+from eal_actors.clock import REAL_TIME, Clock
 from eal_actors.errors import EALError, StaleCommandError
 from eal_actors.net.deadman import DeadMan, Silence
 from eal_actors.net.leases import Leases
@@ -29,6 +29,7 @@ class Admission:
         era: the run of the robot's server.
         actuators: names of the resources that one controller at a time may command.
         dead_man_s: how long a controller may be silent.
+        clock: the robot's own; its seconds are real ones, but for tests.
 
     Attributes:
         names: what controllers call themselves.
@@ -36,7 +37,8 @@ class Admission:
     Thread: any.
     """
 
-    def __init__(self, era: str, actuators: list[str], dead_man_s: float) -> None:
+    def __init__(self, era: str, actuators: list[str], dead_man_s: float, clock: Clock = REAL_TIME) -> None:
+        self._clock = clock
         self._guard = threading.Lock()
         self._receipts: Receipts[Answer] = Receipts(era)
         self.names: Final = Names()
@@ -55,8 +57,9 @@ class Admission:
         """
         stamp = _stamp_of(header)
         with self._guard:
-            now_s = REAL_TIME.now()
+            now_s = self._clock.now()
             self._receipts.accept(stamp, resource, now_s)
+            self._dead_man.heard(header.client, now_s)  # a command that is refused is a sign of life too
             try:
                 if method in _CLAIMING:
                     self._leases.claim(header.client, resource, now_s)
@@ -72,7 +75,7 @@ class Admission:
         stamp = _stamp_of(header)
         with self._guard:
             with contextlib.suppress(StaleCommandError):  # then whatever it has overtaken is stale too
-                self._receipts.accept(stamp, resource, REAL_TIME.now())
+                self._receipts.accept(stamp, resource, self._clock.now())
                 self._receipts.finish(stamp.call, 1)
             self._dead_man.halted(resource)
 
@@ -90,12 +93,12 @@ class Admission:
         """Take note that a controller has connected anew, and of what it calls itself."""
         self.names.note(client, name)
         with self._guard:
-            self._receipts.enter(client, epoch, REAL_TIME.now())
+            self._receipts.enter(client, epoch, self._clock.now())
 
     def hear(self, client: str) -> None:
         """Take in a controller's sign of life."""
         with self._guard:
-            now_s = REAL_TIME.now()
+            now_s = self._clock.now()
             self._dead_man.heard(client, now_s)
             self._leases.renew(client, now_s)
 
@@ -108,12 +111,12 @@ class Admission:
     def silences(self) -> tuple[Silence, ...]:
         """Return what is to be halted now, because its controller is silent; each is told once."""
         with self._guard:
-            return self._dead_man.due(REAL_TIME.now())
+            return self._dead_man.due(self._clock.now())
 
     def holders(self) -> dict[str, str]:
         """Return who holds which resource, as they call themselves."""
         with self._guard:
-            holders = self._leases.holders(REAL_TIME.now())
+            holders = self._leases.holders(self._clock.now())
         return {resource: self.names.of(client) for resource, client in holders.items()}
 
 
