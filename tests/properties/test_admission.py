@@ -122,11 +122,8 @@ class AdmissionMachine(RuleBasedStateMachine):
             begin_within_s = self.admission.check(letter.header, letter.method, letter.resource)
         except StaleCommandError:
             return  # whether that was right is the matter of ReceiptsMachine
-        except ResourceBusyError as error:
-            assert error.resource == letter.resource
-            assert holder not in (None, client)
-            self.hear(client)
-            self.begun[call] = True  # its refusal is its outcome, and it never passes again
+        except ResourceBusyError:
+            self.refused(call, holder)
             return
         assert call not in self.begun, "a command passed twice"
         assert now_s + begin_within_s <= letter.sent_s + letter.header.ttl_s + 1e-6, "it may begin too late"
@@ -141,6 +138,11 @@ class AdmissionMachine(RuleBasedStateMachine):
             shared = letter.resource not in ACTUATORS
             assert before is None or before.client == client or shared, "it took over what another has left moving"
             self.moving[letter.resource] = Answerable(client, now_s)
+
+    def refused(self, call: CallId, holder: str | None) -> None:
+        assert holder not in (None, call.client)
+        self.hear(call.client)
+        self.begun[call] = True  # its refusal is its outcome, and it never passes again
 
     @precondition(lambda self: not all(self.begun.values()))
     @rule(data=st.data())

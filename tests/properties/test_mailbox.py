@@ -18,6 +18,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from eal_actors.actors.future import Future
 from eal_actors.clock import ManualClock
+from eal_actors.data import DataType
 from eal_actors.errors import (
     BusyError,
     CallCancelledError,
@@ -26,7 +27,6 @@ from eal_actors.errors import (
     PreemptedError,
     StaleCommandError,
 )
-from eal_actors.data import DataType
 from eal_actors.info import ResourceType, ValueInfo
 from eal_actors.resource import Resource, command, request
 from tests.robots import WAIT_S, running_robot
