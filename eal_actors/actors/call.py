@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
+from eal_actors import spans
 from eal_actors.actors.future import Future, Later
 from eal_actors.actors.inbox import Envelope, Inbox
 from eal_actors.clock import Clock
@@ -85,6 +86,8 @@ class Call(Future[T]):
     """By how many seconds at most the answer's `stamp_s` is wrong: over 0 where it is from another machine's clock."""
     caller: str = ""
     """Who called, where that is another process; empty for this one."""
+    span: spans.Span | None = None
+    """What it is to those who trace it; None where nobody does."""
     _progress: Progress | None = None
     _progress_callbacks: tuple[Callable[[Progress], None], ...] = ()
 
@@ -99,9 +102,21 @@ class Call(Future[T]):
         self.timeout_s = timeout_s
         self.call_id = next(_call_ids)
         self.stops = False
+        if spans.tracer is not None:
+            self._trace(spans.tracer)
         if _watchers:
             for watcher in _watchers:
                 watcher(self)
+
+    def _trace(self, tracer: spans.Tracer) -> None:
+        cell, text = self.cell, self.arguments[0] if self.arguments else None
+        about = {"rpc.system": "eal", "rpc.service": cell.name, "rpc.method": self.method, "eal.robot": cell.robot}
+        if isinstance(text, str):
+            about["eal.command"] = text
+        kind: spans.Kind = "internal" if cell.open_feed is None else "client"
+        self.span = span = tracer.begin(f"{cell.name}/{self.method}", about, kind)
+        if span is not None:
+            self.link(lambda done, _: span.end(done.exception()))
 
     @property
     def message(self) -> Call[T]:

@@ -215,6 +215,9 @@ class ResourceActor(EALActor):
         set_call(call.call_id)
         if is_debugging():
             self._log.debug("call", method=call.shown())
+        if call.span is not None:
+            handler = call.span.part(f"{self.cell.name}/{call.method} handler")
+            call.link(lambda done, _: handler.end(done.exception()))
         try:
             if self._readiness is not None and not call.stops:
                 self._readiness.require()

@@ -25,6 +25,7 @@ from eal_actors.cli.run_keys import RunKeys
 from eal_actors.cli.run_options import Order, Wanted, read_order
 from eal_actors.cli.run_plan import plan_as_json, print_plan
 from eal_actors.cli.run_summary import print_summary
+from eal_actors.cli.trace import TraceOption, traces_to
 from eal_actors.clock import wall_time
 from eal_actors.errors import ConfigError, PluginError, Problem, ScenarioError
 from eal_actors.facade.elsewhere import FLEET_VARIABLE
@@ -93,6 +94,7 @@ def run_scenario(
     ] = None,
     as_json: JsonOption = False,
     metrics_port: MetricsPortOption = None,
+    trace: TraceOption = None,
     no_plot: Annotated[bool, typer.Option("--no-plot", help="Draw no picture of the paths.")] = False,
     show: Annotated[bool, typer.Option("--show", help="Open the picture, where there is a desktop.")] = False,
 ) -> None:
@@ -114,7 +116,7 @@ def run_scenario(
         _tell_plan(order, console, as_json=as_json)
         return
     options = context.find_object(GlobalOptions) or GlobalOptions()
-    with event_stream(events) as listeners:
+    with event_stream(events) as listeners, traces_to(trace, "eal run", console):
         done = _carry_out(order, runs_dir, console, options, listeners, record, metrics_port)
     if as_json:
         write_json(done.report.model_dump(mode="json"))

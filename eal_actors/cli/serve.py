@@ -12,6 +12,7 @@ from eal_actors.cli.metrics import MetricsPortOption, metrics_at
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import stdout
+from eal_actors.cli.trace import TraceOption, traces_to
 from eal_actors.clock import REAL_TIME, new_waiter
 from eal_actors.facade.service import RobotService
 
@@ -20,14 +21,15 @@ def serve_robot(
     fleet: FleetOption,
     robot: Annotated[str, typer.Option("--robot", "-r", help="The robot's name.", show_default=False)],
     metrics_port: MetricsPortOption = None,
+    trace: TraceOption = None,
 ) -> None:
     """Run a robot in this process, and serve its resources at its address until Ctrl-C or SIGTERM.
 
     Controllers use the same fleet file. When this ends, everything that moves is halted.
     """
     heed_signals()
-    with RobotService(read_fleet(fleet, [robot]), robot) as service:
-        out = stdout()
+    out = stdout()
+    with traces_to(trace, f"eal serve {robot}", out), RobotService(read_fleet(fleet, [robot]), robot) as service:
         resources = ", ".join(service.robot)
         out.print(Text.assemble((robot, "bold"), f" serves {resources}"), soft_wrap=True)
         out.print(f"listening at {', '.join(service.endpoints)}", soft_wrap=True)

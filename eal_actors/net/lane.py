@@ -202,6 +202,8 @@ class Lane(UrgentMessage):
         if header.sequence and call.method != keys.HALT:
             self._running[header.call_id] = call
             real_s = min(real_s, _ANSWER_S)
+        if call.span is not None:
+            call.span.note("sent")
         query = _Query(self, call, header.call_id)
         key = self._key(call)
         self._controller.pace.sent()
@@ -213,8 +215,10 @@ class Lane(UrgentMessage):
         """Return how a call is announced; commands, and what stops them, have a number and proof of their age."""
         plain, data = split_arguments(call)
         stamper = self._stamper
+        traceparent = "" if call.span is None else call.span.traceparent
         if call.method in READS:
-            return CallHeader(stamper.client, stamper.epoch, 0, left_s, left_s, None, plain), data
+            head = CallHeader(stamper.client, stamper.epoch, 0, left_s, left_s, None, plain, traceparent=traceparent)
+            return head, data
         start_s = None if call.start_s is None else self._time_on_robot(call.start_s)
         if data is not None and data.stamp_s is not None:
             data = data.with_meta(stamp_s=self._time_on_robot(data.stamp_s))
@@ -224,7 +228,7 @@ class Lane(UrgentMessage):
             stamper.heard(time.era, time.time_s, told_s)
         stamp = stamper.stamp(TTL_S, REAL_TIME.now())
         echo = stamp.era, stamp.echo_s, stamp.held_s
-        return CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *echo, has_more), data
+        return CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *echo, has_more, traceparent), data
 
     def _key(self, call: Call[Any]) -> str | zenoh.KeyExpr:
         name = call.cell.name, call.method

@@ -11,6 +11,7 @@ import secrets
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, Self
 
+from eal_actors import spans
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.clock import REAL_TIME
@@ -173,10 +174,11 @@ class RobotServer:
             )
             if data is not None:
                 data = stamp_in(data, self._clock)
-            if resource == keys.ROBOT:
-                self._serve_robot(method, query, key, header)
-            else:
-                self._serve(self._robot[resource], method, query, key, header, data)
+            with spans.within(header.traceparent):
+                if resource == keys.ROBOT:
+                    self._serve_robot(method, query, key, header)
+                else:
+                    self._serve(self._robot[resource], method, query, key, header, data)
         except EALError as error:
             self._answer(query, key, error.at(self._robot.name))
         except Exception as error:  # noqa: BLE001  # else the caller would get no answer at all

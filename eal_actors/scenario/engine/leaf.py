@@ -6,6 +6,7 @@ from collections.abc import Callable, Generator
 from functools import partial
 from typing import Any, Protocol, TypeAlias
 
+from eal_actors import spans
 from eal_actors.actors.future import Future
 from eal_actors.errors import CallCancelledError, EALError
 from eal_actors.scenario.engine.cast import Context, RobotRun
@@ -85,7 +86,10 @@ class _Performance:
     def perform(self) -> Generator[Future[Any], None, bool]:
         """Perform it; return False if another robot has taken the place and is to do it again."""
         start_s = self._stage.tell(self._started) if not self._is_quiet else None
-        attempts, error = yield from self._attempts()
+        span = self._new_span()
+        attempts, error = yield from spans.during(span, self._attempts())
+        if span is not None:
+            span.end(error)
         if error is None:
             if start_s is not None:
                 self._record(start_s, "done", attempts, None)
@@ -96,6 +100,14 @@ class _Performance:
         self._record(start_s, outcome, attempts if self._act.is_begun else 0, error)
         yield from self._follow(outcome, error)
         return outcome != "replaced"
+
+    def _new_span(self) -> spans.Span | None:
+        if spans.tracer is None or self._is_quiet:
+            return None
+        about = {"eal.step": self._path, "eal.label": self._act.label}
+        if self._robot is not None:
+            about["eal.robot"] = self._robot.name
+        return spans.tracer.begin(f"step {self._step.kind}", about)
 
     def _started(self, time_s: float) -> StepStarted:
         context = self._context

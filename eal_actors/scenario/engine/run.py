@@ -5,11 +5,13 @@ from __future__ import annotations
 import enum
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
 from typing import Final
 
 from eal_actors.actors.future import Future
+from eal_actors import spans
 from eal_actors.clock import REAL_TIME, ScaledClock, wall_time
 from eal_actors.errors import ScenarioError
 from eal_actors.facade.fleet import Fleet
@@ -176,15 +178,26 @@ class Run:
 
     def _run(self) -> None:
         try:
-            self._loop.run(self._conduct())
+        span = self._new_span()
+            with span.current() if span is not None else nullcontext():
+                self._loop.run(self._conduct())
         except BaseException as error:  # noqa: BLE001  # whoever waits must get a report
             self._fail(error)
         try:
+        if span is not None:
+            span.end(self._outcome()[1])
             self._future.set(self._conclude())
         except BaseException as error:  # noqa: BLE001  # or at least an answer
             self._future.set_exception(error)
 
     def _conduct(self) -> Branch:
+    def _new_span(self) -> spans.Span | None:
+        if spans.tracer is None:
+            return None
+        scenario = self._plan.scenario.name
+        about = {"eal.scenario": scenario, "eal.fleet": self._fleet.name}
+        return spans.tracer.begin_trace(f"scenario {scenario}", about)
+
         yield from self._guarded(self._opening())
         self._heed_aborts()
         yield self._loop.breathe()  # a pause that was asked for before the start

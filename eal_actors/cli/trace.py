@@ -1,0 +1,57 @@
+"""`--trace`: OpenTelemetry traces of what a command does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated, Final
+
+import typer
+from rich.console import Console
+
+from eal_actors.errors import ArgumentError, UnsupportedError
+
+TraceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--trace",
+        metavar="URL|otlp|console",
+        envvar="OTEL_TRACES_EXPORTER",
+        show_default=False,
+        help="Send traces to an OpenTelemetry collector, to the one that OTEL_* variables name, or to stderr.",
+    ),
+]
+
+_NONE: Final = "none"
+"""How OTEL_TRACES_EXPORTER says that there are to be no traces."""
+
+
+@contextmanager
+def traces_to(where: str | None, service: str, console: Console) -> Iterator[None]:
+    """Trace this process if it is asked for, and print where the traces go.
+
+    Args:
+        where: see tracing.exporter_to; None or `none` for nowhere.
+        service: what the process is called.
+        console: where to print.
+
+    Raises:
+        UnsupportedError: OpenTelemetry is not installed.
+        BadParameter: traces cannot go there.
+    """
+    if where in (None, _NONE):
+        yield
+        return
+    try:
+        from eal_actors.tracing import Tracing
+    except ModuleNotFoundError as error:
+        raise UnsupportedError(
+            f"traces need {error.name}, which is not installed: pip install 'eal-actors[otel]'"
+        ) from error
+    try:
+        tracing = Tracing(where, service)
+    except ArgumentError as error:
+        raise typer.BadParameter(error.message, param_hint="'--trace'") from error
+    with tracing:
+        console.print(f"traces to {where}", soft_wrap=True)
+        yield
