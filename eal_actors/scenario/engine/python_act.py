@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextvars
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 from eal_actors.actors.future import Future
@@ -59,9 +61,8 @@ class PythonAct:
         step_context = self._context_of(answer, dict(known.variables))
         self.is_begun = True
         context.task.touch(None)
-        thread = threading.Thread(
-            target=_work, args=(function, step_context, given, answer), name=f"python step {step.python}", daemon=True
-        )
+        work = partial(contextvars.copy_context().run, _work, function, step_context, given, answer)
+        thread = threading.Thread(target=work, name=f"python step {step.python}", daemon=True)
         stage.threads.append(thread)
         stage.clock.start(thread)
         yield from stage.wait(context, answer)
