@@ -22,6 +22,7 @@ from pydantic import Field
 
 from eal_actors.clock import Clock
 from eal_actors.data import DataType, EALData
+from eal_actors.differential_base import DifferentialBase, Drivetrain
 from eal_actors.errors import (
     ArgumentError,
     DataError,
@@ -51,6 +52,8 @@ __all__ = [
     "ConfigInfo",
     "DataError",
     "DataType",
+    "DifferentialBase",
+    "Drivetrain",
     "EALData",
     "EALError",
     "EALPlugin",

@@ -7,23 +7,21 @@ from __future__ import annotations
 from typing import Final, Literal
 
 from eal_actors.plugin import (
-    DataType,
+    Drivetrain,
     Field,
     PluginContext,
     Resource,
-    ValueInfo,
-    config,
     open_serial,
 )
 
-from .base import EvBotBase, Make
+from .base import Base
 from .connecting import EvBotPlugin, TalkSettings, come_up, way_to
 from .emulator import TRACKS, in_the_world
 from .messages import Channel
 from .odometry import Odometry
 from .protocol import BAUD_RATE, MODEL, HostCodec
 
-MAKE: Final = Make("evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0)
+DRIVETRAIN: Final = Drivetrain("evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0)
 """The EvBot II."""
 
 
@@ -34,20 +32,6 @@ class Settings(TalkSettings):
     """The serial port: a device path, a URL that pyserial knows, such as socket://host:port, or sim://world/<robot>."""
     baudrate: Literal[9600, 19200, 38400, 57600, 115200] = BAUD_RATE
     """Baud rate of a device path."""
-
-
-class Base(EvBotBase):
-    """Drives the robot; get_status: 0 stands, 1 moves, 2 is driven but blocked."""
-
-    @config("speed_m_s", ValueInfo(DataType.DOUBLE, "m/s", 0.01, MAKE.max_speed_m_s))
-    def speed_m_s(self) -> float:
-        """Speed of driving straight."""
-        return self._speed_m_s
-
-    @config("turn_rate_deg_s", ValueInfo(DataType.DOUBLE, "deg/s", 1, MAKE.max_turn_rate_deg_s))
-    def turn_rate_deg_s(self) -> float:
-        """Speed of turning in place."""
-        return self._turn_rate_deg_s
 
 
 def connect(context: PluginContext) -> EvBotPlugin:
@@ -62,11 +46,13 @@ def connect(context: PluginContext) -> EvBotPlugin:
     way = way_to(
         context,
         settings.port,
-        MAKE.name,
+        DRIVETRAIN.name,
         in_the_world,
         lambda: open_serial(settings.port, baudrate=settings.baudrate),
     )
-    talk, odometer = come_up(context, way, HostCodec(), model=MODEL, channels=(Channel.WHEELS,), track_m=MAKE.track_m)
+    talk, odometer = come_up(
+        context, way, HostCodec(), model=MODEL, channels=(Channel.WHEELS,), track_m=DRIVETRAIN.track_m
+    )
     return EvBotPlugin(talk, odometer, "Base", "Odometry")
 
 
@@ -77,7 +63,7 @@ def disconnect(plugin: EvBotPlugin) -> None:
 
 def create_Base(context: PluginContext) -> Base:
     """Make the base."""
-    return Base(context.plugin.talk, context.plugin.odometer, MAKE)
+    return Base(context.plugin.talk, context.plugin.odometer, DRIVETRAIN)
 
 
 def create_Odometry(context: PluginContext) -> Odometry:

@@ -11,16 +11,14 @@ from pydantic import field_validator
 
 from eal_actors.plugin import (
     BytePort,
-    DataType,
+    Drivetrain,
     Field,
     PluginContext,
     Resource,
-    ValueInfo,
-    config,
     open_tcp,
 )
 
-from ..evbot2.base import EvBotBase, Make
+from ..evbot2.base import Base
 from ..evbot2.connecting import EvBotPlugin, TalkSettings, come_up, way_to
 from ..evbot2.messages import Channel
 from ..evbot2.odometry import Odometry
@@ -30,7 +28,7 @@ from .protocol import MODEL, HostCodec
 from .sensors import Battery, Bump
 from .turret import Turret
 
-MAKE: Final = Make("evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_m_s, 90.0, 150.0)
+DRIVETRAIN: Final = Drivetrain("evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_m_s, 90.0, 150.0)
 """The EvBot III."""
 
 _CONNECT_TIMEOUT_S: Final = 2.0
@@ -48,20 +46,6 @@ class Settings(TalkSettings):
         if not address.startswith("sim:"):
             _endpoint(address)
         return address
-
-
-class Base(EvBotBase):
-    """Drives the robot; get_status: 0 stands, 1 moves, 2 is driven but blocked."""
-
-    @config("speed_m_s", ValueInfo(DataType.DOUBLE, "m/s", 0.01, MAKE.max_speed_m_s))
-    def speed_m_s(self) -> float:
-        """Speed of driving straight."""
-        return self._speed_m_s
-
-    @config("turn_rate_deg_s", ValueInfo(DataType.DOUBLE, "deg/s", 1, MAKE.max_turn_rate_deg_s))
-    def turn_rate_deg_s(self) -> float:
-        """Speed of turning in place."""
-        return self._turn_rate_deg_s
 
 
 def _endpoint(address: str) -> tuple[str, str, int]:
@@ -91,9 +75,9 @@ def connect(context: PluginContext) -> EvBotPlugin:
     Thread: the robot's; see way_to and come_up.
     """
     settings: Settings = context.settings
-    way = way_to(context, settings.address, MAKE.name, in_the_world, lambda: _open(settings.address))
+    way = way_to(context, settings.address, DRIVETRAIN.name, in_the_world, lambda: _open(settings.address))
     channels = (Channel.WHEELS, Channel.TURRET)
-    talk, odometer = come_up(context, way, HostCodec(), model=MODEL, channels=channels, track_m=MAKE.track_m)
+    talk, odometer = come_up(context, way, HostCodec(), model=MODEL, channels=channels, track_m=DRIVETRAIN.track_m)
     return EvBotPlugin(talk, odometer, "Base", "Odometry", "Turret", "Bump", "Battery")
 
 
@@ -104,7 +88,7 @@ def disconnect(plugin: EvBotPlugin) -> None:
 
 def create_Base(context: PluginContext) -> Base:
     """Make the base."""
-    return Base(context.plugin.talk, context.plugin.odometer, MAKE)
+    return Base(context.plugin.talk, context.plugin.odometer, DRIVETRAIN)
 
 
 def create_Odometry(context: PluginContext) -> Odometry:

@@ -7,31 +7,18 @@ from typing import Final
 
 from eal_actors.plugin import (
     Activity,
-    DataType,
-    EALData,
-    Resource,
+    DifferentialBase,
+    Drivetrain,
     ResourceFaultError,
-    ResourceType,
     UnavailableError,
-    ValueInfo,
     WheelCalibration,
-    command,
-    config,
-    config_setter,
     get_logger,
 )
 
 from .driver import RoombaDriver
 from .groups import Contacts
 from .motion import MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, Motion, Progress
-from .reading import Drive
 
-_DISTANCE: Final = ValueInfo(DataType.DOUBLE, "m", 0, 100)
-_ANGLE: Final = ValueInfo(DataType.DOUBLE, "deg", 0, 3600)
-_SPEED: Final = ValueInfo(DataType.DOUBLE, "m/s", 0.01, MAX_SPEED_MM_S / 1000)
-_TURN_RATE: Final = ValueInfo(DataType.DOUBLE, "deg/s", 1, MAX_TURN_RATE_DEG_S)
-_TRACK_FACTOR: Final = ValueInfo(DataType.DOUBLE, None, 0.5, 2, description="a factor; 1 is nominal")
-_WHEEL_RATIO: Final = ValueInfo(DataType.DOUBLE, None, 0.9, 1.1, description="a ratio; 1 is nominal")
 _MOST_DOUBT_M: Final = 0.03  # of the travel, in one straight drive
 _MOST_DOUBT_IN_A_TURN_M: Final = 0.01
 _REST_S: Final = 1.0  # the longest that it may take to come to rest
@@ -44,20 +31,14 @@ _TELL_AGAIN_S: Final = 0.3  # without a count, after which the command to the wh
 _STALL_S: Final = 2.0  # without a count from driven wheels; the slowest turn counts twice a second
 
 
-class Base(Resource):
+class Base(DifferentialBase):
     """Drives the robot; get_status: 0 stands, 1 moves, 2 is driven but blocked."""
 
-    types = ResourceType.ACTUATOR
-    value = ValueInfo(
-        DataType.DOUBLE, shape=(2,), description="a twist: speed in m/s, turn rate in rad/s, to the left if positive"
-    )
-
     def __init__(self, roomba: RoombaDriver) -> None:
+        super().__init__(
+            Drivetrain("roomba", roomba.wheelbase_m, 0.3, MAX_SPEED_MM_S / 1000, 90.0, MAX_TURN_RATE_DEG_S)
+        )
         self._roomba = roomba
-        self._speed_m_s = 0.3
-        self._turn_rate_deg_s = 90.0
-        self._step_m = 0.5
-        self._twist_timeout_s = 0.5
         self._in_motion = False
         self._twist_until_s: float | None = None
         self._twist_forward = False
@@ -93,138 +74,24 @@ class Base(Resource):
         self._twist_until_s = None
         self._roomba.stop()
 
-    def set_value(self, data: EALData) -> Activity:
-        """Drive at a twist until a newer command, or until the time-out passes without one.
+    @property
+    def calibration(self) -> WheelCalibration:
+        """See DifferentialBase."""
+        return self._roomba.calibration
 
-        Raises:
-            ArgumentError: the Roomba does not reach it, or it is no number.
-        """
-        speed_m_s, turn_rate_rad_s = (float(number) for number in data.value)
-        return self._hold(self._roomba.twist(speed_m_s, turn_rate_rad_s))
-
-    @command("g")
-    def go(self) -> Activity:
-        """Drive one step forward."""
-        return self._drive(self._step_m)
-
-    @command("b")
-    def back(self) -> Activity:
-        """Drive one step back."""
-        return self._drive(-self._step_m)
-
-    @command("l")
-    def left(self) -> Activity:
-        """Turn left by 90 degrees."""
-        return self._turn(90.0)
-
-    @command("r")
-    def right(self) -> Activity:
-        """Turn right by 90 degrees."""
-        return self._turn(-90.0)
-
-    @command("s", urgent=True)
-    def stop(self) -> int:
-        """Stop at once."""
-        self.halt()
-        return 1
-
-    @command("f<metres>", _DISTANCE)
-    def go_by(self, metres: float) -> Activity:
-        """Drive forward by a distance."""
-        return self._drive(metres)
-
-    @command("b<metres>", _DISTANCE)
-    def back_by(self, metres: float) -> Activity:
-        """Drive back by a distance."""
-        return self._drive(-metres)
-
-    @command("l<degrees>", _ANGLE)
-    def left_by(self, degrees: float) -> Activity:
-        """Turn left by an angle."""
-        return self._turn(degrees)
-
-    @command("r<degrees>", _ANGLE)
-    def right_by(self, degrees: float) -> Activity:
-        """Turn right by an angle."""
-        return self._turn(-degrees)
-
-    @config("speed_m_s", _SPEED)
-    def speed_m_s(self) -> float:
-        """Speed of driving straight."""
-        return self._speed_m_s
-
-    @config_setter("speed_m_s")
-    def set_speed_m_s(self, speed_m_s: float) -> None:
-        """Set the speed of later commands."""
-        self._speed_m_s = float(speed_m_s)
-
-    @config("turn_rate_deg_s", _TURN_RATE)
-    def turn_rate_deg_s(self) -> float:
-        """Speed of turning in place."""
-        return self._turn_rate_deg_s
-
-    @config_setter("turn_rate_deg_s")
-    def set_turn_rate_deg_s(self, turn_rate_deg_s: float) -> None:
-        """Set the turn rate of later commands."""
-        self._turn_rate_deg_s = float(turn_rate_deg_s)
-
-    @config("step_m", ValueInfo(DataType.DOUBLE, "m", 0.01, 10))
-    def step_m(self) -> float:
-        """Distance of the commands g and b."""
-        return self._step_m
-
-    @config_setter("step_m")
-    def set_step_m(self, step_m: float) -> None:
-        """Set the distance of later commands g and b."""
-        self._step_m = float(step_m)
-
-    @config("twist_timeout_s", ValueInfo(DataType.DOUBLE, "s", 0.1, 60))
-    def twist_timeout_s(self) -> float:
-        """Time after which a twist ends, if no newer one comes."""
-        return self._twist_timeout_s
-
-    @config_setter("twist_timeout_s")
-    def set_twist_timeout_s(self, twist_timeout_s: float) -> None:
-        """Set the time-out of later twists."""
-        self._twist_timeout_s = float(twist_timeout_s)
-
-    @config("wheelbase_m", ValueInfo(DataType.DOUBLE, "m", 0, 10))
-    def wheelbase_m(self) -> float:
-        """Nominal distance of the wheels."""
-        return self._roomba.wheelbase_m
-
-    @config("track_factor", _TRACK_FACTOR)
-    def track_factor(self) -> float:
-        """Effective over nominal distance of the wheels: E_b of the square test."""
-        return self._roomba.calibration.track_factor
-
-    @config_setter("track_factor")
-    def set_track_factor(self, track_factor: float) -> None:
-        """Set what later commands, twists and the odometry know of the distance of the wheels."""
-        self._calibrate(track_factor=float(track_factor))
-
-    @config("wheel_ratio", _WHEEL_RATIO)
-    def wheel_ratio(self) -> float:
-        """Diameter of the right wheel over the left one's: E_d of the square test."""
-        return self._roomba.calibration.wheel_ratio
-
-    @config_setter("wheel_ratio")
-    def set_wheel_ratio(self, wheel_ratio: float) -> None:
-        """Set what later commands, twists and the odometry know of the wheels' diameters."""
-        self._calibrate(wheel_ratio=float(wheel_ratio))
-
-    def _calibrate(self, **change: float) -> None:
-        known = self._roomba.calibration
-        self._roomba.calibration = WheelCalibration.model_validate({**known.model_dump(), **change})
+    @calibration.setter
+    def calibration(self, calibration: WheelCalibration) -> None:
+        self._roomba.calibration = calibration
 
     # Motions.
 
-    def _drive(self, distance_m: float) -> Activity:
-        return self._run(Motion.straight(distance_m, self._speed_m_s, self._roomba.calibration))
+    def drive(self, distance_m: float, speed_m_s: float) -> Activity:
+        """See DifferentialBase."""
+        return self._run(Motion.straight(distance_m, speed_m_s, self.calibration))
 
-    def _turn(self, degrees: float) -> Activity:
-        roomba, rate_rad_s = self._roomba, math.radians(self._turn_rate_deg_s)
-        return self._run(Motion.turn(math.radians(degrees), rate_rad_s, roomba.wheelbase_m, roomba.calibration))
+    def turn(self, angle_rad: float, turn_rate_rad_s: float) -> Activity:
+        """See DifferentialBase."""
+        return self._run(Motion.turn(angle_rad, turn_rate_rad_s, self.drivetrain.track_m, self.calibration))
 
     def _run(self, motion: Motion) -> Activity:
         """Carry out a motion, from rest to rest."""
@@ -295,12 +162,13 @@ class Base(Resource):
 
     # Twists.
 
-    def _hold(self, drive: Drive) -> Activity:
-        """Hold a twist. Closing it lets the wheels turn on: a newer twist takes over without a stop, a halt stops."""
+    def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
+        """See DifferentialBase."""
+        drive = self._roomba.twist(speed_m_s, turn_rate_rad_s)
         forward = drive.goes_forward
         _require_ground(self._roomba.latest().contacts, forward=forward)
         yield from self._roomba.drive(drive)
-        self._twist_until_s = until_s = self._roomba.clock.now() + self._twist_timeout_s
+        self._twist_until_s = until_s = self._roomba.clock.now() + timeout_s
         self._twist_forward = forward
         while not self._roomba.is_due(until_s):
             yield min(self._roomba.next_look_s(), until_s - self._roomba.clock.now())

@@ -71,11 +71,7 @@ class RoombaDriver(Listener):
 
     @abstractmethod
     def twist(self, speed_m_s: float, turn_rate_rad_s: float) -> Drive:
-        """Return the command for a twist.
-
-        Raises:
-            ArgumentError: the Roomba does not reach it, or it is no number.
-        """
+        """Return the command for a twist; where a wheel would have to go too fast, for the same curve, slower."""
 
     @abstractmethod
     def _poll_once(self) -> Generator[float, None, bool]:

@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final
 
-from eal_actors.plugin import ArgumentError, WheelCalibration
+from eal_actors.plugin import WheelCalibration
 
 from .reading import Reading
 
 MAX_SPEED_MM_S: Final = 500
 """What each wheel of every Roomba reaches."""
 MAX_TURN_RATE_DEG_S: Final = 180.0
-_ROUNDING: Final = 1e-9
 _BRAKE_M_S2: Final = 0.3
 _CREEP_M_S: Final = 0.02
 """The speed at which a motion ends: it comes to rest from there within a millimetre."""
@@ -122,18 +121,6 @@ def slowed(speed_m_s: float, turn_rate_rad_s: float, wheelbase_m: float) -> tupl
         speed_m_s: forward positive.
         turn_rate_rad_s: counter-clockwise positive.
         wheelbase_m: distance of the wheels.
-
-    Raises:
-        ArgumentError: a Roomba does not reach the speed or the turn rate, or it is no number.
     """
-    _check_reach("speed", speed_m_s, MAX_SPEED_MM_S / 1000, "m/s")
-    _check_reach("turn rate", turn_rate_rad_s, math.radians(MAX_TURN_RATE_DEG_S), "rad/s")
     excess = max(1.0, (abs(speed_m_s) + abs(turn_rate_rad_s) * wheelbase_m / 2) * 1000 / MAX_SPEED_MM_S)
     return speed_m_s / excess, turn_rate_rad_s / excess
-
-
-def _check_reach(what: str, value: float, most: float, unit: str) -> None:
-    if not abs(value) <= most + _ROUNDING:
-        raise ArgumentError(
-            f"the twist's {what} must be {-most:.4g}..{most:.4g} {unit}, which the roomba reaches, not {value:g}"
-        )

@@ -129,9 +129,6 @@ def twist_drive(speed_m_s: float, turn_rate_rad_s: float, track_factor: float = 
         speed_m_s: forward positive.
         turn_rate_rad_s: counter-clockwise positive.
         track_factor: effective over nominal distance of the wheels.
-
-    Raises:
-        ArgumentError: see `slowed`.
     """
     speed_m_s, turn_rate_rad_s = slowed(speed_m_s, turn_rate_rad_s, WHEELBASE_M * track_factor)
     turn_rate_rad_s *= track_factor

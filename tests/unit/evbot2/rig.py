@@ -110,7 +110,7 @@ class Rig:
         self.reopening = ReopeningPort(self._open, self.clock, "memory")
         self.reopening.open()
         self.talk, self.odometer = self.make_talk()
-        self.base = self.plugin.Base(self.talk, self.odometer, self.plugin.MAKE)
+        self.base = self.plugin.Base(self.talk, self.odometer, self.plugin.DRIVETRAIN)
         self._order = count()
         self._due: list[tuple[float, int, Activity]] = []
         self._tick_at_s = self.clock.now()
