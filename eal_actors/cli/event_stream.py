@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from typing import IO, Final
 import typer
 
 from eal_actors.log import get_logger
+from eal_actors.record.strict_json import as_json
 from eal_actors.scenario import Event, Listener
 
 STDOUT: Final = "-"
@@ -50,7 +50,7 @@ def _writer(stream: IO[str]) -> Listener:
         if not is_open:
             return
         try:
-            stream.write(json.dumps(event.to_dict()) + "\n")
+            stream.write(as_json(event.to_dict()) + "\n")
             stream.flush()
         except OSError as error:  # a full disk, or nobody reads any more: the run goes on
             is_open = False

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from eal_actors.data import DataType, EALData
+from eal_actors.record.strict_json import as_json
 
 _PIPE_WIDTH: Final = 160
 """Columns where nobody looks at them: wide, so that lines stay whole for grep."""
@@ -85,8 +86,8 @@ def new_table(*columns: str) -> Table:
 
 
 def write_json(value: Any) -> None:
-    """Write a value to stdout as JSON, and nothing else."""
-    sys.stdout.write(json.dumps(value, indent=2, ensure_ascii=False) + "\n")
+    """Write a value to stdout as strict JSON, and nothing else: see `as_json` for numbers that are none."""
+    sys.stdout.write(as_json(value, indent=2, ensure_ascii=False) + "\n")
 
 
 def counted(number: int, what: str) -> str:

@@ -196,7 +196,7 @@ class LiveProgress:
 
     def _note(self, event: Event) -> None:
         match event:
-            case RunStarted():
+            case RunStarted() | RunContinued():
                 self._start_s = self._clock.now() - event.time_s
                 self._title = f"{event.scenario} on {event.fleet}"
                 self._calls = event.calls

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
 import typer
 from rich.console import Console
@@ -21,6 +21,21 @@ from eal_actors.cli.opening import advice_on_plugins
 from eal_actors.cli.options import GlobalOptions, JsonOption
 from eal_actors.cli.output import stderr, stdout, write_json
 from eal_actors.cli.progress import new_progress
+from eal_actors.cli.run_arguments import (
+    BindingsOption,
+    DryRunOption,
+    EventsOption,
+    FleetOption,
+    NoPlotOption,
+    RateOption,
+    RecordOption,
+    ResumeOption,
+    RunsDirOption,
+    ScenarioArgument,
+    SeedOption,
+    SettingsOption,
+    ShowOption,
+)
 from eal_actors.cli.run_keys import RunKeys
 from eal_actors.cli.run_options import Order, Wanted, read_order
 from eal_actors.cli.run_plan import plan_as_json, print_plan
@@ -28,17 +43,10 @@ from eal_actors.cli.run_summary import print_summary
 from eal_actors.cli.trace import TraceOption, traces_to
 from eal_actors.clock import wall_time
 from eal_actors.errors import ConfigError, PluginError, Problem, ScenarioError
-from eal_actors.facade.elsewhere import FLEET_VARIABLE
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.recording import (
-    Extent,
-    PoseSample,
-    RunRecorder,
-    draw_trajectory,
-    keep_provenance,
-    write_trajectory,
-)
+from eal_actors.recording import Extent, RunFolder, RunRecorder, draw_trajectory, keep_provenance, mend_record
+from eal_actors.recording.run_folder import TRAJECTORY
 from eal_actors.scenario import Listener, Plan, Report, Run, make_plan
 from eal_actors.scenario.plan import bind_roles
 
@@ -48,55 +56,22 @@ _DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 
 def run_scenario(
     context: typer.Context,
-    scenario: Annotated[
-        Path | None,
-        typer.Argument(metavar="SCENARIO", help="The scenario file, or a shipped one by name.", show_default=False),
-    ] = None,
-    fleet: Annotated[
-        Path | None,
-        typer.Option(
-            "--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="The fleet file, or a shipped one by name."
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="The value of a parameter; may be given several times."),
-    ] = None,
-    bindings: Annotated[
-        list[str] | None,
-        typer.Option("--bind", metavar="ROLE=ROBOT,...", help="Who takes a role, in place of what the scenario says."),
-    ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Check everything and print what would happen; nothing moves.")
-    ] = False,
-    resume: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="RUN", help="Go on with the run of this folder, whose controller died.", show_default=False
-        ),
-    ] = None,
-    events: Annotated[
-        str | None, typer.Option(metavar="FILE|-", help="Write what happens as JSON lines; - is stdout.")
-    ] = None,
-    record: Annotated[
-        Extent, typer.Option(help="What run.mcap holds: poses; the values of all sensors too; or frames as well.")
-    ] = "poses",
-    runs_dir: Annotated[Path, typer.Option(help="Where the run's folder is made.")] = Path("runs"),
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of all randomness, in place of the fleet file's.")
-    ] = None,
-    rate: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NUMBER|max",
-            help="Fleet seconds in one real second, in place of the fleet file's; max is as fast as it goes.",
-        ),
-    ] = None,
+    scenario: ScenarioArgument = None,
+    fleet: FleetOption = None,
+    settings: SettingsOption = None,
+    bindings: BindingsOption = None,
+    dry_run: DryRunOption = False,
+    resume: ResumeOption = None,
+    events: EventsOption = None,
+    record: RecordOption = "poses",
+    runs_dir: RunsDirOption = Path("runs"),
+    seed: SeedOption = None,
+    rate: RateOption = None,
     as_json: JsonOption = False,
     metrics_port: MetricsPortOption = None,
     trace: TraceOption = None,
-    no_plot: Annotated[bool, typer.Option("--no-plot", help="Draw no picture of the paths.")] = False,
-    show: Annotated[bool, typer.Option("--show", help="Open the picture, where there is a desktop.")] = False,
+    no_plot: NoPlotOption = False,
+    show: ShowOption = False,
 ) -> None:
     """Run a scenario on a fleet.
 
@@ -107,9 +82,7 @@ def run_scenario(
     page of it.
     """
     if as_json and events == STDOUT:
-        raise typer.BadParameter(
-            "stdout can take the events or the summary of --json, not both", param_hint="'--events'"
-        )
+        raise typer.BadParameter("stdout takes the events or the summary of --json, not both", param_hint="'--events'")
     order = read_order(Wanted(scenario, fleet, settings or (), bindings or (), rate, seed, resume))
     console = stderr() if as_json or events == STDOUT else stdout()
     if dry_run:
@@ -118,20 +91,24 @@ def run_scenario(
     options = context.find_object(GlobalOptions) or GlobalOptions()
     with event_stream(events) as listeners, traces_to(trace, "eal run", console):
         done = _carry_out(order, runs_dir, console, options, listeners, record, metrics_port)
-    if as_json:
-        write_json(done.report.model_dump(mode="json"))
-    else:
-        print_summary(console, done.report)
-    with _writing_into(done.directory):
-        kept = _keep_paths(done, order.config, draw=not no_plot and done.interrupts < 2)
-    for what, file in (("run", done.directory), *((file.suffix[1:], file) for file in kept)):
-        console.print(Text(f"{what}: {file}", style="dim"), soft_wrap=True)
-    if show and kept and kept[-1].suffix == ".png" and any(map(os.environ.get, _DESKTOPS)):
-        typer.launch(str(kept[-1]))
+    _show(done, order.config, console, as_json=as_json, draw=not no_plot, open_picture=show)
     if done.interrupts:
         raise typer.Exit(ExitCode.INTERRUPTED)
     if done.report.outcome != "done":
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _show(done: _Done, config: FleetConfig, console: Console, *, as_json: bool, draw: bool, open_picture: bool) -> None:
+    """Tell what came of a run, draw its paths, and say where it all is."""
+    if as_json:
+        write_json(done.report.model_dump(mode="json"))
+    else:
+        print_summary(console, done.report)
+    kept = _draw_paths(done, config, draw=draw and done.interrupts < 2)
+    for what, file in (("run", done.directory), *((file.suffix[1:], file) for file in kept)):
+        console.print(Text(f"{what}: {file}", style="dim"), soft_wrap=True)
+    if open_picture and kept and kept[-1].suffix == ".png" and any(map(os.environ.get, _DESKTOPS)):
+        typer.launch(str(kept[-1]))
 
 
 def _tell_plan(order: Order, console: Console, *, as_json: bool) -> None:
@@ -152,13 +129,11 @@ class _Done:
     Attributes:
         report: what came of it.
         directory: its folder.
-        paths: where each robot was, on the clock of the run.
         interrupts: how many signals came.
     """
 
     report: Report
     directory: Path
-    paths: Mapping[str, Sequence[PoseSample]]
     interrupts: int
 
 
@@ -186,7 +161,9 @@ def _carry_out(
         directory = resumption.directory if resumption is not None else _new_directory(runs_dir, plan.scenario.name)
         progress = new_progress(console, opened, options)
         with _writing_into(directory):
-            keep_provenance(directory, order.config, plan.scenario)
+            if resumption is not None:
+                resumption = replace(resumption, time_s=mend_record(directory))
+            _keep_provenance(directory, order, plan)
             recorder = RunRecorder(opened, [name for name in plan.robots if name not in plan.lost], directory, extent)
         run = Run(plan, opened, directory, [progress.hear, recorder.hear, *listeners], resumption)
         with ExitStack() as stack:
@@ -195,7 +172,7 @@ def _carry_out(
             interrupts = stack.enter_context(Interrupts(run))
             stack.enter_context(RunKeys(run))
             report = interrupts.wait(run.start())
-    return _Done(report, directory, recorder.paths_since(run.start_s), interrupts.count)
+    return _Done(report, directory, interrupts.count)
 
 
 def _plan(order: Order, fleet: Fleet) -> Plan:
@@ -233,16 +210,25 @@ def _writing_into(directory: Path) -> Iterator[None]:
         raise ScenarioError(f"the run's folder {directory} cannot be written: {error}") from error
 
 
-def _keep_paths(done: _Done, config: FleetConfig, *, draw: bool) -> list[Path]:
-    """Write where the robots were, if any of them knew; return the files."""
-    if not any(done.paths.values()):
+def _keep_provenance(directory: Path, order: Order, plan: Plan) -> None:
+    """Write what is run into its folder; what a run goes on with, whose controller died, stands beside that."""
+    if order.resumption is not None:
+        directory = directory / f"continued-{len(order.resumption.continued_s) + 1}"
+        directory.mkdir(exist_ok=True)
+    keep_provenance(directory, order.config, plan.scenario)
+
+
+def _draw_paths(done: _Done, config: FleetConfig, *, draw: bool) -> list[Path]:
+    """Draw where the robots were, if any of them knew; return the files."""
+    run = RunFolder.open(done.directory)
+    if not run.paths:
         return []
-    table = done.directory / "trajectory.csv"
-    write_trajectory(done.paths, table)
     picture = None
     if draw:
         report = done.report
         title = f"{report.scenario} on {report.fleet}: {report.outcome}"
         outcomes = {name: robot.outcome for name, robot in report.robots.items()}
-        picture = draw_trajectory(done.paths, config.world, done.directory / "trajectory.png", title, outcomes)
-    return [table, *([picture] if picture is not None else [])]
+        with _writing_into(done.directory):
+            out = done.directory / "trajectory.png"
+            picture = draw_trajectory(run.paths, config.world, out, title, outcomes, run.breaks_s)
+    return [done.directory / TRAJECTORY, *([picture] if picture is not None else [])]

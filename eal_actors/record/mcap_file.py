@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from struct import error as StructError  # noqa: N812  # named like the other errors
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from eal_actors.errors import ScenarioError, UnsupportedError
 from eal_actors.record.messages import Message, nanoseconds
 from eal_actors.record.schemas import SchemaOf
+from eal_actors.record.strict_json import as_json
 
 if TYPE_CHECKING:
     from mcap.records import McapRecord
@@ -34,18 +34,7 @@ def require_mcap() -> None:
 
 
 def _as_json(value: object) -> bytes:
-    return json.dumps(_finite(value), separators=(",", ":"), allow_nan=False).encode()
-
-
-def _finite(value: Any) -> Any:
-    """Return a value with null for what JSON has no number for."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return value
+    return as_json(value, separators=(",", ":")).encode()
 
 
 class McapFile:
@@ -53,6 +42,10 @@ class McapFile:
 
     Args:
         path: where it is made; what is there is replaced.
+
+    Attributes:
+        counts: how many messages each topic has.
+        newest_s: the time of the newest of them, in seconds since the run's start.
 
     Raises:
         UnsupportedError: the library is not installed.
@@ -70,6 +63,9 @@ class McapFile:
         self._writer.start(profile="", library=_LIBRARY)
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
+        self._names: set[str] = set()
+        self.counts: dict[str, int] = {}
+        self.newest_s: dict[str, float] = {}
 
     def write(self, topic: str, schema: SchemaOf, time_s: float, message: Message) -> None:
         """Add a message; `time_s` counts from the run's start.
@@ -77,11 +73,45 @@ class McapFile:
         Raises:
             OSError: it cannot be written.
         """
+        self._add(topic, schema, nanoseconds(time_s), _as_json(message))
+
+    def _add(self, topic: str, schema: SchemaOf, time_ns: int, data: bytes) -> None:
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._writer.register_channel(topic, "json", self._schema(schema))
-        time_ns = nanoseconds(time_s)
-        self._writer.add_message(channel, log_time=time_ns, publish_time=time_ns, data=_as_json(message))
+        self.counts[topic] = self.counts.get(topic, 0) + 1
+        self.newest_s[topic] = max(self.newest_s.get(topic, 0.0), time_ns / _NS)
+        self._writer.add_message(channel, log_time=time_ns, publish_time=time_ns, data=data)
+
+    def copy(self, path: Path, without: Collection[str] = ()) -> None:
+        """Add what another file holds, as far as that goes; documents and texts that are here already stay as they are.
+
+        Args:
+            path: the other file.
+            without: the topics that are left out.
+
+        Raises:
+            ScenarioError: it is no such file.
+            OSError: it cannot be read, or this one cannot be written.
+        """
+        from mcap.records import Attachment, Channel, Message, Metadata, Schema
+
+        schemas: dict[int, SchemaOf] = {}
+        channels: dict[int, tuple[str, SchemaOf]] = {}
+        for record in _records(path):
+            match record:
+                case Schema():
+                    schemas[record.id] = SchemaOf(record.name, json.loads(record.data))
+                case Channel():
+                    channels[record.id] = record.topic, schemas[record.schema_id]
+                case Message():
+                    topic, schema = channels[record.channel_id]
+                    if topic not in without:
+                        self._add(topic, schema, record.log_time, record.data)
+                case Attachment():
+                    self.attach(record.name, json.loads(record.data))
+                case Metadata():
+                    self.note(record.name, record.metadata)
 
     def _schema(self, schema: SchemaOf) -> int:
         if schema.name not in self._schemas:
@@ -90,11 +120,17 @@ class McapFile:
         return self._schemas[schema.name]
 
     def attach(self, name: str, content: object) -> None:
-        """Add a JSON document."""
+        """Add a JSON document, unless there is one of this name."""
+        if name in self._names:
+            return
+        self._names.add(name)
         self._writer.add_attachment(0, 0, name, _JSON, _as_json(content))
 
     def note(self, name: str, texts: Mapping[str, str]) -> None:
-        """Add texts by their names."""
+        """Add texts by their names, unless there are some under this one."""
+        if name in self._names:
+            return
+        self._names.add(name)
         self._writer.add_metadata(name, dict(texts))
 
     def close(self) -> None:
@@ -136,12 +172,14 @@ class McapContent:
         entries: its messages, in the order of the file.
         attachments: its JSON documents by name.
         notes: its texts by name.
+        schemas: the JSON Schemas of its messages by name.
         is_whole: False if the end is missing, as after a crash of the controller.
     """
 
     entries: list[Entry] = field(default_factory=list)
     attachments: dict[str, Any] = field(default_factory=dict)
     notes: dict[str, dict[str, str]] = field(default_factory=dict)
+    schemas: dict[str, Any] = field(default_factory=dict)
     is_whole: bool = False
 
 
@@ -154,42 +192,44 @@ def read_mcap(path: Path) -> McapContent:
         OSError: it cannot be read.
     """
     require_mcap()
-    from mcap.exceptions import EndOfFile, McapError
-    from mcap.records import Attachment, Footer, Metadata
+    from mcap.records import Attachment, Channel, Footer, Metadata, Schema
     from mcap.records import Message as MessageRecord
 
     content = McapContent()
+    schemas: dict[int, str] = {}
     names: dict[int, tuple[str, str]] = {}
-    try:
-        for record in _records(path, names):
-            if isinstance(record, MessageRecord):
+    for record in _records(path):
+        match record:
+            case Schema():
+                schemas[record.id] = record.name
+                content.schemas[record.name] = json.loads(record.data)
+            case Channel():
+                names[record.id] = record.topic, schemas[record.schema_id]
+            case MessageRecord():
                 topic, schema = names[record.channel_id]
-                message = json.loads(record.data)
-                content.entries.append(Entry(record.log_time / _NS, topic, schema, message))
-            elif isinstance(record, Attachment):
+                content.entries.append(Entry(record.log_time / _NS, topic, schema, json.loads(record.data)))
+            case Attachment():
                 content.attachments[record.name] = json.loads(record.data)
-            elif isinstance(record, Metadata):
+            case Metadata():
                 content.notes[record.name] = record.metadata
-            elif isinstance(record, Footer):
+            case Footer():
                 content.is_whole = True
-    except (EndOfFile, StructError):
-        return content
-    except (McapError, ValueError, KeyError) as error:
-        raise ScenarioError(f"{path} is no record of a run: {type(error).__name__}: {error}") from error
     return content
 
 
-def _records(path: Path, names: dict[int, tuple[str, str]]) -> Iterator[McapRecord]:
-    """Yield a file's records, and note the topics and schemas of its channels."""
-    from mcap.records import Channel, Schema
+def _records(path: Path) -> Iterator[McapRecord]:
+    """Yield a file's records, as far as it goes.
+
+    Raises:
+        ScenarioError: it is no such file.
+    """
+    from mcap.exceptions import EndOfFile, McapError
     from mcap.stream_reader import StreamReader
 
-    schemas: dict[int, str] = {}
     with path.open("rb") as stream:
-        for record in StreamReader(stream).records:
-            if isinstance(record, Schema):
-                schemas[record.id] = record.name
-            elif isinstance(record, Channel):
-                names[record.id] = record.topic, schemas.get(record.schema_id, "")
-            else:
-                yield record
+        try:
+            yield from StreamReader(stream).records
+        except (EndOfFile, StructError):
+            return
+        except (McapError, ValueError, KeyError) as error:
+            raise ScenarioError(f"{path} is no record of a run: {type(error).__name__}: {error}") from error

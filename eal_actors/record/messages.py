@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, TypeAlias
 
@@ -24,6 +25,8 @@ _HOLE: Final = (0.08, 0.08, 0.08, 1.0)
 _INK: Final = (0.1, 0.1, 0.1, 1.0)
 _FLOOR_M: Final = 0.005
 _LABEL_M: Final = 0.15
+FARTHEST_M: Final = sys.float_info.max
+"""Stands for a range without end, which JSON has no number for."""
 
 
 def nanoseconds(time_s: float) -> int:
@@ -98,16 +101,32 @@ def image_message(time_s: float, frame_id: str, file: bytes, encoding: str) -> M
 
 
 def scan_message(time_s: float, frame_id: str, ranges_m: Sequence[float], angles_rad: Sequence[float]) -> Message:
-    """Return a LaserScan; its rays are evenly spread, counter-clockwise."""
+    """Return a LaserScan; its rays are evenly spread, counter-clockwise.
+
+    The schema wants numbers: a range without end is the largest one there is, and `invalid` tells which are none.
+    """
+    numbers = [float(range_m) for range_m in ranges_m]
     return {
         "timestamp": _stamp(time_s),
         "frame_id": frame_id,
         "pose": {"position": _STILL, "orientation": _turn(0.0)},
         "start_angle": float(angles_rad[0]),
         "end_angle": float(angles_rad[-1]),
-        "ranges": [float(range_m) for range_m in ranges_m],
+        "ranges": [
+            FARTHEST_M if math.isnan(number) else max(-FARTHEST_M, min(number, FARTHEST_M)) for number in numbers
+        ],
         "intensities": [],
+        "invalid": [index for index, number in enumerate(numbers) if math.isnan(number)],
     }
+
+
+def ranges_of(message: Message) -> list[float]:
+    """Return the ranges of a LaserScan, in m, those without end and those that are no number as they were."""
+    ends = {FARTHEST_M: math.inf, -FARTHEST_M: -math.inf}
+    found = [ends.get(range_m, range_m) for range_m in message["ranges"]]
+    for index in message["invalid"]:
+        found[index] = math.nan
+    return found
 
 
 def value_message(time_s: float, data: EALData) -> Message:

@@ -16,7 +16,8 @@ from eal_actors.errors import ScenarioError, UnsupportedError, shown
 from eal_actors.info import ResourceInfo
 from eal_actors.record import schemas
 from eal_actors.record.mcap_file import Entry, McapContent, read_mcap
-from eal_actors.record.messages import seconds, yaw_of
+from eal_actors.record.messages import ranges_of, seconds, yaw_of
+from eal_actors.record.strict_json import numbers_again
 
 INFOS: Final = "resources.json"
 """The attachment in which the robots' resources describe themselves."""
@@ -130,8 +131,7 @@ def _value_of(entry: Entry) -> EALData:
                 at, turn = message["pose"]["position"], message["pose"]["orientation"]
                 return EALData.of([at["x"], at["y"], yaw_of(turn)], stamp_s=stamp_s)
             case schemas.SCAN.name:
-                ranges_m = [float("nan") if range_m is None else range_m for range_m in message["ranges"]]
-                return EALData.of(ranges_m, unit="m", frame_id=message["frame_id"], stamp_s=stamp_s)
+                return EALData.of(ranges_of(message), unit="m", frame_id=message["frame_id"], stamp_s=stamp_s)
             case schemas.IMAGE.name:
                 return EALData.of(_image(message["data"]), frame_id=message["frame_id"], stamp_s=stamp_s)
             case schemas.VALUE.name:
@@ -142,7 +142,8 @@ def _value_of(entry: Entry) -> EALData:
 
 
 def _plain_value(message: Mapping[str, Any], stamp_s: float) -> EALData:
-    value, dtype, kind = message["value"], message["dtype"], DataType(message["type"])
+    dtype, kind = message["dtype"], DataType(message["type"])
+    value = message["value"] if kind in (DataType.CHAR, DataType.VOID) else numbers_again(message["value"])
     meta: dict[str, Any] = {
         "unit": message["unit"] or None,
         "frame_id": message["frame_id"] or None,

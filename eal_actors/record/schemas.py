@@ -73,6 +73,7 @@ SCAN: Final = SchemaOf(
         end_angle=_NUMBER,
         ranges=_list(_NUMBER),
         intensities=_list(_NUMBER),
+        invalid=_list(_WHOLE),  # ours: the indices of ranges that are no number
     ),
 )
 LOG: Final = SchemaOf(

@@ -2,6 +2,7 @@
 
 from eal_actors.record.pose_sample import PoseSample
 from eal_actors.recording.arena import draw_world
+from eal_actors.recording.continuing import mend_record
 from eal_actors.recording.differences import Difference, differences
 from eal_actors.recording.picture import draw_trajectory
 from eal_actors.recording.poses import PoseRecorder
@@ -9,7 +10,6 @@ from eal_actors.recording.provenance import keep_provenance, kept_world
 from eal_actors.recording.report_page import render_report
 from eal_actors.recording.run_folder import RunFolder
 from eal_actors.recording.run_recorder import Extent, RunRecorder
-from eal_actors.recording.table import write_trajectory
 
 __all__ = [
     "Difference",
@@ -23,6 +23,6 @@ __all__ = [
     "draw_world",
     "keep_provenance",
     "kept_world",
+    "mend_record",
     "render_report",
-    "write_trajectory",
 ]

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias
 
-from eal_actors.record.pose_sample import PoseSample
+from eal_actors.record.pose_sample import PoseSample, stretches
 from eal_actors.recording.arena import draw_arena
 from eal_actors.recording.figure import draw_grid, new_figure
 from eal_actors.world import WorldModel
@@ -56,6 +56,7 @@ def draw_trajectory(
     out: Path,
     title: str,
     outcomes: Mapping[str, str] | None = None,
+    breaks_s: Sequence[float] = (),
 ) -> Path | None:
     """Draw each robot's path, from its start (hollow) to its end (filled, with its heading), and its heading over time.
 
@@ -68,11 +69,12 @@ def draw_trajectory(
         out: the PNG file to write.
         title: the picture's title.
         outcomes: how robots fared, by name, see `RobotReport`; None says nothing of it.
+        breaks_s: when the run, which was cut off, went on; the paths have gaps there.
 
     Returns:
         The file, or None when matplotlib is not installed, which is logged.
     """
-    figure = _figure(paths, world, title, outcomes)
+    figure = _figure(paths, world, title, outcomes, breaks_s)
     if figure is None:
         return None
     figure.savefig(out)
@@ -80,10 +82,13 @@ def draw_trajectory(
 
 
 def trajectory_svg(
-    paths: Mapping[str, Sequence[PoseSample]], world: WorldModel | None, outcomes: Mapping[str, str] | None = None
+    paths: Mapping[str, Sequence[PoseSample]],
+    world: WorldModel | None,
+    outcomes: Mapping[str, str] | None = None,
+    breaks_s: Sequence[float] = (),
 ) -> str | None:
     """Return the same picture, without a title, as an SVG element for a page; None without matplotlib."""
-    figure = _figure(paths, world, "", outcomes)
+    figure = _figure(paths, world, "", outcomes, breaks_s)
     if figure is None:
         return None
     out = io.StringIO()
@@ -96,6 +101,7 @@ def _figure(
     world: WorldModel | None,
     title: str,
     outcomes: Mapping[str, str] | None,
+    breaks_s: Sequence[float],
 ) -> Figure | None:
     figure = new_figure(9.0, 8.0)
     if figure is None:
@@ -107,8 +113,11 @@ def _figure(
         if path:
             outcome = (outcomes or {}).get(name)
             look = _Look.of(number, outcome if outcome in _LOST else None)
-            _draw_path(arena, name, path, look)
-            _draw_heading(headings, path, look)
+            parts = stretches(path, breaks_s)
+            _draw_path(arena, name, parts, look)
+            _draw_heading(headings, parts, look)
+    for break_s in breaks_s:
+        headings.axvline(break_s, color="black", linewidth=0.8, linestyle=":")
     _label(arena, headings, title)
     if 0 < len(paths) <= _MOST_IN_LEGEND:
         arena.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, handlelength=3.5)
@@ -124,15 +133,18 @@ def _label(arena: Axes, headings: Axes, title: str) -> None:
         draw_grid(axes)
 
 
-def _draw_path(axes: Axes, name: str, path: Sequence[PoseSample], look: _Look) -> None:
-    xs, ys = [sample.x_m for sample in path], [sample.y_m for sample in path]
-    axes.plot(xs, ys, color=look.colour, linestyle=look.dashes, linewidth=1.8)
-    axes.plot(xs[:1], ys[:1], look.marker, color=look.colour, markerfacecolor="white", markersize=9)
+def _draw_path(axes: Axes, name: str, parts: Sequence[Sequence[PoseSample]], look: _Look) -> None:
+    for part in parts:
+        xs, ys = [sample.x_m for sample in part], [sample.y_m for sample in part]
+        axes.plot(xs, ys, color=look.colour, linestyle=look.dashes, linewidth=1.8)
+        axes.plot(xs[:1], ys[:1], look.marker, color=look.colour, markerfacecolor="white", markersize=9)
+    end = parts[-1][-1]
     label = f"{name} ({look.lost_as})" if look.lost_as else name
-    axes.plot(xs[-1:], ys[-1:], marker=look.marker, color=look.colour, linestyle=look.dashes, markersize=9, label=label)
+    axes.plot(
+        [end.x_m], [end.y_m], marker=look.marker, color=look.colour, linestyle=look.dashes, markersize=9, label=label
+    )
     if look.lost_as:
-        _cross(axes, xs[-1], ys[-1])
-    end = path[-1]
+        _cross(axes, end.x_m, end.y_m)
     axes.annotate(
         "",
         xy=(end.x_m + _ARROW_M * math.cos(end.yaw_rad), end.y_m + _ARROW_M * math.sin(end.yaw_rad)),
@@ -141,10 +153,11 @@ def _draw_path(axes: Axes, name: str, path: Sequence[PoseSample], look: _Look) -
     )
 
 
-def _draw_heading(axes: Axes, path: Sequence[PoseSample], look: _Look) -> None:
-    times_s = [sample.time_s for sample in path]
-    headings_deg = [math.degrees(yaw_rad) for yaw_rad in _unwrapped(sample.yaw_rad for sample in path)]
-    axes.plot(times_s, headings_deg, color=look.colour, linestyle=look.dashes, linewidth=1.8)
+def _draw_heading(axes: Axes, parts: Sequence[Sequence[PoseSample]], look: _Look) -> None:
+    for part in parts:
+        times_s = [sample.time_s for sample in part]
+        headings_deg = [math.degrees(yaw_rad) for yaw_rad in _unwrapped(sample.yaw_rad for sample in part)]
+        axes.plot(times_s, headings_deg, color=look.colour, linestyle=look.dashes, linewidth=1.8)
     axes.plot(times_s[-1:], headings_deg[-1:], look.marker, color=look.colour, markersize=6)
     if look.lost_as:
         _cross(axes, times_s[-1], headings_deg[-1])

@@ -24,6 +24,17 @@ POSE_PERIOD_S: Final = 0.1
 _POSE: Final = ValueInfo(DataType.DOUBLE, shape=(3,))
 
 
+def pose_sample(robot: str, data: EALData, clock: Clock) -> PoseSample | None:
+    """Return what a robot's Pose said, in seconds of the fleet's clock; None, which is logged, if it is no pose."""
+    problem = _POSE.problem(data)
+    if problem is None and not all(map(math.isfinite, data.value)):
+        problem = f"must be finite, not {data!r}"
+    if problem is not None:
+        get_logger(robot=robot).warning("its path is recorded no more", reason=f"the value of its Pose {problem}")
+        return None
+    return PoseSample(data.stamp_s if data.stamp_s is not None else clock.now(), *map(float, data.value))
+
+
 class Paths:
     """The poses of robots, as they come. Thread: one adds; others read when it is over.
 
@@ -38,16 +49,12 @@ class Paths:
 
     def add(self, robot: str, data: EALData) -> bool:
         """Add a pose unless it is no newer than the last; returns False, and logs why, if it is no pose."""
-        problem = _POSE.problem(data)
-        if problem is None and not all(map(math.isfinite, data.value)):
-            problem = f"must be finite, not {data!r}"
-        if problem is not None:
-            get_logger(robot=robot).warning("its path is recorded no more", reason=f"the value of its Pose {problem}")
+        sample = pose_sample(robot, data, self._clock)
+        if sample is None:
             return False
-        stamp_s = data.stamp_s if data.stamp_s is not None else self._clock.now()
         path = self._paths[robot]
-        if not path or path[-1].time_s < stamp_s:
-            path.append(PoseSample(stamp_s, *map(float, data.value)))
+        if not path or path[-1].time_s < sample.time_s:
+            path.append(sample)
         return True
 
     def since(self, start_s: float) -> dict[str, list[PoseSample]]:

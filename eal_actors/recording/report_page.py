@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.errors import UnsupportedError
-from eal_actors.record.pose_sample import PoseSample
+from eal_actors.record.pose_sample import PoseSample, stretches
+from eal_actors.recording.notes import OF_THE_RUN
 from eal_actors.recording.picture import trajectory_svg
 from eal_actors.recording.run_folder import RunFolder
-from eal_actors.recording.timeline import OF_THE_RUN, TimeLine, time_lines
+from eal_actors.recording.timeline import TimeLine, time_lines
 from eal_actors.world import WorldModel
 
 _TEMPLATE: Final = "report.html.j2"
@@ -130,6 +131,8 @@ def _head(run: RunFolder) -> Mapping[str, Any]:
         "fleet file": summary.fleet_file,
         "folder": run.path.name,
     }
+    if run.breaks_s:
+        facts["was cut off"] = f"went on at {', '.join(f'{time_s:.3f} s' for time_s in run.breaks_s)}"
     error = f"{summary.error.code}: {summary.error.message}" if summary.error else ""
     return {
         "scenario": summary.scenario,
@@ -154,7 +157,7 @@ def _robot_rows(run: RunFolder, lines: TimeLine) -> list[RobotRow]:
                 fared.error.message if fared and fared.error else "",
                 len(bars),
                 sum(bar.end_s - bar.start_s for bar in bars),
-                _length_m(path) if path else None,
+                sum(map(_length_m, stretches(path, run.breaks_s))) if path else None,
             )
         )
     return rows
@@ -168,7 +171,7 @@ def _arena_svg(run: RunFolder, world: WorldModel | None) -> str | None:
     if not any(run.paths.values()):
         return None
     outcomes = {name: robot.outcome for name, robot in run.summary.robots.items()} if run.summary else None
-    return trajectory_svg(run.paths, world, outcomes)
+    return trajectory_svg(run.paths, world, outcomes, run.breaks_s)
 
 
 def _ticks(duration_s: float) -> list[float]:

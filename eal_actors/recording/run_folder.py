@@ -78,7 +78,7 @@ class RunFolder:
 
     @cached_property
     def paths(self) -> dict[str, list[PoseSample]]:
-        """Where each robot was; empty if nobody knew.
+        """Where each robot was; empty if nobody knew. A last line that a crash cut off is left out.
 
         Raises:
             ScenarioError: the table is broken.
@@ -87,14 +87,23 @@ class RunFolder:
         found: dict[str, list[PoseSample]] = {}
         if not file.is_file():
             return found
+        whole_lines = file.read_text(encoding="utf-8").split("\n")[:-1]
         try:
-            with file.open(encoding="utf-8", newline="") as table:
-                for row in csv.DictReader(table):
-                    sample = PoseSample(*(float(row[name]) for name in PoseSample._fields))
-                    found.setdefault(row["robot"], []).append(sample)
+            for row in csv.DictReader(whole_lines):
+                sample = PoseSample(*(float(row[name]) for name in PoseSample._fields))
+                found.setdefault(row["robot"], []).append(sample)
         except (KeyError, ValueError, TypeError) as error:
             raise ScenarioError(f"{file} is no table of paths: {shown(error)}") from error
         return found
+
+    @cached_property
+    def breaks_s(self) -> tuple[float, ...]:
+        """When the run, which was cut off, went on, in seconds since its start; mostly never.
+
+        Raises:
+            ScenarioError: see `events`.
+        """
+        return tuple(event["time_s"] for event in self.events if event["event"] == "run_continued")
 
     @cached_property
     def record(self) -> McapContent:

@@ -1,4 +1,4 @@
-"""Record a run for people and tools: poses, readings, frames, calls and log lines, in `run.mcap`."""
+"""Record a run for people and tools: paths in `trajectory.csv`, and these, readings, frames and calls in `run.mcap`."""
 
 from __future__ import annotations
 
@@ -20,9 +20,13 @@ from eal_actors.record import messages, schemas
 from eal_actors.record.mcap_file import RECORD_FILE, McapFile
 from eal_actors.record.pose_sample import PoseSample
 from eal_actors.record.recorded_run import INFOS
-from eal_actors.recording.poses import POSE_PERIOD_S, POSE_RESOURCE, Paths
+from eal_actors.recording.continuing import PART_FILE, join_record
+from eal_actors.recording.poses import POSE_PERIOD_S, POSE_RESOURCE, pose_sample
+from eal_actors.recording.record_writer import ARENA_TOPIC, write_event, write_pose
+from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.recording.sampler import Sampler, Wish
-from eal_actors.scenario.events import Event, LogLine, RobotDropped, RunContinued, RunStarted, StepEnded, StepRetried
+from eal_actors.recording.table import TrajectoryTable
+from eal_actors.scenario.events import Event, RunContinued, RunStarted, StepEnded
 from eal_actors.scenario.report import StepRecord
 
 Extent: TypeAlias = Literal["poses", "sensors", "all"]
@@ -53,27 +57,29 @@ class RunRecorder:
     Args:
         fleet: a connected fleet.
         robots: the names of the robots that take part.
-        directory: the run's folder, for `run.mcap`, or `run-2.mcap` and so on where a run goes on that was cut off; it
-            must exist. None keeps only the paths, and so does a missing mcap library, which is logged.
+        directory: the run's folder, which must exist. Where a run goes on that was cut off, its record is added to;
+            see `mend_record`. Without the mcap library, which is logged, there is no `run.mcap`.
         extent: what is asked of the robots.
 
     Raises:
         OSError: the file cannot be made.
     """
 
-    def __init__(self, fleet: Fleet, robots: Iterable[str], directory: Path | None, extent: Extent = "poses") -> None:
+    def __init__(self, fleet: Fleet, robots: Iterable[str], directory: Path, extent: Extent = "poses") -> None:
         self._fleet = fleet
         self._clock = fleet.clock
         self._lock = threading.Lock()
         self._start_s: float | None = None
-        self._early: dict[str, Callable[[], None]] = {}
+        self._first_s = 0.0
+        self._early: dict[str, Callable[[float], None]] = {}
         self._infos = _infos(fleet, robots)
         self._angles: Mapping[str, list[float]] = {}
-        posers = [robot for robot, infos in self._infos.items() if POSE_RESOURCE in infos]
-        self._paths = Paths(posers, fleet.clock)
+        self._directory = directory
+        self._table: TrajectoryTable | None = TrajectoryTable(directory / TRAJECTORY)
+        self._newest_s: dict[str, float] = {}
         self._wishes = tuple(self._wished(extent))
         self._sampler = Sampler(fleet.clock, self._wishes, self._take)
-        self._file = _new_file(directory) if directory is not None else None
+        self._file = _new_file(directory)
 
     def __enter__(self) -> Self:
         if self._file is not None:
@@ -86,11 +92,14 @@ class RunRecorder:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._sampler.__exit__(kind, error, traceback)
-        self._guarded(lambda file: file.close())
-
-    def paths_since(self, start_s: float) -> dict[str, list[PoseSample]]:
-        """Return the robots' poses; see Paths.since."""
-        return self._paths.since(start_s)
+        self._guarded(McapFile.close)
+        try:
+            if self._table is not None:
+                self._table.close()
+            if (self._directory / PART_FILE).exists():
+                join_record(RunFolder.open(self._directory))
+        except (OSError, EALError) as error:
+            get_logger().error("the run's record is not whole", reason=str(error))
 
     def _wished(self, extent: Extent) -> Iterable[Wish]:
         for robot, infos in self._infos.items():
@@ -111,29 +120,38 @@ class RunRecorder:
         infos = {robot: {name: info.to_dict() for name, info in found.items()} for robot, found in self._infos.items()}
         file.attach(INFOS, infos)
         if config.world is not None:
-            file.write("/arena", schemas.SCENE, 0.0, messages.scene_message(config.world))
+            file.write(ARENA_TOPIC, schemas.SCENE, 0.0, messages.scene_message(config.world))
 
     # What robots say. Thread: the sampler's.
 
     def _take(self, resource: ResourceHandle, data: EALData) -> bool:
         stamp_s = data.stamp_s if data.stamp_s is not None else self._clock.now()
-        is_pose = resource.name == POSE_RESOURCE
-        if is_pose and not self._paths.add(resource.robot, data):
-            return False
-        write = partial(self._write_pose if is_pose else self._write_value, resource, data)
+        if resource.name == POSE_RESOURCE:
+            sample = pose_sample(resource.robot, data, self._clock)
+            if sample is None:
+                return False
+            write = partial(self._write_pose, resource.robot, sample)
+        else:
+            write = partial(self._write_value, resource, data)
         with self._lock:
             if self._start_s is None:  # the newest from before the start counts as of the start
-                self._early[_topic(resource)] = partial(write, 0.0)
+                self._early[_topic(resource)] = write
             else:
-                write(max(0.0, stamp_s - self._start_s))
+                write(self._run_s(stamp_s))
         return True
 
-    def _write_pose(self, resource: ResourceHandle, data: EALData, time_s: float) -> None:
-        sample = PoseSample(time_s, *map(float, data.value))
-        topic = _topic(resource)
-        self._guarded(lambda file: file.write(topic, schemas.POSE, time_s, messages.pose_message(sample)))
-        transform = messages.transform_message(resource.robot, sample)
-        self._guarded(lambda file: file.write("/tf", schemas.TRANSFORMS, time_s, transform))
+    def _write_pose(self, robot: str, sample: PoseSample, time_s: float) -> None:
+        if time_s <= self._newest_s.get(robot, -1.0):
+            return
+        self._newest_s[robot] = time_s
+        sample = sample._replace(time_s=time_s)
+        self._guarded(lambda file: write_pose(file, robot, sample))
+        try:
+            if self._table is not None:
+                self._table.add(robot, sample)
+        except OSError as error:
+            get_logger().error("trajectory.csv ends here", reason=str(error))
+            self._table = None
 
     def _write_value(self, resource: ResourceHandle, data: EALData, time_s: float) -> None:
         topic = _topic(resource)
@@ -161,10 +179,12 @@ class RunRecorder:
         with self._lock:
             if isinstance(event, RunStarted | RunContinued) and self._start_s is None:
                 self._start_s = self._clock.now() - event.time_s
+                self._first_s = event.time_s if isinstance(event, RunContinued) else 0.0
                 for write in self._early.values():
-                    write()
+                    write(self._first_s)
                 self._early.clear()
-            self._write_event(event)
+            fields = event.to_dict()
+            self._guarded(lambda file: write_event(file, fields))
             if isinstance(event, StepEnded) and isinstance(event.answer, EALData):
                 self._write_answer(event.record, event.answer)
 
@@ -172,21 +192,12 @@ class RunRecorder:
         """Write what the scenario itself read from a sensor, which costs nobody anything; poses are sampled anyway."""
         robot, name = record.robot or "", record.resource or ""
         if record.kind == "get_value" and name != POSE_RESOURCE and name in self._infos.get(robot, {}):
-            stamp_s = (
-                answer.stamp_s - self._start_s if answer.stamp_s is not None and self._start_s is not None else None
-            )
-            self._write_value(self._fleet[robot][name], answer, record.end_s if stamp_s is None else max(0.0, stamp_s))
+            stamp_s = self._run_s(answer.stamp_s) if answer.stamp_s is not None else record.end_s
+            self._write_value(self._fleet[robot][name], answer, stamp_s)
 
-    def _write_event(self, event: Event) -> None:
-        fields = {**messages.stamped(event.time_s), **event.to_dict()}
-        self._guarded(lambda file: file.write("/events", schemas.EVENT, event.time_s, fields))
-        if isinstance(event, StepEnded) and event.record.is_call:
-            record = event.record
-            command = _command_message(record)
-            self._guarded(lambda file: file.write(f"/{record.robot}/commands", schemas.COMMAND, record.end_s, command))
-        if (line := _log_line(event)) is not None:
-            log = messages.log_message(event.time_s, *line)
-            self._guarded(lambda file: file.write("/log", schemas.LOG, event.time_s, log))
+    def _run_s(self, clock_s: float) -> float:
+        """Return a time of the fleet's clock in seconds since the run's start, and not before it goes on."""
+        return max(self._first_s, clock_s - (self._start_s or 0.0))
 
     def _guarded(self, write: Callable[[McapFile], None]) -> None:
         """Write, unless an earlier write failed: a full disk must not end the run, whose journal tells more."""
@@ -200,12 +211,9 @@ class RunRecorder:
 
 
 def _new_file(directory: Path) -> McapFile | None:
-    path, number = directory / RECORD_FILE, 1
-    while path.exists():
-        number += 1
-        path = directory / f"{Path(RECORD_FILE).stem}-{number}{Path(RECORD_FILE).suffix}"
+    path = directory / RECORD_FILE
     try:
-        return McapFile(path)
+        return McapFile(path if not path.exists() else directory / PART_FILE)
     except UnsupportedError as error:
         get_logger().warning("the run is not recorded for other tools", reason=error.message)
         return None
@@ -241,34 +249,3 @@ def _angles(infos: Mapping[str, Mapping[str, ResourceInfo]], wishes: Iterable[Wi
         except EALError as error:
             get_logger().warning("a scanner does not tell its angles", topic=topic, reason=error.message)
     return found
-
-
-def _command_message(record: StepRecord) -> messages.Message:
-    return {
-        **messages.stamped(record.start_s),
-        "resource": record.resource,
-        "method": record.kind,
-        "command": record.command or "",
-        "step": record.step,
-        "outcome": record.outcome,
-        "duration_s": record.end_s - record.start_s,
-        "error": record.error.message if record.error is not None else "",
-    }
-
-
-def _log_line(event: Event) -> tuple[str, str, str] | None:
-    """Return the level, whose it is, and the text of what people should read."""
-    match event:
-        case LogLine():
-            return "info", event.robot or "scenario", event.text
-        case RobotDropped():
-            return "error", event.robot, f"dropped: {event.error.message}"
-        case StepRetried():
-            return (
-                "warning",
-                event.robot or "scenario",
-                f"{event.label}: attempt {event.attempt} failed: {event.error.message}",
-            )
-        case StepEnded(record=record) if record.error is not None:
-            return "error", record.robot or "scenario", f"{record.label} {record.outcome}: {record.error.message}"
-    return None

@@ -3,25 +3,46 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import IO
 
 from eal_actors.record.pose_sample import PoseSample
 
 
-def write_trajectory(paths: Mapping[str, Sequence[PoseSample]], out: Path) -> None:
-    """Write the samples, robot after robot: robot, time_s to a thousandth, x_m, y_m and yaw_rad to a millionth.
+class TrajectoryTable:
+    """A table that grows while robots go, line by line, so that a crash loses nothing.
+
+    A row holds robot, time_s to a thousandth, x_m, y_m and yaw_rad to a millionth.
 
     Args:
-        paths: samples by robot.
-        out: the CSV file to write.
+        path: the CSV file, made with the first row. One that is there is added to.
 
-    Raises:
-        OSError: it cannot be written.
+    Thread: one at a time.
     """
-    with out.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(["robot", *PoseSample._fields])
-        for name, path in paths.items():
-            for time_s, *pose in path:
-                table.writerow([name, f"{time_s:.3f}", *(f"{number:z.6f}" for number in pose)])
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stream: IO[str] | None = None
+
+    def add(self, robot: str, sample: PoseSample) -> None:
+        """Add a row.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        if self._stream is None:
+            self._stream = self._path.open("a", encoding="utf-8", newline="", buffering=1)  # by lines
+            self._table = csv.writer(self._stream)
+            if self._stream.tell() == 0:
+                self._table.writerow(["robot", *PoseSample._fields])
+        time_s, *pose = sample
+        self._table.writerow([robot, f"{time_s:.3f}", *(f"{number:z.6f}" for number in pose)])
+
+    def close(self) -> None:
+        """Close the file.
+
+        Raises:
+            OSError: what was written last cannot be.
+        """
+        if self._stream is not None:
+            self._stream.close()

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
-OF_THE_RUN: Final = "scenario"
-"""Stands where a robot's name does, for what no robot does by itself."""
+from eal_actors.recording.notes import Note, note_of, whose
 
 
 class Bar(NamedTuple):
@@ -21,15 +20,6 @@ class Bar(NamedTuple):
     error: str
 
 
-class Note(NamedTuple):
-    """A line for people: when, how grave (`info`, `warning` or `error`), whose, and the text."""
-
-    time_s: float
-    level: str
-    whose: str
-    text: str
-
-
 @dataclass(slots=True)
 class TimeLine:
     """A run, as it went.
@@ -37,11 +27,13 @@ class TimeLine:
     Attributes:
         bars: the calls of each robot, by its name, in the order of their ends.
         notes: log lines, retries, drops and errors.
+        breaks_s: when the run was cut off and went on.
         duration_s: until the last event.
     """
 
     bars: dict[str, list[Bar]] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=list)
+    breaks_s: list[float] = field(default_factory=list)
     duration_s: float = 0.0
 
     def lanes(self, robot: str) -> list[list[Bar]]:
@@ -58,7 +50,7 @@ class TimeLine:
 
 
 def time_lines(events: Iterable[Mapping[str, Any]]) -> TimeLine:
-    """Return the time line of a run's events; calls that never ended last until the last event."""
+    """Return the time line of a run's events; calls that never ended last until the run was cut off."""
     line = TimeLine()
     begun: dict[tuple[str, str], Mapping[str, Any]] = {}
     for event in events:
@@ -66,45 +58,30 @@ def time_lines(events: Iterable[Mapping[str, Any]]) -> TimeLine:
         match event["event"]:
             case "run_started":
                 line.bars = {robot: [] for robot in event["robots"]}
+            case "run_continued":
+                line.breaks_s.append(line.duration_s)
+                _add_unfinished(line, begun)
             case "step_started":
-                begun[_whose(event), event["step"]] = event
+                begun[whose(event), event["step"]] = event
             case "step_ended":
                 record = event["record"]
-                begun.pop((_whose(record), record["step"]), None)
+                begun.pop((whose(record), record["step"]), None)
                 _add(line, record)
-            case _:
-                _note(line, event)
-    for (robot, step), event in begun.items():
-        bar = Bar(event["time_s"], line.duration_s, event["label"], step, "unfinished", "")
-        line.bars.setdefault(robot, []).append(bar)
+        if (note := note_of(event)) is not None:
+            line.notes.append(note)
+    _add_unfinished(line, begun)
     return line
-
-
-def _whose(entry: Mapping[str, Any]) -> str:
-    """Return the robot, or who stands for what none of them does."""
-    return entry["robot"] or OF_THE_RUN
 
 
 def _add(line: TimeLine, record: Mapping[str, Any]) -> None:
     error = record["error"]["message"] if record["error"] else ""
     bar = Bar(record["start_s"], record["end_s"], record["label"], record["step"], record["outcome"], error)
-    line.bars.setdefault(_whose(record), []).append(bar)
-    if error:
-        text = f"{record['label']} {record['outcome']}: {error}"
-        line.notes.append(Note(record["end_s"], "error", _whose(record), text))
+    line.bars.setdefault(whose(record), []).append(bar)
 
 
-def _note(line: TimeLine, event: Mapping[str, Any]) -> None:
-    match event["event"]:
-        case "log":
-            line.notes.append(Note(event["time_s"], "info", _whose(event), event["text"]))
-        case "step_retried":
-            text = f"{event['label']}: attempt {event['attempt']} failed: {event['error']['message']}"
-            line.notes.append(Note(event["time_s"], "warning", _whose(event), text))
-        case "robot_replaced":
-            text = f"{event['by']} takes its place: {event['error']['message']}"
-            line.notes.append(Note(event["time_s"], "warning", _whose(event), text))
-        case "signal":
-            line.notes.append(Note(event["time_s"], "info", _whose(event), f"signal {event['name']}"))
-        case "robot_dropped":
-            line.notes.append(Note(event["time_s"], "error", event["robot"], f"dropped: {event['error']['message']}"))
+def _add_unfinished(line: TimeLine, begun: dict[tuple[str, str], Mapping[str, Any]]) -> None:
+    """Add what was under way when the run was cut off."""
+    for (robot, step), event in begun.items():
+        bar = Bar(event["time_s"], line.duration_s, event["label"], step, "unfinished", "")
+        line.bars.setdefault(robot, []).append(bar)
+    begun.clear()

@@ -77,10 +77,17 @@ class RunContinued(Event):
 
     Attributes:
         first_step: number of the top-level step at which it goes on, from 0.
+        wall_continued: wall time in UTC, ISO 8601.
+        scenario, fleet, robots, calls: as in RunStarted.
     """
 
     kind = "run_continued"
     first_step: int
+    wall_continued: str
+    scenario: str
+    fleet: str
+    robots: tuple[str, ...]
+    calls: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 from functools import cache
 from pathlib import Path, PurePosixPath
@@ -12,6 +11,7 @@ from typing import Any, Final, Protocol
 from eal_actors.data import DataType, EALData
 from eal_actors.errors import ScenarioError
 from eal_actors.info import ValueInfo
+from eal_actors.record.strict_json import as_json
 from eal_actors.strict_model import did_you_mean
 
 SUFFIXES: Final = (".csv", ".json", ".npy", ".png", ".txt")
@@ -100,8 +100,7 @@ def save_answer(value: object, folder: Path, name: str, time_s: float) -> str | 
     elif path.suffix == ".txt":
         path.write_text(plain, encoding="utf-8")
     else:
-        is_array = isinstance(value, EALData) and value.shape is not None
-        path.write_text(json.dumps(plain.tolist() if is_array else plain), encoding="utf-8")
+        path.write_text(as_json(plain), encoding="utf-8")
     return None
 
 

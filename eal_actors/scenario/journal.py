@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import IO
 
 from eal_actors.errors import ScenarioError
 from eal_actors.log import get_logger
+from eal_actors.record.strict_json import as_json
 from eal_actors.scenario.events import Event
 from eal_actors.scenario.report import Report
 from eal_actors.scenario.resuming import EVENTS, SUMMARY
@@ -38,7 +38,7 @@ class Journal:
         try:
             directory.mkdir(parents=True, exist_ok=True)
             if goes_on:
-                _cut_half_line(directory / EVENTS)
+                cut_half_line(directory / EVENTS)
             self._stream = (directory / EVENTS).open("a" if goes_on else "x", encoding="utf-8", buffering=1)  # by lines
         except FileExistsError:
             raise ScenarioError(f"{directory} holds the record of a run already") from None
@@ -54,7 +54,7 @@ class Journal:
         try:
             if self._stream is not None:
                 try:
-                    self._stream.write(json.dumps(event.to_dict()) + "\n")
+                    self._stream.write(as_json(event.to_dict()) + "\n")
                 except OSError:
                     self.close()
                     raise
@@ -79,7 +79,7 @@ class Journal:
             return
         unfinished = self._directory / f"{SUMMARY}.tmp"
         with unfinished.open("w", encoding="utf-8") as stream:
-            stream.write(report.model_dump_json(indent=2) + "\n")
+            stream.write(as_json(report.model_dump(mode="json"), indent=2) + "\n")
             stream.flush()
             os.fsync(stream.fileno())
         unfinished.replace(self._directory / SUMMARY)
@@ -94,8 +94,12 @@ class Journal:
                 get_logger().error("the file of events is cut short", reason=str(error))
 
 
-def _cut_half_line(path: Path) -> None:
-    """Remove what a crash has left of a last line."""
+def cut_half_line(path: Path) -> None:
+    """Remove what a crash has left of a file's last line.
+
+    Raises:
+        OSError: the file cannot be changed.
+    """
     with path.open("rb+") as stream:
         content = stream.read()
         stream.truncate(content.rfind(b"\n") + 1)

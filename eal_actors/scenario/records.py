@@ -8,11 +8,15 @@ from typing import Any, Final
 
 from eal_actors.data import EALData
 from eal_actors.errors import DataError
+from eal_actors.record.strict_json import plain_json
 
 MAX_ELEMENTS: Final = 10_000
 MAX_BITS: Final = 1024
 """Longer whole numbers are not kept: readers of JSON refuse them."""
 _DATA: Final = "eal_data"
+_FLOAT: Final = "eal_float"
+"""Numbers that JSON has no form for."""
+_TAGS: Final = ({_DATA}, {_FLOAT})
 
 
 def to_record(value: object) -> Any:
@@ -28,24 +32,33 @@ def is_recordable(value: object) -> bool:
     return value is None or to_record(value) is not None
 
 
+def told(value: object) -> Any:
+    """Return a value as those who only look at a run want it: plain JSON; None for what does not go into a record."""
+    return plain_json(value) if is_recordable(value) else None
+
+
 def from_record(value: Any) -> Any:
     """Return the value that `to_record` made this of.
 
     Raises:
         DataError: it made this of nothing.
     """
-    if isinstance(value, dict) and set(value) == {_DATA}:
-        return EALData.of(value[_DATA])
-    if isinstance(value, dict | list | str | int | float | None):
+    if isinstance(value, dict):
+        if set(value) == {_DATA}:
+            return EALData.of(from_record(value[_DATA]))
+        return float(value[_FLOAT]) if set(value) == {_FLOAT} else {key: from_record(value[key]) for key in value}
+    if isinstance(value, list):
+        return [from_record(item) for item in value]
+    if isinstance(value, str | int | float | None):
         return value
     raise DataError(f"{value!r} is no value of a record")
 
 
 def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
-        return value.tolist() if getattr(value, "size", 1) <= MAX_ELEMENTS else None
+        return _plain(value.tolist()) if getattr(value, "size", 1) <= MAX_ELEMENTS else None
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
+        return value if math.isfinite(value) else {_FLOAT: plain_json(value)}
     if isinstance(value, str):
         return value
     if isinstance(value, int):
@@ -55,6 +68,6 @@ def _plain(value: Any) -> Any:
         return None if len(items) > MAX_ELEMENTS or any(item is None for item in items) else items
     if isinstance(value, Mapping):
         entries = {key: _plain(item) for key, item in value.items() if isinstance(key, str)}
-        is_whole = len(entries) == len(value) <= MAX_ELEMENTS and set(entries) != {_DATA}
+        is_whole = len(entries) == len(value) <= MAX_ELEMENTS and set(entries) not in _TAGS
         return entries if is_whole and all(value[key] is None or entries[key] is not None for key in entries) else None
     return None

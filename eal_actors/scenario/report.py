@@ -9,6 +9,7 @@
       "wall_started": "2025-03-01T10:00:00.000000+00:00",   wall time, UTC
       "duration_s": 31.2,                       seconds of the fleet's clock, as all times below
       "paused_s": 0.0,                          how much of it the run was paused
+      "continued_s": [],                        when it went on after its controller had died
       "outcome": "done",
       "error": null,                            or {"code": "deadline", "message": "..."}
       "robots": {"evbot2-1": {"outcome": "done", "error": null}},
@@ -138,6 +139,8 @@ class Report(StrictModel):
     duration_s: float
     """Seconds of the fleet's clock."""
     paused_s: float
+    continued_s: tuple[float, ...] = Field(default=(), strict=False)
+    """When the run, which was cut off, went on."""
     outcome: RunOutcome
     error: ErrorReport | None
     robots: dict[str, RobotReport]

@@ -37,6 +37,7 @@ class Resumption:
         gone: robots that take part no more, with their outcome and why.
         records: the steps that were over.
         starts: the starts together that were over.
+        continued_s: when it went on before, if this is not the first time.
     """
 
     directory: Path
@@ -51,6 +52,7 @@ class Resumption:
     gone: Mapping[str, tuple[str, ErrorReport]] = field(default_factory=dict)
     records: tuple[StepRecord, ...] = ()
     starts: tuple[StartReport, ...] = ()
+    continued_s: tuple[float, ...] = ()
 
     def require_safe(self, scenario: Scenario) -> None:
         """Refuse to go on with a scenario that has changed, or where it would repeat what must not be repeated.
@@ -163,4 +165,5 @@ def _gather(directory: Path, events: list[dict[str, Any]]) -> Resumption:
         gone=gone,
         records=tuple(records),
         starts=tuple(starts),
+        continued_s=tuple(event["time_s"] for event in events if event["event"] == "run_continued"),
     )

@@ -11,7 +11,7 @@ from eal_actors.bundled import bundled_path
 from eal_actors.facade.fleet import Fleet
 from eal_actors.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.recording import Extent, RunRecorder, keep_provenance, write_trajectory
+from eal_actors.recording import Extent, RunRecorder, keep_provenance
 from eal_actors.scenario import Run, load_scenario, make_plan
 
 SCENARIO = """\
@@ -44,7 +44,6 @@ def record_run(directory: Path, extent: Extent, seed: int = 3) -> Path:
         with recorder:
             report = run.start().get(timeout=60)
     assert report.outcome == "done", report
-    write_trajectory(recorder.paths_since(run.start_s), directory / "trajectory.csv")
     keep_provenance(directory, config, plan.scenario)
     return directory
 

@@ -125,7 +125,7 @@ def test_poses_are_recorded_where_a_run_goes_on(tmp_path: Path) -> None:
     with Fleet(dataclasses.replace(config, rate=MAX)).connect() as fleet:
         recorder = RunRecorder(fleet, fleet, tmp_path)
         with recorder:
-            recorder.hear(RunContinued(30.0, first_step=1))
+            recorder.hear(RunContinued(30.0, 1, "", "round", "sim", ("roomba-1",), 3))
             fleet.clock.sleep(1.0)
     times_s = [entry.time_s for entry in read_mcap(tmp_path / "run.mcap").entries if entry.topic == "/roomba-1/Pose"]
     assert len(times_s) > 5

@@ -13,8 +13,9 @@ from eal_actors.bundled import bundled_path
 from eal_actors.clock import ScaledClock
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.recording import PoseRecorder, PoseSample, draw_trajectory, write_trajectory
+from eal_actors.recording import PoseRecorder, PoseSample, RunRecorder, draw_trajectory
 from eal_actors.recording.picture import tick_quarter_turns
+from eal_actors.recording.table import TrajectoryTable
 from eal_actors.scenario import Run, load_scenario, make_plan
 from tests.patience import patient_fleet
 
@@ -148,15 +149,15 @@ def test_a_table_counts_from_the_runs_start(tmp_path: Path) -> None:
         "steps: [{wait_s: 1}, {on: all, do: [{send_cmd: {resource: Base, cmd: g}}]}]\n"
     )
     with patient_fleet(bundled_path("fleets/sim.yaml"), rate=20) as fleet:
-        run = Run(make_plan(load_scenario(tmp_path / "s.yaml"), fleet), fleet)
-        with PoseRecorder(fleet, fleet) as recorder:
+        recorder = RunRecorder(fleet, fleet, tmp_path)
+        run = Run(make_plan(load_scenario(tmp_path / "s.yaml"), fleet), fleet, listeners=[recorder.hear])
+        with recorder:
             for robot in fleet.values():
                 robot["Base"].send_cmd("r30").get()  # what is before the run belongs to no run
             fleet.clock.sleep(0.5)  # the last sample before the run shows them at rest
             report = run.start().get()
-    write_trajectory(recorder.paths_since(run.start_s), tmp_path / "t.csv")
 
-    with (tmp_path / "t.csv").open(encoding="utf-8", newline="") as table:
+    with (tmp_path / "trajectory.csv").open(encoding="utf-8", newline="") as table:
         rows = list(csv.DictReader(table))
     for step in (step for step in report.steps if step.is_call):
         times_s = [float(row["time_s"]) for row in rows if row["robot"] == step.robot]
@@ -182,7 +183,10 @@ def test_of_what_was_before_the_start_the_last_sample_is_kept(tmp_path: Path) ->
 
 def test_a_table_is_rounded_to_what_is_meant(tmp_path: Path) -> None:
     path = [PoseSample(0.0, 1.0, -1e-9, math.pi), PoseSample(0.10049999, 1 / 3, 12.5, -math.pi)]
-    write_trajectory({"a": path, "still": []}, tmp_path / "t.csv")
+    table = TrajectoryTable(tmp_path / "t.csv")
+    for sample in path:
+        table.add("a", sample)
+    table.close()
 
     assert (tmp_path / "t.csv").read_text().splitlines() == [
         "robot,time_s,x_m,y_m,yaw_rad",

@@ -37,7 +37,7 @@ from eal_actors.scenario.model import (
     WaitStep,
     WaitUntilStep,
 )
-from eal_actors.scenario.records import to_record
+from eal_actors.scenario.records import told
 
 
 class _SomeAct:
@@ -135,7 +135,7 @@ class SignalAct(_SomeAct):
             value = render(step.value, known)
         count = stage.signals.give(context.unit, step.signal, value)
         name = f"{context.unit.prefix}{step.signal}"
-        stage.tell(lambda time_s: Signalled(time_s, context.robot_name, name, count, to_record(value)))
+        stage.tell(lambda time_s: Signalled(time_s, context.robot_name, name, count, told(value)))
 
 
 class WaitForAct(_SomeAct):

@@ -7,11 +7,12 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Final
 
-from eal_actors.actors.future import Future
 from eal_actors import spans
+from eal_actors.actors.future import Future
 from eal_actors.clock import REAL_TIME, ScaledClock, wall_time
 from eal_actors.errors import ScenarioError
 from eal_actors.facade.fleet import Fleet
@@ -177,20 +178,19 @@ class Run:
     # The run's own thread.
 
     def _run(self) -> None:
-        try:
         span = self._new_span()
+        try:
             with span.current() if span is not None else nullcontext():
                 self._loop.run(self._conduct())
         except BaseException as error:  # noqa: BLE001  # whoever waits must get a report
             self._fail(error)
-        try:
         if span is not None:
             span.end(self._outcome()[1])
+        try:
             self._future.set(self._conclude())
         except BaseException as error:  # noqa: BLE001  # or at least an answer
             self._future.set_exception(error)
 
-    def _conduct(self) -> Branch:
     def _new_span(self) -> spans.Span | None:
         if spans.tracer is None:
             return None
@@ -198,6 +198,7 @@ class Run:
         about = {"eal.scenario": scenario, "eal.fleet": self._fleet.name}
         return spans.tracer.begin_trace(f"scenario {scenario}", about)
 
+    def _conduct(self) -> Branch:
         yield from self._guarded(self._opening())
         self._heed_aborts()
         yield self._loop.breathe()  # a pause that was asked for before the start
@@ -225,8 +226,7 @@ class Run:
 
     def _opening(self) -> Branch:
         if self._resumption is not None:
-            first = self._resumption.first_step
-            self._tell(lambda time_s: RunContinued(time_s, first))
+            self._tell(partial(self._run_continued, self._resumption))
             seat_robots(self._stage)
             restore(self._stage, self._resumption)
         else:
@@ -254,6 +254,11 @@ class Run:
             robots=plan.robots,
             calls=plan.calls,
         )
+
+    def _run_continued(self, resumption: Resumption, time_s: float) -> RunContinued:
+        plan, started = self._plan, self._started.isoformat() if self._started is not None else ""
+        name, fleet = plan.scenario.name, self._fleet.config.name
+        return RunContinued(time_s, resumption.first_step, started, name, fleet, plan.robots, plan.calls)
 
     def _on_step(self, index: int) -> None:
         if keeps_checkpoints(self._plan.scenario.file):
@@ -323,12 +328,17 @@ class Run:
             wall_started=self._started.isoformat() if self._started is not None else "",
             duration_s=duration_s,
             paused_s=self._stage.pace.paused_s,
+            continued_s=self._continued_s(),
             outcome=outcome,
             error=ErrorReport.of(error) if error is not None else None,
             robots={name: robot.report() for name, robot in self._robots.items()},
             steps=tuple(self._stage.records),
             starts=tuple(self._stage.starts),
         )
+
+    def _continued_s(self) -> tuple[float, ...]:
+        before = self._resumption
+        return (*before.continued_s, before.time_s) if before is not None else ()
 
     def _outcome(self) -> tuple[RunOutcome, BaseException | None]:
         culprits = [robot.error for robot in self._robots.values() if robot.outcome in ("failed", "dropped")]

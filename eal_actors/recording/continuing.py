@@ -1,0 +1,83 @@
+"""Makes one record of what a run that was cut off has left behind, and of what follows when it goes on."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Final
+
+from eal_actors.errors import UnsupportedError
+from eal_actors.log import get_logger
+from eal_actors.record.mcap_file import RECORD_FILE, McapFile
+from eal_actors.recording.record_writer import ARENA_TOPIC, EVENTS_TOPIC, pose_topic, write_event, write_pose
+from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
+from eal_actors.scenario.journal import cut_half_line
+
+PART_FILE: Final = "run-2.mcap"
+"""What a run that goes on writes, until it is over and all of it stands in one file."""
+_MS: Final = 1000
+_ROUNDING_S: Final = 0.0005
+"""The paths' table has times to a thousandth of a second."""
+
+
+def mend_record(directory: Path) -> float:
+    """Make the record of a run that was cut off whole: nothing that reached the disk is lost.
+
+    Args:
+        directory: the run's folder.
+
+    Returns:
+        When the run goes on: just after all that is recorded, in seconds since its start.
+
+    Raises:
+        ScenarioError: it is no folder of a run, or a file of it is broken.
+        OSError: a file cannot be written.
+    """
+    if (directory / TRAJECTORY).exists():
+        cut_half_line(directory / TRAJECTORY)
+    run = RunFolder.open(directory)
+    times_s = [float(event["time_s"]) for event in run.events]
+    times_s += [path[-1].time_s for path in run.paths.values()]
+    try:
+        times_s.append(join_record(run))
+    except UnsupportedError as error:
+        get_logger().warning("the record for other tools ends where the run was cut off", reason=error.message)
+    return (math.ceil(max(times_s) * _MS) + 1) / _MS
+
+
+def join_record(run: RunFolder) -> float:
+    """Make one `run.mcap` of what its parts hold, as far as they go.
+
+    What the torn end of a part lacks is taken from `events.jsonl` and `trajectory.csv`, which lose nothing.
+
+    Returns:
+        The time of the newest message, in seconds since the run's start.
+
+    Raises:
+        UnsupportedError: the mcap library is not installed.
+        ScenarioError: a file is broken.
+        OSError: a file cannot be written.
+    """
+    parts = [run.path / RECORD_FILE, run.path / PART_FILE]
+    unfinished = run.path / f"{RECORD_FILE}.tmp"
+    file = McapFile(unfinished)
+    try:
+        for part in parts:
+            if part.exists():
+                file.copy(part, without=[topic for topic in (ARENA_TOPIC,) if topic in file.counts])
+        _add_lost(file, run)
+    finally:
+        file.close()
+    unfinished.replace(parts[0])
+    parts[1].unlink(missing_ok=True)
+    return max(file.newest_s.values(), default=0.0)
+
+
+def _add_lost(file: McapFile, run: RunFolder) -> None:
+    for event in run.events[file.counts.get(EVENTS_TOPIC, 0) :]:
+        write_event(file, event)
+    for robot, path in run.paths.items():
+        last_s = file.newest_s.get(pose_topic(robot), -1.0) + _ROUNDING_S
+        for sample in path:
+            if sample.time_s > last_s:
+                write_pose(file, robot, sample)
