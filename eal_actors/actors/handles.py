@@ -174,6 +174,25 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         """End an emergency stop: motions are possible again, and none starts by itself. Thread: any; does not block."""
         return self._actor.resume()
 
+    @property
+    def controller_id(self) -> str | None:
+        """What the robot knows this process by, as in `Ping.holder_ids`; None for a robot of this process."""
+        return self._view.controller_id
+
+    def release(self, *resources: str) -> Future[None]:
+        """Let go of resources that this process has commanded, so that another controller may at once.
+
+        Without it they are free when the fleet is closed. What goes on there by our commands is halted; what is
+        commanded later takes the resource anew. Nothing happens to resources that others hold, or nobody does, as
+        within one process.
+
+        Args:
+            resources: their names; all of the robot's if there are none.
+
+        Thread: any; does not block.
+        """
+        return self._actor.release(resources or tuple(self))
+
     def wait_started(self, timeout_s: float) -> None:
         """Wait until every resource is up.
 

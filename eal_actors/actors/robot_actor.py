@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, Protocol
@@ -291,6 +291,13 @@ class RobotActor(EALActor):
     def resume(self) -> Future[None]:
         """See RobotConnection."""
         self.view.latch.clear()
+        return self._done()
+
+    def release(self, _: Sequence[str]) -> Future[None]:
+        """See RobotConnection: within a process nobody holds a resource against others."""
+        return self._done()
+
+    def _done(self) -> Future[None]:
         done: Future[None] = Future(self.clock)
         done.set(None)
         return done

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
@@ -46,7 +46,8 @@ class Ping:
         release: the release of the framework that runs it.
         resources: how many resources it has.
         stopped: why an emergency stop holds it; None if none does.
-        holders: by the names of resources, the controllers that hold them.
+        holders: by the names of resources, the controllers that hold them, as people call them.
+        holder_ids: the same controllers by their ids; see RobotHandle.controller_id.
         round_trip_s: real seconds that this ping was under way; 0 for a robot of this process.
         offset_s: the robot's clock minus the controller's, both in real seconds; 0 for a robot of this process.
         offset_error_s: by how many seconds at most `offset_s` is wrong, either way.
@@ -61,6 +62,7 @@ class Ping:
     resources: int
     stopped: str | None = None
     holders: Mapping[str, str] = field(default_factory=dict)
+    holder_ids: Mapping[str, str] = field(default_factory=dict)
     round_trip_s: float = 0.0
     offset_s: float = 0.0
     offset_error_s: float = 0.0
@@ -83,6 +85,7 @@ class RobotView:
         restarts: how often each resource was restarted.
         not_ready: why resources are not ready, by their names; written by the resources' actors too.
         latch: whether an emergency stop holds it.
+        controller_id: what a robot of another process knows us by; None in its own.
         started: done when every resource is up, or the robot has failed.
         stopped: done when everything has ended.
     """
@@ -98,6 +101,7 @@ class RobotView:
         self.restarts: dict[str, int] = {}
         self.not_ready: dict[str, str] = {}
         self.latch = StopLatch()
+        self.controller_id: str | None = None
         self.started: Future[None] = Future(clock)
         self.stopped: Future[None] = Future(REAL_TIME)
 
@@ -177,6 +181,10 @@ class RobotConnection(Protocol):
 
     def resume(self) -> Future[None]:
         """Allow motions again. Thread: any; does not block."""
+        ...
+
+    def release(self, resources: Sequence[str], /) -> Future[None]:
+        """Let others command resources that this process holds. Thread: any; does not block."""
         ...
 
     def shut_down(self) -> None:

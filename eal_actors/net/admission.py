@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Sequence
 from typing import Final
 
 from eal_actors.actors.call import MOTION_METHODS
@@ -108,16 +109,22 @@ class Admission:
             self._leases.leave(client)
             return self._dead_man.leave(client)
 
+    def release(self, client: str, resources: Sequence[str]) -> tuple[str, ...]:
+        """Let a controller let go of resources: they are free. Returns those that are to be halted."""
+        with self._guard:
+            for resource in resources:
+                self._leases.release(client, resource)
+            return self._dead_man.leave(client, resources)
+
     def silences(self) -> tuple[Silence, ...]:
         """Return what is to be halted now, because its controller is silent; each is told once."""
         with self._guard:
             return self._dead_man.due(self._clock.now())
 
     def holders(self) -> dict[str, str]:
-        """Return who holds which resource, as they call themselves."""
+        """Return which controller holds which resource; `names` tells what they call themselves."""
         with self._guard:
-            holders = self._leases.holders(self._clock.now())
-        return {resource: self.names.of(client) for resource, client in holders.items()}
+            return self._leases.holders(self._clock.now())
 
 
 def _stamp_of(header: CallHeader) -> Stamp:

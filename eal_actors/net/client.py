@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -75,6 +75,7 @@ class RemoteRobot(EALActor):
         super().__init__(spec.name, spec.clock)
         self.spec = spec
         self.view = view
+        view.controller_id = controller.client
         self._controller = controller
         self.pinger = Pinger()
         self.lane = Lane(self, controller)
@@ -294,6 +295,10 @@ class RemoteRobot(EALActor):
             self.view.latch.clear()
 
         return self._questions.ask(keys.RESUME, (), _STOP_TIMEOUT_S, cleared)
+
+    def release(self, resources: Sequence[str]) -> Future[None]:
+        """See RobotConnection."""
+        return self._questions.ask(keys.RELEASE, tuple(resources), _STOP_TIMEOUT_S, lambda *_: None)
 
     # The end.
 

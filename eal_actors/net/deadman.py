@@ -17,6 +17,7 @@ after the controller's last sign of life was sent.
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import Final
 
@@ -91,9 +92,14 @@ class DeadMan:
         """Forget a resource that was halted, by whomever: nothing moves there any more."""
         self._watched.pop(resource, None)
 
-    def leave(self, client: str) -> tuple[str, ...]:
-        """Forget a client that takes its leave; returns what it answered for, sorted, for the caller to halt."""
-        resources = sorted(resource for resource, last in self._watched.items() if last.client == client)
+    def leave(self, client: str, among: Container[str] | None = None) -> tuple[str, ...]:
+        """Forget a client that takes its leave, or lets go of some resources.
+
+        Returns:
+            What it answered for among these, or at all, sorted, for the caller to halt.
+        """
+        watched = {resource for resource, last in self._watched.items() if last.client == client}
+        resources = sorted(resource for resource in watched if among is None or resource in among)
         for resource in resources:
             del self._watched[resource]
         return tuple(resources)

@@ -29,7 +29,7 @@ class Desk:
         publish: publishes an event.
         security: who may do what; None for everybody everything.
 
-    Thread: the host's, but for `ping`.
+    Thread: the host's, but for `ping` and `release`.
     """
 
     def __init__(
@@ -92,11 +92,13 @@ class Desk:
         }
 
     def _about(self) -> dict[str, Any]:
+        holders = self._admission.holders()
         return {
             "release": release(),
             "state": self._robot.state.value,
             "stopped": self._robot.stopped_because,
-            "holders": self._admission.holders(),
+            "holders": {resource: self._admission.names.of(client) for resource, client in holders.items()},
+            "holder_ids": holders,
             "not_ready": dict(self._robot.not_ready),
             "running": [[*running.call_id, running.about()] for running in self._under_way.announced()],
         }
@@ -119,6 +121,12 @@ class Desk:
     def _cancel(self, header: CallHeader) -> Answer:
         epoch, sequence = (int(number) for number in header.arguments)
         self._under_way.cancel(CallId(header.client, epoch, sequence))
+        return 1
+
+    def release(self, header: CallHeader) -> Answer:
+        """Let a controller let go of resources. Thread: any; at once, for a command may come right behind it."""
+        for resource in self._admission.release(header.client, [str(name) for name in header.arguments]):
+            self._robot[resource].halt()
         return 1
 
     def _leave(self, header: CallHeader) -> Answer:

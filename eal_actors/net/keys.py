@@ -39,7 +39,9 @@ CANCEL: Final = "cancel"
 """Robot: give up a running command."""
 LEAVE: Final = "leave"
 """Robot: a controller goes; what it commanded is halted."""
-ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE)
+RELEASE: Final = "release"
+"""Robot: a controller lets go of resources; what it commanded there is halted."""
+ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE, RELEASE)
 
 HALT: Final = "halt"
 """Resource: stop what moves."""

@@ -104,10 +104,11 @@ def _ping_from(answer: Mapping[str, Any], round_trip_s: float, offset: Offset) -
             resources=int(answer["resources"]),
             stopped=None if stopped is None else str(stopped),
             holders=texts(answer["holders"]),
+            holder_ids=texts(answer.get("holder_ids", {})),  # older robots do not tell
             round_trip_s=round_trip_s,
             offset_s=offset.offset_s,
             offset_error_s=offset.error_s,
-            not_ready=texts(answer.get("not_ready", {})),  # older robots do not tell
+            not_ready=texts(answer.get("not_ready", {})),
             mailboxes={
                 str(name): Waiting(int(count), float(oldest_s))
                 for name, (count, oldest_s) in answer.get("mailboxes", {}).items()

@@ -25,6 +25,7 @@ from eal_actors.net.keys import (
     LEAVE,
     PING,
     REATTACH,
+    RELEASE,
     ROBOT,
     STOP,
     STREAM,
@@ -35,7 +36,7 @@ READING_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "g
 """What an observer may do with a resource."""
 READING_ROBOT_METHODS: Final = (HELLO, PING)
 """What an observer may do with a robot."""
-BASIC_ROBOT_METHODS: Final = (HELLO, PING, REATTACH, STOP, CANCEL, LEAVE)
+BASIC_ROBOT_METHODS: Final = (HELLO, PING, REATTACH, STOP, CANCEL, LEAVE, RELEASE)
 """What a controller of single resources may do with a robot; stopping it is for everybody who moves it."""
 
 _ASKING: Final = ("query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")

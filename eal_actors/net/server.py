@@ -257,6 +257,8 @@ class RobotServer:
     def _serve_robot(self, method: str, query: zenoh.Query, key: str, header: CallHeader) -> None:
         if method == keys.PING:
             self._answer(query, key, self._desk.ping(), send=self._outbox.answer_from_here)
+        elif method == keys.RELEASE:
+            self._answer(query, key, self._desk.release(header))
         elif method == keys.STOP:
             reason = " ".join(map(str, header.arguments))
             self._outbox.expect(1, has_more=header.has_more)

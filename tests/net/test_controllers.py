@@ -137,6 +137,52 @@ def test_an_actuator_obeys_one_controller_at_a_time(rig: Rig) -> None:
     assert [note.what for note in rig.notes("step")] == ["1", "3", "4"]
 
 
+def test_what_a_controller_lets_go_of_another_may_command_at_once(rig: Rig) -> None:
+    with rig.served_here() as fleet, ready(Fleet(rig.config)) as other:
+        mine, theirs = fleet["r1"], other["r1"]
+        assert mine["Arm"].send_cmd("step1").get() == 1
+        assert theirs.ping().get().holder_ids == {"Arm": mine.controller_id}
+        theirs.release().get()  # of what it does not hold: nothing happens
+        failure(theirs["Arm"].send_cmd("step2"), ResourceBusyError)
+        mine.release("Arm").get()
+        assert theirs.ping().get().holders == {}
+        assert theirs["Arm"].send_cmd("step3").get() == 3
+        assert mine.ping().get().holder_ids == {"Arm": theirs.controller_id}
+        failure(mine["Arm"].send_cmd("step4"), ResourceBusyError)
+    assert [note.what for note in rig.notes("step")] == ["1", "3"]
+
+
+def test_what_still_moves_is_halted_when_its_controller_lets_go(rig: Rig) -> None:
+    with rig.served_here() as fleet:
+        move = fleet["r1"]["Arm"].send_cmd("move30")
+        assert rig.begun("move30")
+        fleet["r1"].release("Eye").get()
+        assert fleet["r1"]["Arm"].get_status().get() == 1
+        fleet["r1"].release().get()
+        failure(move, PreemptedError)
+    assert not rig.notes("end")
+
+
+def test_a_command_right_behind_a_release_is_carried_out(rig: Rig, remote: RobotHandle) -> None:
+    assert remote["Arm"].send_cmd("step0").get() == 0
+    for number in range(1, 20):
+        released, step = remote.release("Arm"), remote["Arm"].send_cmd(f"move0.0{number:02d}")
+        released.get()
+        step.get()
+    assert len(rig.notes("end")) == 19
+
+
+def test_a_robot_of_this_process_is_held_by_nobody(rig: Rig) -> None:
+    with Fleet(rig.local()).connect() as fleet:
+        robot = fleet["r1"]
+        move = robot["Arm"].send_cmd("move30")
+        assert rig.begun("move30")
+        robot.release("Arm").get()
+        assert robot.controller_id is None
+        assert robot["Arm"].get_status().get() == 1
+        move.cancel()
+
+
 def test_a_stop_command_is_for_everybody_too(rig: Rig) -> None:
     with rig.served_here() as fleet, ready(Fleet(rig.config)) as other:
         move = fleet["r1"]["Arm"].send_cmd("move30")

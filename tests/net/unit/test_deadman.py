@@ -61,6 +61,13 @@ class DeadManMachine(RuleBasedStateMachine):
         for resource in mine:
             del self.commanded[resource]
 
+    @rule(client=CLIENTS, resource=RESOURCES)
+    def let_go(self, client: str, resource: str) -> None:
+        is_mine = self.commanded.get(resource, ("",))[0] == client
+        assert self.dead_man.leave(client, [resource]) == (resource,) * is_mine
+        if is_mine:
+            del self.commanded[resource]
+
     @rule()
     def ask(self) -> None:
         due = self.dead_man.due(self.now_s)
