@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
@@ -19,7 +20,7 @@ class Base(DifferentialBase):
 
     def __init__(self) -> None:
         super().__init__(TANK)
-        self.asked: list[tuple[str, float, float]] = []
+        self.asked: list[tuple[Any, ...]] = []
         self.halts = 0
 
     def drive(self, distance_m: float, speed_m_s: float) -> Activity:
