@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -41,11 +41,11 @@ from eal_actors.cli.run_options import Order, Wanted, read_order
 from eal_actors.cli.run_plan import plan_as_json, print_plan
 from eal_actors.cli.run_summary import print_summary
 from eal_actors.cli.trace import TraceOption, traces_to
-from eal_actors.clock import wall_time
-from eal_actors.errors import ConfigError, PluginError, Problem, ScenarioError
+from eal_actors.errors import ConfigError, PluginError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.recording import Extent, RunFolder, RunRecorder, draw_trajectory, keep_provenance, mend_record
+from eal_actors.recording import Extent, RunFolder, RunRecorder, keep_provenance, mend_record
+from eal_actors.recording.new_run import draw_run, new_run_folder, writing_into
 from eal_actors.recording.run_folder import TRAJECTORY
 from eal_actors.scenario import Listener, Plan, Report, Run, make_plan
 from eal_actors.scenario.plan import bind_roles
@@ -158,9 +158,9 @@ def _carry_out(
         with advice_on_plugins(opened):
             plan = _plan(order, opened)
         resumption = order.resumption
-        directory = resumption.directory if resumption is not None else _new_directory(runs_dir, plan.scenario.name)
+        directory = resumption.directory if resumption is not None else new_run_folder(runs_dir, plan.scenario.name)
         progress = new_progress(console, opened, options)
-        with _writing_into(directory):
+        with writing_into(directory):
             if resumption is not None:
                 resumption = replace(resumption, time_s=mend_record(directory))
             _keep_provenance(directory, order, plan)
@@ -185,31 +185,6 @@ def _plan(order: Order, fleet: Fleet) -> Plan:
         raise PluginError(f"{'; '.join(map(str, fleet.problems))}. So the scenario cannot run:\n{error}") from error
 
 
-def _new_directory(runs_dir: Path, scenario: str) -> Path:
-    """Make the run's folder; one that is there already is left alone."""
-    name = f"{scenario}-{wall_time():%Y%m%dT%H%M%SZ}"
-    number = 1
-    while True:
-        directory = runs_dir / (name if number == 1 else f"{name}-{number}")
-        try:
-            directory.mkdir(parents=True)
-        except FileExistsError:
-            number += 1
-        except OSError as error:
-            raise ConfigError([Problem(str(directory), 0, 0, "", f"cannot be made: {error.strerror}")]) from error
-        else:
-            return directory
-
-
-@contextmanager
-def _writing_into(directory: Path) -> Iterator[None]:
-    """Say of a run's folder that it cannot be written, such as for a full disk."""
-    try:
-        yield
-    except OSError as error:
-        raise ScenarioError(f"the run's folder {directory} cannot be written: {error}") from error
-
-
 def _keep_provenance(directory: Path, order: Order, plan: Plan) -> None:
     """Write what is run into its folder; what a run goes on with, whose controller died, stands beside that."""
     if order.resumption is not None:
@@ -223,12 +198,5 @@ def _draw_paths(done: _Done, config: FleetConfig, *, draw: bool) -> list[Path]:
     run = RunFolder.open(done.directory)
     if not run.paths:
         return []
-    picture = None
-    if draw:
-        report = done.report
-        title = f"{report.scenario} on {report.fleet}: {report.outcome}"
-        outcomes = {name: robot.outcome for name, robot in report.robots.items()}
-        with _writing_into(done.directory):
-            out = done.directory / "trajectory.png"
-            picture = draw_trajectory(run.paths, config.world, out, title, outcomes, run.breaks_s)
+    picture = draw_run(run, done.report, config.world) if draw else None
     return [done.directory / TRAJECTORY, *([picture] if picture is not None else [])]
