@@ -146,14 +146,14 @@ async def on_pty(serving: Serving) -> AsyncIterator[str]:
 @asynccontextmanager
 async def on_tcp(serving: Serving, address: Address) -> AsyncIterator[str]:
     """Serve TCP connections for the length of a block; gives `host:port`."""
-    writers: set[asyncio.StreamWriter] = set()
+    connections: dict[asyncio.Task[None] | None, asyncio.StreamWriter] = {}
 
     async def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writers.add(writer)
+        connections[task := asyncio.current_task()] = writer
         with contextlib.suppress(ConnectionError):
             while data := await reader.read(_MOST_BYTES):
                 serving.take(data, writer.write)
-        writers.discard(writer)
+        del connections[task]
         writer.close()
 
     server = await asyncio.start_server(connected, *address)
@@ -162,8 +162,9 @@ async def on_tcp(serving: Serving, address: Address) -> AsyncIterator[str]:
             yield _shown(server.sockets[0].getsockname())
     finally:
         server.close()
-        for writer in tuple(writers):
+        for writer in connections.values():
             writer.close()
+        await asyncio.gather(*filter(None, connections))
         await server.wait_closed()
 
 

@@ -17,6 +17,7 @@ from eal_actors.conformance import Bench, settings_of
 from eal_actors.errors import ConfigError, NotReadyError, PluginError
 from eal_actors.plugin import FleetServices, PluginContext
 from plugins.evbot2 import plugin
+from tests.emulated import PATIENT
 from tests.unit.evbot2.wires import evbot2_on_a_pty
 
 FOLDER = bundled_path("plugins/evbot2")
@@ -34,7 +35,7 @@ def wait_until_ready(base: ResourceHandle) -> None:
 def test_a_fleet_drives_it_over_a_pty_at_the_pace_of_a_line() -> None:
     with (
         evbot2_on_a_pty(baud_rate=115200) as (path, body, device),
-        Bench(FOLDER, settings_of({"port": path})).robot() as robot,
+        Bench(FOLDER, settings_of({"port": path, **PATIENT})).robot() as robot,
     ):
         assert robot["Base"].send_cmd("f0.05").get() == 1
         assert robot["Base"].send_cmd("l10").get() == 1
@@ -50,7 +51,7 @@ def test_a_fleet_drives_it_over_a_pty_at_the_pace_of_a_line() -> None:
 
 def test_a_device_that_is_unplugged_and_plugged_in_again(tmp_path: Path) -> None:
     link = tmp_path / "ttyEvBot"
-    bench = Bench(FOLDER, settings_of({"port": str(link)}))
+    bench = Bench(FOLDER, settings_of({"port": str(link), **PATIENT}))
     with bench.connected([None], ready=False) as (place,):
         robot = place.resources
         base = robot["Base"]
@@ -74,7 +75,7 @@ def test_the_emulator_is_a_program() -> None:
         try:
             assert process.stdout is not None
             path = process.stdout.readline().strip()
-            with Bench(FOLDER, settings_of({"port": path})).robot() as robot:
+            with Bench(FOLDER, settings_of({"port": path, **PATIENT})).robot() as robot:
                 assert robot["Base"].send_cmd("b0.02").get() == 1
         finally:
             process.terminate()

@@ -13,6 +13,7 @@ from eal_actors.bundled import bundled_path
 from eal_actors.conformance import CHECKS, Bench, Check, run_check, settings_of
 from eal_actors.errors import ConfigError, NotReadyError
 from plugins.evbot3.datagrams import UdpPort
+from tests.emulated import PATIENT
 from tests.unit.evbot2.test_plugin import wait_until_ready
 from tests.unit.evbot3.wires import evbot3_on
 
@@ -24,7 +25,7 @@ ROOT = Path(__file__).parents[3]
 def test_a_fleet_drives_it_over_a_network(scheme: str) -> None:
     with (
         evbot3_on(scheme) as (address, body),
-        Bench(FOLDER, settings_of({"address": address})).robot() as robot,
+        Bench(FOLDER, settings_of({"address": address, **PATIENT})).robot() as robot,
     ):
         drive, swing = robot["Base"].send_cmd("f0.1"), robot["Turret"].send_cmd("l30")
         assert (drive.get(), swing.get()) == (1, 1)
@@ -42,7 +43,7 @@ def test_a_fleet_drives_it_over_a_network(scheme: str) -> None:
 def test_a_base_that_vanishes_and_comes_back(scheme: str) -> None:
     with evbot3_on(scheme) as (address, _):
         port = int(address.rpartition(":")[2])
-    bench = Bench(FOLDER, settings_of({"address": address}))
+    bench = Bench(FOLDER, settings_of({"address": address, **PATIENT}))
     with bench.connected([None], ready=False) as (place,):
         base = place.resources["Base"]
         assert isinstance(base.send_cmd("g").exception(), NotReadyError)
@@ -68,7 +69,7 @@ def test_the_emulator_is_a_program(way: list[str]) -> None:
         try:
             assert process.stdout is not None
             address = process.stdout.readline().strip()
-            with Bench(FOLDER, settings_of({"address": address})).robot() as robot:
+            with Bench(FOLDER, settings_of({"address": address, **PATIENT})).robot() as robot:
                 assert robot["Base"].send_cmd("b0.02").get() == 1
                 assert robot["Turret"].send_cmd("t45").get() == 1
         finally:
@@ -82,7 +83,7 @@ ON_ONE_BASE = [check for check in CHECKS if check.name not in ("shares nothing",
 @pytest.mark.parametrize("check", ON_ONE_BASE, ids=lambda check: check.name)
 def test_it_conforms_over_tcp(check: Check) -> None:
     with evbot3_on("tcp") as (address, _):
-        result = run_check(check, Bench(FOLDER, settings_of({"address": address})))
+        result = run_check(check, Bench(FOLDER, settings_of({"address": address, **PATIENT})))
     assert result.outcome != "failed", "\n".join([check.description, *result.problems])
 
 
