@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -12,14 +13,14 @@ from typing import Any, Final
 
 import eal_actors
 from eal_actors.clock import wall_time
-from evbotos import bytecode, disk, grub, kernel, project, pruning, sbom, sizes, squash, tree
+from evbotos import bytecode, disk, grub, kernel, packaged_kernel, project, pruning, sbom, sizes, squash, tree
 from evbotos.apt_sources import sources_for
 from evbotos.errors import BuildError
 from evbotos.hashing import file_sha256, files_sha256, key_of
 from evbotos.hosttools import needed_for, require
 from evbotos.lock import FOLDER as LOCKS
-from evbotos.lock import Lock, asked_by, lock_path, read_lock, require_match, write_lock
-from evbotos.model import Image, Local, Platform
+from evbotos.lock import Lock, LockedPackage, asked_by, lock_path, read_lock, require_match, write_lock
+from evbotos.model import Image, Kernel, Local, PackagedKernel, Platform
 from evbotos.packages import Apt
 from evbotos.plan import layers_of, packages_of, wheels_of
 from evbotos.robot_files import gather_robot_files
@@ -44,6 +45,8 @@ _FOLDERS: Final = (
 )
 _OWN: Final = f"{tree.SITE}/eal_actors"
 """Compiled like the rest, but for the plugins: they are found by their source files, so that those stay."""
+_KERNEL_IMAGE: Final = re.compile(r"linux-image-\d")
+_PACKAGED: Final = Path(str(packaged_kernel.__file__))
 _OPTIONAL: Final[tuple[str, ...]] = ()
 
 
@@ -71,7 +74,8 @@ def cache_folder(local: Local) -> Path:
 def kernel_key(platform: Platform, lock: Lock) -> str:
     """Return the key under which a platform's kernel is kept."""
     wanted = platform.kernel
-    return key_of([lock.kernel.sha256, wanted.model_dump(mode="json"), kernel.fragments_text(wanted)])
+    fragments = kernel.fragments_text(wanted) if isinstance(wanted, Kernel) else file_sha256(_PACKAGED)
+    return key_of([lock.kernel.sha256, wanted.model_dump(mode="json"), fragments])
 
 
 def has_kernel(platform: Platform, image: Image, local: Local) -> bool:
@@ -121,12 +125,13 @@ class Build:
             debs, wheels = self._fetch(lock)
             kernel_folder = self._runner.run(self._kernel_step(lock))
             base = self._runner.run(self._base_step(lock, debs, wheels))
+            initrd = self._runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
             root = self._runner.run(self._root_step(lock, base))
             squashed = self._runner.run(self._squash_step(lock, root))
             image = self._runner.run(self._disk_step(lock, squashed, kernel_folder))
             table = self._runner.run(self._sizes_step(root))
             folder = output / f"{self._platform.name}-{self._image.name}"
-            return self._write_outputs(lock, folder, squashed, kernel_folder, image, table)
+            return self._write_outputs(lock, folder, squashed, kernel_folder, image, table, initrd)
 
     def _warn(self, words: str) -> None:
         self._warnings.append(words)
@@ -149,7 +154,7 @@ class Build:
         apt = self._apt(self._platform.architecture)
         apt.update()
         packages = apt.resolve(names)
-        source = next(found for found in apt.resolve([self._platform.kernel.source]) if found.name in self._source)
+        source = self._kernel_package(apt)
         provided = provided_by(package.name for package in packages)
         wheels = resolve_wheels(self._platform, wheels_of(self._platform, self._image), provided)
         asked = asked_by(self._platform, self._image)
@@ -170,8 +175,18 @@ class Build:
         return new
 
     @property
-    def _source(self) -> tuple[str]:
-        return (self._platform.kernel.source,)
+    def _is_packaged(self) -> bool:
+        return isinstance(self._platform.kernel, PackagedKernel)
+
+    def _kernel_package(self, apt: Apt) -> LockedPackage:
+        """Return the package with the kernel or its source: the one asked for, or that with a version in its name."""
+        origin = self._platform.kernel.origin
+        found = apt.resolve([origin])
+        names = [origin] if not self._is_packaged else [one.name for one in found if _KERNEL_IMAGE.match(one.name)]
+        package = next((one for one in found if one.name in names), None)
+        if package is None:
+            raise BuildError(f"{origin} brings no kernel along")
+        return package
 
     def _fetch(self, lock: Lock) -> tuple[list[Path], list[Path]]:
         left_out = set(self._image.drop_packages)
@@ -183,10 +198,21 @@ class Build:
         wanted = self._platform.kernel
 
         def make(out: Path) -> None:
-            source = self._apt(self._platform.architecture).fetch([lock.kernel], self._cache / "debs")[0]
-            kernel.build_kernel(wanted, source, out, self._cache)
+            package = self._apt(self._platform.architecture).fetch([lock.kernel], self._cache / "debs")[0]
+            if isinstance(wanted, PackagedKernel):
+                packaged_kernel.unpack_kernel(package, wanted, out)
+            else:
+                kernel.build_kernel(wanted, package, out, self._cache)
 
         return Step("kernel", kernel_key(self._platform, lock), make)
+
+    def _initrd_step(self, lock: Lock, kernel_folder: Path, base: Path) -> Step:
+        inputs = [kernel_folder.name, base.name, lock.epoch, file_sha256(packaged_kernel.INIT)]
+
+        def make(out: Path) -> None:
+            packaged_kernel.write_initrd(kernel_folder, base, out, lock.epoch)
+
+        return Step("initrd", key_of(inputs, packaged_kernel), make)
 
     def _base_step(self, lock: Lock, debs: list[Path], wheels: list[Path]) -> Step:
         image = self._image
@@ -238,6 +264,7 @@ class Build:
             bytecode.compile_tree(root, [f"{_OWN}/_bundled"], sourceless=False)
         bytecode.compile_tree(root, ["usr/lib/evbotos"], sourceless=True)
         about = root / "etc/evbotos"
+        about.mkdir(parents=True, exist_ok=True)
         (about / "platform").write_text(f"{self._platform.name}\n")
         (about / "epoch").write_text(f"{lock.epoch}\n")
         (about / "manifest.json").write_text(json.dumps(self._manifest(lock), indent=1) + "\n")
@@ -272,7 +299,7 @@ class Build:
             squashed.name,
             kernel_folder.name,
             layout.model_dump(),
-            platform.boot,
+            platform.loader,
             disk.kernel_line(platform),
             lock.epoch,
         ]
@@ -286,10 +313,10 @@ class Build:
                 (boot_files / name).write_bytes(content)
             what = disk.Contents(
                 root=squashed,
-                kernel=kernel_folder / Path(platform.kernel.image).name,
+                kernel=None if platform.loader == "none" else kernel_folder / platform.kernel.file,
                 boot_files=boot_files,
                 kernel_line=disk.kernel_line(platform),
-                has_grub=platform.boot == "grub",
+                has_grub=platform.loader == "grub",
                 epoch=lock.epoch,
             )
             try:
@@ -306,10 +333,17 @@ class Build:
         return Step("sizes", key_of(root.name, sizes), make)
 
     def _write_outputs(
-        self, lock: Lock, folder: Path, squashed: Path, kernel_folder: Path, image: Path, table: Path
+        self,
+        lock: Lock,
+        folder: Path,
+        squashed: Path,
+        kernel_folder: Path,
+        image: Path,
+        table: Path,
+        initrd: Path | None,
     ) -> Built:
         folder.mkdir(parents=True, exist_ok=True)
-        kernel_file = kernel_folder / Path(self._platform.kernel.image).name
+        kernel_file = kernel_folder / self._platform.kernel.file
         for source, name in (
             (squashed, "root.squashfs"),
             (kernel_file, "kernel"),
@@ -317,6 +351,9 @@ class Build:
             (table, "sizes.json"),
         ):
             place(source, folder / name)
+        (folder / "initrd").unlink(missing_ok=True)
+        if initrd is not None:
+            place(initrd, folder / "initrd")
         for device_tree in self._platform.kernel.device_trees:
             place(kernel_folder / Path(device_tree).name, folder / Path(device_tree).name)
         bill = sbom.bill_of_materials(lock, set(self._image.drop_packages), self._platform.architecture)

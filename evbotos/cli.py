@@ -78,7 +78,7 @@ def list_definitions(local: _LocalOption = None, as_json: _JsonOption = False) -
         return
     table = new_table("platform", "architecture", "starts by", "what it is")
     for platform in found.platforms.values():
-        table.add_row(platform.name, platform.architecture, platform.boot, platform.description)
+        table.add_row(platform.name, platform.architecture, platform.loader, platform.description)
     console().print(table)
     console().print()
     table = new_table("image", "at most, with kernel", "disk", "what it holds")

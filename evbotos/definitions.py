@@ -60,10 +60,13 @@ def load_definitions(local: Path | None = None, folder: Path = FOLDER) -> Defini
     settings = Local(version=1)
     if local is not None or own.is_file():
         settings = _read(own, Local, problems) or settings
-        problems += _unknown_images(own, settings, raw)
+        problems += _unknown(own, "image", settings.images, raw)
+        problems += _unknown(own, "platform", settings.platforms, platforms)
     images = {name: _with_includes(name, raw, folder, problems, ()) for name in raw}
     if problems:
         raise ConfigError(sorted(set(problems)))
+    for name, over in settings.platforms.items():
+        platforms[name] = platforms[name].model_copy(update={"kernel": over.kernel})
     return Definitions(platforms, {name: _overridden(image, settings) for name, image in images.items()}, settings)
 
 
@@ -135,10 +138,10 @@ def _overridden(image: Image, local: Local) -> Image:
     return image.model_copy(update={**joined, **replaced})
 
 
-def _unknown_images(file: Path, local: Local, images: Iterable[str]) -> list[Problem]:
-    names = set(images)
+def _unknown(file: Path, kind: str, named: Iterable[str], known: Iterable[str]) -> list[Problem]:
+    names = set(known)
     return [
-        Problem(str(file), 0, 0, f"images.{name}", f"there is no image '{name}'{did_you_mean(name, names)}")
-        for name in local.images
+        Problem(str(file), 0, 0, f"{kind}s.{name}", f"there is no {kind} '{name}'{did_you_mean(name, names)}")
+        for name in named
         if name not in names
     ]

@@ -61,7 +61,7 @@ class Contents:
 
     Attributes:
         root: the squashed root, for slot A.
-        kernel: the kernel's file.
+        kernel: the kernel's file; None where it is loaded from outside.
         boot_files: folder that is laid on the boot partition, or None.
         kernel_line: what the kernel is told, but for the root and the slot.
         has_grub: whether GRUB starts it.
@@ -69,7 +69,7 @@ class Contents:
     """
 
     root: Path
-    kernel: Path
+    kernel: Path | None
     boot_files: Path | None
     kernel_line: str
     has_grub: bool
@@ -84,7 +84,8 @@ def write_disk(out: Path, layout: Layout, contents: Contents) -> None:
     """
     parts = parts_of(layout)
     _require_room("the root file system", contents.root, parts.slot_a[1], "`layout: {slot: ...}`")
-    _require_room("the kernel", contents.kernel, KERNEL_ROOM, "another kernel")
+    if contents.kernel is not None:
+        _require_room("the kernel", contents.kernel, KERNEL_ROOM, "another kernel")
     with out.open("wb") as file:
         file.truncate(parts.total)
     _write_table(out, parts)
@@ -118,10 +119,11 @@ def _write_table(out: Path, parts: Parts) -> None:
 
 def _fill_boot(boot: Path, contents: Contents) -> None:
     boot.mkdir()
-    for slot in "ab":
-        kernel = boot / f"vmlinuz-{slot}"
-        shutil.copyfile(contents.kernel, kernel)
-        os.truncate(kernel, KERNEL_ROOM)
+    if contents.kernel is not None:
+        for slot in "ab":
+            kernel = boot / f"vmlinuz-{slot}"
+            shutil.copyfile(contents.kernel, kernel)
+            os.truncate(kernel, KERNEL_ROOM)
     robot = boot / "robot"
     if contents.boot_files is not None:
         shutil.copytree(contents.boot_files, robot)

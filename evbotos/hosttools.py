@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from evbotos.errors import MissingToolsError
-from evbotos.model import Platform
+from evbotos.model import Kernel, Platform
 
 PACKAGES: Final = {
     "apt-get": "apt",
@@ -62,11 +62,13 @@ _ADMIN_FOLDERS: Final = ("/usr/sbin", "/sbin")
 
 def needed_for(platform: Platform) -> list[str]:
     """Return what a build for a platform needs, by program."""
-    tools = [*_ROOT, *_KERNEL, *_DISK]
-    if platform.boot == "grub":
+    tools = [*_ROOT, *_DISK]
+    if platform.loader == "grub":
         tools += _GRUB
-    if platform.kernel.cross is not None:
-        tools.append(f"{platform.kernel.cross}gcc")
+    if isinstance(platform.kernel, Kernel):
+        tools += _KERNEL
+        if platform.kernel.cross is not None:
+            tools.append(f"{platform.kernel.cross}gcc")
     return tools
 
 

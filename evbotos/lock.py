@@ -14,7 +14,7 @@ from eal_actors.errors import ConfigError
 from eal_actors.strict_model import StrictModel, Version1, problems_from
 from eal_actors.yaml_source import load_yaml
 from evbotos.errors import BuildError
-from evbotos.model import Image, Platform
+from evbotos.model import Image, Kernel, Platform
 
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Archive = Literal["main", "updates", "security"]
@@ -40,7 +40,7 @@ class LockedWheel(StrictModel):
 
     name: str
     version: str
-    file: str
+    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+!-]*\.whl$")]
     sha256: Sha256
 
 
@@ -67,14 +67,15 @@ def asked_by(platform: Platform, image: Image) -> str:
         "packages": sorted({*platform.packages, *image.packages}),
         "wheels": sorted(set(image.wheels) - set(platform.without_wheels)),
         "tags": list(platform.wheel_tags),
-        "kernel": platform.kernel.source,
+        "kernel": platform.kernel.origin,
     }
     return hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()
 
 
 def lock_path(platform: Platform, image: Image, folder: Path = FOLDER) -> Path:
     """Return where the lock file of an image is."""
-    return folder / f"{platform.name}-{image.name}.lock.yaml"
+    kind = "" if isinstance(platform.kernel, Kernel) else "-packaged"
+    return folder / f"{platform.name}-{image.name}{kind}.lock.yaml"
 
 
 def read_lock(path: Path) -> Lock | None:

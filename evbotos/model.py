@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import Discriminator, Field, PositiveFloat, PositiveInt, Tag
 
 from eal_actors.strict_model import NAMES_ONLY, Name, StrictModel, Version1
 
@@ -33,6 +34,52 @@ class Kernel(StrictModel):
     """What is built, relative to the source."""
     device_trees: Texts = ()
     """What else is built, relative to the source's `arch/<architecture>/boot/dts`."""
+
+    @property
+    def origin(self) -> str:
+        """The package that it comes from."""
+        return self.source
+
+    @property
+    def file(self) -> str:
+        """The name of the image's file."""
+        return PurePath(self.image).name
+
+
+class PackagedKernel(StrictModel):
+    """Debian's own kernel: nothing is compiled, but it is several times larger.
+
+    What it needs to find the root are modules, which an initial RAM disk loads. The emulator starts it itself.
+    """
+
+    package: PackageName
+    """Such as `linux-image-cloud-amd64`."""
+    modules: Texts
+    """What is loaded before the root is mounted; what they need comes along."""
+
+    @property
+    def origin(self) -> str:
+        """The package that it comes from."""
+        return self.package
+
+    @property
+    def file(self) -> str:
+        """The name of the image's file."""
+        return "vmlinuz"
+
+    @property
+    def device_trees(self) -> tuple[str, ...]:
+        """None: a kernel for an emulator."""
+        return ()
+
+
+def _kind_of_kernel(value: object) -> str:
+    return "packaged" if isinstance(value, PackagedKernel | dict) and "package" in dict(value) else "compiled"
+
+
+AnyKernel = Annotated[
+    Annotated[Kernel, Tag("compiled")] | Annotated[PackagedKernel, Tag("packaged")], Discriminator(_kind_of_kernel)
+]
 
 
 class Emulator(StrictModel):
@@ -65,7 +112,7 @@ class Platform(StrictModel):
     """Of Python wheels that run on it, the best first."""
     floor: Text
     """The least that a board must have, plainly."""
-    kernel: Kernel
+    kernel: AnyKernel
     boot: Literal["grub", "u-boot", "raspberry-pi", "none"]
     """What loads the kernel from the disk; `none` where QEMU loads it itself."""
     console: Text
@@ -79,6 +126,17 @@ class Platform(StrictModel):
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
     """What every image of this platform has."""
     emulator: Emulator | None = None
+
+    @property
+    def loader(self) -> str:
+        """What loads the kernel: `boot`, but that QEMU itself loads a packaged one."""
+        return self.boot if isinstance(self.kernel, Kernel) else "none"
+
+
+class PlatformOverride(StrictModel):
+    """What a user changes of a platform."""
+
+    kernel: AnyKernel
 
 
 class Budget(StrictModel):
@@ -153,6 +211,7 @@ class Local(StrictModel):
     update_key: Text | None = None
     """File with the public key (ed25519, PEM) whose updates the robot takes; without one it takes none."""
     images: dict[Name, ImageOverride] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    platforms: dict[Name, PlatformOverride] = Field(default={}, json_schema_extra=NAMES_ONLY)
 
 
 LISTS: Final = ("packages", "drop_packages", "wheels", "services", "files", "prune", "keep", "check")

@@ -9,7 +9,7 @@ from evbotos.disk import parts_of
 from evbotos.hosttools import find_tool, needed_for
 from evbotos.kernel import fragments_text
 from evbotos.lock import Lock, asked_by
-from evbotos.model import Image, Platform
+from evbotos.model import Image, Kernel, Platform
 
 ROOTFS: Final = Path(__file__).parent / "rootfs"
 
@@ -51,7 +51,7 @@ def make_plan(platform: Platform, image: Image, lock: Lock | None) -> dict[str, 
         image: what goes onto it.
         lock: its lock file, if there is one.
     """
-    parts = parts_of(image.layout)
+    parts, kernel = parts_of(image.layout), platform.kernel
     left_out = set(image.drop_packages)
     locked = [f"{package.name} {package.version}" for package in lock.packages] if lock is not None else None
     return {
@@ -69,7 +69,7 @@ def make_plan(platform: Platform, image: Image, lock: Lock | None) -> dict[str, 
         "download_mb": None if lock is None else round(sum(package.size for package in lock.packages) / 1e6, 1),
         "services": list(image.services),
         "files": files_of(image),
-        "kernel_options": fragments_text(platform.kernel).count("CONFIG_"),
+        "kernel_options": fragments_text(kernel).count("CONFIG_") if isinstance(kernel, Kernel) else 0,
         "budget_mb": image.budget_mb.model_dump(),
         "disk_mib": parts.total >> 20,
         "missing_tools": [name for name in needed_for(platform) if find_tool(name) is None],
@@ -82,11 +82,16 @@ def _steps(platform: Platform, image: Image) -> list[str]:
         "u-boot": "the kernel and its device trees for U-Boot",
         "raspberry-pi": "the kernel and its device trees for the board's firmware",
         "none": "nothing: the kernel is loaded from outside",
-    }[platform.boot]
+    }[platform.loader]
+    kernel = platform.kernel
+    if isinstance(kernel, Kernel):
+        kernel_step = f"kernel: build {kernel.source} for {kernel.architecture}"
+    else:
+        kernel_step = f"kernel: unpack {kernel.package}, with an initial RAM disk of {', '.join(kernel.modules)}"
     return [
         f"packages: fetch {platform.architecture} packages of {platform.suite}, by their locked hashes",
         "wheels: fetch Python packages, by their locked hashes",
-        f"kernel: build {platform.kernel.source} for {platform.kernel.architecture}",
+        kernel_step,
         "base: unpack, leave out what is pruned, compile Python, look for missing libraries",
         f"root: lay {', '.join(image.services)} over it" + (", and this project" if image.project else ""),
         f"squash: compress with {platform.compression}",

@@ -129,7 +129,7 @@ def arguments_for(
         arguments += ["-device", emulator.watchdog, "-action", "watchdog=reset"]
     if emulator.has_pci:
         arguments += ["-device", "virtio-rng-pci", "-device", "qemu-xhci,id=usb"]
-    if platform.boot != "grub":
+    if platform.loader != "grub":
         arguments += _direct_boot(platform, folder)
     return [tool(emulator.program), *arguments]
 
@@ -141,7 +141,9 @@ def _disk_and_network(emulator: Emulator, disk: Path) -> list[str]:
 
 def _direct_boot(platform: Platform, folder: Path) -> list[str]:
     words = f"root=PARTUUID={DISK_ID}-02 {kernel_line(platform)}"
-    return ["-kernel", str(folder / "kernel"), "-append", words]
+    initial = folder / "initrd"
+    disk = ["-initrd", str(initial)] if initial.is_file() else []
+    return ["-kernel", str(folder / "kernel"), *disk, "-append", words]
 
 
 @contextmanager

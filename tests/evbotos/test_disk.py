@@ -75,7 +75,7 @@ def test_what_does_not_fit_is_refused_with_a_remedy(tmp_path: Path) -> None:
     with pytest.raises(BuildError, match=r"the root file system has 3\.1 MB, but its place 2\.1 MB: `layout: \{slot"):
         write_disk(tmp_path / "disk", LAYOUT, contents(tmp_path, 3 * MIB))
     big = contents(tmp_path)
-    big.kernel.write_bytes(bytes(KERNEL_ROOM + 1))
+    (tmp_path / "kernel").write_bytes(bytes(KERNEL_ROOM + 1))
     with pytest.raises(BuildError, match="the kernel has"):
         write_disk(tmp_path / "disk", LAYOUT, big)
 

@@ -1,0 +1,138 @@
+"""Debian's own kernels: unpacked, with an initial RAM disk that loads their modules and finds the root."""
+
+from __future__ import annotations
+
+import gzip
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from evbotos.errors import BuildError
+from evbotos.hosttools import tool
+from evbotos.model import PackagedKernel
+from evbotos.shell import run
+
+INIT: Final = Path(__file__).parent / "kernel/initrd-init"
+MODULES: Final = "modules"
+_DEPENDS: Final = re.compile(rb"\0depends=([^\0]*)\0")
+"""In a module: what must be loaded before it."""
+_FOLDER, _PROGRAM, _FILE, _CONSOLE = 0o040755, 0o100755, 0o100644, 0o020600
+_CONSOLE_NUMBER: Final = (5, 1)
+
+
+def unpack_kernel(package: Path, wanted: PackagedKernel, out: Path) -> None:
+    """Unpack a packaged kernel into a folder: the image, and the modules in the order in which they are loaded.
+
+    Raises:
+        BuildError: it has no kernel, or no such module.
+    """
+    with TemporaryDirectory(dir=out.parent, prefix=".part-package-") as name:
+        folder = Path(name)
+        run([tool("dpkg-deb"), "-x", package, folder])
+        images = list(folder.glob("boot/vmlinuz-*"))
+        if len(images) != 1:
+            raise BuildError(f"{wanted.package} does not hold a kernel")
+        # A module built into the kernel has no file of its own.
+        built_in = {Path(line).stem for line in _lines(folder, "modules.builtin")}
+        files = {path.stem.replace("-", "_"): path for path in folder.rglob("*.ko")}
+        (out / MODULES).mkdir(parents=True)
+        shutil.copy(images[0], out / wanted.file)
+        for number, module in enumerate(in_order(wanted.modules, files, built_in)):
+            shutil.copyfile(module, out / MODULES / f"{number:03}-{module.name}")
+
+
+def _lines(folder: Path, name: str) -> Iterator[str]:
+    for path in folder.rglob(name):
+        yield from path.read_text().splitlines()
+
+
+def in_order(names: tuple[str, ...], files: dict[str, Path], built_in: set[str]) -> list[Path]:
+    """Return the files of modules and of all that they need, each after what it needs.
+
+    Args:
+        names: of the modules.
+        files: by name, with underscores, each module's file.
+        built_in: names of modules that the kernel holds itself.
+
+    Raises:
+        BuildError: one is not there.
+    """
+    there = {name.replace("-", "_") for name in built_in}
+    found: dict[str, Path] = {}
+
+    def add(name: str) -> None:
+        name = name.replace("-", "_")
+        if name in found or name in there:
+            return
+        if name not in files:
+            raise BuildError(f"the kernel has no module {name}")
+        match = _DEPENDS.search(files[name].read_bytes())
+        for other in match[1].decode().split(",") if match and match[1] else ():
+            add(other)
+        found[name] = files[name]
+
+    for name in names:
+        add(name)
+    return list(found.values())
+
+
+def write_initrd(kernel: Path, root: Path, out: Path, epoch: int) -> None:
+    """Write the initial RAM disk: busybox and what it needs out of a root, the modules, and the script that uses them.
+
+    Args:
+        kernel: what `unpack_kernel` made.
+        root: a tree with busybox.
+        out: the file.
+        epoch: the date of everything.
+
+    Raises:
+        BuildError: busybox, or a library of it, is not in the tree.
+    """
+    files = {"init": INIT, **{f"modules/{path.name}": path for path in sorted((kernel / MODULES).iterdir())}}
+    files |= _with_libraries(root, root / "usr/bin/busybox")
+    folders = {"dev", "proc", "sys", "root"} | {
+        parent.as_posix() for name in files for parent in Path(name).parents if parent != Path()
+    }
+    members = [_member(name, _FOLDER, b"", epoch) for name in sorted(folders)]
+    members.append(_member("dev/console", _CONSOLE, b"", epoch, _CONSOLE_NUMBER))
+    for name, path in files.items():
+        mode = _FILE if name.startswith(f"{MODULES}/") else _PROGRAM
+        members.append(_member(name, mode, path.read_bytes(), epoch))
+    members.append(_member("TRAILER!!!", 0, b"", 0))
+    out.write_bytes(gzip.compress(b"".join(members), mtime=0))
+
+
+def _with_libraries(root: Path, program: Path) -> dict[str, Path]:
+    """Return a program and the shared libraries that it needs, by where it looks for them."""
+    said = run([tool("readelf"), "-lW", program])
+    interpreter = re.search(r"interpreter: /([^\]]+)\]", said)
+    files = {"bin/busybox": program}
+    if interpreter is not None:
+        files[interpreter[1]] = root / interpreter[1]
+    waiting = [program]
+    while waiting:
+        for name in re.findall(r"\(NEEDED\).*\[(.+)\]", run([tool("readelf"), "-dW", waiting.pop()])):
+            if f"lib/{name}" in files or any(place.endswith(f"/{name}") for place in files):
+                continue
+            library = next(root.glob(f"usr/lib/**/{name}"), None)
+            if library is None:
+                raise BuildError(f"{name}, which busybox needs, is not in the image")
+            files[f"lib/{name}"] = library
+            waiting.append(library)
+    return files
+
+
+def _member(name: str, mode: int, content: bytes, date: int, device: tuple[int, int] = (0, 0)) -> bytes:
+    """Return a file as it stands in a cpio archive of the kind that the kernel unpacks (`newc`)."""
+    path = name.encode() + b"\0"
+    inode, links = 0, 1
+    fields = (inode, mode, 0, 0, links, date, len(content), 0, 0, *device, len(path), 0)
+    head = b"070701" + b"".join(b"%08X" % field for field in fields)
+    return _padded(head + path) + _padded(content)
+
+
+def _padded(content: bytes) -> bytes:
+    return content + bytes(-len(content) % 4)
