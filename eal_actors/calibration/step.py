@@ -14,6 +14,7 @@ from eal_actors.calibration.fit import fit_squares
 from eal_actors.calibration.square import START, WAYS, Pose, seen_from
 from eal_actors.calibration.umbmark import Point, SquareEnds
 from eal_actors.errors import ArgumentError, ScenarioError
+from eal_actors.scenario.files import check_file_name
 from eal_actors.wheels import NOMINAL
 
 NAME: Final = "umbmark"
@@ -70,12 +71,14 @@ def fit_umbmark(
         track_factor (E_b), wheel_ratio (E_d), error_m (E_max,syst of these squares) and left_over_m.
 
     Raises:
-        ScenarioError: it stands outside an `on`, or `ends` or the robot lack something.
+        ScenarioError: it stands outside an `on`, the name leads out of the folder, or `ends` or the robot lack
+            something.
         ArgumentError: no base makes squares end so.
         ConfigError: the file is wrong.
     """
     if context.robot is None:
         raise ScenarioError("fit_umbmark is of one robot: it must stand inside an `on`")
+    check_file_name(f"{name}.csv")
     robot = context.robots[context.robot]
     if (ends is None) == (file is None):
         raise ScenarioError("fit_umbmark needs either `ends` or `file`")

@@ -10,6 +10,7 @@ import numpy as np
 
 from eal_actors.choreography.changes import Changes, Image, find_changes
 from eal_actors.errors import ArgumentError, ScenarioError
+from eal_actors.scenario.files import check_file_name
 
 _RED: Final = (220, 30, 30)
 
@@ -41,12 +42,15 @@ def compare_views(context: Context, *, before: str, after: str, save: str) -> di
         `things`, how many things have come or gone; `share`, how much of the picture they take, 0 to 1.
 
     Raises:
-        ScenarioError: it stands outside an `on`, nothing is kept of the run, or the pictures are none or do not fit.
+        ScenarioError: it stands outside an `on`, nothing is kept of the run, a name leads out of the folder, or the
+            pictures are none or do not fit.
     """
     if context.robot is None:
         raise ScenarioError("compare_views is of one robot: it must stand inside an `on`")
     if context.directory is None:
         raise ScenarioError("there are no pictures to compare: the run keeps no files")
+    for name in (before, after, save):
+        check_file_name(name)
     folder = context.directory / context.robot
     views = [_read(folder / name) for name in (before, after)]
     try:

@@ -23,7 +23,10 @@ SCENARIO: Final = "scenario.yaml"
 SCENARIOS: Final = "scenarios"
 VERSIONS: Final = "versions.json"
 _PACKAGES: Final = ("eal-actors", "eclipse-zenoh", "numpy", "opencv-python-headless", "pykka", "pymunk")
-_PASSWORD: Final = re.compile(r"(?<=://)([^/@:\s]+):[^/@\s]+@")
+_PASSWORD: Final = re.compile(r"(?<=://)([^/@:\s]*):[^/@\s]+@")
+_QUERY: Final = re.compile(r"(?<=://)([^\s?]+\?)\S+")
+_SECRET_KEY: Final = re.compile(r"(.*_)?(passw(or)?d|pwd|passphrase|secret|token|api_?key|credentials?)", re.IGNORECASE)
+_HIDDEN: Final = "***"
 
 
 def keep_provenance(directory: Path, config: FleetConfig, scenario: Scenario) -> None:
@@ -31,7 +34,8 @@ def keep_provenance(directory: Path, config: FleetConfig, scenario: Scenario) ->
 
     A scenario that carries out others is kept with them as well, in a folder where they lie to each other as they did.
 
-    The passwords of URLs are left out. What the fleet file names beside itself, such as plugin folders, is named as it
+    Secrets are left out: passwords and queries of URLs, and settings whose names say that they are secret, such as
+    `password` and `api_token`. What the fleet file names beside itself, such as plugin folders, is named as it
     was, not copied.
 
     Raises:
@@ -68,14 +72,14 @@ def _text_of(scenario: Scenario) -> str:
 
 
 def resolved_fleet(config: FleetConfig) -> dict[str, Any]:
-    """Return a fleet as one file would say it, without includes and without passwords."""
+    """Return a fleet as one file would say it, without includes and without secrets."""
     content = {key: value for key, value in config.content.items() if key != "include"}
     content |= {"name": config.name, "seed": config.seed, "clock": {"rate": config.rate}}
     if config.world is not None:
         content["world"] = WORLD
     if config.plugin_dirs:
         content["plugin_dirs"] = [str(folder) for folder in config.plugin_dirs]
-    return dict(_without_passwords(content))
+    return dict(_without_secrets(content))
 
 
 def kept_world(directory: Path) -> WorldModel | None:
@@ -99,12 +103,21 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _without_passwords(value: Any) -> Any:
+def _without_secrets(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _without_passwords(item) for key, item in value.items()}
+        return {
+            key: _HIDDEN if _SECRET_KEY.fullmatch(str(key)) and _is_scalar(item) else _without_secrets(item)
+            for key, item in value.items()
+        }
     if isinstance(value, list):
-        return [_without_passwords(item) for item in value]
-    return _PASSWORD.sub(r"\1:***@", value) if isinstance(value, str) else value
+        return [_without_secrets(item) for item in value]
+    if isinstance(value, str):
+        return _QUERY.sub(rf"\1{_HIDDEN}", _PASSWORD.sub(rf"\1:{_HIDDEN}@", value))
+    return value
+
+
+def _is_scalar(value: object) -> bool:
+    return value is not None and not isinstance(value, Mapping | list)
 
 
 def _as_yaml(content: Mapping[str, Any]) -> str:

@@ -1,60 +1,249 @@
-"""The wheel carries what a first run needs, and works away from the checkout and without the extras."""
+"""The wheel and the sdist carry what a first run needs, and work away from the checkout and without the extras."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import subprocess
 import sys
+import sysconfig
+import tarfile
+import venv
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from tests.net.links import free_port
+
 ROOT = Path(__file__).parents[2]
+HEAVY = ("numpy", "cv2", "pymunk", "matplotlib")
+USER_SCRIPT = """
+from eal_actors import EAL, Fleet, Future, connect
+from eal_actors.data import EALData
+
+
+def turn(name: str) -> Future[int]:
+    with Fleet.load("sim") as fleet:
+        return fleet[name]["Base"].send_cmd("r90")
+
+
+def read(eal: EAL) -> EALData:
+    return eal.get_value(eal.find_resource("Pose"))
+
+
+reveal_type(connect("roomba-1", fleet="sim"))
+wrong: str = connect(5)
+"""
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the built wheel unpacked in it."""
-    folder = tmp_path_factory.mktemp("wheel")
-    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    subprocess.run(build, cwd=ROOT, check=True, capture_output=True, timeout=120)
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the wheel and the sdist."""
+    folder = tmp_path_factory.mktemp("built")
+    build(ROOT, folder)
+    return folder
+
+
+def build(source: Path, folder: Path, *targets: str) -> None:
+    options = [option for target in targets for option in ("-t", target)]
+    command = [sys.executable, "-m", "hatchling", "build", "-d", str(folder), *options]
+    subprocess.run(command, cwd=source, check=True, capture_output=True, timeout=120)
+
+
+def wheel_in(folder: Path) -> Path:
     (wheel,) = folder.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(folder / "site")
-    return folder / "site"
+    return wheel
 
 
-def run(site: Path, *command: str) -> str:
-    environment = {**os.environ, "PYTHONPATH": str(site), "NO_COLOR": "1"}
-    done = subprocess.run(
-        [sys.executable, *command], cwd=site.parent, env=environment, capture_output=True, text=True, timeout=60
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+class Installed:
+    """An environment with the project installed in it, and an empty folder to work in."""
+
+    def __init__(self, folder: Path) -> None:
+        self.bin = folder / "venv" / "bin"
+        self.home = folder / "home"
+        self.home.mkdir(parents=True)
+
+    def pip(self, *arguments: str) -> None:
+        command = [sys.executable, "-m", "pip", "--python", str(self.bin / "python"), "install", "--quiet"]
+        done = subprocess.run(
+            [*command, "--disable-pip-version-check", "--no-warn-script-location", *arguments],
+            capture_output=True,
+            text=True,
+            timeout=900,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    def environment(self) -> dict[str, str]:
+        kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+        return {**kept, "PATH": f"{self.bin}:{os.environ['PATH']}", "HOME": str(self.home), "NO_COLOR": "1"}
+
+    def run(self, program: str, *arguments: str, code: int = 0) -> subprocess.CompletedProcess[str]:
+        done = subprocess.run(
+            [self.bin / program, *arguments],
+            cwd=self.home,
+            env=self.environment(),
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
+        assert done.returncode == code, done.stdout + done.stderr
+        return done
+
+    @contextmanager
+    def serving(self, fleet: str, robot: str) -> Iterator[None]:
+        command = [str(self.bin / "eal"), "serve", "--fleet", fleet, "--robot", robot]
+        with subprocess.Popen(
+            command, cwd=self.home, env=self.environment(), stdout=subprocess.PIPE, text=True
+        ) as server:
+            try:
+                assert any(line.startswith("listening") for line in server.stdout or ())
+                yield
+            finally:
+                server.terminate()
+                server.communicate(timeout=60)
 
 
-def test_it_holds_types_plugins_fleets_and_scenarios(site: Path) -> None:
+@pytest.fixture(scope="module")
+def installed(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
+    """The wheel installed in an environment of its own, which finds the dependencies in that of the tests."""
+    folder = tmp_path_factory.mktemp("installed")
+    venv.create(folder / "venv", with_pip=False, symlinks=True)
+    environment = Installed(folder)
+    environment.pip("--no-deps", "--no-index", str(wheel_in(built)))
+    (site,) = (folder / "venv" / "lib").glob("python*/site-packages")
+    (site / "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n{sysconfig.get_path('platlib')}\n")
+    where = environment.run("python", "-c", "import eal_actors; print(eal_actors.__file__)").stdout
+    assert where.startswith(str(folder)), where
+    return environment
+
+
+def test_the_wheel_holds_types_plugins_fleets_scenarios_and_worlds_and_no_tests(built: Path) -> None:
+    with zipfile.ZipFile(wheel_in(built)) as archive:
+        names = set(archive.namelist())
+    for folder in ("plugins", "fleets", "scenarios"):
+        for file in (ROOT / folder).rglob("*"):
+            if file.suffix in (".py", ".yaml", ".md") and "__pycache__" not in file.parts:
+                assert f"eal_actors/_bundled/{file.relative_to(ROOT)}" in names
+    for package in ("eal_actors", "evbotos"):
+        for file in (ROOT / package).rglob("*"):
+            if file.is_file() and "__pycache__" not in file.parts:
+                assert str(file.relative_to(ROOT)) in names
+    assert "eal_actors/py.typed" in names
+    assert not [name for name in names if "__pycache__" in name or name.startswith(("tests/", "docs/", "runs/"))]
+
+
+def test_the_sdist_makes_the_same_wheel(built: Path, tmp_path: Path) -> None:
+    (sdist,) = built.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (source,) = tmp_path.iterdir()
     for file in (
-        "eal_actors/py.typed",
-        "eal_actors/_bundled/plugins/sample/plugin.yaml",
-        "eal_actors/_bundled/plugins/sim/plugin.py",
-        "eal_actors/_bundled/fleets/local.yaml",
-        "eal_actors/_bundled/scenarios/dance.yaml",
+        "README.md",
+        "LICENSE",
+        "CHANGELOG.md",
+        "Makefile",
+        "docs/plugins.md",
+        "tests/house/test_packaging.py",
     ):
-        assert (site / file).is_file(), file
-    assert not list(site.rglob("__pycache__"))
-    assert not (site / "tests").exists()
+        assert (source / file).is_file(), file
+    assert not [file for file in ("runs", ".venv", ".mypy_cache") if (source / file).exists()]
+
+    build(source, tmp_path / "again", "wheel")
+
+    assert contents(wheel_in(tmp_path / "again")) == contents(wheel_in(built))
 
 
-def test_the_facade_and_the_command_line_work_from_it(site: Path) -> None:
+def contents(wheel: Path) -> dict[str, str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return {name: hashlib.sha256(archive.read(name)).hexdigest() for name in archive.namelist()}
+
+
+def test_the_facade_works_from_it_without_the_extras(installed: Installed) -> None:
     program = (
         "import sys\n"
-        "for name in ('numpy', 'cv2', 'pymunk', 'matplotlib'): sys.modules[name] = None\n"
+        f"for name in {HEAVY}: sys.modules[name] = None\n"
         "import eal_actors\n"
-        "assert 'site/eal_actors' in eal_actors.__file__, eal_actors.__file__\n"
         "with eal_actors.connect() as eal:\n"
         "    print(eal.get_value(eal.find_resource('SampleResource')).value)\n"
     )
-    assert run(site, "-c", program) == "0\n"
-    assert "sample" in run(site, "-m", "eal_actors", "plugin", "list")
+    assert installed.run("python", "-c", program).stdout == "0\n"
+    assert "sample" in installed.run("eal", "plugin", "list").stdout
+
+
+def test_the_demo_runs_from_any_folder_by_name(installed: Installed) -> None:
+    said = installed.run("eal", "run", "dance", "--fleet", "sim", "--rate", "max", "--json", "--no-plot")
+
+    assert json.loads(said.stdout)["outcome"] == "done"
+    assert [path.name for path in installed.home.glob("runs/*/summary.json")] == ["summary.json"]
+
+
+def test_an_unknown_name_is_told_what_there_is(installed: Installed) -> None:
+    said = installed.run("eal", "run", "dance", "--fleet", "sims", code=2).stderr
+
+    assert "no fleet of that name comes with the framework; there are: formation, lab, local, " in said
+
+
+# The same in empty environments, with the dependencies that pip finds.
+
+
+@pytest.fixture(params=["wheel", "sdist"])
+def package(request: pytest.FixtureRequest, built: Path) -> Path:
+    (sdist,) = built.glob("*.tar.gz")
+    return wheel_in(built) if request.param == "wheel" else sdist
+
+
+@pytest.fixture
+def empty(tmp_path: Path) -> Installed:
+    """An empty environment."""
+    venv.create(tmp_path / "venv", with_pip=False, symlinks=True)
+    return Installed(tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_the_demo_runs_in_an_empty_environment(package: Path, empty: Installed) -> None:
+    empty.pip(f"{package}[sim,record]")
+
+    empty.run("eal", "run", "dance", "--fleet", "sim", "--rate", "max", "--record", "all")
+
+    (run,) = (empty.home / "runs").iterdir()
+    assert {"summary.json", "events.jsonl", "trajectory.csv", "trajectory.png", "run.mcap"} <= {
+        file.name for file in run.iterdir()
+    }
+    empty.run("eal", "report", str(run))
+    empty.run("eal", "world", "lab")
+    empty.run("eal", "rehearse", "dance", "--fleet", "sim", "--seeds", "1")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_the_robot_side_serves_without_numpy_opencv_and_pymunk(package: Path, empty: Installed) -> None:
+    empty.pip(str(package))
+    found = f"import importlib.util as u; print([name for name in {HEAVY} if u.find_spec(name)])"
+    assert empty.run("python", "-c", found).stdout == "[]\n"
+    address = f"tcp/127.0.0.1:{free_port()}"
+    (empty.home / "one.yaml").write_text(
+        f"version: 1\nname: one\nrobots: {{r: {{address: {address}, plugins: {{sample: {{}}, system: {{}}}}}}}}\n"
+    )
+
+    with empty.serving("one", "r"):
+        assert empty.run("eal", "call", "r", "SampleResource", "set_value", "5", "--fleet", "one").stdout == "1\n"
+        assert empty.run("eal", "call", "r", "SampleResource", "get_value", "--fleet", "one").stdout == "5\n"
+    assert "pip install 'eal-actors[sim]'" in empty.run("eal", "run", "dance", "--fleet", "sim", code=3).stderr
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_users_programs_are_checked_against_the_types(built: Path, empty: Installed) -> None:
+    empty.pip(str(wheel_in(built)), "mypy")
+    (empty.home / "mine.py").write_text(USER_SCRIPT)
+
+    said = empty.run("mypy", "--strict", "mine.py", code=1).stdout
+
+    assert 'mine.py:15: note: Revealed type is "eal_actors.facade.eal.EAL"' in said
+    errors = [line for line in said.splitlines() if ": error:" in line]
+    assert [line.split(": ")[0] for line in errors] == ["mine.py:16", "mine.py:16"], said
