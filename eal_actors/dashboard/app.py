@@ -1,7 +1,8 @@
-"""The web application: the page's files by GET, everything else through one websocket."""
+"""The web application: the page's files and reports of runs by GET, everything else through one websocket."""
 
 from __future__ import annotations
 
+import asyncio
 from typing import Final
 
 from starlette.applications import Starlette
@@ -16,7 +17,8 @@ from starlette.websockets import WebSocket
 from eal_actors.dashboard.access import Access
 from eal_actors.dashboard.browser import Backstage, Browser
 from eal_actors.dashboard.limits import MAX_BROWSERS
-from eal_actors.dashboard.pages import INDEX, SECURITY_HEADERS, read_pages
+from eal_actors.dashboard.pages import INDEX, REPORT_HEADERS, SECURITY_HEADERS, read_pages
+from eal_actors.dashboard.run_record import REPORT
 from eal_actors.log import get_logger
 
 TRY_AGAIN_LATER: Final = 1013
@@ -56,7 +58,7 @@ def _with_headers(send: Send) -> Send:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
             for name, value in SECURITY_HEADERS.items():
-                headers[name] = value
+                headers.setdefault(name, value)
         await send(message)
 
     return send_with
@@ -80,6 +82,7 @@ class App:
         routes = [
             Route("/", self._file, methods=["GET"]),
             Route("/static/{name:path}", self._file, methods=["GET"]),
+            Route(f"/runs/{{name}}/{REPORT}", self._report, methods=["GET"]),
             WebSocketRoute("/ws", self._connect),
         ]
         self.asgi: ASGIApp = _Guard(Starlette(routes=routes), backstage.access)
@@ -89,6 +92,16 @@ class App:
         if page is None:
             raise HTTPException(404)
         return Response(page.content, media_type=page.media_type)
+
+    async def _report(self, request: Request) -> Response:
+        report = self._backstage.report(request.path_params["name"])
+        if report is None:
+            raise HTTPException(404)
+        try:
+            page = await asyncio.to_thread(report.read_bytes)
+        except OSError:  # somebody has moved or removed it
+            raise HTTPException(404) from None
+        return Response(page, media_type="text/html; charset=utf-8", headers=REPORT_HEADERS)
 
     async def _connect(self, websocket: WebSocket) -> None:
         if len(self.browsers) >= MAX_BROWSERS:

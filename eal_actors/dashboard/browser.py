@@ -10,6 +10,7 @@ import struct
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
@@ -54,6 +55,7 @@ class Backstage:
         cameras: their frames.
         clock: the fleet's clock.
         introduction: makes what a browser must know first, in the loop's thread.
+        report: finds the report page of a run by the name of its folder.
     """
 
     hub: Hub
@@ -63,6 +65,7 @@ class Backstage:
     cameras: Cameras
     clock: Clock
     introduction: Callable[[], Mapping[str, Any]]
+    report: Callable[[str], Path | None]
 
 
 class Browser:
@@ -115,7 +118,8 @@ class Browser:
         if not isinstance(hello, Hello):
             raise ArgumentError("say hello first")
         self._may_not = self._backstage.access.refusal(hello.token)
-        introduction = {**self._backstage.introduction(), "may_command": self._may_not is None, "why": self._may_not}
+        rights = {"you": self.name, "may_command": self._may_not is None, "why": self._may_not}
+        introduction = {**self._backstage.introduction(), **rights}
         await self._send_text({"hello": introduction})
 
     async def _turn_away(self, error: EALError) -> None:

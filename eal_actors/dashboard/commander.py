@@ -10,6 +10,7 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.dashboard.cameras import Cameras
+from eal_actors.dashboard.control import Control
 from eal_actors.dashboard.doings import Doings
 from eal_actors.dashboard.hub import plain
 from eal_actors.dashboard.messages import (
@@ -37,6 +38,8 @@ Reply: TypeAlias = Callable[[dict[str, Any]], None]
 
 STOP_REASON: Final = "STOP on the dashboard"
 _WHOLE_ARRAY: Final = 64
+_COMMANDING: Final = ("set_value", "send_cmd", "set_config")
+"""The methods that take an actuator for whoever calls them."""
 
 
 class Commander:
@@ -45,6 +48,7 @@ class Commander:
     Args:
         fleet: a connected fleet.
         doings: what the robots do.
+        control: who commands what.
         runs: the scenarios.
         steering: steers by hand.
         cameras: the cameras.
@@ -53,9 +57,12 @@ class Commander:
     `reads_files`.
     """
 
-    def __init__(self, fleet: Fleet, doings: Doings, runs: Runs, steering: Steering, cameras: Cameras) -> None:
+    def __init__(
+        self, fleet: Fleet, doings: Doings, control: Control, runs: Runs, steering: Steering, cameras: Cameras
+    ) -> None:
         self._fleet = fleet
         self._doings = doings
+        self._control = control
         self._runs = runs
         self._steering = steering
         self._cameras = cameras
@@ -90,7 +97,7 @@ class Commander:
             case ListScenarios():
                 return {"scenarios": self._runs.listed()}
             case CallResource():
-                self._call(message, reply)
+                self._call(message, browser, reply)
             case Stop():
                 self._stop(message.id, reply)
             case Resume():
@@ -153,27 +160,33 @@ class Commander:
 
     # Calls.
 
-    def _call(self, message: CallResource, reply: Reply) -> None:
+    def _call(self, message: CallResource, browser: str, reply: Reply) -> None:
         if message.robot not in self._fleet:
             raise RobotNotFoundError(f"there is no robot {message.robot!r}")
         resource = self._fleet[message.robot][message.resource]
         label = " ".join(part for part in (message.resource, message.text or message.method) if part)
-        key = self._doings.begin(message.robot, label, self._fleet.clock.now())
-        try:
-            answer = _begun(resource, message)
-        except EALError as error:
-            self._doings.end(message.robot, key, shown(error))
-            raise
+        if message.method in _COMMANDING:
+            self._control.take(message.robot, message.resource, browser)
+
+        def end(error: BaseException | None) -> None:
+            if message.method in _COMMANDING:
+                self._control.done(message.robot, message.resource)
+            if error is not None and not isinstance(error, PreemptedError):
+                self._doings.fail(message.robot, f"{label}: {shown(error)}")
 
         def tell(done: Future[Any]) -> None:
             error = done.exception()
-            wrong = None if error is None or isinstance(error, PreemptedError) else f"{label}: {shown(error)}"
-            self._doings.end(message.robot, key, wrong)
+            end(error)
             if error is not None:
                 reply(failure(message.id, error))
             else:
                 reply({"id": message.id, "ok": True, "value": shown_value(done.get())})
 
+        try:
+            answer = _begun(resource, message)
+        except EALError as error:
+            end(error)
+            raise
         answer.add_done_callback(tell)
 
 

@@ -1,34 +1,28 @@
-"""What each robot is doing, as far as this process had it done, and its last error."""
+"""Which steps of the run each robot is at, and its last error."""
 
 from __future__ import annotations
 
-import itertools
 import threading
 from typing import Any
 
 
 class Doings:
-    """Keeps what began and has not ended, by robot. Thread: any."""
+    """Keeps the steps that began and have not ended, by robot. Thread: any."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._numbers = itertools.count()
-        self._running: dict[str, dict[object, tuple[str, float]]] = {}
+        self._steps: dict[str, dict[str, tuple[str, float]]] = {}
         self._errors: dict[str, str] = {}
 
-    def begin(self, robot: str, label: str, now_s: float, key: object = None) -> object:
-        """Note that something begins, by the fleet's clock; returns the key by which it ends."""
-        key = next(self._numbers) if key is None else key
+    def begin(self, robot: str, step: str, label: str, now_s: float) -> None:
+        """Note that a step begins, by the fleet's clock."""
         with self._lock:
-            self._running.setdefault(robot, {})[key] = (label, now_s)
-        return key
+            self._steps.setdefault(robot, {})[step] = (label, now_s)
 
-    def end(self, robot: str, key: object, error: str | None = None) -> None:
-        """Note that it ended, and with what error if with any."""
+    def end(self, robot: str, step: str) -> None:
+        """Note that it ended."""
         with self._lock:
-            self._running.get(robot, {}).pop(key, None)
-            if error:
-                self._errors[robot] = error
+            self._steps.get(robot, {}).pop(step, None)
 
     def fail(self, robot: str, error: str) -> None:
         """Note an error of the robot."""
@@ -36,14 +30,13 @@ class Doings:
             self._errors[robot] = error
 
     def forget_run(self) -> None:
-        """End everything that began as a step of a run, whose keys are texts."""
+        """End all steps."""
         with self._lock:
-            for running in self._running.values():
-                for key in [key for key in running if isinstance(key, str)]:
-                    del running[key]
+            self._steps.clear()
 
     def of(self, robot: str) -> dict[str, Any]:
-        """Return what runs, the newest last, and the last error."""
+        """Return the newest step, and the last error."""
         with self._lock:
-            running = [{"label": label, "since_s": since_s} for label, since_s in self._running.get(robot, {}).values()]
-            return {"running": running, "last_error": self._errors.get(robot)}
+            steps = list(self._steps.get(robot, {}).values())
+            step = {"label": steps[-1][0], "since_s": steps[-1][1]} if steps else None
+            return {"step": step, "last_error": self._errors.get(robot)}

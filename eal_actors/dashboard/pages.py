@@ -30,6 +30,15 @@ SECURITY_HEADERS: Final[Mapping[str, str]] = {
 }
 
 
+REPORT_HEADERS: Final[Mapping[str, str]] = {
+    "Content-Security-Policy": (
+        "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'; sandbox"
+    )
+}
+"""Of a report of a run: one page with its styles and pictures in it, which can do nothing but be looked at."""
+
+
 class Page(NamedTuple):
     """A file and its media type."""
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import wall_time
+from eal_actors.dashboard.control import WHOLE, Control
 from eal_actors.dashboard.doings import Doings
 from eal_actors.dashboard.hub import Hub
+from eal_actors.dashboard.run_record import REPORT, RunRecord
 from eal_actors.errors import ConfigError, EALError, ScenarioError, WaitTimeoutError, shown
 from eal_actors.facade.fleet import Fleet
 from eal_actors.log import get_logger
@@ -18,6 +20,7 @@ from eal_actors.scenario import (
     Checkpoint,
     Event,
     LogLine,
+    Plan,
     Report,
     RobotDropped,
     Run,
@@ -33,6 +36,8 @@ from eal_actors.scenario import (
 
 _END_S: Final = 10.0
 """Real seconds in which a run that is aborted twice comes to its end."""
+_RECORD_END_S: Final = 20.0
+"""Real seconds in which the record of a run comes to its end, with its picture and its page."""
 _MOST_FILES: Final = 200
 
 
@@ -43,22 +48,35 @@ class Runs:
         fleet: a connected fleet.
         hub: what to tell.
         doings: what the robots do.
+        control: who commands what.
         folder: where the scenario files are; only files right there can be started.
         runs_dir: where the folders of runs are made; None keeps no records.
 
     Thread: any. `listed` and `start` read files, and block as long.
     """
 
-    def __init__(self, fleet: Fleet, hub: Hub, doings: Doings, folder: Path | None, runs_dir: Path | None) -> None:
+    def __init__(
+        self,
+        fleet: Fleet,
+        hub: Hub,
+        doings: Doings,
+        control: Control,
+        folder: Path | None,
+        runs_dir: Path | None,
+    ) -> None:
         self._fleet = fleet
         self._hub = hub
         self._doings = doings
+        self._control = control
         self._folder = folder
         self._runs_dir = runs_dir
         self._lock = threading.Lock()
         self._run: Run | None = None
         self._future: Future[Report] | None = None
+        self._records: list[RunRecord] = []
+        self._reports: dict[str, Path] = {}
         self._number = 0
+        self._showing = threading.Lock()
         self._shown: dict[str, Any] = {"phase": "none"}
         self._hub.put("run", {"": self._shown})
 
@@ -87,26 +105,49 @@ class Runs:
         if path is None:
             raise ScenarioError(f"there is no scenario {file!r} here")
         with self._lock:
-            if self._future is not None and not self._future.done():
+            if self._going() is not None:
                 raise ScenarioError("a scenario is running already")
             scenario = load_scenario(path)
             plan = make_plan(scenario, self._fleet, parameters=parameters)
-            directory = self._new_directory(scenario.name)
-            self._number += 1
-            self._run = run = Run(plan, self._fleet, directory, [self._hear])
-            self._hub.clear("events")
-            self._future = run.start()
+            self._begin(plan)
         get_logger().info("scenario started", scenario=scenario.name, file=file)
 
-    def _new_directory(self, scenario: str) -> Path | None:
-        if self._runs_dir is None:
-            return None
-        name = f"{scenario}-{wall_time():%Y%m%dT%H%M%SZ}"
-        directory, number = self._runs_dir / name, 1
-        while directory.exists():
-            number += 1
-            directory = self._runs_dir / f"{name}-{number}"
-        return directory
+    def _begin(self, plan: Plan) -> None:
+        """Begin a run, and its record. Thread: holds the lock."""
+        record = RunRecord(self._fleet, plan, self._runs_dir) if self._runs_dir is not None else None
+        self._number += 1
+        with ExitStack() as undo:
+            for robot in plan.robots:
+                self._control.take(robot, WHOLE, f"scenario {plan.scenario.name}")
+                undo.callback(self._control.done, robot, WHOLE)
+            if record is not None:
+                record.begin()
+                undo.callback(record.drop)
+            directory, listeners = (record.directory, [self._hear, record.hear]) if record else (None, [self._hear])
+            self._run = run = Run(plan, self._fleet, directory, listeners)
+            self._hub.clear("events")
+            self._future = run.start()
+            undo.pop_all()
+        self._future.add_done_callback(lambda _: self._end_control(plan))
+        if record is not None:
+            number = self._number
+            self._records = [*(other for other in self._records if other.is_open), record]
+            record.finish_after(self._future, lambda report: self._show_report(number, report))
+
+    def _end_control(self, plan: Plan) -> None:
+        for robot in plan.robots:
+            self._control.done(robot, WHOLE)
+
+    def _show_report(self, number: int, report: Path) -> None:
+        name = report.parent.name
+        self._reports[name] = report
+        with self._showing:
+            if number == self._shown.get("run"):
+                self._show({**self._shown, "report": f"/runs/{name}/{REPORT}"})
+
+    def report(self, name: str) -> Path | None:
+        """Return the report page of a run that was started here, by the name of its folder; None if there is none."""
+        return self._reports.get(name)
 
     def control(self, what: str) -> None:
         """Pause, resume, step or abort the run.
@@ -114,8 +155,8 @@ class Runs:
         Raises:
             ScenarioError: no run goes on.
         """
-        run, future = self._run, self._future
-        if run is None or future is None or future.done():
+        run = self._going()
+        if run is None:
             raise ScenarioError("no scenario is running")
         match what:
             case "pause":
@@ -129,9 +170,15 @@ class Runs:
 
     def abort(self, reason: str) -> None:
         """Abort the run, if one goes on."""
-        run, future = self._run, self._future
-        if run is not None and future is not None and not future.done():
+        run = self._going()
+        if run is not None:
             run.abort(reason)
+
+    def _going(self) -> Run | None:
+        """Return the run that goes on, which it does not any more when the page is told of its end."""
+        shown_ = self._shown
+        is_over = shown_["phase"] == "ended" and shown_["run"] == self._number
+        return None if self._future is None or self._future.done() or is_over else self._run
 
     def close(self) -> None:
         """Abort the run and wait for its end. Thread: blocks the caller, for a bounded time."""
@@ -144,13 +191,16 @@ class Runs:
             future.exception(timeout=self._fleet.clock.of_real(_END_S))
         except WaitTimeoutError:
             get_logger().error("the run does not end though it was aborted; it was left behind")
+        for record in self._records:
+            record.join(_RECORD_END_S)
 
     # What happens. Thread: the run's.
 
     def _hear(self, event: Event) -> None:
         if isinstance(event, Checkpoint):
             return
-        self._note(event)
+        with self._showing:
+            self._note(event)
         fields = {"run": self._number, **event.to_dict()}
         if isinstance(event, RunStarted):
             fields["started_s"] = self._fleet.clock.now() - event.time_s
@@ -174,11 +224,12 @@ class Runs:
                     "error": None,
                 }
             case StepStarted(robot=str(robot)):
-                self._doings.begin(robot, event.label, self._fleet.clock.now(), key=event.step)
+                self._doings.begin(robot, event.step, event.label, self._fleet.clock.now())
             case StepEnded(record=record):
                 if record.robot is not None:
-                    failure = record.error.message if record.error is not None and record.outcome != "aborted" else None
-                    self._doings.end(record.robot, record.step, f"{record.label}: {failure}" if failure else None)
+                    self._doings.end(record.robot, record.step)
+                    if record.error is not None and record.outcome != "aborted":
+                        self._doings.fail(record.robot, f"{record.label}: {record.error.message}")
                 if record.is_call and record.robot is not None:
                     done_by = shown_["done_by"]
                     shown_["done_by"] = {**done_by, record.robot: done_by.get(record.robot, 0) + 1}
@@ -198,6 +249,9 @@ class Runs:
                 error = report.error.message if report.error is not None else None
                 shown_.update(phase="ended", outcome=report.outcome, error=error, duration_s=report.duration_s)
                 get_logger().info("scenario ended", scenario=report.scenario, outcome=report.outcome)
+        self._show(shown_)
+
+    def _show(self, shown_: dict[str, Any]) -> None:
         self._shown = shown_
         self._hub.put("run", {"": shown_})
 

@@ -14,6 +14,7 @@ from eal_actors.dashboard.bell import Bell
 from eal_actors.dashboard.browser import Backstage
 from eal_actors.dashboard.cameras import Cameras
 from eal_actors.dashboard.commander import Commander
+from eal_actors.dashboard.control import Control
 from eal_actors.dashboard.doings import Doings
 from eal_actors.dashboard.hub import Hub
 from eal_actors.dashboard.limits import MAX_CAMERAS, MAX_FRAMES_PER_S
@@ -60,17 +61,17 @@ class Dashboard:
         self.port: Final[int] = self._listener.getsockname()[1]
         bell = Bell()
         self.hub: Final = Hub(bell.ring)
-        doings = Doings()
+        doings, control = Doings(), Control()
         self._log_tap = LogTap(self.hub, doings)
         self._cameras = Cameras(fleet, bell.ring)
-        self._steering = Steering(fleet)
-        self._runs = Runs(fleet, self.hub, doings, scenarios, runs_dir)
-        commander = Commander(fleet, doings, self._runs, self._steering, self._cameras)
+        self._steering = Steering(fleet, control)
+        self._runs = Runs(fleet, self.hub, doings, control, scenarios, runs_dir)
+        commander = Commander(fleet, doings, control, self._runs, self._steering, self._cameras)
         self.backstage: Final = Backstage(
-            self.hub, bell, self.access, commander, self._cameras, fleet.clock, self._introduction
+            self.hub, bell, self.access, commander, self._cameras, fleet.clock, self._introduction, self._runs.report
         )
         self.app: Final = App(self.backstage)
-        self._watcher = Watcher(fleet, self.hub, doings, lambda: bool(self.app.browsers))
+        self._watcher = Watcher(fleet, self.hub, doings, control, lambda: bool(self.app.browsers))
         self._web_server = WebServer(self.app.asgi, self._listener, bell)
         self._stack = ExitStack()
 

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple, TypeAlias
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.clock import REAL_TIME, Clock, new_waiter
+from eal_actors.dashboard.control import Control
 from eal_actors.dashboard.watcher import DRIVE_RESOURCE, takes_twist
 from eal_actors.errors import EALError, PreemptedError, ResourceBusyError, StaleCommandError, UnsupportedError
 from eal_actors.facade.fleet import Fleet
@@ -48,13 +49,15 @@ class Steering:
 
     Args:
         fleet: a connected fleet.
+        control: who commands what.
         clock: of the dead-man's switch.
 
     Thread: any; a thread of its own keeps the dead-man's switch between `start` and `close`.
     """
 
-    def __init__(self, fleet: Fleet, clock: Clock = REAL_TIME) -> None:
+    def __init__(self, fleet: Fleet, control: Control, clock: Clock = REAL_TIME) -> None:
         self._fleet = fleet
+        self._control = control
         self._clock = clock
         self._lock = threading.Lock()
         self._dead_man = DeadMan(SILENCE_S)
@@ -105,6 +108,8 @@ class Steering:
             hold = self._holds.get(robot)
             if hold is not None and hold.driver != driver:
                 raise ResourceBusyError("another browser steers it", robot=robot)
+            if hold is None:
+                self._control.take(robot, DRIVE_RESOURCE, driver)
             self._holds[robot] = _Hold(driver, grip, on_trouble)
             self._dead_man.commanded(driver, robot, now_s)
             answer = base.set_value(list(twist))
@@ -142,6 +147,7 @@ class Steering:
         hold = self._holds.pop(robot)
         self._ended[hold.driver] = max(hold.grip, self._ended.get(hold.driver, -1))
         self._dead_man.halted(robot)
+        self._control.done(robot, DRIVE_RESOURCE)
         return hold
 
     def _halt(self, robot: str) -> None:

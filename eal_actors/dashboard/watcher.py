@@ -12,6 +12,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.clock import REAL_TIME, new_waiter
+from eal_actors.dashboard.control import Control
 from eal_actors.dashboard.doings import Doings
 from eal_actors.dashboard.hub import Hub
 from eal_actors.data import DataType, EALData
@@ -30,6 +31,8 @@ POSE_RESOURCES: Final = ("Pose", "Odometry")
 """Where a robot is: as it truly is, or as it believes by dead reckoning."""
 BATTERY_RESOURCE: Final = "Battery"
 DRIVE_RESOURCE: Final = "Base"
+HERE: Final = "this dashboard"
+"""Who holds what nobody of the dashboard has commanded, such as before it was started anew."""
 TRAIL_STEP_M: Final = 0.02
 TRAIL_POINTS: Final = 300
 _POSE: Final = ValueInfo(DataType.DOUBLE, shape=(3,))
@@ -66,15 +69,18 @@ class Watcher:
     Args:
         fleet: a connected fleet.
         hub: what to tell.
-        doings: what the robots do.
+        doings: which steps they are at.
+        control: who commands what, and is told what we hold.
         is_watched: whether anybody looks; in the watcher's thread.
     """
 
-    def __init__(self, fleet: Fleet, hub: Hub, doings: Doings, is_watched: Callable[[], bool]) -> None:
+    def __init__(
+        self, fleet: Fleet, hub: Hub, doings: Doings, control: Control, is_watched: Callable[[], bool]
+    ) -> None:
         self._fleet = fleet
         self._hub = hub
         self._is_watched = is_watched
-        self._sights = {name: _Sight(robot, doings) for name, robot in fleet.items()}
+        self._sights = {name: _Sight(robot, doings, control) for name, robot in fleet.items()}
         self._state_due_s = self._health_due_s = 0.0
         self._stop = new_waiter()
         self._is_over = False
@@ -132,9 +138,10 @@ class _Sight:
     No question has a deadline of its own: one that passed would have a slow resource restarted.
     """
 
-    def __init__(self, robot: RobotHandle, doings: Doings) -> None:
+    def __init__(self, robot: RobotHandle, doings: Doings, control: Control) -> None:
         self._robot = robot
         self._doings = doings
+        self._control = control
         self._pose: Future[EALData] | None = None
         self._poser: ResourceHandle | None = None
         self._battery: Future[EALData] | None = None
@@ -200,13 +207,39 @@ class _Sight:
             self._charge = float(number) if isinstance(number, int | float) else None
         if self._ping is not None and self._ping.done():
             self._answer, self._ping = _outcome(self._ping), None
+            self._control.let_go(self._robot, self._ours())
+
+    def _ours(self) -> list[str]:
+        """Return the resources of a robot of another process that this process holds, as its last ping told."""
+        if self._answer is None or self._robot.controller_id is None:
+            return []
+        return [name for name, holder in self._answer.holder_ids.items() if holder == self._robot.controller_id]
+
+    def _controllers(self) -> dict[str, str]:
+        """Return who commands which resource: by the name of a browser or scenario of ours, else as they say."""
+        robot, answer = self._robot, self._answer
+        if not robot.is_remote or answer is None:
+            return self._control.users(robot.name)
+        ours = self._ours()
+        return {
+            name: (self._control.by(robot.name, name) or HERE) if name in ours else holder
+            for name, holder in answer.holders.items()
+        }
+
+    def _running(self) -> list[dict[str, Any]]:
+        """Return the commands under way; `by` is None for our own."""
+        robot, ours = self._robot, self._ours()
+        return [
+            {**running.to_dict(), "by": None if not robot.is_remote or running.resource in ours else running.by}
+            for running in robot.running
+        ]
 
     def state(self) -> dict[str, Any]:
         self._take_health()
         robot, answer = self._robot, self._answer
-        doing = self._doings.of(robot.name)
         return {
             **self._makings,
+            **self._doings.of(robot.name),
             "state": robot.state.value,
             "stopped": robot.stopped_because,
             "not_ready": robot.not_ready,
@@ -214,9 +247,8 @@ class _Sight:
             "restarts": {name: count for name, count in robot.restarts.items() if count},
             "battery": None if self._charge is None else round(self._charge, 3),
             "round_trip_ms": round(answer.round_trip_s * 1000, 1) if answer is not None and robot.is_remote else None,
-            "holders": answer.holders if answer is not None else {},
-            "running": doing["running"],
-            "last_error": doing["last_error"],
+            "control": self._controllers(),
+            "running": self._running(),
         }
 
 

@@ -50,6 +50,12 @@ class Base(Resource):
         while True:
             yield 3600.0
 
+    @command("far")
+    def far(self):
+        self.progress(0.25, "a quarter")
+        while True:
+            yield 3600.0
+
     @command("fail")
     def fail(self):
         raise RuntimeError("<b>wheel</b> fell off")

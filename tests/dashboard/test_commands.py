@@ -10,6 +10,7 @@ import pytest
 
 from eal_actors.clock import ManualClock
 from eal_actors.dashboard import Dashboard
+from eal_actors.dashboard.control import Control
 from eal_actors.dashboard.steering import SILENCE_S, Steering, Twist
 from eal_actors.errors import EALError, ResourceBusyError, StaleCommandError, UnsupportedError
 from eal_actors.facade.fleet import Fleet
@@ -76,7 +77,9 @@ def test_what_runs_is_shown_and_stop_ends_it_and_latches(dashboard: Dashboard, f
         for number, robot in enumerate(fleet):
             page.say(**hold, robot=robot, id=500 + number)
         page.hear_until(lambda: all(page.robots.get(robot, {}).get("running") for robot in fleet))
-        assert page.robots["one"]["running"][0]["label"] == "Base hold"
+        running = page.robots["one"]["running"][0]
+        assert (running["resource"], running["command"], running["by"]) == ("Base", "hold", None)
+        assert page.robots["one"]["control"] == {"Base": page.hello["you"]}
         answer = other.ask(do="stop")
         assert (answer["ok"], answer["confirmed"]) == (True, ["one", "two"])
         assert all(resource_of(fleet, robot, "Base").halts for robot in fleet)
@@ -163,7 +166,7 @@ class _Driver:
 
     def __init__(self, fleet: Fleet) -> None:
         self.clock = ManualClock()
-        self.steering = Steering(fleet, self.clock)
+        self.steering = Steering(fleet, Control(self.clock), self.clock)
         self.troubles: list[EALError] = []
         self.is_troubled = threading.Event()
 
@@ -227,6 +230,6 @@ def test_what_takes_no_twist_cannot_be_steered(driver: _Driver, tmp_path: Path) 
     from eal_actors.bundled import bundled_path
 
     with Fleet.load(bundled_path("fleets/local.yaml")).connect() as local:
-        steering = Steering(local)
+        steering = Steering(local, Control())
         with pytest.raises(UnsupportedError, match="no Base that takes a twist"):
             steering.drive("a", next(iter(local)), 1, Twist(0, 0), driver.heed)

@@ -1,7 +1,7 @@
 // All robots, one row each.
 
-import { el, seconds, setText } from "./dom.js";
-import { shortLabel, stateOf, store } from "./store.js";
+import { el, setText } from "./dom.js";
+import { controlText, doingsOf, doingText, stateOf, store } from "./store.js";
 
 const COLUMNS = ["Robot", "State", "Battery", "Link", "Doing", "Control", "Last error"];
 
@@ -62,10 +62,9 @@ class Row {
 
   update() {
     const robot = store.robots[this.name];
-    const running = robot?.running?.at(-1);
-    const since = running ? seconds(Math.max(0, store.fleetNow() - running.since_s)) : "";
+    const doings = doingsOf(robot), told = doings.map(doingText), control_ = controlText(robot);
     const calls = ["running", "paused"].includes(store.run.phase) ? store.run.done_by?.[this.name] : undefined;
-    const text = JSON.stringify([robot, since, calls]);
+    const text = JSON.stringify([robot, told, control_, calls]);
     if (text === this.shown) return;
     this.shown = text;
     const [shape, word, tone] = stateOf(robot);
@@ -78,14 +77,20 @@ class Row {
     battery.replaceChildren(...batteryParts(robot?.battery));
     setText(way, !robot ? "" : !robot.is_remote ? "this process" : robot.round_trip_ms === null ? "▲ no answer" : `${robot.round_trip_ms.toFixed(1)} ms`);
     way.className = "number";
-    doing.replaceChildren(running ? `▶ ${shortLabel(running.label)}, ${since}` : el("span", { class: "faint" }, robot?.can_drive ? "idle" : ""),
+    doing.replaceChildren(...(doings.length ? doings.map((one, index) => el("div", {}, progressOf(one.fraction), `▶ ${told[index]}`))
+      : [el("span", { class: "faint" }, robot?.can_drive ? "idle" : "")]),
       calls === undefined ? "" : el("div", { class: "small faint" }, `${store.run.scenario}: ${calls} calls done`));
-    const holders = Object.entries(robot?.holders ?? {});
-    control.replaceChildren(holders.length ? holders.map(([resource, holder]) => `${resource}: ${holder}`).join(", ")
-      : el("span", { class: "faint" }, robot && !robot.is_remote ? "this process" : "nobody"));
+    control.replaceChildren(control_ || el("span", { class: "faint" }, "nobody"));
     setText(error, robot?.last_error ?? "");
     error.classList.toggle("empty", !robot?.last_error);
   }
+}
+
+function progressOf(fraction) {
+  if (fraction === null) return null;
+  const bar = el("span");
+  bar.style.width = `${Math.round(fraction * 100)}%`;
+  return el("span", { class: "meter", "aria-hidden": "true" }, bar);
 }
 
 function batteryParts(level) {

@@ -1,8 +1,8 @@
 // One robot: how it is, driving by hand, and a form for each thing that its resources say they can do.
 
-import { el, fixed, seconds, setText } from "./dom.js";
+import { el, fixed, setText } from "./dom.js";
 import { ask } from "./link.js";
-import { shortLabel, stateOf, store } from "./store.js";
+import { controlText, doingsOf, doingText, stateOf, store } from "./store.js";
 import { Drive } from "./drive.js";
 
 const NUMBERS = ["INT", "FLOAT", "DOUBLE"];
@@ -32,13 +32,13 @@ export function robotView(root, name) {
     const [shape, word, tone] = stateOf(robot);
     state.className = `state ${tone}`;
     setText(state, `${shape} ${word}`);
-    const running = robot.running.at(-1);
+    const doings = doingsOf(robot), control = controlText(robot);
     const pose = store.poses[name];
     setText(facts, [
       robot.type, robot.battery === null ? null : `battery ${Math.round(robot.battery * 100)} %`,
       robot.is_remote ? `round trip ${robot.round_trip_ms ?? "–"} ms` : "in this process",
       pose ? `at ${fixed(pose.at[0], 2)}, ${fixed(pose.at[1], 2)} m, ${fixed((pose.at[2] * 180) / Math.PI, 0)}° by ${pose.by}` : null,
-      running ? `doing ${shortLabel(running.label)} for ${seconds(Math.max(0, store.fleetNow() - running.since_s))}` : "idle",
+      doings.length ? `▶ ${doings.map(doingText).join("; ")}` : "idle", control ? `commanded by ${control}` : null,
       robot.stopped ? `stopped: ${robot.stopped}` : null, ...Object.entries(robot.not_ready).map(([key, why]) => `${key}: ${why}`),
       robot.last_error ? `last error: ${robot.last_error}` : null,
     ].filter(Boolean).join(" · "));

@@ -19,12 +19,13 @@ export function scenarioView(root) {
   const form = el("form", { class: "panel stack", onsubmit: begin }, el("label", { class: "field" }, el("span", {}, "Scenario"), select), about, fields,
     el("div", { class: "row" }, start, ...Object.values(buttons)), problems);
   form.noValidate = true;
+  const report = el("a", { target: "_blank", rel: "noopener", hidden: true }, "Report");
   const phase = el("strong", {}), detail = el("span", { class: "faint" }), progress = el("progress", { max: 1, value: 0, "aria-label": "Calls done" });
   const canvas = el("canvas", { role: "img", "aria-label": "Time line of the run" });
   const scroller = el("div", { class: "panel timeline", tabIndex: 0 }, canvas);
   const notes = el("ul", { class: "notes small", "aria-label": "What happened" });
   root.append(el("h1", {}, "Scenario"), el("div", { class: "split" }, form, el("div", { class: "stack" },
-    el("div", { class: "panel stack" }, el("div", { class: "row" }, phase, detail), progress), scroller, el("div", { class: "panel" }, notes))));
+    el("div", { class: "panel stack" }, el("div", { class: "row" }, phase, detail, report), progress), scroller, el("div", { class: "panel" }, notes))));
   let scenarios = [], inputs = {}, line = newLine(), seen = null;
 
   async function list() {
@@ -92,6 +93,8 @@ export function scenarioView(root) {
     phase.className = `state ${run.phase === "ended" ? (run.outcome === "done" ? "good" : run.outcome === "failed" ? "bad" : "warn") : ""}`;
     const time = run.phase === "ended" ? run.duration_s : run.started_s === undefined ? null : store.fleetNow() - run.started_s;
     setText(detail, run.phase === "none" ? "" : `${run.scenario} · ${run.done} of ${Math.max(run.calls, run.done)} calls · ${seconds(Math.max(0, time))}${run.error ? ` · ${run.error}` : ""}`);
+    report.hidden = !run.report;
+    if (run.report) report.href = run.report;
     progress.max = Math.max(run.calls ?? 1, run.done ?? 0, 1);
     progress.value = run.done ?? 0;
     enable();

@@ -1,5 +1,7 @@
 // What is known of the fleet, and who wants to be told when it changes.
 
+import { seconds } from "./dom.js";
+
 const MOST_LOGS = 1000, MOST_EVENTS = 20000, MOST_TRAIL = 300, TRAIL_STEP_M = 0.02;
 
 export const store = {
@@ -90,6 +92,29 @@ export const store = {
 // Most calls are commands, so that need not be said.
 export function shortLabel(label) {
   return label.replace(/^send_cmd /, "");
+}
+
+// What a robot does: its commands with their progress, else the step of the run that it is at; empty if nothing.
+export function doingsOf(robot) {
+  const commands = (robot?.running ?? []).map((running) => ({
+    text: running.command, fraction: running.progress?.fraction ?? null, note: running.progress?.text ?? "", by: running.by, since_s: running.since_s,
+  }));
+  if (commands.length || !robot?.step) return commands;
+  return [{ text: shortLabel(robot.step.label), fraction: null, note: "", by: null, since_s: robot.step.since_s }];
+}
+
+export function doingText(doing) {
+  const parts = [doing.fraction === null ? doing.note : `${Math.round(doing.fraction * 100)} %${doing.note ? ` ${doing.note}` : ""}`,
+    seconds(Math.max(0, store.fleetNow() - doing.since_s)), doing.by ? `by ${doing.by}` : ""];
+  return [doing.text, ...parts.filter(Boolean)].join(", ");
+}
+
+// Who commands a robot's resources, in words; empty if nobody does.
+export function controlText(robot) {
+  return Object.entries(robot?.control ?? {}).map(([resource, who]) => {
+    const name = who === store.hello?.you ? "this page" : /^browser \d+$/.test(who) ? `another page (${who})` : who;
+    return resource ? `${resource}: ${name}` : name;
+  }).join(", ");
 }
 
 const STATES = {
