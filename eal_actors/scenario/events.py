@@ -29,7 +29,7 @@ class Event:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, BaseModel):
-        return value.model_dump()
+        return value.model_dump(mode="json")
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
@@ -168,7 +168,7 @@ class StepEnded(Event):
 
     def to_dict(self) -> dict[str, Any]:
         """See Event."""
-        return {"event": self.kind, "time_s": self.time_s, "record": self.record.model_dump()}
+        return {"event": self.kind, "time_s": self.time_s, "record": self.record.model_dump(mode="json")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,5 +280,5 @@ class RunEnded(Event):
 
     def to_dict(self) -> dict[str, Any]:
         """See Event."""
-        report = self.report.model_dump(exclude={"steps", "starts", "wall_started"})
+        report = self.report.model_dump(mode="json", exclude={"steps", "starts", "wall_started"})
         return {"event": self.kind, "time_s": self.time_s, "report": report}

@@ -56,9 +56,18 @@ def _type_problem(section: ParameterSection, value: object) -> str | None:
         "double": isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value),
         "bool": isinstance(value, bool),
         "string": isinstance(value, str),
-        "list": isinstance(value, tuple | list),
+        "list": isinstance(value, tuple | list) and _is_finite(value),
     }[section.type]
-    return None if fits else f"must be {describe(section)}, not {_shown(value)}"
+    if fits:
+        return None
+    finite = " of finite numbers" if isinstance(value, tuple | list) and section.type == "list" else ""
+    return f"must be {describe(section)}{finite}, not {_shown(value)}"
+
+
+def _is_finite(value: object) -> bool:
+    if isinstance(value, tuple | list):
+        return all(map(_is_finite, value))
+    return not isinstance(value, float) or math.isfinite(value)
 
 
 def describe(section: ParameterSection) -> str:
@@ -108,7 +117,7 @@ def resolve_parameters(
 
 
 def _frozen(value: object) -> object:
-    return tuple(value) if isinstance(value, list) else value
+    return tuple(map(_frozen, value)) if isinstance(value, list | tuple) else value
 
 
 def missing_parameters(file: ScenarioFile, values: Mapping[str, object], tree: YamlTree) -> list[Problem]:
@@ -161,12 +170,13 @@ def _read(kind: str, text: str) -> Any:
 
 
 def _read_list(text: str) -> list[Any]:
-    """Return `[1, 2]` as JSON has it, and `a,b` as two texts or numbers."""
+    """Return `[1, 2]` and `[[1, 2], [3, 4]]` as JSON has it, and `a,b` as two texts or numbers."""
     if text.startswith("["):
         items = json.loads(text)
-        if not isinstance(items, list) or not all(isinstance(item, str | int | float) for item in items):
+        rows = [row if isinstance(row, list) else [row] for row in items]
+        if not all(isinstance(item, str | int | float) for row in rows for item in row):
             raise ValueError
-        return items
+        return list(items)
     return [_read_item(item.strip()) for item in text.split(",")] if text else []
 
 

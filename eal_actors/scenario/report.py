@@ -12,7 +12,8 @@
       "continued_s": [],                        when it went on after its controller had died
       "outcome": "done",
       "error": null,                            or {"code": "deadline", "message": "..."}
-      "robots": {"evbot2-1": {"outcome": "done", "error": null}},
+      "robots": {"evbot2-1": {"outcome": "done", "error": null, "variables": {"seen_m": 1.5}}},
+      "variables": {"total": 3},                those of the run when it was over; above, those of each robot's place
       "steps": [
         {"robot": "evbot2-1", "role": "dancers", "step": "steps[0].do[0].do[0]", "branch": null,
          "kind": "send_cmd", "label": "send_cmd Base r45", "resource": "Base", "command": "r45",
@@ -72,6 +73,8 @@ class RobotReport(StrictModel):
 
     outcome: RobotOutcome
     error: ErrorReport | None = None
+    variables: dict[str, Any] = Field(default={})
+    """Those of its place when the run was over, as plain values; pictures and the like are left out."""
 
 
 class StepRecord(StrictModel):
@@ -144,6 +147,8 @@ class Report(StrictModel):
     outcome: RunOutcome
     error: ErrorReport | None
     robots: dict[str, RobotReport]
+    variables: dict[str, Any] = Field(default={})
+    """Those of the run when it was over."""
     steps: tuple[StepRecord, ...] = Field(strict=False)
     starts: tuple[StartReport, ...] = Field(default=(), strict=False)
 

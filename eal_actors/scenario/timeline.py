@@ -18,6 +18,7 @@ from eal_actors.scenario.model import (
     ParallelStep,
     RepeatStep,
     ScenarioStep,
+    SequenceStep,
     WhileStep,
     inner_steps,
 )
@@ -83,21 +84,32 @@ def count_calls(scenario: Scenario, live: Mapping[str, int]) -> int:
     return _count(scenario, scenario.file.steps, ("steps",), 1, live)
 
 
-def _count(scenario: Scenario, steps: Sequence[AnyStep], path: YamlPath, robots: int, live: Mapping[str, int]) -> int:
+def _count(
+    scenario: Scenario,
+    steps: Sequence[AnyStep],
+    path: YamlPath,
+    robots: int,
+    live: Mapping[str, int],
+    *,
+    is_on: bool = False,
+) -> int:
     count = 0
     for index, step in enumerate(steps):
         here = (*path, index)
         if isinstance(step, CallStep):
             count += robots
         elif isinstance(step, OnStep):
-            count += _count(scenario, step.do, (*here, "do"), live[step.on], live)
+            count += _count(scenario, step.do, (*here, "do"), live[step.on], live, is_on=True)
         elif isinstance(step, ForStep | RepeatStep):
-            count += (_passes(scenario, step) or 0) * _count(scenario, step.do, (*here, "do"), robots, live)
-        elif isinstance(step, ParallelStep):
-            count += sum(_count(scenario, inner, (*here, *keys), robots, live) for keys, inner in inner_steps(step))
+            count += (_passes(scenario, step) or 0) * _count(
+                scenario, step.do, (*here, "do"), robots, live, is_on=is_on
+            )
+        elif isinstance(step, ParallelStep | SequenceStep):
+            for keys, inner in inner_steps(step):
+                count += _count(scenario, inner, (*here, *keys), robots, live, is_on=is_on)
         elif isinstance(step, ScenarioStep):
             part = scenario.parts[format_path(here)]
-            theirs = {role: live[step.roles.get(role, role)] for role in part.file.roles}
+            theirs = {role: robots if is_on else live[step.roles.get(role, role)] for role in part.file.roles}
             count += count_calls(part, theirs) + _count(part, part.file.finally_, ("finally",), 1, theirs)
     return count
 
@@ -151,11 +163,13 @@ class _Teller:
         elif isinstance(step, ForStep | RepeatStep | WhileStep):
             inner = self.tell(step.do, (*path, "do"), robots)
             factor = _passes(self._scenario, step) if not isinstance(step, WhileStep) else None
+        elif isinstance(step, SequenceStep):
+            inner = self.tell(step.sequence, (*path, "sequence"), robots)
         elif isinstance(step, ParallelStep | IfStep):
             inner = tuple(self._branch(step, keys, steps, path, robots) for keys, steps in inner_steps(step))
             factor = None if isinstance(step, IfStep) else 1
         elif isinstance(step, ScenarioStep):
-            inner = self._part(step, path)
+            inner = self._part(step, path, robots)
         calls = [entry.calls for entry in inner]
         total = (
             None
@@ -180,9 +194,9 @@ class _Teller:
         text = f"branch {keys[-1]}" if kind == "branch" else kind
         return Entry(f"{self._prefix}{format_path((*path, *keys))}", kind, text, robots, total, (), inner)
 
-    def _part(self, step: ScenarioStep, path: YamlPath) -> tuple[Entry, ...]:
+    def _part(self, step: ScenarioStep, path: YamlPath, robots: tuple[str, ...]) -> tuple[Entry, ...]:
         part = self._scenario.parts[format_path(path)]
-        roles = {theirs: self._roles[step.roles.get(theirs, theirs)] for theirs in part.file.roles}
+        roles = {theirs: robots or self._roles[step.roles.get(theirs, theirs)] for theirs in part.file.roles}
         teller = _Teller(part, roles, f"{self._prefix}{format_path(path)}.{part.name}.")
         return (*teller.tell(part.file.steps, ("steps",), ()), *teller.tell(part.file.finally_, ("finally",), ()))
 

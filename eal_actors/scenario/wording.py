@@ -11,6 +11,7 @@ from eal_actors.scenario.model import (
     AnswerStep,
     AnyStep,
     BarrierStep,
+    BlockStep,
     CallStep,
     ExpectStep,
     ForStep,
@@ -76,7 +77,7 @@ def _placed(keys: YamlPath, value: object, read: Callable[[str], Iterable[tuple[
 def _values(step: AnyStep) -> list[tuple[YamlPath, object]]:
     """Return the values of a step with `${...}` in them, and the keys that lead to them."""
     found: list[tuple[YamlPath, object]] = []
-    if isinstance(step, TimedStep | WaitingStep):
+    if isinstance(step, BlockStep | TimedStep | WaitingStep):
         found.append((("timeout_s",), step.timeout_s))
     match step:
         case CallStep():
@@ -87,7 +88,7 @@ def _values(step: AnyStep) -> list[tuple[YamlPath, object]]:
         case WaitStep():
             found.append((("wait_s",), step.wait_s))
         case WaitForStep():
-            found.append((("count",), step.count))
+            found += [(("count",), step.count), (("default",), step.default)]
         case SignalStep():
             found.append((("value",), step.value))
         case ExpectStep():
@@ -127,6 +128,9 @@ def describe_step(step: AnyStep, parameters: Mapping[str, object]) -> str:
     def shown(value: object) -> str:
         return _shown(value, parameters)
 
+    if isinstance(step, BlockStep):
+        limit = f", within {shown(step.timeout_s)} s" if step.timeout_s is not None else ""
+        return _block(step, shown) + limit
     match step:
         case CallStep():
             fields = call_fields(step)
@@ -136,6 +140,17 @@ def describe_step(step: AnyStep, parameters: Mapping[str, object]) -> str:
             if isinstance(step, AnswerStep) and step.save_as is not None:
                 words.append(f"-> {step.save_as}")
             return " ".join(words) + (", together" if step.is_together else "")
+        case PythonStep():
+            return f"python {step.python}({_given(step.with_, shown)})" + (
+                f" -> {step.save_as}" if step.save_as else ""
+            )
+        case LetStep():
+            return "let " + ", ".join(f"{name} = {shown(value)}" for name, value in step.let.items())
+    return _leaf(step, parameters)
+
+
+def _block(step: BlockStep, shown: Callable[[object], str]) -> str:
+    match step:
         case OnStep():
             return f"on {step.on}" + _until(step.until)
         case ParallelStep():
@@ -149,14 +164,12 @@ def describe_step(step: AnyStep, parameters: Mapping[str, object]) -> str:
         case IfStep():
             return f"if {step.if_}"
         case ScenarioStep():
-            given = ", ".join(f"{name}={shown(value)}" for name, value in step.with_.items())
-            return f"scenario {step.scenario}" + (f" with {given}" if given else "")
-        case PythonStep():
-            given = ", ".join(f"{name}={shown(value)}" for name, value in step.with_.items())
-            return f"python {step.python}({given})" + (f" -> {step.save_as}" if step.save_as else "")
-        case LetStep():
-            return "let " + ", ".join(f"{name} = {shown(value)}" for name, value in step.let.items())
-    return _leaf(step, parameters)
+            return f"scenario {step.scenario}" + (f" with {_given(step.with_, shown)}" if step.with_ else "")
+    return step.kind
+
+
+def _given(values: Mapping[str, object], shown: Callable[[object], str]) -> str:
+    return ", ".join(f"{name}={shown(value)}" for name, value in values.items())
 
 
 def _leaf(step: AnyStep, parameters: Mapping[str, object]) -> str:
@@ -171,7 +184,8 @@ def _leaf(step: AnyStep, parameters: Mapping[str, object]) -> str:
             return f"give signal {step.signal}"
         case WaitForStep():
             times = f" {_shown(step.count, parameters)} times" if step.count != 1 else ""
-            return f"wait for signal {step.wait_for}{times}, at most {_shown(step.timeout_s, parameters)} s"
+            default = f", else {_shown(step.default, parameters)}" if step.default is not None else ""
+            return f"wait for signal {step.wait_for}{times}, at most {_shown(step.timeout_s, parameters)} s{default}"
         case ExpectStep():
             tolerance = f" ± {step.tolerance:g}" if step.tolerance else ""
             equals = f" to be {_shown(step.equals, parameters)}{tolerance}" if step.equals is not None else ""

@@ -20,7 +20,7 @@ HEAD = "version: 1\nname: example\n"
 ROLES = "roles:\n  scouts: {types: [evbot2, evbot3]}\n  carriers: {types: [roomba]}\n"
 OTHER = (
     f"{HEAD}parameters: {{legs: {{type: int}}}}\nroles: {{drivers: {{}}}}\n"
-    "steps: [{repeat: '${legs}', do: [{log: x}]}]\n"
+    "steps: [{repeat: '${legs}', do: [{log: x}]}, {signal: through}]\n"
 )
 
 

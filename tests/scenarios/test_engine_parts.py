@@ -9,7 +9,7 @@ import pytest
 from eal_actors.errors import ConfigError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.scenario import LogLine, load_scenario, make_plan
-from tests.scenarios.rig import HEAD, ask, scenario
+from tests.scenarios.rig import HEAD, ask, rigs, scenario
 from tests.scenarios.running import Watch, brief, run
 
 PART = """\
@@ -149,3 +149,96 @@ def test_one_robot_in_two_branches_is_refused(two: Fleet, tmp_path: Path) -> Non
     with pytest.raises(ConfigError) as caught:
         make_plan(scenario(tmp_path, body, ROLES), two)
     assert "fast has role 'quick' here and role 'all' in branch 'left' at the same time" in str(caught.value)
+
+
+SCOUT = """\
+version: 1
+name: scout
+parameters: {seconds: {type: double, default: 1}}
+roles: {me: {}, again: {}}
+steps:
+  - let: {x: 5}
+  - on: me
+    do:
+      - send_cmd: {resource: Base, cmd: "go${seconds}"}
+      - let: {mine: "x + seconds"}
+      - log: "${robot} ${role} ${index} of ${count}: ${mine}"
+  - on: again
+    do: [{signal: seen, value: "${robot}"}]
+finally:
+  - on: me
+    do: [{send_cmd: {resource: Base, cmd: s}}]
+"""
+
+
+def test_each_robot_of_an_on_carries_a_part_out_by_itself(two: Fleet, tmp_path: Path) -> None:
+    (tmp_path / "scout.yaml").write_text(SCOUT)
+    watch = Watch()
+    body = """
+        steps:
+          - on: all
+            do:
+              - let: {mine: "'of the outer one'"}
+              - scenario: scout.yaml
+                with: {seconds: "${index + 1}"}
+                signals: {seen: found}
+              - log: "${robot}: ${mine}"
+          - wait_for: found
+            count: 2
+            timeout_s: 5
+            save_as: last
+          - log: "the last was ${last}"
+        """
+    report = run(two, tmp_path, body, listeners=[watch])
+
+    assert report.outcome == "done", report.error
+    assert sorted(event.text for event in watch.events if isinstance(event, LogLine)) == [
+        "fast me 0 of 1: 6",
+        "fast: of the outer one",
+        "slow me 0 of 1: 7",
+        "slow: of the outer one",
+        "the last was slow",
+    ]
+    assert [line[0] for line in brief(report, "slow")] == ["send_cmd Base go2", "send_cmd Base s"]
+    assert [record.step for record in report.steps if record.robot == "slow"][0] == (
+        "steps[0].do[1].scout.steps[1].do[0]"
+    )
+    assert make_plan(load_scenario(tmp_path / "trial.yaml"), two).calls == 4
+
+
+def test_a_robot_that_fails_in_its_part_leaves_the_others_in_theirs(tmp_path: Path) -> None:
+    text = SCOUT.replace('"go${seconds}"', "flaky").replace("name: scout", "name: scout\non_failure: drop")
+    (tmp_path / "scout.yaml").write_text(text)
+    body = "steps: [{on: all, do: [{scenario: scout.yaml}, {send_cmd: {resource: Base, cmd: now}}]}]"
+    with rigs(tmp_path, good={}, bad={"failures": 9}) as fleet:
+        report = run(fleet, tmp_path, body)
+
+    assert report.outcome == "failed"
+    assert {name: robot.outcome for name, robot in report.robots.items()} == {"good": "done", "bad": "dropped"}
+    assert brief(report, "good")[-1] == ("send_cmd Base now", "done", 1)
+    assert ("send_cmd Base s", "done", 1) in brief(report, "bad"), "the end of its part is for it too"
+
+
+def test_what_a_part_inside_an_on_may_not_say(tmp_path: Path) -> None:
+    (tmp_path / "scout.yaml").write_text(SCOUT.replace("again: {}", "again: {min: 2}"))
+    body = """
+        steps:
+          - on: all
+            do:
+              - scenario: scout.yaml
+                roles: {me: quick}
+                signals: {sene: found}
+        """
+    found = problems(tmp_path, body)
+    assert (
+        found
+        == [
+            "trial.yaml:13:9: steps[0].do[0].roles: has no meaning inside 'on: all': each robot takes all roles of the "
+            "scenario by itself",
+            "trial.yaml:12:19: steps[0].do[0].scenario: inside 'on: all' each robot carries it out by itself, but role "
+            "'again' of scenario 'scout' needs at least 2",
+            "trial.yaml:14:19: steps[0].do[0].signals.sene: scenario 'scout' does not give the signal 'sene'; did you mean "
+            "'seen'?",
+        ]
+        or found
+    )

@@ -10,6 +10,7 @@ from eal_actors.scenario.expressions.functions import as_text
 from eal_actors.scenario.model import (
     MAX_REPEATS,
     AnyStep,
+    BlockStep,
     RepeatStep,
     TimedStep,
     WaitForStep,
@@ -25,7 +26,7 @@ Wanted = Literal["seconds", "timeout", "count"]
 def static_numbers(step: AnyStep) -> list[tuple[tuple[str, ...], str, Wanted]]:
     """Return the numbers of a step that stand there as `${...}`: their keys, their texts, and what they may be."""
     found: list[tuple[tuple[str, ...], object, Wanted]] = []
-    if isinstance(step, TimedStep | WaitingStep):
+    if isinstance(step, BlockStep | TimedStep | WaitingStep) and step.timeout_s is not None:
         found.append((("timeout_s",), step.timeout_s, "timeout"))
     match step:
         case WaitStep():

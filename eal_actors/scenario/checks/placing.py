@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from eal_actors.errors import Problem
 from eal_actors.scenario.checks.names import Scope
 from eal_actors.scenario.model import (
     AnyStep,
     BarrierStep,
+    BlockStep,
     CallStep,
     FallibleStep,
-    ForStep,
-    IfStep,
     OnFailure,
     OnStep,
     ParallelStep,
-    RepeatStep,
     ScenarioStep,
     SignalStep,
     WaitForStep,
-    WhileStep,
     final_action,
     inner_steps,
 )
@@ -28,8 +25,6 @@ from eal_actors.scenario.parameters import parameter_problem
 from eal_actors.scenario.scenario import Scenario
 from eal_actors.strict_model import did_you_mean
 from eal_actors.yaml_tree import YamlPath, format_path
-
-_BLOCKS = (OnStep, ParallelStep, RepeatStep, ForStep, IfStep, WhileStep)
 
 
 class Placing:
@@ -39,8 +34,7 @@ class Placing:
         self._scenario = scenario
         self._file = scenario.file
         self._problems = problems
-        steps = [*every_step(scenario.file.steps), *every_step(scenario.file.finally_)]
-        self._signals = {step.signal for step in steps if isinstance(step, SignalStep)}
+        self._signals = _signals_of(scenario)
 
     def _report(self, path: YamlPath, message: str, *, key: bool = False) -> None:
         self._problems.append(self._scenario.problem(path, message, key=key))
@@ -65,7 +59,7 @@ class Placing:
         """Check one step."""
         if step.safe_to_repeat is not None and not (scope.is_top and path[0] == "steps"):
             self._report((*path, "safe_to_repeat"), "stands only with steps of the top level", key=True)
-        if isinstance(step, FallibleStep) and step.on_failure is not None:
+        if step.on_failure is not None:
             self._policy(step, step.on_failure, path, scope)
         match step:
             case CallStep() if scope.role is None:
@@ -94,7 +88,7 @@ class Placing:
         if action not in ("drop", "substitute"):
             return
         role = scope.role or (step.on if isinstance(step, OnStep) else None)
-        if role is None and not isinstance(step, _BLOCKS):
+        if role is None and not isinstance(step, BlockStep):
             self._report(here, f"there is no robot to {action} here: the step stands in no 'on'", key=True)
         elif role is not None:
             self._spares(policy, here, [role])
@@ -129,12 +123,35 @@ class Placing:
                     self._report((*path, *keys), message)
 
     def _part(self, step: ScenarioStep, path: YamlPath, scope: Scope) -> None:
-        if scope.role is not None:
-            message = f"stands inside 'on: {scope.role}'; a scenario has roles and 'on's of its own"
-            self._report((*path, "scenario"), message, key=True)
         part = self._scenario.parts.get(format_path(path))
         if part is None:  # reported when it was read
             return
+        if scope.role is None:
+            self._part_roles(step, part, path)
+        else:
+            self._part_of_one(step, part, path, scope.role)
+        given = _signals_of(part)
+        for name in step.signals:
+            if name not in given:
+                hint = did_you_mean(name, given) or "; it gives none"
+                message = f"scenario '{part.name}' does not give the signal '{name}'{hint}"
+                self._report((*path, "signals", name), message, key=True)
+        self._part_parameters(step, part, path)
+
+    def _part_of_one(self, step: ScenarioStep, part: Scenario, path: YamlPath, role: str) -> None:
+        """Check a scenario that each robot of an `on` carries out by itself."""
+        if step.roles:
+            message = f"has no meaning inside 'on: {role}': each robot takes all roles of the scenario by itself"
+            self._report((*path, "roles"), message, key=True)
+        for theirs, section in part.file.roles.items():
+            if section.min > 1:
+                message = (
+                    f"inside 'on: {role}' each robot carries it out by itself, "
+                    f"but role '{theirs}' of scenario '{part.name}' needs at least {section.min}"
+                )
+                self._report((*path, "scenario"), message)
+
+    def _part_roles(self, step: ScenarioStep, part: Scenario, path: YamlPath) -> None:
         for theirs, ours in step.roles.items():
             here = (*path, "roles", theirs)
             if theirs not in part.file.roles:
@@ -148,7 +165,6 @@ class Placing:
                     f"which robots take role '{theirs}' of scenario '{part.name}'? Say so: roles: {{{theirs}: ...}}"
                 )
                 self._report((*path, "scenario"), message)
-        self._part_parameters(step, part, path)
 
     def _part_parameters(self, step: ScenarioStep, part: Scenario, path: YamlPath) -> None:
         for name, value in step.with_.items():
@@ -172,9 +188,16 @@ def every_step(steps: Iterable[AnyStep]) -> Iterator[AnyStep]:
             yield from every_step(inner)
 
 
-def roles_of(steps: Iterable[AnyStep], path: YamlPath, scenario: Scenario) -> Iterator[str]:
-    """Yield the roles at work in steps, those of the scenarios that they carry out by the names of this scenario."""
-    for index, step in enumerate(steps):
+def roles_of(steps: Sequence[AnyStep], path: YamlPath, scenario: Scenario, first: int = 0) -> Iterator[str]:
+    """Yield the roles at work in steps, those of the scenarios that they carry out by the names of this scenario.
+
+    Args:
+        steps: the steps.
+        path: where they stand.
+        scenario: the scenario that they belong to.
+        first: number of the first of them that counts, from 0.
+    """
+    for index, step in enumerate(steps[first:], first):
         here = (*path, index)
         if isinstance(step, OnStep):
             yield step.on
@@ -182,5 +205,16 @@ def roles_of(steps: Iterable[AnyStep], path: YamlPath, scenario: Scenario) -> It
             part = scenario.parts.get(format_path(here))
             for theirs in part.file.roles if part is not None else ():
                 yield step.roles.get(theirs, theirs)
-        for keys, inner in inner_steps(step):
+        for keys, inner in inner_steps(step) if not isinstance(step, OnStep) else ():
             yield from roles_of(inner, (*here, *keys), scenario)
+
+
+def _signals_of(scenario: Scenario) -> set[str]:
+    """Return the signals that a scenario gives, those among them that its parts give with theirs."""
+    given: set[str] = set()
+    for step in every_step((*scenario.file.steps, *scenario.file.finally_)):
+        if isinstance(step, SignalStep):
+            given.add(step.signal)
+        elif isinstance(step, ScenarioStep):
+            given |= set(step.signals.values())
+    return given

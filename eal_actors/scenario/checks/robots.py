@@ -41,6 +41,7 @@ from eal_actors.scenario.model import (
     ParallelStep,
     RepeatStep,
     ScenarioStep,
+    SequenceStep,
     WhileStep,
     call_fields,
     inner_steps,
@@ -69,6 +70,7 @@ class _Here:
         groups: the robots of the `on` around it, those that are alike together.
         statics: what is known there before the run.
         role: the role of the `on` around it.
+        is_of_one: each robot carries the scenario out by itself.
     """
 
     scenario: Scenario
@@ -76,6 +78,7 @@ class _Here:
     statics: Statics
     groups: tuple[tuple[str, ...], ...] = ()
     role: str = ""
+    is_of_one: bool = False
 
 
 def check_on_robots(
@@ -163,7 +166,7 @@ class _Checker:
                 for keys, inner in inner_steps(step):
                     guard = Guard(condition, keys == ("then",))
                     self._visit_all(inner, (*path, *keys), replace(here, statics=here.statics.under(guard)))
-            case ParallelStep():
+            case ParallelStep() | SequenceStep():
                 for keys, inner in inner_steps(step):
                     self._visit_all(inner, (*path, *keys), here)
             case ScenarioStep():
@@ -253,6 +256,8 @@ class _Checker:
 
     def _places(self, robot: str, here: _Here) -> list[tuple[int, int]]:
         """Return the numbers that a robot may have in its role: a spare may come to any place."""
+        if here.is_of_one:
+            return [(0, 1)]
         everyone = here.roles[here.role]
         spares = {spare for names in self._spares.values() for spare in names}
         seated = [name for name in everyone if name not in spares]
@@ -370,9 +375,10 @@ class _Checker:
             if (problem := parameter_problem(part.file.parameters[name], found)) is not None:
                 self._report(here, at, problem)
             constants[name] = found
-        roles = {theirs: here.roles[step.roles.get(theirs, theirs)] for theirs in part.file.roles}
+        own = here.role or None
+        roles = {theirs: here.roles[own or step.roles.get(theirs, theirs)] for theirs in part.file.roles}
         statics = Statics({**constants, "run": here.statics.constants["run"]})
-        self.visit_file(_Here(part, roles, statics))
+        self.visit_file(_Here(part, roles, statics, is_of_one=here.is_of_one or own is not None))
 
 
 def _argument_problem(method: str, info: ResourceInfo, given: Mapping[str, Any]) -> str | None:

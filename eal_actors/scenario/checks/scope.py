@@ -16,6 +16,7 @@ from eal_actors.scenario.model import (
     AnswerStep,
     AnyStep,
     BarrierStep,
+    BlockStep,
     CallStep,
     ExpectStep,
     ForStep,
@@ -27,6 +28,7 @@ from eal_actors.scenario.model import (
     PythonStep,
     RepeatStep,
     ScenarioStep,
+    SequenceStep,
     SignalStep,
     TimedStep,
     WaitForStep,
@@ -76,7 +78,7 @@ class _Checker:
 
     def _visit(self, step: AnyStep, path: YamlPath, scope: Scope) -> None:
         self.placing.step(step, path, scope)
-        if isinstance(step, TimedStep | WaitingStep) and step.timeout_s is not None:
+        if isinstance(step, BlockStep | TimedStep | WaitingStep) and step.timeout_s is not None:
             self.texts.value(step.timeout_s, (*path, "timeout_s"), scope)
         inner = replace(scope, is_top=False)
         match step:
@@ -87,6 +89,8 @@ class _Checker:
             case ParallelStep():
                 for keys, steps in inner_steps(step):
                     self.visit_all(steps, (*path, *keys), replace(inner, is_beside=True))
+            case SequenceStep():
+                self.visit_all(step.sequence, (*path, "sequence"), inner)
             case ForStep() | RepeatStep() | WhileStep():
                 self._loop(step, path, scope)
             case IfStep():
@@ -110,6 +114,7 @@ class _Checker:
                 texts.value(step.value, (*path, "value"), scope)
             case WaitForStep():
                 texts.value(step.count, (*path, "count"), scope)
+                texts.value(step.default, (*path, "default"), scope)
                 texts.assign(step.save_as, (*path, "save_as"), scope)
             case LetStep():
                 for name, value in step.let.items():

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from eal_actors.data import EALData
 from eal_actors.errors import DeadlineError, ScenarioError
 from eal_actors.scenario.checks.fields import checked_number
-from eal_actors.scenario.engine.cast import Context
+from eal_actors.scenario.engine.cast import Context, RobotRun, Task, Unit
+from eal_actors.scenario.engine.groups import Group
 from eal_actors.scenario.engine.loop import Branch
 from eal_actors.scenario.engine.meetings import meeting_key
 from eal_actors.scenario.engine.stage import Stage
@@ -29,6 +31,7 @@ from eal_actors.scenario.expressions.evaluation import plain
 from eal_actors.scenario.expressions.functions import as_text
 from eal_actors.scenario.model import (
     BarrierStep,
+    BlockStep,
     ExpectStep,
     LetStep,
     LogStep,
@@ -47,6 +50,7 @@ class _SomeAct:
     command: str | None = None
     began_s: float | None = None
     answer: object = None
+    late: Sequence[RobotRun] = ()
 
     def __init__(self, stage: Stage, context: Context, label: str) -> None:
         self.label = label
@@ -133,9 +137,15 @@ class SignalAct(_SomeAct):
         if step.value is not None:
             known = yield from stage.read(context, expressions_in(step.value))
             value = render(step.value, known)
-        count = stage.signals.give(context.unit, step.signal, value)
-        name = f"{context.unit.prefix}{step.signal}"
-        stage.tell(lambda time_s: Signalled(time_s, context.robot_name, name, count, told(value)))
+        unit, name = context.unit, step.signal
+        self._give(unit, name, value)
+        while unit.outer is not None and name in unit.signals:
+            unit, name = unit.outer, unit.signals[name]
+            self._give(unit, name, value)
+
+    def _give(self, unit: Unit, name: str, value: Any) -> None:
+        robot, count = self._context.robot_name, self._stage.signals.give(unit, name, value)
+        self._stage.tell(lambda time_s: Signalled(time_s, robot, f"{unit.prefix}{name}", count, told(value)))
 
 
 class WaitForAct(_SomeAct):
@@ -152,12 +162,18 @@ class WaitForAct(_SomeAct):
         count = int(checked_number(render(step.count, known), "count", "count"))
         timeout_s = yield from _timeout_s(stage, context, step.timeout_s)
         future = stage.signals.wait(context.unit, step.wait_for, count)
-        if not (yield from stage.wait_within(context, future, timeout_s)):
+        value: Any
+        if (yield from stage.wait_within(context, future, timeout_s)):
+            value = future.get()
+        elif step.default is not None:
+            known = yield from stage.read(context, expressions_in(step.default))
+            value = render(step.default, known)
+        else:
             given = stage.signals.counts.get((context.unit, step.wait_for), 0)
             often = f"; it was given {given} of {count} times" if count > 1 else ""
             raise DeadlineError(f"signal '{step.wait_for}' was not given within {timeout_s:g} s{often}")
         if step.save_as is not None:
-            stage.assign(context, step.save_as, future.get())
+            stage.assign(context, step.save_as, value)
 
 
 class LetAct(_SomeAct):
@@ -238,6 +254,39 @@ class WorkOutAct(_SomeAct):
         """See Act."""
         known = yield from self._stage.read(self._context, self._expressions)
         self.value = self._work(known)
+
+
+class TimedAct(_SomeAct):
+    """Goes through a block's steps for so long at most.
+
+    Attributes:
+        late: of a block outside of any `on`, the robots that were at work in it when its time was up.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        context: Context,
+        step: BlockStep,
+        meets: frozenset[Hashable],
+        inside: Callable[[Context], Branch],
+    ) -> None:
+        super().__init__(stage, context, step.kind)
+        self._step = step
+        self._meets = meets
+        self._inside = inside
+
+    def attempt(self) -> Branch:
+        """See Act."""
+        stage, context = self._stage, self._context
+        self.began_s = stage.now_s()
+        timeout_s = yield from _timeout_s(stage, context, self._step.timeout_s or 0.0)
+        task = Task(context.task, context.seat, meets=self._meets)
+        group = Group(stage, context, "all", timeout_s)
+        yield from group.perform([(task, self._inside(replace(context, task=task)))])
+        if group.late is not None:
+            self.late = group.late if context.seat is None else ()
+            raise DeadlineError(f"{self.label} was not through within {timeout_s:g} s")
 
 
 def _timeout_s(stage: Stage, context: Context, timeout_s: float | str) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,8 @@ from eal_actors.scenario.model import TEXT_FIELDS, AnswerStep, CallStep, TimedSt
 
 class CallAct:
     """A call of a robot's resource."""
+
+    late: Sequence[RobotRun] = ()
 
     def __init__(self, stage: Stage, context: Context, step: CallStep, path: str) -> None:
         self.is_begun = False

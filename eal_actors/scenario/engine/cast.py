@@ -59,6 +59,7 @@ class Seat:
         count: how many places the role has.
         robot: who fills it.
         variables: those of the place: who takes it over finds them as they were.
+        parts: the same in scenarios that are carried out as parts of the main one.
         past: who has filled it before.
     """
 
@@ -67,11 +68,17 @@ class Seat:
     count: int
     robot: RobotRun
     variables: dict[str, object] = field(default_factory=dict)
+    parts: dict[Unit, dict[str, object]] = field(default_factory=dict)
     past: list[RobotRun] = field(default_factory=list)
 
-    def facts(self, role: str) -> dict[str, object]:
-        """Return what expressions may ask about it, where the role goes by a name."""
-        return {"robot": self.robot.name, "role": role, "index": self.index, "count": self.count}
+    def variables_in(self, unit: Unit) -> dict[str, object]:
+        """Return its variables in a scenario: each has its own."""
+        return self.variables if unit.outer is None else self.parts.setdefault(unit, {})
+
+    def facts(self, role: str, unit: Unit) -> dict[str, object]:
+        """Return what expressions of a scenario may ask about it, where the role goes by a name."""
+        index, count = (self.index, self.count) if unit.seat is None else (0, 1)
+        return {"robot": self.robot.name, "role": role, "index": index, "count": count}
 
 
 class Task:
@@ -152,6 +159,8 @@ class Unit:
         parameters: the values of its parameters.
         prefix: path of the step that carries it out.
         outer: the unit that it is part of; None for the main one.
+        signals: its signals to those of the outer unit that are given with them.
+        seat: who carries it out alone, in all of its roles; None where its roles have robots of their own.
 
     Attributes:
         variables: those of the run, parameters included.
@@ -165,11 +174,15 @@ class Unit:
         parameters: Mapping[str, object],
         prefix: str = "",
         outer: Unit | None = None,
+        signals: Mapping[str, str] | None = None,
+        seat: Seat | None = None,
     ) -> None:
         self.scenario = scenario
         self.roles = roles
         self.prefix = prefix
         self.outer = outer
+        self.signals = signals or {}
+        self.seat = seat
         self.variables: dict[str, object] = dict(parameters)
         self.meets: dict[int, frozenset[Hashable]] = {}
 

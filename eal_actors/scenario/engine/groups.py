@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 
 from eal_actors.actors.future import Future
-from eal_actors.scenario.engine.cast import Context, Task
+from eal_actors.errors import CallCancelledError
+from eal_actors.scenario.engine.cast import Context, RobotRun, Task
 from eal_actors.scenario.engine.loop import Branch
 from eal_actors.scenario.engine.stage import Stage
 
@@ -18,9 +19,15 @@ class Group:
         stage: the run.
         context: where the step stands that begins them.
         until: `all`, `first` or a signal.
+        timeout_s: how long they may take; None for as long as they like.
+
+    Attributes:
+        late: who was at work when time was up; None if they were over in time.
     """
 
-    def __init__(self, stage: Stage, context: Context, until: str) -> None:
+    def __init__(self, stage: Stage, context: Context, until: str, timeout_s: float | None = None) -> None:
+        self.late: list[RobotRun] | None = None
+        self._timeout_s = timeout_s
         self._stage = stage
         self._context = context
         self._until = until
@@ -43,9 +50,23 @@ class Group:
             signal.add_done_callback(lambda _: self._over.set())
         for task, branch in lines:
             stage.loop.spawn(branch, partial(self._ended, task))
-        yield self._over
+        if self._timeout_s is None:
+            yield self._over
+        else:
+            yield from self._wait_within(self._timeout_s)
         if self._left:
             yield from self._stop_rest()
+
+    def _wait_within(self, timeout_s: float) -> Branch:
+        """Wait until they are over, or time is up."""
+        try:
+            is_over = yield from self._stage.wait_within(self._context, self._over, timeout_s)
+        except CallCancelledError:  # they are being stopped as well
+            yield self._over
+            return
+        if not is_over:
+            robots = dict.fromkeys(robot for task in self._left for robot in task.robots())
+            self.late = [robot for robot in robots if robot.outcome is None]
 
     def _ended(self, task: Task, error: BaseException | None) -> None:
         stage = self._stage

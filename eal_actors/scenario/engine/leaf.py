@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from functools import partial
 from typing import Any, Protocol, TypeAlias
 
@@ -27,6 +27,7 @@ class Act(Protocol):
         is_begun: it has gone further than working out what to do.
         began_s: when it began, in seconds since the run's start, where it had to wait for others first.
         answer: what a call answered, or None.
+        late: where no robot does it by itself, those who were at work in it when its time was up.
     """
 
     label: str
@@ -35,6 +36,7 @@ class Act(Protocol):
     is_begun: bool
     began_s: float | None
     answer: object
+    late: Sequence[RobotRun]
 
     def attempt(self) -> Branch:
         """Do it once.
@@ -157,7 +159,7 @@ class _Performance:
         action = final_action(self._policy)
         if action == "skip":
             return "skipped"
-        if self._robot is None or action == "abort":
+        if action == "abort" or (self._robot is None and not self._act.late):
             return "failed"
         has_spare = action == "substitute" and self._spare() is not None
         return "replaced" if has_spare else "dropped"
@@ -204,9 +206,11 @@ class _Performance:
             else:
                 stage.failures.append(error)
             stage.stop()
-        elif outcome == "dropped" and robot is not None and robot.outcome is None:
-            stage.drop(robot, error)
-            yield from stage.halt([robot])
+        elif outcome == "dropped":
+            leaving = [one for one in (self._act.late if robot is None else [robot]) if one.outcome is None]
+            for one in leaving:
+                stage.drop(one, error)
+            yield from stage.halt(leaving)
         elif outcome == "replaced" and robot is not None and robot.outcome is None:
             seat, spare = self._context.seat, self._spare()
             if seat is not None and spare is not None:

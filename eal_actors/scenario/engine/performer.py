@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Hashable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final
@@ -10,12 +10,14 @@ from typing import Any, Final
 from eal_actors.actors.future import Future
 from eal_actors.errors import ScenarioError
 from eal_actors.scenario.checks.fields import checked_number
+from eal_actors.scenario.checks.placing import roles_of
 from eal_actors.scenario.engine.acts import (
     BarrierAct,
     ExpectAct,
     LetAct,
     LogAct,
     SignalAct,
+    TimedAct,
     WaitAct,
     WaitForAct,
     WaitUntilAct,
@@ -36,6 +38,7 @@ from eal_actors.scenario.model import (
     INDEX,
     AnyStep,
     BarrierStep,
+    BlockStep,
     CallStep,
     ExpectStep,
     FallibleStep,
@@ -48,6 +51,7 @@ from eal_actors.scenario.model import (
     PythonStep,
     RepeatStep,
     ScenarioStep,
+    SequenceStep,
     SignalStep,
     WaitForStep,
     WaitStep,
@@ -56,6 +60,7 @@ from eal_actors.scenario.model import (
     inner_steps,
 )
 from eal_actors.scenario.parameters import parameter_problem
+from eal_actors.scenario.scenario import Scenario
 from eal_actors.yaml_tree import format_path
 
 _ACTS: Final[dict[type[AnyStep], Callable[[Stage, Context, Any], Act]]] = {
@@ -85,6 +90,7 @@ class Performer:
     def __init__(self, stage: Stage) -> None:
         self._stage = stage
         self._passes = 0
+        self._at = 0
 
     def steps(self, first: int, on_step: Callable[[int], None]) -> Branch:
         """Perform the steps of the top level.
@@ -99,11 +105,20 @@ class Performer:
         context = Context(task, stage.main)
         stage.meetings.enter(task)
         for index in range(first, len(steps)):
+            self._at = index
             if not stage.goes_on(context):
                 return
             yield from self._perform(steps[index], f"steps[{index}]", context)
             if not stage.is_stopping:
+                self._at = index + 1
                 on_step(index)
+
+    def unfinished_roles(self) -> set[str]:
+        """Return the roles that have something to do in a step of the top level that has not ended."""
+        scenario = self._stage.plan.scenario
+        if _asks_everyone(scenario.file.steps[self._at :]):
+            return set(scenario.file.roles)
+        return set(roles_of(scenario.file.steps, ("steps",), scenario, first=self._at))
 
     def finally_steps(self) -> Branch:
         """Perform the steps of `finally`, with every robot that ever took part; failures stop nothing.
@@ -114,7 +129,7 @@ class Performer:
         stage.is_stopping = False
         for context in [*reversed(stage.open_units), Context(Task(), stage.main)]:
             unit = context.unit
-            ending = Context(Task(), unit, is_finally=True)
+            ending = Context(Task(seat=unit.seat), unit, unit.seat, context.role, is_finally=True)
             yield from self._sequence(unit.scenario.file.finally_, f"{unit.prefix}finally", ending)
 
     # Blocks.
@@ -132,38 +147,64 @@ class Performer:
         elif type(step) in _ACTS:
             act = partial(_ACTS[type(step)], self._stage, context, step)
             is_quiet = isinstance(step, _INSTANT)
-            yield from perform_leaf(self._stage, context, step, path, act, is_quiet=is_quiet)  # type: ignore[arg-type]
-        elif isinstance(step, OnStep):
+            yield from perform_leaf(self._stage, context, step, path, act, is_quiet=is_quiet)
+        elif isinstance(step, OnStep):  # whose time-out is each robot's own
             yield from self._on(step, path, context)
-        elif isinstance(step, ParallelStep):
-            yield from self._parallel(step, path, context)
-        elif isinstance(step, IfStep):
-            yield from self._if(step, path, context)
-        elif isinstance(step, ForStep | RepeatStep):
-            yield from self._counted(step, path, context)
-        elif isinstance(step, WhileStep):
-            yield from self._while(step, path, context)
-        elif isinstance(step, ScenarioStep):
+        elif isinstance(step, ScenarioStep):  # of which `finally` belongs to no time-out
             yield from self._part(step, path, context)
+        elif isinstance(step, BlockStep):
+            meets = meets_in(context.unit, (step,))
+            yield from self._within_time(step, path, context, meets, partial(self._block, step, path))
+
+    def _within_time(
+        self,
+        step: BlockStep,
+        path: str,
+        context: Context,
+        meets: frozenset[Hashable],
+        inside: Callable[[Context], Branch],
+    ) -> Branch:
+        """Go through a block's steps; where it has a time-out, as a step that can fail."""
+        if step.timeout_s is None:
+            yield from inside(context)
+            return
+        make = partial(TimedAct, self._stage, context, step, meets, inside)
+        yield from perform_leaf(self._stage, context, step, path, make, is_quiet=True)
+
+    def _block(self, step: BlockStep, path: str, context: Context) -> Branch:
+        match step:
+            case SequenceStep():
+                yield from self._sequence(step.sequence, f"{path}.sequence", context.inside(step.on_failure))
+            case ParallelStep():
+                yield from self._parallel(step, path, context)
+            case IfStep():
+                yield from self._if(step, path, context)
+            case ForStep() | RepeatStep():
+                yield from self._counted(step, path, context)
+            case WhileStep():
+                yield from self._while(step, path, context)
 
     def _on(self, step: OnStep, path: str, context: Context) -> Branch:
         """Let every robot of the role go through the steps, and wait for the last."""
         unit, inside = context.unit, context.inside(step.on_failure)
         meets = meets_in(unit, step.do)
         lines = []
-        for seat in self._seats(unit.roles[step.on], context):
+        work = partial(self._sequence, step.do, f"{path}.do")
+        for seat in self._seats(step.on, context):
             task = Task(context.task, seat, meets=meets)
             here = replace(inside, task=task, seat=seat, role=step.on)
-            lines.append((task, self._sequence(step.do, f"{path}.do", here)))
+            lines.append((task, self._within_time(step, path, here, meets, work)))
         yield from Group(self._stage, context, step.until).perform(lines)
 
     def _seats(self, role: str, context: Context) -> list[Seat]:
         """Return the places whose robots go through an `on`: in `finally` those of everyone who ever took part."""
+        unit = context.unit
+        seats = [unit.seat] if unit.seat is not None else self._stage.seats[unit.roles[role]]
         if not context.is_finally:
-            return self._stage.live_seats(role)
+            return [seat for seat in seats if seat.robot.outcome is None]
         return [
             replace(seat, robot=robot) if robot is not seat.robot else seat
-            for seat in self._stage.seats[role]
+            for seat in seats
             for robot in (*seat.past, seat.robot)
         ]
 
@@ -264,33 +305,56 @@ class Performer:
 
     def _part(self, step: ScenarioStep, path: str, context: Context) -> Branch:
         """Carry out another scenario, and its end."""
-        stage, outer = self._stage, context.unit
+        stage, outer, seat = self._stage, context.unit, context.seat
         scenario = outer.scenario.parts[path.removeprefix(outer.prefix)]
-        roles = {theirs: outer.roles[step.roles.get(theirs, theirs)] for theirs in scenario.file.roles}
+        parameters = yield from self._part_parameters(step, scenario, path, context)
+        if parameters is None:
+            return
+        roles = {theirs: outer.roles[step.roles.get(theirs, theirs)] for theirs in scenario.file.roles if seat is None}
+        unit = Unit(scenario, roles, parameters, f"{path}.{scenario.name}.", outer, step.signals, seat)
+        meets = meets_in(unit, scenario.file.steps)
+        task = Task(context.task, seat, meets=meets)
+        here = Context(task, unit, seat, context.role, is_finally=context.is_finally)
+        stage.open_units.append(here)
+
+        def steps(around: Context) -> Branch:
+            inside = replace(here, task=around.task)
+            yield from self._sequence(scenario.file.steps, f"{unit.prefix}steps", inside)
+
+        line = self._within_time(step, path, replace(context, task=task), meets, steps)
+        yield from Group(stage, context, "all").perform([(task, line)])
+        if stage.goes_on(context):
+            stage.open_units.remove(here)
+            ending = replace(here, task=Task(context.task, seat), is_finally=True)
+            yield from self._sequence(scenario.file.finally_, f"{unit.prefix}finally", ending)
+
+    def _part_parameters(
+        self, step: ScenarioStep, scenario: Scenario, path: str, context: Context
+    ) -> Generator[Future[Any], None, dict[str, object] | None]:
+        """Return the values of another scenario's parameters, or None if they could not be worked out."""
+        needs = list(expressions_in(tuple(step.with_.values())))
         parameters = dict(scenario.parameters)
 
-        def work(known: Known) -> bool:
+        def work(known: Known) -> dict[str, object]:
             for name, value in step.with_.items():
                 found = plain(render(value, known), name)
                 if (problem := parameter_problem(scenario.file.parameters[name], found)) is not None:
                     raise ScenarioError(f"parameter '{name}' of scenario '{scenario.name}' {problem}")
                 parameters[name] = found
-            return True
+            return parameters
 
-        needs = expressions_in(tuple(step.with_.values()))
-        holder = LogStep(log=f"scenario {step.scenario}")
-        if not (yield from self._work_out(holder, path, context, f"scenario {step.scenario}", needs, work)):
-            return
-        unit = Unit(scenario, roles, parameters, f"{path}.{scenario.name}.", outer)
-        task = Task(context.task, None, meets=meets_in(unit, scenario.file.steps))
-        here = Context(task, unit, is_finally=context.is_finally)
-        stage.open_units.append(here)
-        lines = [(task, self._sequence(scenario.file.steps, f"{unit.prefix}steps", here))]
-        yield from Group(stage, context, "all").perform(lines)
-        if stage.goes_on(context):
-            stage.open_units.remove(here)
-            ending = Context(Task(context.task), unit, is_finally=True)
-            yield from self._sequence(scenario.file.finally_, f"{unit.prefix}finally", ending)
+        label = f"scenario {step.scenario}"
+        found: dict[str, object] | None = yield from self._work_out(step, path, context, label, needs, work)
+        return found
+
+
+def _asks_everyone(steps: Sequence[AnyStep]) -> bool:
+    """Return whether Python steps outside of any `on` are among them, which may use every robot."""
+    return any(
+        isinstance(step, PythonStep)
+        or (not isinstance(step, OnStep) and any(_asks_everyone(inner) for _, inner in inner_steps(step)))
+        for step in steps
+    )
 
 
 def _plain(condition: Any, known: Known) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextvars
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -13,7 +13,7 @@ from eal_actors.clock import Clock
 from eal_actors.errors import EALError, ScenarioError, shown
 from eal_actors.log import get_logger
 from eal_actors.scenario.engine.calls import timeout_of
-from eal_actors.scenario.engine.cast import Context
+from eal_actors.scenario.engine.cast import Context, RobotRun
 from eal_actors.scenario.engine.loop import Branch, Loop
 from eal_actors.scenario.engine.stage import Stage
 from eal_actors.scenario.expressions import expressions_in, render
@@ -42,6 +42,7 @@ class PythonAct:
     command: str | None = None
     began_s: float | None = None
     answer: object = None
+    late: Sequence[RobotRun] = ()
 
     def __init__(self, stage: Stage, context: Context, step: PythonStep) -> None:
         self.label = f"python {step.python}"

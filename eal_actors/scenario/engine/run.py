@@ -21,6 +21,7 @@ from eal_actors.log import get_logger
 from eal_actors.scenario.engine.cast import RobotRun
 from eal_actors.scenario.engine.checkpoints import checkpoint, restore, seat_robots, tell_lost
 from eal_actors.scenario.engine.loop import Branch, Loop
+from eal_actors.scenario.engine.outcomes import end_robots, report_robot, variables_of_run
 from eal_actors.scenario.engine.performer import Performer
 from eal_actors.scenario.engine.stage import Stage
 from eal_actors.scenario.events import Event, RunContinued, RunEnded, RunStarted
@@ -205,9 +206,7 @@ class Run:
         first = self._resumption.first_step if self._resumption is not None else 0
         yield from self._guarded(self._performer.steps(first, self._on_step))
         self._stage.pace.open_for_end()
-        for robot in self._robots.values():
-            if robot.outcome is None:
-                robot.end("spare" if not robot.is_seated else "aborted" if self._stage.is_stopping else "done")
+        end_robots(self._stage, self._performer.unfinished_roles())
         if self._stage.is_stopping:
             yield from self._guarded(self._stage.halt(list(self._robots.values())))
         self._phase = _Phase.FINALLY
@@ -331,7 +330,8 @@ class Run:
             continued_s=self._continued_s(),
             outcome=outcome,
             error=ErrorReport.of(error) if error is not None else None,
-            robots={name: robot.report() for name, robot in self._robots.items()},
+            robots={name: report_robot(self._stage, robot) for name, robot in self._robots.items()},
+            variables=variables_of_run(self._stage),
             steps=tuple(self._stage.records),
             starts=tuple(self._stage.starts),
         )

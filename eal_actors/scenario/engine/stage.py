@@ -236,8 +236,8 @@ class Stage:
         unit, seat = context.unit, context.seat
         variables: dict[str, object] = {**unit.variables, "run": {"seed": self.seed}}
         if seat is not None:
-            variables |= seat.variables
-            variables |= seat.facts(context.role or seat.role)
+            variables |= seat.variables_in(unit)
+            variables |= seat.facts(context.role or seat.role, unit)
         variables |= context.loops
         return Known(variables, readings or {})
 
@@ -266,7 +266,8 @@ class Stage:
 
     def assign(self, context: Context, name: str, value: object) -> None:
         """Give a variable a value: the seat's inside an `on`, the run's outside."""
-        (context.unit.variables if context.seat is None else context.seat.variables)[name] = value
+        unit, seat = context.unit, context.seat
+        (unit.variables if seat is None else seat.variables_in(unit))[name] = value
 
     # Halting.
 

@@ -76,7 +76,11 @@ def plain(value: object, what: str) -> Any:
         if getattr(inner, "size", 0) > MAX_ITEMS:
             raise ScenarioError(f"{what} has more than {MAX_ITEMS} elements, too many for an expression")
         return inner.tolist()
-    return list(inner) if isinstance(inner, tuple) else inner
+    return _as_lists(inner)
+
+
+def _as_lists(value: Any) -> Any:
+    return [_as_lists(item) for item in value] if isinstance(value, tuple | list) else value
 
 
 def _look_up(name: str, known: Known) -> object:

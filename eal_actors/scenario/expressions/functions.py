@@ -200,6 +200,12 @@ def _sum(values: Any) -> Any:
     return _bounded(sum(items))
 
 
+def _wrap_deg(angle_deg: float) -> float:
+    """Return the same direction as an angle from -180, which is left out, to 180."""
+    wrapped = math.remainder(angle_deg, 360)
+    return 180.0 if wrapped == -180 else wrapped
+
+
 def _text(value: Any) -> str:
     if not isinstance(value, str | int | float):
         raise RefusalError(f"str() takes a number, a truth value or a text, not {_shown_type(value)}")
@@ -238,6 +244,7 @@ FUNCTIONS: Final[Mapping[str, Function]] = {
     "str": Function(_text, 1, 1),
     "sum": Function(_sum, 1, 1),
     "tan": Function(_of_numbers("tan", math.tan), 1, 1),
+    "wrap_deg": Function(_of_numbers("wrap_deg", _wrap_deg), 1, 1),
 }
 
 CONSTANTS: Final[Mapping[str, object]] = {

@@ -4,7 +4,7 @@ A step is a mapping with one key that tells what it is. Whatever takes a value t
 """
 
 from eal_actors.scenario.model.actions import ExpectStep, LetStep, LogStep, PythonStep, ScenarioStep
-from eal_actors.scenario.model.base import FallibleStep, Step, TimedStep, WaitingStep
+from eal_actors.scenario.model.base import BlockStep, FallibleStep, Step, TimedStep, WaitingStep
 from eal_actors.scenario.model.calls import (
     TEXT_FIELDS,
     AnswerStep,
@@ -20,12 +20,12 @@ from eal_actors.scenario.model.steps import (
     INDEX,
     MAX_REPEATS,
     AnyStep,
-    Block,
     ForStep,
     IfStep,
     OnStep,
     ParallelStep,
     RepeatStep,
+    SequenceStep,
     WhileStep,
     inner_steps,
 )
@@ -47,7 +47,7 @@ __all__ = [
     "AnswerStep",
     "AnyStep",
     "BarrierStep",
-    "Block",
+    "BlockStep",
     "CallStep",
     "ExpectStep",
     "FallibleStep",
@@ -66,6 +66,7 @@ __all__ = [
     "ScenarioFile",
     "ScenarioStep",
     "SendCmd",
+    "SequenceStep",
     "SignalStep",
     "StartStep",
     "Step",

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final
 
 from pydantic import BeforeValidator, Field, NonNegativeFloat
 
-from eal_actors.scenario.model.base import FallibleStep, Step, TimedStep
+from eal_actors.scenario.model.base import BlockStep, FallibleStep, TimedStep
 from eal_actors.scenario.model.values import ExpressionText, Text, Value, VariableName
 from eal_actors.strict_model import NAMES_ONLY, Name
 
@@ -61,8 +61,11 @@ class PythonStep(TimedStep):
     """Variable that keeps what it returns."""
 
 
-class ScenarioStep(Step):
-    """Carry out another scenario, with variables of its own."""
+class ScenarioStep(BlockStep):
+    """Carry out another scenario, with variables of its own; inside an `on` each robot by itself, in all of its roles.
+
+    `on_failure` is for its parameters and for its time-out: what its steps do when they fail, it says itself.
+    """
 
     kind = "scenario"
     scenario: Text
@@ -70,4 +73,6 @@ class ScenarioStep(Step):
     with_: dict[VariableName, Value] = Field(default={}, alias="with", json_schema_extra=NAMES_ONLY)
     """Its parameters."""
     roles: dict[Name, Name] = Field(default={}, json_schema_extra=NAMES_ONLY)
-    """Its roles to roles of this scenario; those left out go by the same name."""
+    """Its roles to roles of this scenario; those left out go by the same name. Not inside an `on`."""
+    signals: dict[Name, Name] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    """Its signals to signals of this scenario that are given with them."""

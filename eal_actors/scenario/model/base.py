@@ -36,6 +36,14 @@ class TimedStep(FallibleStep):
     """Deadline of each attempt, in seconds of the fleet's clock; the file's if left out."""
 
 
+class BlockStep(FallibleStep):
+    """A step that holds steps."""
+
+    timeout_s: Timeout | None = None
+    """How long all of it may take, in seconds of the fleet's clock; inside an `on` each robot, and so the `do` of an
+    `on`. What is under way then is stopped, and the block has failed."""
+
+
 class WaitingStep(FallibleStep):
     """A step that waits for something that may never happen."""
 

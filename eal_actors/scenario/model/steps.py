@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from eal_actors.scenario.model.actions import ExpectStep, LetStep, LogStep, PythonStep, ScenarioStep
-from eal_actors.scenario.model.base import FallibleStep, Step
+from eal_actors.scenario.model.base import BlockStep, Step
 from eal_actors.scenario.model.calls import (
     CALLS,
     GetConfig,
@@ -63,7 +63,7 @@ LoopValues = Annotated[
 # The blocks: steps that hold steps.
 
 
-class OnStep(FallibleStep):
+class OnStep(BlockStep):
     """Let every robot of a role go through steps, all robots at once; over when the last robot is through."""
 
     kind = "on"
@@ -75,7 +75,14 @@ class OnStep(FallibleStep):
     by then is halted."""
 
 
-class ParallelStep(FallibleStep):
+class SequenceStep(BlockStep):
+    """Go through steps one after the other: for what they have in common, such as a time-out."""
+
+    kind = "sequence"
+    sequence: Steps
+
+
+class ParallelStep(BlockStep):
     """Go through several branches at once."""
 
     kind = "parallel"
@@ -85,7 +92,7 @@ class ParallelStep(FallibleStep):
     """As with `on`."""
 
 
-class ForStep(FallibleStep):
+class ForStep(BlockStep):
     """Go through steps once for each value of a list."""
 
     kind = "for"
@@ -106,7 +113,7 @@ class ForStep(FallibleStep):
         return next(iter(self.for_.values()))
 
 
-class RepeatStep(FallibleStep):
+class RepeatStep(BlockStep):
     """Go through steps several times; `${i}` counts them from 0."""
 
     kind = "repeat"
@@ -117,7 +124,7 @@ class RepeatStep(FallibleStep):
     do: Steps
 
 
-class WhileStep(FallibleStep):
+class WhileStep(BlockStep):
     """Go through steps as long as an expression is true; `${i}` counts the rounds from 0."""
 
     kind = "while"
@@ -133,7 +140,7 @@ class WhileStep(FallibleStep):
     do: Steps
 
 
-class IfStep(FallibleStep):
+class IfStep(BlockStep):
     """Go one way or another."""
 
     kind = "if"
@@ -145,6 +152,7 @@ class IfStep(FallibleStep):
 
 _MODELS: Final[tuple[type[Step], ...]] = (
     OnStep,
+    SequenceStep,
     ParallelStep,
     ForStep,
     RepeatStep,
@@ -165,7 +173,8 @@ _MODELS: Final[tuple[type[Step], ...]] = (
 _STEPS: Final[dict[str, type[Step]]] = {model.kind: model for model in _MODELS}
 _MODIFIERS: Final = frozenset(
     (
-        *("do", "then", "else", "until", "limit", "at_limit", "with", "roles", "value", "count", "poll_s"),
+        *("do", "then", "else", "until", "limit", "at_limit", "with", "roles", "signals", "value", "count", "poll_s"),
+        "default",
         *("timeout_s", "on_failure", "save", "save_as", "together", "equals", "tolerance", "says", "safe_to_repeat"),
     )
 )
@@ -206,6 +215,7 @@ AnyStep: TypeAlias = Annotated[
     | Annotated[SetConfig, Tag("SetConfig")]
     | Annotated[Halt, Tag("Halt")]
     | Annotated[OnStep, Tag("OnStep")]
+    | Annotated[SequenceStep, Tag("SequenceStep")]
     | Annotated[ParallelStep, Tag("ParallelStep")]
     | Annotated[ForStep, Tag("ForStep")]
     | Annotated[RepeatStep, Tag("RepeatStep")]
@@ -248,10 +258,8 @@ Branches: TypeAlias = Annotated[
     Discriminator(_branches_kind),
 ]
 
-for _model in (OnStep, ParallelStep, ForStep, RepeatStep, WhileStep, IfStep):
+for _model in (OnStep, SequenceStep, ParallelStep, ForStep, RepeatStep, WhileStep, IfStep):
     _model.model_rebuild()
-
-Block: TypeAlias = OnStep | ParallelStep | ForStep | RepeatStep | WhileStep | IfStep
 
 
 def inner_steps(step: Step) -> tuple[tuple[tuple[str | int, ...], tuple[AnyStep, ...]], ...]:
@@ -262,6 +270,8 @@ def inner_steps(step: Step) -> tuple[tuple[tuple[str | int, ...], tuple[AnyStep,
         return tuple((("parallel", name), steps) for name, steps in items)
     if isinstance(step, IfStep):
         return ((("then",), step.then), *(((("else",), step.else_),) if step.else_ is not None else ()))
+    if isinstance(step, SequenceStep):
+        return ((("sequence",), step.sequence),)
     if isinstance(step, OnStep | ForStep | RepeatStep | WhileStep):
         return ((("do",), step.do),)
     return ()

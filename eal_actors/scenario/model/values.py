@@ -31,8 +31,12 @@ def _refuse_mapping(value: object) -> object:
 
 Scalar = Annotated[bool | int | float | str, BeforeValidator(_refuse_structure)]
 Scalars = Annotated[tuple[Scalar, ...], Field(strict=False)]
-Value = Annotated[bool | int | float | str | Scalars, BeforeValidator(_refuse_mapping)]
-"""What a loop goes through, and what a call is given."""
+_Plain = Annotated[bool | int | float | str, Tag("scalar")]
+_ListOrPlain: Final = Discriminator(lambda value: "list" if isinstance(value, list | tuple) else "scalar")
+_Item = Annotated[_Plain | Annotated[Scalars, Tag("list")], _ListOrPlain, BeforeValidator(_refuse_mapping)]
+_Items = Annotated[tuple[_Item, ...], Field(strict=False)]
+Value = Annotated[_Plain | Annotated[_Items, Tag("list")], _ListOrPlain, BeforeValidator(_refuse_mapping)]
+"""What a loop goes through, and what a call is given: a list may hold lists, such as waypoints `[[x, y], ...]`."""
 
 
 def _expression_only(value: object) -> object:

@@ -54,3 +54,5 @@ class WaitForStep(WaitingStep):
     """How often it must have come since the beginning of the run."""
     save_as: VariableName | None = None
     """Variable that keeps the signal's newest value."""
+    default: Value | None = None
+    """What it keeps when time is up, in place of a failure."""

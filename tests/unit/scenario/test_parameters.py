@@ -104,3 +104,30 @@ def test_settings_of_a_command_line(tmp_path: Path) -> None:
             read_settings(file, [wrong])
     with pytest.raises(ValueError, match="gives 'legs' twice"):
         read_settings(file, ["legs=1", "legs=2"])
+
+
+WAYPOINTS = """\
+parameters:
+  waypoints: {type: list, unit: m, default: [[0, 0], [1, 0.5]]}
+"""
+
+
+def test_a_list_of_lists(tmp_path: Path) -> None:
+    assert load(tmp_path, WAYPOINTS) == {"waypoints": ((0, 0), (1, 0.5))}
+    assert load(tmp_path, WAYPOINTS, waypoints=[[2, 1]]) == {"waypoints": ((2, 1),)}
+    file = load_scenario(tmp_path / "s.yaml").file
+    assert read_settings(file, ["waypoints=[[1, 2.5], [3, 4]]"]) == {"waypoints": [[1, 2.5], [3, 4]]}
+    assert read_settings(file, ["waypoints=[[[1]]]"]) == {"waypoints": "[[[1]]]"}, "which is refused as text"
+
+
+def test_a_list_holds_numbers_that_are_numbers(tmp_path: Path) -> None:
+    (problem,) = problems(tmp_path, WAYPOINTS, waypoints=[[float("nan"), 1]])
+    assert (
+        problem == "s.yaml:6:3: parameters.waypoints: must be list m of finite numbers, not [[NaN, 1]] as it was given"
+    )
+
+
+def test_lists_deeper_than_that_are_refused(tmp_path: Path) -> None:
+    (problem,) = problems(tmp_path, WAYPOINTS.replace("[0, 0]", "[[0], 0]"))
+    assert problem.startswith("s.yaml:6:")
+    assert "must be text, a number, true or false, not" in problem
