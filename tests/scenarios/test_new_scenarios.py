@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import random
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ from eal_actors.scenario import Event, LogLine, Report, load_scenario, run_scena
 from eal_actors.testing import Simulation
 from eal_actors.world.formation import Formation, formation_poses
 from scenarios import formation as formation_py
+from scenarios import patrol as patrol_py
 from scenarios import relay as relay_py
 from scenarios import search as search_py
 
@@ -173,6 +175,23 @@ def test_the_patrol_sees_what_was_moved_and_not_what_noise_changed(tmp_path: Pat
         "evbot3-1: 0 changes in 3 laps",
         "evbot3-2: 2 changes in 3 laps",
     ]
+
+
+def test_the_patrol_in_python_sees_what_was_moved() -> None:
+    with Simulation(fleet_file("patrol")) as simulation:
+        visitor = simulation["roomba-1"]["Base"]
+
+        def visit() -> None:
+            simulation.fleet.clock.sleep(24.0)
+            for command in ("f2.4", "b2.4"):
+                visitor.send_cmd(command).get()
+
+        simulation.fleet.clock.start(threading.Thread(target=visit, daemon=True))
+        sights = patrol_py.patrol(simulation.fleet)
+        places = {name: simulation.pose(name) for name in simulation.fleet}
+        simulation.advance(5)
+        assert {name: simulation.pose(name) for name in simulation.fleet} == places, "all stand"
+    assert sights == [patrol_py.Sight("evbot3-2", 1, 2), patrol_py.Sight("evbot3-2", 1, 3)]
 
 
 # Search.

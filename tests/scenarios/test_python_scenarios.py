@@ -10,7 +10,8 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.facade import shared
-from scenarios import dance, panorama, square, wander
+from eal_actors.testing import Simulation
+from scenarios import dance, panorama, square, square_umbmark, wander
 from scenarios.classic import camera as classic_camera
 from scenarios.classic import dance as classic_dance
 from scenarios.classic import sample_user_code
@@ -75,6 +76,17 @@ def test_wander_keeps_off_the_walls_and_ends_in_time() -> None:
     assert turns != 0
     assert abs(x_m) < 3.0
     assert abs(y_m) < 2.0
+
+
+def test_squares_both_ways_prove_what_they_say_of_the_wheels(capsys: pytest.CaptureFixture[str]) -> None:
+    with Simulation(SIM, seed=3) as simulation:
+        robot = simulation["roomba-1"]
+        proof = square_umbmark.prove(robot, squares=2)
+        wheels = proof.fit.calibration
+        assert robot["Base"].get_config("track_factor").get().value == pytest.approx(wheels.track_factor)
+        assert robot["Base"].get_status().get() == 0
+    assert proof.before_m > 0.05
+    assert proof.after_m < proof.before_m / 3
 
 
 @pytest.fixture
