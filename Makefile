@@ -14,7 +14,7 @@ EVBOTOS_TOOLS := apt bc binutils bison dosfstools dpkg e2fsprogs fdisk flex gcc 
 	grub-common grub-pc-bin libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar xz-utils zstd
 
-.PHONY: demo demo-network lab test test-slow check bench soak figures format evbotos-setup test-evbotos clean help
+.PHONY: demo demo-network lab test test-slow check bench soak fuzz figures format evbotos-setup test-evbotos clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -54,6 +54,9 @@ bench: $(STAMP)  ## measure against bare Pykka and bare pymunk, as ratios in one
 
 soak: $(STAMP)  ## twenty robots under kills, freezes, cuts, floods and garbage for twenty minutes
 	$(BIN)/python -m tests.soak
+
+fuzz: $(STAMP)  ## look for bytes that decoders and loaders cannot bear, a minute for each
+	$(BIN)/python -m tests.fuzz
 
 figures: $(STAMP)  ## make the pictures of the documentation
 	$(BIN)/python docs/figures.py

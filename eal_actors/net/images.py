@@ -1,10 +1,12 @@
 """Frames as JPEG or PNG: smaller on their way, and images again at the other end.
 
-OpenCV does it, and is imported when it is needed first: small boards do without.
+OpenCV does it, and is imported when it is needed first: small boards do without. It believes what a file says of its
+own size, and takes as much memory: so that is read and checked here before.
 """
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.actors.feeds import Encoding
@@ -17,6 +19,10 @@ if TYPE_CHECKING:
 _JPEG_QUALITY: Final = 90
 _PNG_LEVEL: Final = 1
 """Of 0 to 9: the higher ones take several times as long to save a few per cent."""
+_PNG_BEGINS: Final = b"\x89PNG\r\n\x1a\n"
+_PNG_CHUNK: Final = struct.Struct(">I4s")
+_JPEG_SIZES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""The markers of the segments that tell a JPEG's size."""
 
 
 def require_codec(encoding: Encoding) -> None:
@@ -72,6 +78,10 @@ def decode_image(file: Payload, shape: tuple[int, ...], encoding: Encoding) -> m
     cv2 = _opencv(encoding)
     import numpy as np
 
+    size = _png_size(file) if encoding == "png" else _jpeg_size(file)
+    if size != shape[:2]:
+        found = "cannot be read" if size is None else f"has the shape {(*size, 3)}"
+        raise ProtocolError(f"a frame as {encoding}, of shape {shape} by its header, {found}")
     try:
         image: np.ndarray[Any, Any] | None = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR_RGB)
     except cv2.error as error:
@@ -80,3 +90,33 @@ def decode_image(file: Payload, shape: tuple[int, ...], encoding: Encoding) -> m
         found = "cannot be read" if image is None else f"has the shape {image.shape}"
         raise ProtocolError(f"a frame as {encoding}, of shape {shape} by its header, {found}")
     return memoryview(image.data).cast("B")
+
+
+def _png_size(file: Payload) -> tuple[int, int] | None:
+    """Return the height and width that a PNG file tells; None if it is none, or a chunk goes beyond its end."""
+    if bytes(file[:8]) != _PNG_BEGINS or len(file) < 45:
+        return None
+    (length, kind), (width, height) = _PNG_CHUNK.unpack_from(file, 8), struct.unpack_from(">II", file, 16)
+    if kind != b"IHDR":
+        return None
+    place = 8
+    while place + 12 <= len(file):
+        length, kind = _PNG_CHUNK.unpack_from(file, place)
+        place += 12 + length
+    return (height, width) if place == len(file) and kind == b"IEND" else None
+
+
+def _jpeg_size(file: Payload) -> tuple[int, int] | None:
+    """Return the height and width that a JPEG file tells; None if it is none."""
+    if bytes(file[:2]) != b"\xff\xd8":
+        return None
+    place = 2
+    while place + 9 <= len(file):
+        start, marker, length = struct.unpack_from(">BBH", file, place)
+        if start != 0xFF or length < 2:
+            return None
+        if marker in _JPEG_SIZES:
+            height, width = struct.unpack_from(">HH", file, place + 5)
+            return height, width
+        place += 2 + length
+    return None

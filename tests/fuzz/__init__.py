@@ -1,0 +1,1 @@
+"""Bytes that nobody meant, into everything that reads what others wrote. `make fuzz` searches for long."""
