@@ -34,6 +34,10 @@ CLOSE_TIMEOUT_S: Final = 1.0
 """Seconds after which a session that does not close is left to itself."""
 
 _RETRY_S: Final = 0.1
+_MOST_GREETING: Final = 2048
+"""How many may be in the middle of their greeting; so many strangers who never end it do not keep others out."""
+_GREETING_MS: Final = 4000
+"""How long a greeting may take, over a slow link too."""
 _MIN_SESSIONS: Final = 1000
 _STALLED_US: Final = 500_000
 """How long a message may wait for a stalled link before the link is closed, in microseconds."""
@@ -162,6 +166,8 @@ def _config(
             "shared_memory": {"enabled": False},  # a killed process would leave its segments
             "unicast": {
                 "max_sessions": max(_MIN_SESSIONS, sessions),
+                "accept_pending": _MOST_GREETING,
+                "accept_timeout": _GREETING_MS,
                 "compression": {"enabled": network.compression},
             },
             "link": {
