@@ -19,6 +19,8 @@ NAME_TEMPLATE_PATTERN: Final = r"^[A-Za-z]([A-Za-z0-9_.-]|\{n\})*$"
 
 _NAME_WORDS: Final = "a name is a letter, then letters, digits, '_', '.' or '-'"
 _PATTERN_WORDS: Final = {NAME_PATTERN: _NAME_WORDS, NAME_TEMPLATE_PATTERN: f"{_NAME_WORDS}, with {{n}} for a number"}
+_HAS_SOURCES: Final = __file__.endswith(".py")
+"""Whether there are docstrings to read: a robot's image has compiled files alone, and looking for them takes seconds."""
 _MAPPING_KINDS: Final = ("dict_type", "model_type", "model_attributes_type")
 _WORDS: Final = {
     "missing": "is missing",
@@ -52,7 +54,7 @@ class StrictModel(BaseModel):
     """
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=_HAS_SOURCES
     )
 
 
