@@ -20,7 +20,7 @@ NAME_TEMPLATE_PATTERN: Final = r"^[A-Za-z]([A-Za-z0-9_.-]|\{n\})*$"
 _NAME_WORDS: Final = "a name is a letter, then letters, digits, '_', '.' or '-'"
 _PATTERN_WORDS: Final = {NAME_PATTERN: _NAME_WORDS, NAME_TEMPLATE_PATTERN: f"{_NAME_WORDS}, with {{n}} for a number"}
 _HAS_SOURCES: Final = __file__.endswith(".py")
-"""Whether there are docstrings to read: a robot's image has compiled files alone, and looking for them takes seconds."""
+"""Whether there are docstrings to read: a robot's image has compiled files alone, and looking for them takes long."""
 _MAPPING_KINDS: Final = ("dict_type", "model_type", "model_attributes_type")
 _WORDS: Final = {
     "missing": "is missing",
