@@ -21,6 +21,8 @@ from eal_actors.yaml_tree import YamlPath, format_path
 
 MAX_PARTS_DEEP: Final = 8
 """How many scenarios may stand inside each other."""
+MAX_STEPS: Final = 100_000
+"""How many steps a scenario may have, with those of its parts as often as they are carried out."""
 
 
 def load_scenario(path: str | Path, parameters: Mapping[str, object] | None = None) -> Scenario:
@@ -94,7 +96,7 @@ class _Loader:
     """Reads one scenario and those inside it, each file once."""
 
     def __init__(self) -> None:
-        self._done: dict[Path, Scenario] = {}
+        self._done: dict[Path, Scenario | ConfigError] = {}
         self._open: list[Path] = []
 
     def load(self, path: Path, name: str, parameters: Mapping[str, object]) -> Scenario:
@@ -112,29 +114,38 @@ class _Loader:
         scenario = Scenario(path if str(path) == name else Path(name), file, tree, tuple(lines))
         self._open.append(path.resolve())
         try:
-            parts, problems = self._parts(scenario, path)
+            parts, size, problems = self._parts(scenario, path)
         finally:
             self._open.pop()
-        scenario = replace(scenario, parts=parts)
+        scenario = replace(scenario, parts=parts, size=size)
         problems += check_parameters(file, tree)
         problems += check_scope(scenario)
         if problems:
             raise ConfigError(list(dict.fromkeys(problems)))
         return _given(scenario, parameters)
 
-    def _parts(self, scenario: Scenario, path: Path) -> tuple[dict[str, Scenario], list[Problem]]:
+    def _parts(self, scenario: Scenario, path: Path) -> tuple[dict[str, Scenario], int, list[Problem]]:
+        """Return the parts of a scenario, how many steps it has with theirs, and what is wrong with them."""
         parts: dict[str, Scenario] = {}
         problems: list[Problem] = []
-        for here, step in _walk(scenario.file):
+        steps = _walk(scenario.file)
+        size = len(steps)
+        for here, step in steps:
             if not isinstance(step, ScenarioStep):
                 continue
             try:
-                parts[format_path(here)] = self._part(path.parent / step.scenario)
+                part = parts[format_path(here)] = self._part(path.parent / step.scenario)
             except ConfigError as error:
                 for problem in error.problems:
                     outside = problem if problem.line else scenario.problem((*here, "scenario"), _told(problem))
                     problems.append(outside)
-        return parts, problems
+                continue
+            size += part.size
+            if size > MAX_STEPS:
+                message = f"makes more than {MAX_STEPS} steps, each use of a scenario counted"
+                problems.append(scenario.problem((*here, "scenario"), message))
+                break
+        return parts, size, problems
 
     def _part(self, path: Path) -> Scenario:
         real = path.resolve()
@@ -144,8 +155,14 @@ class _Loader:
         if len(self._open) >= MAX_PARTS_DEEP:
             raise ConfigError([Problem(str(path), 0, 0, "", f"is the {MAX_PARTS_DEEP + 1}th scenario inside another")])
         if real not in self._done:
-            self._done[real] = self.load(path, str(path), {})
-        return self._done[real]
+            try:
+                self._done[real] = self.load(path, str(path), {})
+            except ConfigError as error:
+                self._done[real] = error
+        found = self._done[real]
+        if isinstance(found, ConfigError):
+            raise found
+        return found
 
 
 def _told(problem: Problem) -> str:

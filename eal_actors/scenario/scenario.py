@@ -23,6 +23,7 @@ class Scenario:
         lines: the file's lines.
         parameters: the values of its parameters, defaults included; those that still must be given are missing.
         parts: the scenarios that it carries out, by the paths of the steps that do so.
+        size: how many steps it has, those of its parts included.
     """
 
     source: Path
@@ -31,6 +32,7 @@ class Scenario:
     lines: tuple[str, ...] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
     parts: Mapping[str, Scenario] = field(default_factory=dict)
+    size: int = 0
 
     @property
     def name(self) -> str:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 from eal_actors.errors import EALError, Problem
 from eal_actors.info import ResourceInfo, unknown_name
-from eal_actors.scenario.checks.arguments import answer_info, check_arguments, method_problem
+from eal_actors.scenario.checks.arguments import check_arguments, method_problem
 from eal_actors.scenario.checks.facts import RobotFacts, kinds_of, shown_robots
 from eal_actors.scenario.checks.fields import number_problem, static_numbers
+from eal_actors.scenario.checks.here import Here, Place
+from eal_actors.scenario.checks.saving import misfits
 from eal_actors.scenario.checks.statics import (
     MAX_COMBINATIONS,
+    MAX_IN_ALL,
     Guard,
     StaticLoop,
     Statics,
@@ -29,7 +32,7 @@ from eal_actors.scenario.expressions import (
     render_text,
 )
 from eal_actors.scenario.expressions.evaluation import plain
-from eal_actors.scenario.files import answer_problem, check_file_name
+from eal_actors.scenario.files import check_file_name
 from eal_actors.scenario.model import (
     INDEX,
     AnswerStep,
@@ -51,34 +54,6 @@ from eal_actors.scenario.parameters import parameter_problem
 from eal_actors.scenario.scenario import Scenario
 from eal_actors.scenario.wording import Placed, step_expressions
 from eal_actors.yaml_tree import YamlPath, format_path
-
-
-class _Place(NamedTuple):
-    """Where a problem lies: a value, and the offset in its text."""
-
-    path: YamlPath
-    inside: tuple[str, int] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class _Here:
-    """Where a step stands.
-
-    Attributes:
-        scenario: the scenario that holds it.
-        roles: the robots of its roles, spares included.
-        groups: the robots of the `on` around it, those that are alike together.
-        statics: what is known there before the run.
-        role: the role of the `on` around it.
-        is_of_one: each robot carries the scenario out by itself.
-    """
-
-    scenario: Scenario
-    roles: Mapping[str, Sequence[str]]
-    statics: Statics
-    groups: tuple[tuple[str, ...], ...] = ()
-    role: str = ""
-    is_of_one: bool = False
 
 
 def check_on_robots(
@@ -103,7 +78,7 @@ def check_on_robots(
     checker = _Checker(robots, roles, spares or {})
     everyone = {role: (*names, *(spares or {}).get(role, ())) for role, names in roles.items()}
     statics = Statics({**scenario.parameters, "run": {"seed": seed}})
-    checker.visit_file(_Here(scenario, everyone, statics))
+    checker.visit_file(Here(scenario, everyone, statics))
     return checker.problems()
 
 
@@ -120,6 +95,7 @@ class _Checker:
         self._kinds = kinds_of(robots)
         self._found: dict[tuple[int, YamlPath, str], tuple[Callable[[str], Problem], dict[str, None]]] = {}
         self._answers: dict[tuple[Any, ...], str | None] = {}
+        self._spent = 0
 
     def problems(self) -> list[Problem]:
         """Return one problem for each place and message, naming the robots."""
@@ -130,7 +106,7 @@ class _Checker:
 
     def _report(
         self,
-        here: _Here,
+        here: Here,
         path: YamlPath,
         message: str,
         robots: Sequence[str] = (),
@@ -141,19 +117,21 @@ class _Checker:
 
         self._found.setdefault((id(here.scenario), path, message), (make, {}))[1].update(dict.fromkeys(robots))
 
-    def visit_file(self, here: _Here) -> None:
+    def visit_file(self, here: Here) -> None:
         """Check a scenario and its end."""
         self._visit_all(here.scenario.file.steps, ("steps",), here)
         self._visit_all(here.scenario.file.finally_, ("finally",), here)
 
-    def _visit_all(self, steps: Sequence[AnyStep], path: YamlPath, here: _Here) -> None:
+    def _visit_all(self, steps: Sequence[AnyStep], path: YamlPath, here: Here) -> None:
         for index, step in enumerate(steps):
             self._visit(step, (*path, index), here)
 
-    def _visit(self, step: AnyStep, path: YamlPath, here: _Here) -> None:
+    def _visit(self, step: AnyStep, path: YamlPath, here: Here) -> None:
         self._numbers(step, path, here)
         for placed in step_expressions(step):
             self._readings(placed, path, here)
+            if not isinstance(step, CallStep):  # whose values are worked out together
+                self._worked_out(placed, path, here)
         match step:
             case CallStep():
                 self._call(step, path, here)
@@ -172,7 +150,7 @@ class _Checker:
             case ScenarioStep():
                 self._part(step, path, here)
 
-    def _on(self, step: OnStep, here: _Here) -> _Here:
+    def _on(self, step: OnStep, here: Here) -> Here:
         groups: dict[int, list[str]] = {}
         for robot in here.roles[step.on]:
             if robot in self._robots:
@@ -180,7 +158,7 @@ class _Checker:
         statics = replace(here.statics, has_facts=True)
         return replace(here, groups=tuple(map(tuple, groups.values())), statics=statics, role=step.on)
 
-    def _loop(self, step: ForStep | RepeatStep | WhileStep, path: YamlPath, here: _Here) -> _Here:
+    def _loop(self, step: ForStep | RepeatStep | WhileStep, path: YamlPath, here: Here) -> Here:
         values: Sequence[object] | Expression | None = None
         name = INDEX
         if isinstance(step, ForStep):
@@ -188,9 +166,12 @@ class _Checker:
             values = self._list(step, (*path, "for", name), here)
         elif isinstance(step, RepeatStep):
             values = range(step.repeat) if isinstance(step.repeat, int) else self._times(step.repeat, here)
-        return replace(here, statics=here.statics.within(StaticLoop(name, values)))
+        statics = here.statics.within(StaticLoop(name, values))
+        if isinstance(step, WhileStep):
+            statics = statics.under(Guard(parse_bare(step.while_)[0], wanted=True))
+        return replace(here, statics=statics)
 
-    def _times(self, text: str, here: _Here) -> Sequence[object] | None:
+    def _times(self, text: str, here: Here) -> Sequence[object] | None:
         """Return the numbers of a `repeat` whose count is an expression, where that is the same for everyone."""
         expression = parse_template(text).whole
         if expression is None or not here.statics.is_known(expression) or here.statics.needs_facts([expression]):
@@ -198,7 +179,7 @@ class _Checker:
         counts = {evaluate(expression, known) for known in here.statics.combinations([expression])}
         return range(max((count for count in counts if isinstance(count, int)), default=0))
 
-    def _list(self, step: ForStep, path: YamlPath, here: _Here) -> Sequence[object] | Expression | None:
+    def _list(self, step: ForStep, path: YamlPath, here: Here) -> Sequence[object] | Expression | None:
         values = step.values
         if isinstance(values, tuple) and not any(expressions_in(values)):
             return values
@@ -219,7 +200,7 @@ class _Checker:
         return expressions[0]
 
     def _rendered(
-        self, values: tuple[object, ...], expressions: list[Expression], path: YamlPath, here: _Here
+        self, values: tuple[object, ...], expressions: list[Expression], path: YamlPath, here: Here
     ) -> Sequence[object] | None:
         if here.statics.needs_facts(expressions):
             return None
@@ -230,19 +211,26 @@ class _Checker:
             return None
 
     def _tries(
-        self, expressions: Sequence[Expression], path: YamlPath, here: _Here
+        self, expressions: Sequence[Expression], path: YamlPath, here: Here
     ) -> list[tuple[tuple[str, ...], Known]]:
         """Return the robots and the values with which a step is tried; robots that are alike are tried together."""
         tries: list[tuple[tuple[str, ...], Known]] = []
         try:
             for robots, statics in self._per_robot(expressions, here):
-                tries += [(robots, known) for known in statics.combinations(expressions)]
+                if self._spent > MAX_IN_ALL:
+                    return []
+                found = [(robots, known) for known in statics.combinations(expressions)]
+                tries += found
+                self._spent += max(0, len(found) - 1)
+                if self._spent > MAX_IN_ALL:
+                    message = f"up to here, loops give more than {MAX_IN_ALL} combinations; the rest was not checked"
+                    self._report(here, path, message)
         except TooManyCombinationsError as error:
             message = f"the loops around this step give {error} combinations; at most {MAX_COMBINATIONS} can be checked"
             self._report(here, path, message)
         return tries
 
-    def _per_robot(self, expressions: Sequence[Expression], here: _Here) -> list[tuple[tuple[str, ...], Statics]]:
+    def _per_robot(self, expressions: Sequence[Expression], here: Here) -> list[tuple[tuple[str, ...], Statics]]:
         if not here.groups:
             return [] if here.role else [((), here.statics)]
         if not here.statics.needs_facts(expressions):
@@ -254,7 +242,7 @@ class _Checker:
             for index, count in self._places(robot, here)
         ]
 
-    def _places(self, robot: str, here: _Here) -> list[tuple[int, int]]:
+    def _places(self, robot: str, here: Here) -> list[tuple[int, int]]:
         """Return the numbers that a robot may have in its role: a spare may come to any place."""
         if here.is_of_one:
             return [(0, 1)]
@@ -267,7 +255,7 @@ class _Checker:
 
     # Steps.
 
-    def _numbers(self, step: AnyStep, path: YamlPath, here: _Here) -> None:
+    def _numbers(self, step: AnyStep, path: YamlPath, here: Here) -> None:
         """Check the numbers of a step that are worked out, as far as they are known."""
         for keys, text, wanted in static_numbers(step):
             expressions = list(expressions_in(text))
@@ -281,24 +269,35 @@ class _Checker:
                 if problem is not None:
                     self._report(here, (*path, *keys), problem, robots if here.statics.facts else ())
 
-    def _readings(self, placed: Placed, path: YamlPath, here: _Here) -> None:
+    def _worked_out(self, placed: Placed, path: YamlPath, here: Here) -> None:
+        """Check that an expression has a value, as far as it is known."""
+        if not here.statics.is_known(placed.expression):
+            return
+        for robots, known in self._tries([placed.expression], (*path, *placed.keys), here):
+            try:
+                evaluate(placed.expression, known)
+            except EALError as error:
+                inside = (placed.text, placed.offset)
+                self._report(here, (*path, *placed.keys), error.message, robots if here.statics.facts else (), inside)
+
+    def _readings(self, placed: Placed, path: YamlPath, here: Here) -> None:
         """Check what an expression asks the robots for."""
         for reading, offset in placed.expression.readings:
             key = {"send_req": "req", "get_config": "key"}.get(reading.method)
             given = {key: reading.argument} if key is not None else {}
-            place = _Place((*path, *placed.keys), (placed.text, placed.offset + offset))
+            place = Place((*path, *placed.keys), (placed.text, placed.offset + offset))
             for robots in here.groups:
                 self._try_call(reading.method, reading.resource, given, (place, place, place), robots, here)
 
-    def _call(self, step: CallStep, path: YamlPath, here: _Here) -> None:
+    def _call(self, step: CallStep, path: YamlPath, here: Here) -> None:
         fields = call_fields(step)
         expressions = list(expressions_in((step.arguments.resource, *fields.values())))
         saved = list(expressions_in(step.save)) if isinstance(step, AnswerStep) else []
         inside = (*path, step.kind)
         where = (
-            _Place((*inside, "resource")),
-            _Place(inside),
-            _Place((*inside, next(iter(fields), "resource"))),
+            Place((*inside, "resource")),
+            Place(inside),
+            Place((*inside, next(iter(fields), "resource"))),
         )
         is_known = all(here.statics.is_known(expression) for expression in expressions)
         known_only = expressions if is_known else list(expressions_in(step.arguments.resource))
@@ -311,14 +310,13 @@ class _Checker:
                 continue
             given = None if resolved is None else {name: value for name, value in resolved.items() if value is not None}
             info = self._try_call(step.kind, resource, given, where, robots, here)
-            if info is not None and given is not None and isinstance(step, AnswerStep) and step.save is not None:
-                answer = answer_info(step.kind, info, given)
-                if answer is not None and (problem := answer_problem(step.save, answer)) is not None:
-                    self._report(here, (*path, "save"), problem, robots)
+            if info is not None and given is not None:
+                for keys, problem in misfits(step, here.scenario.file, info, given):
+                    self._report(here, (*path, *keys), problem, robots)
         if isinstance(step, AnswerStep) and step.save is not None and all(map(here.statics.is_known, saved)):
             self._file_names(step.save, saved, (*path, "save"), here)
 
-    def _file_names(self, name: str, expressions: list[Expression], path: YamlPath, here: _Here) -> None:
+    def _file_names(self, name: str, expressions: list[Expression], path: YamlPath, here: Here) -> None:
         for _, known in self._tries(expressions, path, here):
             try:
                 check_file_name(render_text(name, known))
@@ -330,9 +328,9 @@ class _Checker:
         method: str,
         resource: str,
         given: Mapping[str, Any] | None,
-        where: tuple[_Place, _Place, _Place],
+        where: tuple[Place, Place, Place],
         robots: Sequence[str],
-        here: _Here,
+        here: Here,
     ) -> ResourceInfo | None:
         """Check a call of robots that are alike; return what the resource says of itself if there is nothing wrong."""
         facts = self._robots[robots[0]]
@@ -356,7 +354,7 @@ class _Checker:
             return None
         return info
 
-    def _part(self, step: ScenarioStep, path: YamlPath, here: _Here) -> None:
+    def _part(self, step: ScenarioStep, path: YamlPath, here: Here) -> None:
         """Check a scenario that is carried out as a step."""
         part = here.scenario.parts[format_path(path)]
         constants: dict[str, object] = dict(part.parameters)
@@ -378,7 +376,7 @@ class _Checker:
         own = here.role or None
         roles = {theirs: here.roles[own or step.roles.get(theirs, theirs)] for theirs in part.file.roles}
         statics = Statics({**constants, "run": here.statics.constants["run"]})
-        self.visit_file(_Here(part, roles, statics, is_of_one=here.is_of_one or own is not None))
+        self.visit_file(Here(part, roles, statics, is_of_one=here.is_of_one or own is not None))
 
 
 def _argument_problem(method: str, info: ResourceInfo, given: Mapping[str, Any]) -> str | None:

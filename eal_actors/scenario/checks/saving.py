@@ -1,13 +1,38 @@
-"""What can be wrong with the name of a file that a step saves."""
+"""What can be wrong with what a call is given and with the file that keeps its answer."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import PurePosixPath
+from typing import Any
 
+from eal_actors.info import ResourceInfo
+from eal_actors.scenario.checks.arguments import answer_info
 from eal_actors.scenario.checks.names import Loop
-from eal_actors.scenario.files import APPENDED, suffix_problem
+from eal_actors.scenario.checks.units import call_unit_problem
+from eal_actors.scenario.files import APPENDED, answer_problem, suffix_problem
+from eal_actors.scenario.model import AnswerStep, CallStep, ScenarioFile
+from eal_actors.yaml_tree import YamlPath
+
+
+def misfits(
+    step: CallStep, file: ScenarioFile, info: ResourceInfo, given: Mapping[str, Any]
+) -> Iterator[tuple[YamlPath, str]]:
+    """Yield what does not go together in a call that is right by itself: units, and the answer and its file.
+
+    Args:
+        step: the call.
+        file: the scenario that it belongs to.
+        info: the resource that takes it.
+        given: what it is given, worked out and found to fit.
+    """
+    if (wrong := call_unit_problem(step, file, info, given)) is not None:
+        yield wrong
+    if isinstance(step, AnswerStep) and step.save is not None:
+        answer = answer_info(step.kind, info, given)
+        if answer is not None and (problem := answer_problem(step.save, answer)) is not None:
+            yield ("save",), problem
 
 
 def save_problems(name: str, varying: AbstractSet[str], around: Sequence[Loop]) -> list[str]:

@@ -10,6 +10,7 @@ from eal_actors.scenario.checks.names import Loop, Scope
 from eal_actors.scenario.checks.placing import Placing
 from eal_actors.scenario.checks.saving import save_problems
 from eal_actors.scenario.checks.texts import Texts
+from eal_actors.scenario.checks.units import unit_problems
 from eal_actors.scenario.expressions import expressions_in
 from eal_actors.scenario.model import (
     INDEX,
@@ -40,7 +41,7 @@ from eal_actors.scenario.model import (
     inner_steps,
 )
 from eal_actors.scenario.scenario import Scenario
-from eal_actors.yaml_tree import YamlPath
+from eal_actors.yaml_tree import YamlPath, format_path
 
 
 def check_scope(scenario: Scenario) -> list[Problem]:
@@ -78,6 +79,9 @@ class _Checker:
 
     def _visit(self, step: AnyStep, path: YamlPath, scope: Scope) -> None:
         self.placing.step(step, path, scope)
+        part = self._scenario.parts.get(format_path(path)) if isinstance(step, ScenarioStep) else None
+        for keys, wrong in unit_problems(step, self._scenario.file, part.file if part is not None else None):
+            self._report((*path, *keys), wrong)
         if isinstance(step, BlockStep | TimedStep | WaitingStep) and step.timeout_s is not None:
             self.texts.value(step.timeout_s, (*path, "timeout_s"), scope)
         inner = replace(scope, is_top=False)

@@ -16,6 +16,10 @@ MAX_COMBINATIONS: Final = 100_000
 """How many values of the loops around a step are tried; a step that needs more is a problem."""
 
 
+MAX_IN_ALL: Final = 200_000
+"""How many are tried for all steps of a scenario together."""
+
+
 class TooManyCombinationsError(Exception):
     """The loops around a step give more combinations than can be tried; holds how many, as far as was counted."""
 
