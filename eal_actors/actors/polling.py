@@ -14,8 +14,11 @@ from eal_actors.errors import EALError, ResourceFaultError, shown
 if TYPE_CHECKING:
     from eal_actors.actors.call import ResourceCell
 
-_PATIENCE_S: Final = 2.0
-"""Seconds beyond a period after which a question that got no answer counts as lost."""
+_PATIENCE_S: Final = 30.0
+"""Real seconds that a value may take: nobody waits for a single one, so only a resource that hangs is to be restarted
+for being late, not a camera that is slow on a busy machine."""
+_LOST_S: Final = 2.0
+"""Seconds beyond a period after which a question that a faulty link has not brought an answer to counts as lost."""
 
 
 class PolledFeed:
@@ -39,7 +42,7 @@ class PolledFeed:
         self._start_s = cell.clock.now()
         self._count = 0
         self._is_closed = False
-        self._timeout_s = min(cell.timeout_s, spec.period_s + _PATIENCE_S)
+        self._timeout_s = max(cell.timeout_s, cell.clock.of_real(_PATIENCE_S))
         self._timer = cell.timekeeper.call_at(self._start_s, self._ask)
 
     def close(self) -> None:
@@ -52,6 +55,8 @@ class PolledFeed:
             return
         call: Call[EALData] = Call(self._cell, "get_value", (), self._timeout_s)
         self._cell.submit(call)
+        if self._cell.link.is_faulty:
+            self._cell.timekeeper.call_later(self._spec.period_s + _LOST_S, call.expire)
         call.add_done_callback(self._take)
 
     def _take(self, call: Future[EALData]) -> None:

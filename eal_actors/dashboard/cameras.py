@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from eal_actors.actors.feeds import StreamSpec
-from eal_actors.actors.future import Future
 from eal_actors.actors.streams import Stream
 from eal_actors.clock import REAL_TIME, new_waiter
 from eal_actors.dashboard.limits import MAX_FRAMES_PER_S
@@ -23,10 +21,6 @@ CameraKey: TypeAlias = tuple[str, str]
 
 MAX_OPEN: Final = 16
 """Cameras that all browsers together may watch."""
-_PATIENCE_S: Final = 30.0
-"""Real seconds that a picture may take: nothing depends on it, and a deadline that passes has a resource restarted."""
-_BREATH_S: Final = 0.02
-"""Real seconds that a camera is left alone between two pictures, however slow it is."""
 _PAUSE_S: Final = 0.5
 """Real seconds after a failure until the camera is asked again."""
 
@@ -126,23 +120,17 @@ class Cameras:
 
 
 class _Camera:
-    """Reads one camera in a thread of its own: a stream over a network, questions one by one within this process.
-
-    A stream gives each question a short deadline, and a simulated camera that misses it on a busy machine would be
-    restarted for the sake of somebody who only looks.
-    """
+    """Reads one camera in a thread of its own."""
 
     def __init__(self, fleet: Fleet, key: CameraKey, rate_hz: float, on_frame: Callable[[], None]) -> None:
         self.rate_hz = rate_hz
         self.frame = Frame()
         self._clock = fleet.clock
-        self._robot = fleet[key[0]]
-        self._resource = self._robot[key[1]]
+        self._resource = fleet[key[0]][key[1]]
         self._on_frame = on_frame
         self._is_over = False
         self._stop = new_waiter()
         self._stream: Stream | None = None
-        self._question: Future[EALData] | None = None
         self._checksum: int | None = None
         self.thread = threading.Thread(target=self._read, name=f"dashboard camera {'/'.join(key)}", daemon=True)
         self.thread.start()
@@ -150,19 +138,14 @@ class _Camera:
     def end(self) -> None:
         self._is_over = True
         REAL_TIME.wake(self._stop)
-        stream, question = self._stream, self._question
+        stream = self._stream
         if stream is not None:
             stream.close()
-        if question is not None:
-            question.cancel()
 
     def _read(self) -> None:
         while not self._is_over:
             try:
-                if self._robot.is_remote:
-                    self._follow()
-                else:
-                    self._ask_again_and_again()
+                self._follow()
             except (ArgumentError, UnsupportedError) as error:  # it is no camera, or OpenCV is not there
                 self._fail(error)
                 return
@@ -179,18 +162,6 @@ class _Camera:
                 return
             for data in stream:
                 self._show(data)
-
-    def _ask_again_and_again(self) -> None:
-        spec = StreamSpec(self.rate_hz, "jpeg")
-        while not self._is_over:
-            asked_s = REAL_TIME.now()
-            self._question = question = self._resource.get_value(timeout_s=self._clock.of_real(_PATIENCE_S))
-            if self._is_over:  # likewise
-                question.cancel()
-            data = question.get()
-            spec.check_value(data)
-            self._show(data)
-            REAL_TIME.wait(self._stop, max(asked_s + spec.period_s - REAL_TIME.now(), _BREATH_S))
 
     def _show(self, data: EALData) -> None:
         stamp_s = data.stamp_s if data.stamp_s is not None else self._clock.now()

@@ -230,6 +230,24 @@ def test_a_stream_goes_on_when_its_resource_has_restarted() -> None:
         assert len(made) == 2
 
 
+def test_a_resource_that_is_slow_is_not_restarted_for_it() -> None:
+    clock = lock_step()
+    made: list[Counter] = []
+
+    def make() -> Counter:
+        made.append(Counter(clock))
+        made[-1].reading_s = 20.0
+        return made[-1]
+
+    with (
+        running_robot({"Counter": make}, clock=clock) as robot,
+        robot["Counter"].stream(10, timeout_s=60.0) as stream,
+    ):
+        assert [value.value for value in islice(stream, 3)] == [1, 2, 3]
+        assert len(made) == 1
+        assert not robot.restarts
+
+
 def test_a_cut_link_keeps_values_away_until_it_is_whole_again() -> None:
     clock = lock_step()
     link = Link("robot")
