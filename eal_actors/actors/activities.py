@@ -59,6 +59,8 @@ class Activities:
 
     def commands(self) -> list[tuple[Call[Any], float]]:
         """Return the commands under way, and the times at which they began. Thread: any."""
+        if self._motion is None and not self._exchanges:  # as it mostly is, and as is asked often
+            return []
         return [
             (running.call, running.since_s)
             for running in self._under_way()

@@ -19,11 +19,16 @@ MOST_AT_ONCE: Final = 400
 """Lines of a topic in one message."""
 
 
+_PLAIN: Final = frozenset({str, int, bool, type(None)})
+
+
 def plain(value: Any) -> Any:
     """Return a value as JSON has it everywhere: what is no finite number becomes None, other objects their text."""
+    if type(value) in _PLAIN:  # as most are, and as is looked at thousands of times a second
+        return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    if isinstance(value, str | int | None):
+    if isinstance(value, str | int):
         return value
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
@@ -46,12 +51,18 @@ class Hub:
         self._lock = threading.Lock()
         self._version = 0
         self._cells: dict[tuple[Kind, str], tuple[int, Any]] = {}
+        self._given: dict[Kind, dict[str, Any]] = {}  # the same before it was made plain, which costs more
         self._lines: dict[Topic, deque[Any]] = {topic: deque(maxlen=most) for topic, most in MOST_LINES.items()}
         self._counts: dict[Topic, int] = dict.fromkeys(MOST_LINES, 0)
 
     def put(self, kind: Kind, values: Mapping[str, Any]) -> None:
-        """Take in the state of some cells; those that are as they were cost nothing further on."""
-        fresh = {name: plain(value) for name, value in values.items()}
+        """Take in the state of some cells, which must not change afterwards; those that are as they were cost nothing.
+
+        Thread: any, but one at a time for each kind.
+        """
+        given = self._given.setdefault(kind, {})
+        fresh = {name: plain(value) for name, value in values.items() if name not in given or given[name] != value}
+        given.update((name, values[name]) for name in fresh)
         with self._lock:
             changed = {
                 name: value for name, value in fresh.items() if self._cells.get((kind, name), (0, None))[1] != value

@@ -23,6 +23,8 @@ from eal_actors.log import get_logger
 
 POSE_PERIOD_S: Final = 0.04
 """Real seconds between two looks at the poses: 25 a second."""
+REST_LOOKS: Final = 5
+"""A robot that was at the same place at so many looks is asked at each so manieth only, until it moves."""
 STATE_PERIOD_S: Final = 0.2
 _BREATH_S: Final = 0.005
 HEALTH_PERIOD_S: Final = 1.0
@@ -149,12 +151,19 @@ class _Sight:
         self._ping: Future[Ping] | None = None
         self._answer: Ping | None = None
         self._makings: dict[str, Any] = {}
+        self._learnt_of: object = None
+        self._place: list[float] | None = None
+        self._same = self._rest = 0
         self.trail: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
 
     def learn(self) -> None:
         """Look up what seldom changes: which resources there are, and which of them tells the pose."""
-        robot = self._robot
-        infos, not_ready = dict(infos_of(robot)), robot.not_ready
+        robot, not_ready = self._robot, self._robot.not_ready
+        standing = (robot.state, tuple(robot), tuple(not_ready))
+        if standing == self._learnt_of:
+            return
+        self._learnt_of = standing
+        infos = dict(infos_of(robot))
         poser = next((name for name in POSE_RESOURCES if name in robot and name not in not_ready), None)
         self._poser = robot[poser] if poser is not None else None
         base = infos.get(DRIVE_RESOURCE)
@@ -170,7 +179,12 @@ class _Sight:
     # Poses.
 
     def ask_pose(self) -> None:
+        """Ask, unless it was asked and has not answered; one that stands still is asked only now and again."""
+        self._rest -= 1
+        if self._rest > 0:
+            return
         if self._pose is None and self._poser is not None and self._robot.state is RobotState.READY:
+            self._rest = REST_LOOKS if self._same >= REST_LOOKS else 0
             self._pose = self._poser.get_value()
 
     def new_pose(self) -> dict[str, Any] | None:
@@ -184,9 +198,10 @@ class _Sight:
             return None
         if not self.trail or math.dist(self.trail[-1], (x_m, y_m)) >= TRAIL_STEP_M:
             self.trail.append((round(x_m, 3), round(y_m, 3)))
-        stamp_s = data.stamp_s if data.stamp_s is not None else self._robot.clock.now()
         place = [round(x_m, 4), round(y_m, 4), round(yaw_rad, 4)]
-        return {"at": place, "stamp_s": round(stamp_s, 2), "by": self._poser.name if self._poser is not None else None}
+        self._same = self._same + 1 if place == self._place else 0
+        self._place = place
+        return {"at": place, "by": self._poser.name if self._poser is not None else None}
 
     # How it is.
 
