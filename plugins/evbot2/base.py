@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from eal_actors.plugin import (
@@ -91,9 +91,16 @@ class Base(DifferentialBase):
         return self._run(left_um, right_um, min(round(speed_m_s * _UM), most_um_s))
 
     def _run(self, left_um: int, right_um: int, speed_um_s: int) -> Activity:
+        ways_m = left_um / _UM, right_um / _UM
+        begun_m = self._odometer.travel_m
+
+        def tell() -> None:
+            gone_m = [now - then for now, then in zip(self._odometer.travel_m, begun_m, strict=True)]
+            self.progress(_share(gone_m, ways_m))
+
         is_done = False
         try:
-            yield from watched(self._talk, Verb.MOVE, (left_um, right_um, speed_um_s), self._outcome)
+            yield from watched(self._talk, Verb.MOVE, (left_um, right_um, speed_um_s), self._outcome, tell)
             is_done = True
             return 1
         finally:
@@ -105,7 +112,20 @@ class Base(DifferentialBase):
         return wheels.order, State(wheels.state)
 
 
-def watched(talk: Talk, verb: Verb, numbers: tuple[int, ...], outcome: Callable[[], tuple[int, State]]) -> Activity:
+def _share(gone_m: Sequence[float], ways_m: Sequence[float]) -> float | None:
+    """Return which part of its way a motion has gone, by what the wheels counted; None if it has none."""
+    whole_m = sum(map(abs, ways_m))
+    ahead_m = sum(gone if way > 0 else -gone for gone, way in zip(gone_m, ways_m, strict=True))
+    return ahead_m / whole_m if whole_m else None
+
+
+def watched(
+    talk: Talk,
+    verb: Verb,
+    numbers: tuple[int, ...],
+    outcome: Callable[[], tuple[int, State]],
+    tell: Callable[[], None] = lambda: None,
+) -> Activity:
     """Give an order for a motion, and wait until it is done.
 
     Args:
@@ -113,6 +133,7 @@ def watched(talk: Talk, verb: Verb, numbers: tuple[int, ...], outcome: Callable[
         verb: of the order.
         numbers: of the order.
         outcome: returns the tag of the motion that the channel has begun last, and what became of it.
+        tell: called at each look while the motion goes on, to tell of its progress.
 
     Raises:
         NotReadyError: the base is away.
@@ -126,6 +147,8 @@ def watched(talk: Talk, verb: Verb, numbers: tuple[int, ...], outcome: Callable[
             break
         if is_newer(order, tag):
             raise UnavailableError(f"another order took the place of {verb.name}")
+        if order == tag:
+            tell()
         yield max(talk.next_look_s(), LOOK_S)
     if state is State.STALLED:
         raise ResourceFaultError(f"halted: it was driven, and its encoders counted nothing in {STALL_S:g} s")

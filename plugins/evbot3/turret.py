@@ -94,14 +94,30 @@ class Turret(Resource):
 
     def _turn(self, verb: Verb, degrees: float) -> Activity:
         numbers = tuple(round(math.radians(angle_deg) * _U) for angle_deg in (degrees, self._turn_rate_deg_s))
+        begun_rad = last_rad = self._yaw_rad()
+        way_rad = math.radians(degrees)
+        if verb is Verb.AIM:
+            way_rad = math.remainder(way_rad - begun_rad, math.tau)
+        gone_rad = 0.0
+
+        def tell() -> None:
+            nonlocal gone_rad, last_rad
+            now_rad = self._yaw_rad()
+            gone_rad += math.remainder(now_rad - last_rad, math.tau)
+            last_rad = now_rad
+            self.progress(gone_rad / way_rad if way_rad else None)
+
         is_done = False
         try:
-            yield from watched(self._talk, verb, numbers, self._outcome)
+            yield from watched(self._talk, verb, numbers, self._outcome, tell)
             is_done = True
             return 1
         finally:
             if not is_done:
                 self.halt()
+
+    def _yaw_rad(self) -> float:
+        return turret_of(self._talk.latest()).yaw_urad / _U
 
     def _outcome(self) -> tuple[int, State]:
         turret = turret_of(self._talk.latest())
