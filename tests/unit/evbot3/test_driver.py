@@ -82,6 +82,13 @@ def test_the_turret_goes_the_shorter_way_round() -> None:
     assert rig.body.turret.yaw_rad == pytest.approx(math.radians(-190), abs=1e-5)
 
 
+def told_share(rig: Rig3) -> float:
+    assert rig.turret._told_progress is not None
+    share, _ = rig.turret._told_progress
+    assert share is not None
+    return share
+
+
 @pytest.mark.parametrize(("command", "whole_deg"), [("l540", 540), ("r270", 270), ("t-90", 150)])
 def test_the_turret_tells_how_far_it_has_come(command: str, whole_deg: float) -> None:
     rig = Rig3()
@@ -89,12 +96,11 @@ def test_the_turret_tells_how_far_it_has_come(command: str, whole_deg: float) ->
     swing, told = rig.start(rig.turret.send_cmd(command)), []
     for _ in range(12):
         rig.wait(0.1)
-        assert rig.turret._told_progress is not None
-        told.append(rig.turret._told_progress[0])
+        told.append(told_share(rig))
     assert told == sorted(told)
     assert told[-1] == pytest.approx(90 * 1.2 / whole_deg, abs=0.1)  # at 90 degrees a second
     rig.result(swing)
-    assert rig.turret._told_progress[0] == pytest.approx(1.0, abs=0.1)
+    assert told_share(rig) == pytest.approx(1.0, abs=0.1)
 
 
 def test_turret_and_wheels_do_not_disturb_each_other() -> None:
