@@ -1,0 +1,177 @@
+"""The bare engines under this project: zenoh alone, with queries as it has them; Pykka alone, within one process."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import threading
+from typing import Any, Final
+
+import pykka
+import zenoh
+
+from tests.benchmarks.peers.peer import FRAME, GIVE_UP_S, HOST, ROBOTS, VALUE, Peer, SyncPeer, timed
+
+_ANSWERS: Final = {"get": VALUE, "command": b"\x01", "frame": FRAME}
+
+
+def session(port: int, *, listens: bool) -> zenoh.Session:
+    """Open a session that knows nobody but the other end."""
+    content = {
+        "mode": "peer",
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "listen": {"endpoints": [f"tcp/{HOST}:{port}"] if listens else []},
+        "connect": {
+            "endpoints": [] if listens else [f"tcp/{HOST}:{port}"],
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+            "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
+        },
+    }
+    return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
+
+
+def serve_zenoh(port: int) -> zenoh.Session:
+    """Serve a hundred robots."""
+    opened = session(port, listens=True)
+
+    def answer(query: zenoh.Query) -> None:
+        key = str(query.key_expr)
+        with query:
+            query.reply(key, _ANSWERS[key.rpartition("/")[2]], express=True)
+
+    for robot in range(ROBOTS):
+        opened.declare_queryable(f"bare/{robot}/**", zenoh.handlers.Callback(answer, indirect=False))
+    return opened
+
+
+class _Handle:
+    def __init__(self, opened: zenoh.Session) -> None:
+        self._session = opened
+
+    def ask(self, keys: list[str]) -> None:
+        """Ask all the keys at once, and wait for all answers."""
+        left, lock, done = len(keys), threading.Lock(), threading.Event()
+
+        def heard(reply: zenoh.Reply) -> None:
+            nonlocal left
+            if reply.ok is None:
+                return
+            reply.ok.payload.to_bytes()
+            with lock:
+                left -= 1
+                if left == 0:
+                    done.set()
+
+        for key in keys:
+            self._session.get(
+                key,
+                zenoh.handlers.Callback(heard, done.set, indirect=False),
+                consolidation=zenoh.ConsolidationMode.NONE,
+                express=True,
+                timeout=GIVE_UP_S,
+            )
+        if not done.wait(GIVE_UP_S) or left:
+            if len(keys) == 1:
+                raise ConnectionError("no answer")
+            while left:
+                done.clear()
+                if not done.wait(GIVE_UP_S):
+                    raise ConnectionError("no answer")
+
+    def get(self) -> None:
+        self.ask(["bare/0/get"])
+
+    def command(self) -> None:
+        self.ask(["bare/0/command"])
+
+    def frame(self) -> None:
+        self.ask(["bare/0/frame"])
+
+
+class Zenoh(SyncPeer):
+    """The network's engine: no leases, receipts or types."""
+
+    name = "bare zenoh"
+    package = "eclipse-zenoh"
+
+    def __init__(self) -> None:
+        self._session: zenoh.Session | None = None
+        super().__init__()
+        self._until_answered()
+
+    def handle(self) -> _Handle:
+        """See SyncPeer: all callers share one session."""
+        if self._session is None:
+            self._session = session(self.port, listens=False)
+        return _Handle(self._session)
+
+    def fan_out(self, count: int) -> float:
+        """See Peer."""
+        keys = [f"bare/{robot}/command" for robot in range(ROBOTS)]
+        return statistics.median(timed(lambda: self._own.ask(keys)) for _ in range(count))
+
+    def try_once(self) -> None:
+        """See Peer: the session connects by itself."""
+        self._own.get()
+
+    def close(self) -> None:
+        """See Peer."""
+        if self._session is not None:
+            self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
+        super().close()
+
+
+class _Lamp(pykka.ThreadingActor):
+    def on_receive(self, message: Any) -> Any:
+        return _ANSWERS[message]
+
+
+class _ActorHandle:
+    def __init__(self, actor: pykka.ActorRef[Any]) -> None:
+        self._actor = actor
+
+    def get(self) -> None:
+        self._actor.ask("get")
+
+    def command(self) -> None:
+        self._actor.ask("command")
+
+
+class Pykka(SyncPeer):
+    """The actors' engine, within one process: one hop, and no network at all."""
+
+    name = "bare Pykka"
+    package = "pykka"
+    measures = ("get", "command", "callers", "fan_out")
+
+    def __init__(self) -> None:
+        self._actors = [_Lamp.start() for _ in range(ROBOTS)]
+        super().__init__()
+
+    def serve(self) -> None:
+        """See Peer: there is no other process."""
+
+    def handle(self) -> _ActorHandle:
+        """See SyncPeer."""
+        return _ActorHandle(self._actors[0])
+
+    def fan_out(self, count: int) -> float:
+        """See Peer."""
+
+        def once() -> None:
+            pykka.get_all([actor.ask("command", block=False) for actor in self._actors])
+
+        return statistics.median(timed(once) for _ in range(count))
+
+    def try_once(self) -> None:
+        """See Peer."""
+        self._own.get()
+
+    def close(self) -> None:
+        """See Peer."""
+        for actor in self._actors:
+            actor.stop()
+
+
+ENGINES: Final[tuple[type[Peer], ...]] = (Zenoh, Pykka)
