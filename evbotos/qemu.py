@@ -103,7 +103,13 @@ def forwarded(said: str) -> dict[str, int]:
 
 
 def arguments_for(
-    platform: Platform, disk: Path, folder: Path, memory_mb: int, control: Path, console: Path
+    platform: Platform,
+    disk: Path,
+    folder: Path,
+    memory_mb: int,
+    control: Path,
+    console: Path,
+    network: str | None = None,
 ) -> list[str]:
     """Return QEMU's arguments.
 
@@ -114,6 +120,7 @@ def arguments_for(
         memory_mb: RAM.
         control: socket for the machine protocol.
         console: file for what the serial console says.
+        network: what the network card is plugged into, as `-netdev` names it, in place of the forwarded ports.
     """
     emulator = platform.emulator
     assert emulator is not None  # noqa: S101  # the callers have seen to it
@@ -121,7 +128,7 @@ def arguments_for(
     arguments = ["-machine", emulator.machine, "-accel", f"tcg,tb-size={_CODE_CACHE_MB}", "-m", str(memory_mb)]
     arguments += ["-smp", "1", "-nodefaults", "-no-user-config", "-display", "none"]
     arguments += ["-serial", f"file:{console}", "-qmp", f"unix:{control},server=on,wait=on"]
-    arguments += ["-netdev", f"user,id=net,restrict=on,{forwards}"]
+    arguments += ["-netdev", f"{network or f'user,restrict=on,{forwards}'},id=net"]
     if emulator.cpu is not None:
         arguments += ["-cpu", emulator.cpu]
     arguments += _disk_and_network(emulator, disk)
@@ -148,7 +155,12 @@ def _direct_boot(platform: Platform, folder: Path) -> list[str]:
 
 @contextmanager
 def running(
-    platform: Platform, folder: Path, disk: Path, console: Path, memory_mb: int | None = None
+    platform: Platform,
+    folder: Path,
+    disk: Path,
+    console: Path,
+    memory_mb: int | None = None,
+    network: str | None = None,
 ) -> Iterator[Machine]:
     """Run an image for the length of a `with` block.
 
@@ -158,6 +170,7 @@ def running(
         disk: the disk, which it writes to.
         console: file for what the serial console says.
         memory_mb: RAM; the platform's for None.
+        network: what the network card is plugged into, as `-netdev` names it, in place of the forwarded ports.
 
     Raises:
         BuildError: QEMU does not start.
@@ -169,7 +182,7 @@ def running(
         memory_mb = memory_mb or platform.emulator.memory_mb
         said = Path(work) / "said"
         with said.open("wb") as errors:
-            argv = arguments_for(platform, disk, folder, memory_mb, control, console)
+            argv = arguments_for(platform, disk, folder, memory_mb, control, console, network)
             process = subprocess.Popen(argv, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors)  # noqa: S603
         try:
             machine = Machine(process, _connect(process, control, said), console)
