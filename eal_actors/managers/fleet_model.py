@@ -95,14 +95,15 @@ class FleetFile(StrictModel):
     seed: NonNegativeInt = 0
     """Where all randomness of the fleet starts from."""
     world: Text | None = None
-    """World file of the simulated robots, relative to this file."""
+    """World file of the simulated robots, relative to this file, or the name of one that comes with the framework."""
     plugin_dirs: tuple[Text, ...] = Field(default=(), strict=False)
     """Folders of plugins, relative to this file; the bundled plugins are always found."""
     python_steps: tuple[StepText, ...] = Field(default=(), strict=False)
     """What the `python` steps of scenarios may run beside installed steps, as `module:function`. The modules lie beside
     this file, or where Python finds them."""
     include: tuple[Text, ...] = Field(default=(), strict=False)
-    """Fleet files to build on, relative to this file; later ones override earlier ones, and this file all of them."""
+    """Fleet files to build on, relative to this file, or names of those that come with the framework; later ones
+    override earlier ones, and this file all of them."""
     network: NetworkSection = NetworkSection()
     defaults: Level = Level()
     types: dict[Name, TypeSection] = Field(default={}, json_schema_extra=NAMES_ONLY)

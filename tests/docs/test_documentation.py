@@ -17,10 +17,11 @@ from eal_actors.scenario import check_scenario
 from tests.facade.test_eal import SEVENTEEN
 
 ROOT = Path(__file__).parents[2]
+TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
+"""Those are done whole, by test_tutorials.py."""
 PAGES = [
-    ROOT / "README.md",
-    ROOT / "DESIGN.md",
-    *sorted((ROOT / "docs").glob("*.md")),
+    *(ROOT / f"{name}.md" for name in ("README", "DESIGN", "SECURITY")),
+    *(page for page in sorted((ROOT / "docs").rglob("*.md")) if page not in TUTORIALS),
     *ROOT.glob("plugins/*/README.md"),
 ]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -100,6 +101,6 @@ def test_the_readme_lists_the_seventeen_calls() -> None:
 
 
 def test_every_link_between_pages_leads_somewhere() -> None:
-    for page in PAGES:
+    for page in (*PAGES, *TUTORIALS):
         for target in re.findall(r"\]\((?!https?://)([^)#]+)", page.read_text()):
             assert (page.parent / target).exists(), f"{page.relative_to(ROOT)} links to {target}"

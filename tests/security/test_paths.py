@@ -178,6 +178,9 @@ def dashboard(tmp_path: Path) -> Iterator[Dashboard]:
     (tmp_path / "scenarios").mkdir()
     written(tmp_path / "scenarios" / "fine.yaml", save="${where}.csv")
     written(tmp_path / "secret.yaml")
+    for folder in (tmp_path, tmp_path / "runs", tmp_path / "runs" / "old"):  # the last is of another dashboard
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "report.html").write_text("a report")
     with (
         Fleet.load("local") as opened,
         open_dashboard(opened, scenarios=tmp_path / "scenarios", runs_dir=tmp_path / "runs") as page,
@@ -195,6 +198,10 @@ def test_the_dashboard_serves_nothing_but_its_own_files(dashboard: Dashboard) ->
         "/../../etc/passwd",
         "/static/%00",
         "/runs/",
+        "/runs/../report.html",
+        "/runs/..%2f/report.html",
+        "/runs/%2e%2e/report.html",
+        "/runs/old/report.html",
     ):
         with closing(http.client.HTTPConnection("127.0.0.1", dashboard.port, timeout=20)) as connection:
             connection.request("GET", path)
