@@ -14,7 +14,7 @@ EVBOTOS_TOOLS := apt bc binutils bison dosfstools dpkg e2fsprogs fdisk flex gcc 
 	grub-common grub-pc-bin libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar xz-utils zstd
 
-.PHONY: demo demo-network lab test test-slow check bench soak fuzz figures format evbotos-setup test-evbotos clean help
+.PHONY: demo demo-network lab test test-slow check docs bench soak fuzz figures format evbotos-setup test-evbotos clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -42,12 +42,18 @@ test: $(STAMP)  ## run every test
 test-slow: $(STAMP)  ## run the tests that take many seeds
 	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
 
-check: $(STAMP)  ## format, lint, types, layers, and the commands in the docs
+check: $(STAMP)  ## format, lint, types, layers, security, and the docs with all their commands
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -q -m docs
+	$(BIN)/bandit --quiet --configfile pyproject.toml --recursive eal_actors evbotos plugins scenarios
+	$(BIN)/python -m tests.house.audit
+	$(BIN)/python -m pytest -q -m 'docs and not evbotos'
+
+docs: $(STAMP)  ## build the site into build/site; a broken link or reference is an error
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -c docs . build/site
+	@echo build/site/index.html
 
 bench: $(STAMP)  ## measure against bare Pykka and bare pymunk, as ratios in one run
 	$(BIN)/python -m tests.benchmarks
