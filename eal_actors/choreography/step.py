@@ -71,12 +71,15 @@ def plan_formation(
     Thread: blocks the caller until every robot has told where it is.
     """
     names = list(context.robots)
-    wanted = {"shape": shape, "count": len(names), "spacing_m": spacing_m, "x_m": x_m, "y_m": y_m, "yaw_deg": yaw_deg}
-    try:
-        rule = Formation.model_validate(wanted)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise ScenarioError(f"there is no such formation: {first['loc'][0]}: {first['msg']}") from None
+    wanted: dict[str, object] = {
+        "shape": shape,
+        "count": len(names),
+        "spacing_m": spacing_m,
+        "x_m": x_m,
+        "y_m": y_m,
+        "yaw_deg": yaw_deg,
+    }
+    rule = _rule(wanted)
     poses = gather([context.robots[name]["Pose"].get_value() for name in names]).get()
     starts = {name: (float(pose.value[0]), float(pose.value[1])) for name, pose in zip(names, poses, strict=True)}
     try:
@@ -86,3 +89,11 @@ def plan_formation(
     number = len(plan["phases"])
     context.log(f"{len(names)} robots form a {shape} in {number} phase{'s' * (number != 1)}")
     return plan
+
+
+def _rule(wanted: dict[str, object]) -> Formation:
+    try:
+        return Formation.model_validate(wanted)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ScenarioError(f"there is no such formation: {first['loc'][0]}: {first['msg']}") from None

@@ -107,6 +107,22 @@ def event_line(event: Event) -> Text | None:
             return Text("paused", style=STYLES["paused"])
         case RunResumed():
             return Text("one step each" if event.is_single_step else "goes on")
+        case RobotDropped():
+            return Text.assemble(f"{event.robot}  ", ("dropped", STYLES["dropped"]), f": {event.error.message}")
+        case RobotReplaced():
+            words = f" by {event.by}: {event.error.message}"
+            return Text.assemble(f"{event.robot}  ", ("replaced", STYLES["replaced"]), words)
+        case Signalled():
+            return Text(f"{_who(event.robot)}signal {event.name}")
+        case LogLine():
+            return Text(f"{_who(event.robot)}{event.text}")
+        case RunEnded(report=report):
+            return Text.assemble(f"{report.scenario} ", (report.outcome, STYLES[report.outcome]))
+    return _step_line(event)
+
+
+def _step_line(event: Event) -> Text | None:
+    match event:
         case StepStarted():
             return Text(f"{_who(event.robot)}{event.label}")
         case StepEnded(record=record):
@@ -118,25 +134,11 @@ def event_line(event: Event) -> Text | None:
                 f" after {record.end_s - record.start_s:.2f} s{why}",
             )
         case StepRetried():
-            words = (
-                f"{_who(event.robot)}{event.label}  attempt {event.attempt} failed, trying again: {event.error.message}"
-            )
-            return Text(words, style="yellow")
-        case RobotDropped():
-            return Text.assemble(f"{event.robot}  ", ("dropped", STYLES["dropped"]), f": {event.error.message}")
-        case RobotReplaced():
-            return Text.assemble(
-                f"{event.robot}  ", ("replaced", STYLES["replaced"]), f" by {event.by}: {event.error.message}"
-            )
+            what = f"attempt {event.attempt} failed, trying again: {event.error.message}"
+            return Text(f"{_who(event.robot)}{event.label}  {what}", style="yellow")
         case StartedTogether(start=start):
             skew = "not all have begun" if start.skew_s is None else f"skew {start.skew_s * 1000:.1f} ms"
             return Text(f"{len(start.begins)} robots began together: {skew}")
-        case Signalled():
-            return Text(f"{_who(event.robot)}signal {event.name}")
-        case LogLine():
-            return Text(f"{_who(event.robot)}{event.text}")
-        case RunEnded(report=report):
-            return Text.assemble(f"{report.scenario} ", (report.outcome, STYLES[report.outcome]))
     return None
 
 

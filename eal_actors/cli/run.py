@@ -81,21 +81,23 @@ def run_scenario(
     The run's folder keeps summary.json, events.jsonl, trajectory.csv, trajectory.png and run.mcap; `eal report` makes a
     page of it.
     """
-    if as_json and events == STDOUT:
-        raise typer.BadParameter("stdout takes the events or the summary of --json, not both", param_hint="'--events'")
+    _require_one_on_stdout(events, as_json=as_json)
     order = read_order(Wanted(scenario, fleet, settings or (), bindings or (), rate, seed, resume))
     console = stderr() if as_json or events == STDOUT else stdout()
     if dry_run:
         _tell_plan(order, console, as_json=as_json)
         return
-    options = context.find_object(GlobalOptions) or GlobalOptions()
     with event_stream(events) as listeners, traces_to(trace, "eal run", console):
+        options = context.find_object(GlobalOptions) or GlobalOptions()
         done = _carry_out(order, runs_dir, console, options, listeners, record, metrics_port)
     _show(done, order.config, console, as_json=as_json, draw=not no_plot, open_picture=show)
-    if done.interrupts:
-        raise typer.Exit(ExitCode.INTERRUPTED)
-    if done.report.outcome != "done":
-        raise typer.Exit(ExitCode.FAILED)
+    if done.interrupts or done.report.outcome != "done":
+        raise typer.Exit(ExitCode.INTERRUPTED if done.interrupts else ExitCode.FAILED)
+
+
+def _require_one_on_stdout(events: str | None, *, as_json: bool) -> None:
+    if as_json and events == STDOUT:
+        raise typer.BadParameter("stdout takes the events or the summary of --json, not both", param_hint="'--events'")
 
 
 def _show(done: _Done, config: FleetConfig, console: Console, *, as_json: bool, draw: bool, open_picture: bool) -> None:

@@ -88,14 +88,17 @@ def rehearse(
             raise problem
         report = run_scenario(scenario, opened, directory=directory, listeners=[begin.hear], binding=binding)
     names = {body: robot for robot, body in fleet.bodies.items() if robot != body}
+    return _told(seed, report, approaches, begin.start_s, names)
+
+
+def _told(seed: int, report: Report, approaches: Approaches, start_s: float, names: Mapping[str, str]) -> Rehearsal:
+    """Return what was seen of a run that began at a time of the fleet's clock, bodies by the names of their robots."""
     return Rehearsal(
         seed=seed,
         report=report,
         starts={names.get(body, body): place for body, place in approaches.robots.items()},
-        nearest={
-            names.get(body, body): _since(nearest, begin.start_s, names) for body, nearest in approaches.nearest.items()
-        },
-        incidents=tuple(_incident(approach, begin.start_s, names, report.steps) for approach in approaches.found),
+        nearest={names.get(body, body): _since(near, start_s, names) for body, near in approaches.nearest.items()},
+        incidents=tuple(_incident(approach, start_s, names, report.steps) for approach in approaches.found),
     )
 
 

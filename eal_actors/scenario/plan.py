@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.errors import ConfigError, EALError, Problem, RobotFailedError, UnavailableError
+from eal_actors.errors import ConfigError, EALError, RobotFailedError, UnavailableError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.info import ResourceInfo
 from eal_actors.managers.fleet_model import FleetConfig
@@ -68,24 +68,36 @@ def make_plan(
 
     Thread: any; does not block.
     """
-    scenario = with_parameters(scenario, parameters or {})
-    if missing := missing_parameters(scenario.file, scenario.parameters, scenario.tree):
-        raise ConfigError(missing)
+    scenario = _complete(scenario, parameters or {})
     candidates = find_candidates(scenario, fleet.config, binding)
     names = {name for role in candidates.values() for name in role}
     lost = {name: error for name in names if (error := _not_started(fleet[name])) is not None}
     facts = {name: _facts(fleet[name]) for name in fleet.config.robots if name in names and name not in lost}
     bound = bind(scenario, fleet.config, candidates, facts, binding)
-    robots = tuple(name for name in fleet.config.robots if name in bound.robots)
-    lost = {name: lost[name] for name in robots if name in lost}
+    lost = {name: lost[name] for name in fleet.config.robots if name in bound.robots and name in lost}
     _check_lost(scenario, bound, lost)
     python = PythonSteps.of(scenario, fleet.config)
-    problems: list[Problem] = [*python.problems, *check_sharing(scenario, bound.roles)]
-    problems += check_on_robots(scenario, bound.roles, facts, spares=bound.spares, seed=fleet.config.seed)
-    if problems:
+    if problems := [
+        *python.problems,
+        *check_sharing(scenario, bound.roles),
+        *check_on_robots(scenario, bound.roles, facts, spares=bound.spares, seed=fleet.config.seed),
+    ]:
         raise ConfigError(problems)
+    robots = tuple(name for name in fleet.config.robots if name in bound.robots)
+    return Plan(scenario, bound.roles, robots, lost, _count(scenario, bound, lost), bound.spares, python)
+
+
+def _count(scenario: Scenario, bound: Binding, lost: Mapping[str, EALError]) -> int:
     live = {role: sum(robot not in lost for robot in names) for role, names in bound.roles.items()}
-    return Plan(scenario, bound.roles, robots, lost, count_calls(scenario, live), bound.spares, python)
+    return count_calls(scenario, live)
+
+
+def _complete(scenario: Scenario, parameters: Mapping[str, object]) -> Scenario:
+    """Return a scenario with these values of its parameters; raise ConfigError unless all of them have one."""
+    complete = with_parameters(scenario, parameters)
+    if missing := missing_parameters(complete.file, complete.parameters, complete.tree):
+        raise ConfigError(missing)
+    return complete
 
 
 def bind_roles(scenario: Scenario, fleet: FleetConfig, binding: Wishes | None = None) -> dict[str, tuple[str, ...]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -128,9 +128,6 @@ def _read(line: str, directory: Path, number: int) -> dict[str, Any]:
 
 def _gather(directory: Path, events: list[dict[str, Any]]) -> Resumption:
     checkpoint: Mapping[str, Any] = {}
-    gone: dict[str, tuple[str, ErrorReport]] = {}
-    records: list[StepRecord] = []
-    starts: list[StartReport] = []
     was_begun = False
     for event in events:
         match event["event"]:
@@ -140,14 +137,6 @@ def _gather(directory: Path, events: list[dict[str, Any]]) -> Resumption:
                 raise ScenarioError(f"the run in {directory} came to its end; only one that was cut off can be resumed")
             case "step_started" | "signal":
                 was_begun = True
-            case "step_ended":
-                records.append(StepRecord.model_validate(event["record"]))
-            case "started_together":
-                starts.append(StartReport.model_validate(event["start"]))
-            case "robot_dropped":
-                gone[event["robot"]] = ("dropped", ErrorReport.model_validate(event["error"]))
-            case "robot_replaced":
-                gone[event["robot"]] = ("replaced", ErrorReport.model_validate(event["error"]))
     if not checkpoint:
         raise ScenarioError(
             f"the run in {directory} cannot be resumed: its scenario calls none of its steps safe_to_repeat"
@@ -162,8 +151,16 @@ def _gather(directory: Path, events: list[dict[str, Any]]) -> Resumption:
         seats=checkpoint["seats"],
         signals=checkpoint["signals"],
         unsaved=tuple(checkpoint["unsaved"]),
-        gone=gone,
-        records=tuple(records),
-        starts=tuple(starts),
-        continued_s=tuple(event["time_s"] for event in events if event["event"] == "run_continued"),
+        gone={
+            event["robot"]: (event["event"].removeprefix("robot_"), ErrorReport.model_validate(event["error"]))
+            for event in events
+            if event["event"] in ("robot_dropped", "robot_replaced")
+        },
+        records=tuple(StepRecord.model_validate(event["record"]) for event in _only("step_ended", events)),
+        starts=tuple(StartReport.model_validate(event["start"]) for event in _only("started_together", events)),
+        continued_s=tuple(event["time_s"] for event in _only("run_continued", events)),
     )
+
+
+def _only(kind: str, events: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    return (event for event in events if event["event"] == kind)

@@ -39,14 +39,12 @@ def draw_sweep(results: Sequence[Result], scenario: Scenario, file: Path) -> Pat
     measures = _measures(done)
     if not done or not done[0].job.varied:
         return None
-    columns = min(_COLUMNS, len(measures))
-    rows = -(-len(measures) // columns)
+    columns, rows = min(_COLUMNS, len(measures)), -(-len(measures) // min(_COLUMNS, len(measures)))
     figure = new_figure(4.6 * columns, 3.4 * rows + 0.4)
     if figure is None:
         return None
     first = next(iter(done[0].job.varied))
-    section = scenario.file.parameters[first]
-    axis = f"{first} [{section.unit}]" if section.unit and not first.endswith(f"_{section.unit}") else first
+    axis = _axis(first, scenario)
     panels = figure.subplots(rows, columns, squeeze=False).flat
     for axes, (name, values) in zip(panels, measures.items(), strict=False):
         _draw(axes, done, first, values)
@@ -63,6 +61,11 @@ def draw_sweep(results: Sequence[Result], scenario: Scenario, file: Path) -> Pat
     figure.suptitle(f"{scenario.name}{spread}")
     figure.savefig(file, metadata={"Software": None})
     return file
+
+
+def _axis(name: str, scenario: Scenario) -> str:
+    unit = scenario.file.parameters[name].unit
+    return f"{name} [{unit}]" if unit and not name.endswith(f"_{unit}") else name
 
 
 def _measures(done: Sequence[Result]) -> dict[str, dict[str, float]]:

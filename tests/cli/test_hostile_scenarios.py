@@ -65,6 +65,11 @@ def test_anchors_that_explode(look: Callable[[str], str]) -> None:
     assert "the file has more than 200000 values, each use of an anchor counted" in told
 
 
+def nested_loops() -> str:
+    loop = f"{{for: {{a: '${{range(1000)}}'}}, do: [{call('r${i + a}')}]}}"
+    return f"steps: [{{on: all, do: [{{repeat: 1000, do: [{loop}]}}]}}]\n"
+
+
 @pytest.mark.parametrize(
     ("body", "expected"),
     [
@@ -77,8 +82,7 @@ def test_anchors_that_explode(look: Callable[[str], str]) -> None:
             "s.yaml:4:47: steps[0].do[0].do[0]: the loops around this step give 1000000 combinations; at most 100000 ",
         ),
         (
-            "steps:\n- on: all\n  do:\n  - repeat: 1000\n    do:\n"
-            f"    - for: {{a: '${{range(1000)}}'}}\n      do: [{call('r${i + a}')}]\n",
+            nested_loops(),
             "the loops around this step give 100001 combinations; at most 100000 can be checked",
         ),
         (

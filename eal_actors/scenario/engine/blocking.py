@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from eal_actors.clock import new_waiter
+from eal_actors.clock import Clock, new_waiter
 from eal_actors.facade.fleet import Fleet
 from eal_actors.scenario.binding import Wishes
 from eal_actors.scenario.engine.run import Run
@@ -50,6 +50,11 @@ def run_scenario(
     """
     loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     run = Run(make_plan(loaded, fleet, binding=binding, parameters=parameters), fleet, directory, listeners)
+    return _wait_for(run, fleet.clock)
+
+
+def _wait_for(run: Run, clock: Clock) -> Report:
+    """Start a run, and return what came of it; Ctrl-C aborts it, and is raised again after its end."""
     interrupts: list[None] = []
 
     def interrupt() -> None:
@@ -59,10 +64,10 @@ def run_scenario(
     with _ctrl_c_calls(interrupt):
         report = run.start()
         over = new_waiter()
-        report.add_done_callback(lambda _: fleet.clock.wake(over))
+        report.add_done_callback(lambda _: clock.wake(over))
         while not report.done():
             try:
-                fleet.clock.wait(over, None)
+                clock.wait(over, None)
             except KeyboardInterrupt:  # from a handler of the caller's own
                 interrupt()
     if interrupts:
