@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import signal
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from eal_actors.bundled import bundled_path
+from eal_actors.cli.options import GlobalOptions
+from eal_actors.cli.progress import LiveProgress
+from eal_actors.clock import ManualClock
 from eal_actors.record.mcap_file import McapContent, read_mcap
 from eal_actors.recording import RunFolder
+from eal_actors.scenario import RunContinued, StepStarted
 
 SCENARIO = """\
 version: 1
@@ -129,3 +135,14 @@ def test_the_report_shows_the_break(eal: Any, killed: Path) -> None:
     assert f"went on at {break_s:.3f} s" in page
     assert "the run was cut off here, and goes on at steps[1]" in page
     assert 'class="break"' in page
+
+
+def test_the_live_table_knows_the_robots_of_a_run_that_goes_on() -> None:
+    out = io.StringIO()
+    progress = LiveProgress(Console(file=out, force_terminal=True, width=120), ManualClock(), GlobalOptions())
+    with progress:
+        progress.hear(RunContinued(30.0, 1, "", "legs", "sim", ("roomba-1", "evbot3-1"), 4))
+        progress.hear(StepStarted(30.0, "roomba-1", "steps[1].do[0]", "send_cmd Base f0.3"))
+    assert "goes on at steps[1]" in out.getvalue()
+    assert "legs on sim" in out.getvalue()
+    assert "send_cmd Base f0.3" in out.getvalue()
