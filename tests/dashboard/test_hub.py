@@ -30,6 +30,17 @@ def test_what_stays_as_it_was_is_no_news() -> None:
     assert (reader.take(), len(rings)) == ({}, 1)
 
 
+def test_what_is_no_number_is_no_news_twice_either() -> None:
+    rings = []
+    hub = Hub(lambda: rings.append(1))
+    hub.put("robots", {"a": {"charge": math.nan}})
+    hub.put("robots", {"a": {"charge": math.nan}})
+    assert (hub.get("robots", "a"), len(rings)) == ({"charge": None}, 1)
+    hub.put("robots", {"a": {"charge": 1.0}})
+    hub.put("robots", {"a": {"charge": math.nan}})
+    assert (hub.get("robots", "a"), len(rings)) == ({"charge": None}, 3)
+
+
 def test_a_reader_that_comes_late_gets_everything_that_is_kept() -> None:
     hub = Hub()
     hub.put("robots", {"a": {"state": "ready"}})
