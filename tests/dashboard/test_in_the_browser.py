@@ -83,6 +83,40 @@ def test_the_dance_is_started_seen_and_stopped_from_the_page(open_page: OpenPage
         assert all(robot.stopped_because for robot in fleet.values())
 
 
+def test_what_runs_shows_its_progress_and_who_commands_it(
+    open_page: OpenPage, fleet: Fleet, dashboard: Dashboard
+) -> None:
+    with open_page(dashboard.link + "#/robot/one") as page, open_page(dashboard.link) as other:
+        far = page.locator("form", has=page.locator("code", has_text=re.compile("^far$")))
+        far.get_by_role("button").click()
+        expect(page.locator("main")).to_contain_text("▶ far, 25 % a quarter")
+        expect(page.locator("main")).to_contain_text("commanded by Base: this page")
+        row = other.locator("tr[data-robot='one']")
+        expect(row).to_contain_text("▶ far, 25 % a quarter")
+        expect(row).to_contain_text(re.compile(r"Base: another page \(browser \d+\)"))
+        fleet["one"].halt().get()
+        expect(row).to_contain_text("idle")
+        expect(row).to_contain_text("nobody")
+
+
+def test_the_view_links_to_the_report_of_a_run(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
+    scenarios = tmp_path / "scenarios"
+    scenarios.mkdir()
+    (scenarios / "turn.yaml").write_text(
+        "version: 1\nname: turn\nroles: {all: {}}\n"
+        "steps:\n  - on: all\n    do:\n      - send_cmd: {resource: Base, cmd: turn9}\n"
+    )
+    with (
+        open_dashboard(fleet, scenarios=scenarios, runs_dir=tmp_path / "runs") as dashboard,
+        open_page(dashboard.link + "#/scenario") as page,
+    ):
+        page.get_by_role("button", name="Start", exact=True).click()
+        with page.context.expect_page() as opened:
+            page.get_by_role("link", name="Report").click()
+        expect(opened.value).to_have_title("turn on counted: done")
+        expect(opened.value.locator("table").first).to_contain_text("two")
+
+
 def poses_after(fleet: Fleet, robot: str, start_s: float) -> set[tuple[float, ...]]:
     """Return the different poses of a robot in the second after a time of the fleet's clock."""
     places = set()
