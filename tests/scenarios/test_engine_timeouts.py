@@ -251,3 +251,16 @@ def test_robots_that_had_finished_are_done_though_the_run_failed(two: Fleet, tmp
     report = run(two, tmp_path, body, ROLES)
 
     assert (report.outcome, outcomes(report)) == ("failed", {"fast": "done", "slow": "aborted"})
+
+
+def test_who_is_at_work_when_another_fails_is_not_done(two: Fleet, tmp_path: Path) -> None:
+    body = """
+        steps:
+          - parallel:
+              - [{on: quick, do: [{send_cmd: {resource: Base, cmd: fail}}]}]
+              - [{on: heavy, do: [{send_cmd: {resource: Base, cmd: go9}}]}]
+          - log: never
+        """
+    report = run(two, tmp_path, body, ROLES)
+
+    assert (report.outcome, outcomes(report)) == ("failed", {"fast": "failed", "slow": "aborted"})

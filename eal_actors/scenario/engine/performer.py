@@ -104,10 +104,11 @@ class Performer:
         task = Task(meets=meets_in(stage.main, steps))
         context = Context(task, stage.main)
         stage.meetings.enter(task)
+        self._at = first
         for index in range(first, len(steps)):
-            self._at = index
             if not stage.goes_on(context):
                 return
+            self._at = index
             yield from self._perform(steps[index], f"steps[{index}]", context)
             if not stage.is_stopping:
                 self._at = index + 1
