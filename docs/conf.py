@@ -37,10 +37,10 @@ extensions = [
 ]
 
 myst_heading_anchors = 4
-smartquotes = False  # they would make one dash of the two before an option
+smartquotes_action = "De"  # quotes stay as they are written
 suppress_warnings = [
     "misc.highlighting_failure",  # grammars of wire protocols are in no language that Pygments knows
-    "toc.empty_glob",  # pages of figures are there once somebody has measured
+    "toc.not_included",  # a page that stands in no list yet is built and can be linked to
 ]
 
 autodoc_member_order = "bysource"

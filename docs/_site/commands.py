@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
@@ -13,6 +14,8 @@ from typer.main import get_command
 from eal_actors.cli import app as eal
 from evbotos.cli import app as evbotos
 
+_OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z-]*)")
+_EXAMPLES = ("eal ", "evbotos ")
 PROGRAMS = {"eal": eal, "evbotos": evbotos}
 
 
@@ -35,7 +38,7 @@ def _section(command: Any, path: str) -> str:
     arguments = [one for one in command.params if one.param_type_name == "argument"]
     options = [one for one in command.params if one.param_type_name == "option" and not getattr(one, "hidden", False)]
     usage = " ".join([path, *(["[OPTIONS]"] if options else []), *(_metavar(one) for one in arguments)])
-    lines = [f"## {path}", f"```text\n{usage}\n```", (command.help or "").replace("\b", "").strip()]
+    lines = [f"## {path}", f"```text\n{usage}\n```", _marked((command.help or "").replace("\b", "").strip())]
     rows = [f"| `{_metavar(one)}` | {_help(one)} | |" for one in arguments]
     rows += [f"| {_names(one)} | {_help(one)} | {_default(one)} |" for one in options if one.name != "help"]
     if rows:
@@ -53,7 +56,18 @@ def _names(option: Any) -> str:
 
 
 def _help(parameter: Any) -> str:
-    return (getattr(parameter, "help", None) or "").replace("|", "\\|").replace("<", "\\<")
+    return _marked((getattr(parameter, "help", None) or "").replace("|", "\\|").replace("<", "\\<"))
+
+
+def _marked(text: str) -> str:
+    """Return a help text with examples and options as code; what is code already stays."""
+    return "\n".join(f"`{line}`" if line.startswith(_EXAMPLES) else _with_options(line) for line in text.splitlines())
+
+
+def _with_options(line: str) -> str:
+    parts = line.split("`")
+    parts[0::2] = [_OPTION.sub(r"`\1`", part) for part in parts[0::2]]
+    return "`".join(parts)
 
 
 def _default(option: Any) -> str:
