@@ -14,7 +14,7 @@ EVBOTOS_TOOLS := apt bc binutils bison dosfstools dpkg e2fsprogs fdisk flex gcc 
 	grub-common grub-pc-bin libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar xz-utils zstd
 
-.PHONY: demo demo-network lab test test-slow check docs bench soak fuzz figures format evbotos-setup test-evbotos clean help
+.PHONY: demo demo-network lab test test-slow check docs bench bench-peers bench-scale soak fuzz figures format evbotos-setup test-evbotos clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -58,8 +58,15 @@ docs: $(STAMP)  ## build the site into build/site; a broken link or reference is
 bench: $(STAMP)  ## measure against bare Pykka and bare pymunk, as ratios in one run
 	$(BIN)/python -m tests.benchmarks
 
-soak: $(STAMP)  ## twenty robots under kills, freezes, cuts, floods and garbage for twenty minutes
-	$(BIN)/python -m tests.soak
+bench-peers: $(STAMP)  ## measure against others that call robots, as ratios to raw TCP; writes docs/peers.md
+	@$(BIN)/python -m pip install --quiet --group peers || echo "Not all of the group 'peers' could be installed; those are left out"
+	$(BIN)/python -m tests.benchmarks.peers
+
+bench-scale: $(STAMP)  ## measure what a robot costs among 10, 100 and 1,000; writes its figures into docs/scaling.md
+	$(BIN)/python -m tests.benchmarks.scale
+
+soak: $(STAMP)  ## twenty robots under kills, freezes, cuts, floods and garbage for twenty minutes; writes docs/soak.md
+	$(BIN)/python -m tests.soak --page docs/soak.md
 
 fuzz: $(STAMP)  ## look for bytes that decoders and loaders cannot bear, a minute for each
 	$(BIN)/python -m tests.fuzz

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import platform
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -16,12 +15,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from tests.benchmarks.peers.page import machine
+from tests.benchmarks.page import machine, write_between
 from tests.net.links import free_port
 
 ROOT: Final = Path(__file__).parents[2]
 PAGE: Final = ROOT / "docs" / "scaling.md"
-BEGIN, END = "<!-- written by make bench-scale: begin -->", "<!-- end -->"
+BEGIN: Final = "<!-- written by make bench-scale: begin -->"
 SIZES: Final = (10, 100, 1000)
 FLAT: Final = 0.25
 """By how much the cost of a robot may differ between the smallest and the largest fleet, to count as flat."""
@@ -52,6 +51,7 @@ ROWS: Final = (
     Row("threads", "threads", 1, ""),
     Row("a command to each robot, answers gathered", "command_s", 1e6, "µs"),
     Row("processor time of that, in this process", "command_work_s", 1e6, "µs"),
+    Row("the same by bare Pykka, among as many threads", "bare_s", 1e6, "µs"),
     Row("a reading from each robot, gathered", "read_s", 1e6, "µs"),
     Row("a call to each of three resources, gathered", "all_s", 1e6, "µs"),
 )
@@ -87,9 +87,11 @@ def table(taken: Sequence[_Taken]) -> str:
     head = ["for each robot", *(f"of {size:,}" for size in SIZES), f"{SIZES[-1]:,} against {SIZES[1]:,}", "all of them"]
     lines = [head, ["---"] * len(head)]
     for row in ROWS:
+        if row.key not in taken[0]:
+            continue
         each = [of[row.key] * row.scale / size for of, size in zip(taken, SIZES, strict=True)]
         change = each[-1] / each[1] - 1
-        verdict = f"{change:+.0%}" + ("" if abs(change) <= FLAT else " (see below)")
+        verdict = f"{change:+.0%}" + (", see below" if change > FLAT else "")
         lines.append([row.what, *(_shown(value, row.unit) for value in each), verdict, _whole(row, taken[-1][row.key])])
     refused = [f"{of['refused']:.1%}" for of in taken]
     lines.append(["calls refused, as they had become stale", *refused, "", ""])
@@ -118,13 +120,11 @@ def main() -> int:
             table(hosted),
             "The same robots, served by that process and called through the network by another one:",
             table(controlled),
-            f"{datetime.now(UTC):%Y-%m-%d}, {machine()}, Python {platform.python_version()}.",
+            f"{datetime.now(UTC):%Y-%m-%d}, {machine()}.",
         ]
     )
     sys.stdout.write(written + "\n")
-    before, _, rest = given.page.read_text(encoding="utf-8").partition(BEGIN)
-    after = rest.partition(END)[2]
-    given.page.write_text(f"{before}{BEGIN}\n\n{written}\n\n{END}{after}", encoding="utf-8")
+    write_between(given.page, BEGIN, written)
     return 0
 
 

@@ -17,6 +17,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+import pykka
+
 from eal_actors import Fleet, gather
 from eal_actors.actors.call import Call
 from eal_actors.actors.handles import RobotHandle
@@ -107,12 +109,27 @@ def measured(fleet: Fleet) -> dict[str, float]:
     }
 
 
+class _Bare(pykka.ThreadingActor):
+    def on_receive(self, message: Any) -> int:
+        return 1
+
+
+def bare_s(robots: int) -> float:
+    """Return how long bare Pykka takes to ask an actor for each robot, among as many threads as the robots have."""
+    actors = [_Bare.start() for _ in range(4 * robots)]
+    try:
+        return median_s(lambda: pykka.get_all([actor.ask("go", block=False) for actor in actors[::4]]))[0]
+    finally:
+        pykka.ActorRegistry.stop_all(block=True)
+
+
 def host(config: FleetConfig) -> None:
     """Measure the robots in this process, then serve them."""
+    reference_s = bare_s(len(config.robots))
     with ExitStack() as stack:
         fleet = Fleet(without_network(config))
         stack.callback(fleet.close)
-        sys.stdout.write(json.dumps(measured(fleet)) + "\n")
+        sys.stdout.write(json.dumps({**measured(fleet), "bare_s": reference_s}) + "\n")
         session = stack.enter_context(open_session(robot_config(config, "bot1")))
         shared = Host(config.name, session, config.network.dead_man_s).launch()
         stack.callback(shared.close, 5.0)

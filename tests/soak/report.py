@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -137,3 +137,26 @@ def _bad_lines(outcome: Outcome) -> Iterable[str]:
         for line in log.read_text(encoding="utf-8").splitlines():
             if any(word in line for word in _BAD_WORDS):
                 yield f"{log.stem}: {line[:200]}"
+
+
+def tables(report: Mapping[str, Any]) -> str:
+    """Return what a report says, in the form of `to_dict`, as tables of Markdown."""
+    counts = report["counts"].items()
+    kinds = {kind: [(what, n) for what, n in counts if what.startswith(kind)] for kind in ("fault: ", "command: ")}
+    told = [
+        f"{report['robots']} robots, {report['duration_s']:.0f} s, seed {report['seed']}: "
+        + ("every claim holds." if report["holds"] else "**not every claim holds.**"),
+        *(f"{name}: {', '.join(problems)}." for name, problems in report["findings"].items() if problems),
+    ]
+    for kind, entries in kinds.items():
+        head, values = zip(*((what.removeprefix(kind), f"{n:,}") for what, n in entries), strict=True)
+        told.append(_table([[kind.strip(": "), *head], ["times", *values]]))
+    rows = [["never killed", "memory grew by", "of", "own threads", "engine's threads", "files"]]
+    for of in report["growths"]:
+        sizes = f"{of['memory_bytes'] / 1e6:+.1f} MB", f"{of['memory_at_end_bytes'] / 1e6:.0f} MB"
+        rows.append([of["name"], *sizes, *(f"{of[key]:+d}" for key in ("threads", "engine_threads", "files"))])
+    return "\n\n".join([*told, _table(rows)])
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join(f"| {' | '.join(row)} |" for row in [rows[0], ["---"] * len(rows[0]), *rows[1:]])

@@ -9,7 +9,8 @@ import pytest
 from tests.soak.checks import CHECKS
 from tests.soak.history import Fault, History, merged, overlap_s
 from tests.soak.programs import Sample
-from tests.soak.report import Growth
+from tests.soak.report import Growth, Report, tables
+from tests.soak.run import Outcome, Plan
 
 WARDEN = """\
 1.0 up 7
@@ -153,3 +154,18 @@ def test_what_grows_is_found(memory_bytes: int, threads: int, engine_threads: in
         for n in range(300)
     ]
     assert len(list(Growth.of("warden", samples).problems())) == problems
+
+
+def test_a_report_tells_every_finding() -> None:
+    history = good()
+    history.read_robot("r1", R1.replace("20.05 mark 2", "20.05 mark 2\n21.0 mark 2").splitlines())
+    outcome = Outcome(Plan(robots=1, duration_s=80.0), history, exits=["r1 ended with 1"])
+    outcome.samples["warden"] = [Sample(n, 50_000_000, 7, 9, 20, frozenset()) for n in range(10)]
+    report = Report.of(outcome)
+    assert not report.holds
+    assert report.to_dict()["findings"]["no command runs twice"] == ["r1: command 2 ran 2 times"]
+    for text in (tables(report.to_dict()), "\n".join(report.lines())):
+        assert "r1: command 2 ran 2 times" in text
+        assert "r1 ended with 1" in text
+    assert "| kill | stall |" in tables(report.to_dict()).replace("freeze | ", "")
+    assert "| warden | +0.0 MB | 50 MB | +0 | +0 | +0 |" in tables(report.to_dict())

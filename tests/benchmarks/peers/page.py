@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
+
+from tests.benchmarks.page import machine
 
 REFERENCE: Final = "raw TCP"
 OURS: Final = "eal-actors"
@@ -39,10 +39,11 @@ what a silent controller has left moving, and ends every call at its deadline.
 
 - A robot of the hundred is a connection with raw TCP, Pyro5 and viam-sdk, and a name behind one connection with the
   others.
-- After the kill, the time counts from when the new process listens. Raw TCP, xoscar and viam-sdk connect anew by hand,
-  every 2 ms; the others find the robot by themselves, and wait between their attempts.
+- After the kill, the time counts from when the new process listens. Raw TCP, Pyro5, xoscar and viam-sdk are asked again
+  every 2 ms, each time with a new connection; zenoh and eal-actors find the robot by themselves, and wait between their
+  attempts.
 
-{date}, {machine}, Python {python}; {versions}.
+{date}, {machine}; {versions}.
 """
 
 
@@ -79,13 +80,6 @@ def rows(figures: Figures) -> list[list[str]]:
     return [["", *figures], *body]
 
 
-def machine() -> str:
-    """Return what this machine is."""
-    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines() if Path("/proc/cpuinfo").exists() else []
-    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
-    return f"{model or platform.machine()}, {os.cpu_count()} cores"
-
-
 def page(figures: Figures, titles: Sequence[str], absent: Mapping[str, str], rounds: int) -> str:
     """Return the page."""
     head, *body = rows(figures)
@@ -96,7 +90,6 @@ def page(figures: Figures, titles: Sequence[str], absent: Mapping[str, str], rou
         absent="".join(f"Left out: {name}, for {reason}.\n\n" for name, reason in absent.items()),
         date=f"{datetime.now(UTC):%Y-%m-%d}",
         machine=machine(),
-        python=platform.python_version(),
         versions=", ".join(titles),
     )
 

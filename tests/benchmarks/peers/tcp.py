@@ -99,3 +99,8 @@ class Tcp(SyncPeer):
             self._own.close()
             self._own = self.handle()
             self._own.get()
+
+    def close(self) -> None:
+        """See Peer."""
+        self._own.close()
+        super().close()

@@ -1,0 +1,29 @@
+"""Pages of the documentation that a measurement writes into, and what they say of the machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+from pathlib import Path
+from typing import Final
+
+END: Final = "<!-- end -->"
+
+
+def machine() -> str:
+    """Return what this machine is."""
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines() if Path("/proc/cpuinfo").exists() else []
+    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
+    return f"{model or platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+
+
+def write_between(page: Path, begin: str, text: str) -> None:
+    """Put text into a page between a mark and the next END, in place of what was there.
+
+    Raises:
+        ValueError: the page has no such marks.
+    """
+    content = page.read_text(encoding="utf-8")
+    start = content.index(begin) + len(begin)
+    end = content.index(END, start)
+    page.write_text(f"{content[:start]}\n\n{text}\n\n{content[end:]}", encoding="utf-8")
