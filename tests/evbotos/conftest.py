@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from eal_actors.log import get_logger
+from evbotos.build import Build, has_kernel
+from evbotos.definitions import load_definitions
+from evbotos.hosttools import find_tool, needed_for
+from evbotos.model import Local
+from evbotos.qemu import Machine
+from tests.evbotos.proof import Proof, give_keys, started
+
+_LOG = get_logger()
+
+
+@pytest.fixture(scope="session")
+def proof(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Proof:
+    """The robot image for QEMU's PC, with keys of its own."""
+    folder = tmp_path_factory.mktemp("proof")
+    found = load_definitions()
+    platform, image = found.platform("qemu-amd64"), found.image("robot")
+    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
+    if missing:
+        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    if not (has_kernel(platform, image, Local(version=1)) or "evbotos" in request.config.getoption("markexpr")):
+        pytest.skip("no kernel in the cache yet; compiling it takes minutes: `make test-evbotos`")
+    fleet, local = give_keys(folder)
+    built = Build(platform, image, local, _LOG.info).run(folder / "out")
+    _LOG.info(f"root and kernel: {built.report['root_with_kernel_mb']} MB")
+    return Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
+
+
+@pytest.fixture
+def disk(proof: Proof, tmp_path: Path) -> Path:
+    """A fresh disk of the robot image."""
+    return Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
+
+
+@pytest.fixture
+def machine(proof: Proof, disk: Path) -> Iterator[Machine]:
+    """A machine that has just been switched on."""
+    with started(proof, disk) as machine:
+        yield machine

@@ -1,0 +1,161 @@
+"""What the tests of booted images share: a robot image with keys of its own, and what is done to its machine."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
+
+from eal_actors import Fleet
+from eal_actors.clock import REAL_TIME
+from eal_actors.errors import EALError
+from evbotos.build import Built
+from evbotos.model import Image, Local, Platform
+from evbotos.qemu import Machine, running
+
+ROBOT = "evbot"
+FLEET = """version: 1
+name: proof
+defaults: {timeout_s: 120}  # an emulator on a busy machine is slow
+robots:
+  evbot:
+    plugins: {sim: {model: evbot3}}
+    address: tls/127.0.0.1:${EVBOT_PORT:-50000}
+    listen: tls/0.0.0.0:50000
+network:
+  lease_s: 60
+  dead_man_s: 60
+  security: {keys: keys, controller: controller, roles: {controllers: [controller]}}
+"""
+LONGEST_BOOT_S = 400.0
+SERVES = "serves Base"
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What the tests start.
+
+    Attributes:
+        platform: the board.
+        image: what was built for it.
+        built: where it is.
+        fleet: the controller's fleet file, with its keys.
+        robot_files: folder with the robot's fleet file and keys.
+        ssh_key: private key that may log in.
+        update_key: private key whose updates the robot takes.
+    """
+
+    platform: Platform
+    image: Image
+    built: Built
+    fleet: Path
+    robot_files: Path
+    ssh_key: Path
+    update_key: Path
+
+
+def run(*argv: str | Path, **env: str) -> str:
+    done = subprocess.run(
+        [str(part) for part in argv], env={**os.environ, **env}, capture_output=True, timeout=600, check=False
+    )
+    assert done.returncode == 0, f"{argv}: {done.stdout.decode()}{done.stderr.decode()}"
+    return done.stdout.decode()
+
+
+def eal(*words: str | Path, **env: str) -> str:
+    return run(sys.executable, "-m", "eal_actors", *words, **env)
+
+
+def give_keys(folder: Path) -> tuple[Path, Local]:
+    """Make a fleet and every key that a robot needs; returns the controller's fleet file and the builder's settings."""
+    fleet = folder / "fleet.yaml"
+    fleet.write_text(FLEET)
+    eal("keys", "init", "--fleet", fleet)
+    eal("keys", "robot", ROBOT, "--fleet", fleet)
+    eal("keys", "controller", "controller", "--fleet", fleet)
+    robot = folder / "robot"
+    (robot / "keys").mkdir(parents=True)
+    for name in ("fleet.yaml", "keys/ca.pem", f"keys/{ROBOT}.pem", f"keys/{ROBOT}.key"):
+        shutil.copy(folder / name, robot / name)
+    run("ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", folder / "ssh")
+    key = Ed25519PrivateKey.generate()
+    (folder / "update.pem").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    public = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+    (folder / "update.pub.pem").write_bytes(public)
+    ssh_key = (folder / "ssh.pub").read_text().strip()
+    return fleet, Local(version=1, ssh_keys=(ssh_key,), robot=str(robot), update_key=str(folder / "update.pub.pem"))
+
+
+@contextmanager
+def started(proof: Proof, disk: Path, *, memory_mb: int | None = None, network: str | None = None) -> Iterator[Machine]:
+    """Start a machine with a disk, which it writes to."""
+    console = disk.with_suffix(".log")
+    console.write_bytes(b"")
+    with running(proof.platform, proof.built.folder, disk, console, memory_mb, network) as machine:
+        yield machine
+
+
+def said(machine: Machine) -> str:
+    return machine.console.read_text(errors="replace")
+
+
+def wait_until(machine: Machine, what: str, is_so: Callable[[], bool], longest_s: float = LONGEST_BOOT_S) -> None:
+    """Wait for a condition; fails with what the console said."""
+    end_s = REAL_TIME.now() + longest_s
+    while not is_so():
+        if REAL_TIME.now() > end_s or not machine.is_running():
+            pytest.fail(f"{what}: not within {longest_s:g} s\n{said(machine)[-4000:]}")
+        REAL_TIME.sleep(0.3)
+
+
+def wait_for_words(machine: Machine, words: str, times: int = 1) -> None:
+    """Wait until the console has said some words so many times."""
+    wait_until(machine, f"the console says {words!r}, {times} times", lambda: said(machine).count(words) >= times)
+
+
+def first_answer_s(proof: Proof, machine: Machine, monkeypatch: pytest.MonkeyPatch) -> float:
+    """Return how long it took until a call was answered."""
+    start_s = REAL_TIME.now()
+    monkeypatch.setenv("EVBOT_PORT", str(machine.ports["eal"]))
+    with Fleet.load(proof.fleet) as fleet:
+
+        def is_answered() -> bool:
+            try:
+                fleet[ROBOT]["Base"].get_status(timeout_s=5).get()
+            except EALError:
+                return False
+            return True
+
+        wait_until(machine, "the first answered call", is_answered)
+    return REAL_TIME.now() - start_s
+
+
+def ssh_words(proof: Proof, machine: Machine) -> list[str]:
+    """Return the command that logs into the image, by the key that may."""
+    options = ("StrictHostKeyChecking=no", "UserKnownHostsFile=/dev/null", "ConnectTimeout=60", "BatchMode=yes")
+    words = [word for option in options for word in ("-o", option)]
+    return ["ssh", "-q", *words, "-i", str(proof.ssh_key), "-p", str(machine.ports["ssh"]), "root@127.0.0.1"]
+
+
+def ssh(proof: Proof, machine: Machine, command: str, data: bytes = b"") -> subprocess.CompletedProcess[str]:
+    """Run a command in the image."""
+    done = subprocess.run(
+        [*ssh_words(proof, machine), command], input=data, capture_output=True, timeout=600, check=False
+    )
+    return subprocess.CompletedProcess(done.args, done.returncode, done.stdout.decode(), done.stderr.decode())
+
+
+def answer(proof: Proof, machine: Machine, command: str, data: bytes = b"") -> str:
+    """Run a command in the image, which must succeed."""
+    done = ssh(proof, machine, command, data)
+    assert done.returncode == 0, f"{command}: {done.returncode}: {done.stdout}{done.stderr}"
+    return done.stdout
