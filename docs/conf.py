@@ -25,7 +25,7 @@ include_patterns = [
     "CHANGELOG.md",
     "SECURITY.md",
 ]
-exclude_patterns = ["**/__pycache__", ".venv", "build"]
+exclude_patterns = ["**/__pycache__", ".nox", ".venv", "build"]
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
