@@ -25,7 +25,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar, Final, Literal, TypeAlias
 
-from eal_actors.clock import REAL_TIME, Clock, ScaledClock, acquire_alert, new_waiter, release
+from eal_actors.clock import Clock, ScaledClock, acquire_alert, new_waiter, release
 from eal_actors.log import get_logger
 from eal_actors.timers import Timer, TimerHeap
 
@@ -46,7 +46,7 @@ _OTHERS_WORK: Final = 0.2
 """Share of the time that a process works at least to count as working."""
 
 _PATIENCE_S: Final = 30.0
-"""Real seconds that a thread may compute before time goes on without it."""
+"""Processor time that the process may use in one turn before time goes on without the thread that has it."""
 
 
 _TURNS_AT_ONCE: Final = 100
@@ -250,7 +250,7 @@ class LockStepClock:
 
     def _keep_watch(self, stop: threading.Lock) -> None:
         """Take the turn from threads that wait for something else."""
-        turns, idle_looks, since_s, used_s, all_used_s = -1, 0, 0.0, 0.0, 0.0
+        turns, idle_looks, begun_used_s, used_s, all_used_s = -1, 0, 0.0, 0.0, 0.0
         while True:
             with self._lock:
                 if not self._waits and not self._ready:
@@ -261,13 +261,13 @@ class LockStepClock:
                 used_before_s, used_s = used_s, _processor_time_s(holder)
                 all_used_before_s, all_used_s = all_used_s, time.process_time()
                 if turn != turns:
-                    turns, idle_looks, since_s = turn, 0, REAL_TIME.now()
+                    turns, idle_looks, begun_used_s = turn, 0, all_used_s
                 else:
                     is_idle = used_s - used_before_s < _IDLE_S and holder not in self._in_step and _sleeps(holder)
                     idle_looks = idle_looks + 1 if is_idle else 0
                 others_work = all_used_s - all_used_before_s > _OTHERS_WORK * _LOOK_S or _some_want_to_run()
                 looks = _IDLE_LOOKS_WHILE_OTHERS_WORK if others_work else _IDLE_LOOKS
-                if idle_looks >= looks or REAL_TIME.now() - since_s > _PATIENCE_S or not holder.is_alive():
+                if idle_looks >= looks or all_used_s - begun_used_s > _PATIENCE_S or not holder.is_alive():
                     self._go_on_without(holder, turn)
             stop.acquire(timeout=_LOOK_S)
 
