@@ -21,7 +21,8 @@ def main() -> None:
         options = [
             f"-max_total_time={seconds}",
             f"-max_len={MOST_BYTES}",
-            "-timeout=20",
+            "-timeout=60",
+            "-report_slow_units=60",
             "-rss_limit_mb=2048",
             "-print_final_stats=1",
         ]
