@@ -115,8 +115,9 @@ class RemoteRobot(EALActor):
         self.soon(self._greet)
 
     def gone(self, reason: str) -> None:
-        """Its sign of life is there no more. Thread: any; does not block."""
+        """Its sign of life is there no more: it will answer nothing. Thread: any; does not block."""
         self.soon(lambda: self._lose(reason))
+        self.lane.exchanges.lose()
 
     def tell(self, event: Event) -> None:
         """It tells something.
@@ -313,7 +314,6 @@ class RemoteRobot(EALActor):
         for cell in self.view.cells.values():
             cell.close(error)
         self.lane.close(error)
-        self._controller.remove(self)
         if was_ready:
             self.actor_inbox.call_later(self.clock.of_real(_LEAVE_TIMEOUT_S), self._stop)
             self.ask_robot(keys.LEAVE, (), _LEAVE_TIMEOUT_S, lambda _: self._stop(), miss=self._stop)

@@ -22,7 +22,7 @@ from eal_actors.net.client import RemoteRobot
 from eal_actors.net.pacing import Pace
 from eal_actors.net.sender import Sender, UrgentMessage
 from eal_actors.net.session import controller_config, open_session
-from eal_actors.net.wire import Heartbeat, decode_event, encode_heartbeat
+from eal_actors.net.wire import Heartbeat, Reply, decode_event, decode_reply, encode_heartbeat
 
 if TYPE_CHECKING:
     import zenoh
@@ -32,6 +32,9 @@ _PATIENCE_S: Final = 0.02
 
 _BEATS: Final = 4
 """Heartbeats in the time of the dead-man's switch."""
+
+_LOOK_EACH_S: Final = 0.25
+"""Real seconds between two looks at what was not answered in time."""
 
 
 class Controller(EALActor):
@@ -59,6 +62,7 @@ class Controller(EALActor):
         self.client: Final = secrets.token_hex(8)
         security = config.network.security
         self.certificate: Final = None if security is None else security.controller
+        self._caller = self.certificate or keys.ANYBODY
         self.name_for_people: Final = process_name(self.certificate)
         self._config = config
         self._wanted = None if robots is None else list(robots)
@@ -119,11 +123,14 @@ class Controller(EALActor):
             return
         self._session = session
         callback = zenoh.handlers.Callback
+        answers = keys.answers_key(self.fleet, self._caller, self.client)
+        session.declare_subscriber(f"{answers}/*", callback(self._on_answer, indirect=False))
         session.liveliness().declare_subscriber(
             keys.alive_keys(self.fleet), callback(self._on_liveliness, indirect=False), history=True
         )
         session.declare_subscriber(keys.event_keys(self.fleet), callback(self._on_event, indirect=False))
         self._beat()
+        self._look()
 
     def _beat(self) -> None:
         self._sequence += 1
@@ -141,13 +148,16 @@ class Controller(EALActor):
                 )
             except zenoh.ZError as error:
                 get_logger(fleet=self.fleet).debug("a heartbeat could not be sent", reason=shown(error))
+        period_s = self._config.network.dead_man_s / _BEATS
+        self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
+
+    def _look(self) -> None:
         with self._lock:
             robots = list(self._robots.values())
         now_s = REAL_TIME.now()
         for robot in robots:
             robot.lane.look(now_s)
-        period_s = self._config.network.dead_man_s / _BEATS
-        self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
+        self.actor_inbox.call_later(self.clock.of_real(_LOOK_EACH_S), self._look)
 
     def shut_down(self) -> None:
         """Close the session, and end. Thread: any; does not block."""
@@ -221,36 +231,14 @@ class Controller(EALActor):
 
         return end
 
-    def declare_key(self, key: str) -> str | zenoh.KeyExpr:
-        """Return a key that is used again and again as the engine finds its way fastest, even among a thousand robots.
+    def call_key(self, robot: str, resource: str, method: str) -> str:
+        """Return the key of our calls of a method."""
+        return keys.call_key(keys.CallKey(self.fleet, robot, resource, method, self._caller, self.client))
 
-        Thread: any that may wait for a link.
-        """
-        session = self._session
-        if session is None:
-            return key
-        import zenoh
-
-        try:
-            declared: zenoh.KeyExpr = session.declare_keyexpr(key)
-            return declared
-        except zenoh.ZError as error:
-            get_logger(fleet=self.fleet).debug("a key could not be declared", key=key, reason=shown(error))
-            return key
-
-    def get(
-        self,
-        key: str | zenoh.KeyExpr,
-        on_reply: Callable[[zenoh.Reply], None],
-        on_done: Callable[[], None],
-        envelope: bytes,
-        payload: Payload,
-        timeout_s: float,
-        *,
-        is_urgent: bool = False,
-        is_last: bool = True,
-    ) -> None:
-        """Send a query; `on_done` comes last, whatever happens.
+    def put(
+        self, robot: str, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False, is_last: bool = True
+    ) -> bool:
+        """Send a call to a robot; return whether an answer may come: False if the robot is not there.
 
         What is urgent is sent past everything that waits in the link. What is not the last may travel together with
         what follows.
@@ -259,25 +247,22 @@ class Controller(EALActor):
         """
         session = self._session
         if session is None:
-            on_done()
-            return
+            return False
         import zenoh
 
         try:
-            session.get(
+            session.put(
                 key,
-                zenoh.handlers.Callback(on_reply, on_done, indirect=False),
-                consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=timeout_s,
+                payload if type(payload) is bytes else bytes(payload),
                 priority=zenoh.Priority.REAL_TIME if is_urgent else zenoh.Priority.DATA,
                 congestion_control=zenoh.CongestionControl.BLOCK,
                 express=is_last,
-                payload=bytes(payload) if len(payload) else None,
                 attachment=envelope,
             )
         except zenoh.ZError as error:
-            get_logger(fleet=self.fleet).debug("a query could not be sent", key=str(key), reason=shown(error))
-            on_done()
+            get_logger(fleet=self.fleet).debug("a call could not be sent", key=key, reason=shown(error))
+            return False
+        return self.is_alive(robot)  # else it has gone, maybe before the call was waited for
 
     # What comes from the network, in zenoh's threads.
 
@@ -297,6 +282,17 @@ class Controller(EALActor):
                 robot.found()
             else:
                 robot.gone("is out of reach")
+
+    def _on_answer(self, sample: zenoh.Sample) -> None:
+        robot = self._robots.get(keys.answering_robot(str(sample.key_expr)))
+        if robot is None:
+            return
+        attachment = sample.attachment
+        try:
+            reply = decode_reply(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+        except ProtocolError as error:
+            reply = Reply(0, error)
+        robot.lane.hear_reply(reply)
 
     def _on_event(self, sample: zenoh.Sample) -> None:
         attachment = sample.attachment

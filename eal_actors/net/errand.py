@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import secrets
 from collections import deque
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from eal_actors.clock import REAL_TIME, new_waiter
-from eal_actors.errors import EALError, UnavailableError, shown
+from eal_actors.errors import EALError, ProtocolError, UnavailableError, shown
 from eal_actors.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net import keys
-from eal_actors.net.exchange import Exchange
 from eal_actors.net.session import controller_config, open_session
-from eal_actors.net.wire import Answer, CallHeader, RobotTime, encode_call
+from eal_actors.net.wire import CallHeader, Reply, decode_reply, encode_call
 
 if TYPE_CHECKING:
     import zenoh
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 ERRAND_S: Final = 3.0
 """Real seconds after which a robot that does not answer counts as absent."""
 
-_RETRY_S: Final = 0.05
+_RETRY_S: Final = 0.5
+"""Real seconds after which a robot that is there and has not answered is asked again."""
 
 Tell = Callable[[str, EALError | None], None]
 """Called with a robot's name and what went wrong, None if it has done as asked."""
@@ -66,23 +67,37 @@ class _Errand:
         self, config: FleetConfig, robots: Sequence[str], method: str, arguments: tuple[str | int, ...], tell: Tell
     ) -> None:
         self._config = config
-        self._waiting = dict.fromkeys(robots, False)  # whether a query is under way
+        self._ask_at_s = dict.fromkeys(robots, math.inf)  # of those that have not answered; inf: not there yet
         self._method = method
         self._arguments = arguments
         self._tell = tell
+        security = config.network.security
+        self._caller = keys.ANYBODY if security is None else security.controller
         self._client = secrets.token_hex(8)
-        self._news: deque[tuple[str, Answer | None]] = deque()
+        self._sequence = 0
+        self._news: deque[tuple[str, Reply | None]] = deque()
         self._waiter = new_waiter()
 
     def run(self, session: zenoh.Session, timeout_s: float) -> None:
+        import zenoh
+
         end_s = REAL_TIME.now() + timeout_s
-        while self._waiting and (left_s := end_s - REAL_TIME.now()) > 0:
-            for robot, is_asked in self._waiting.items():
-                if not is_asked:
-                    self._ask(session, robot, left_s)
-            REAL_TIME.wait(self._waiter, min(_RETRY_S, left_s))
+        callback = zenoh.handlers.Callback
+        answers = keys.answers_key(self._config.name, self._caller, self._client)
+        session.declare_subscriber(f"{answers}/*", callback(self._on_answer, indirect=False))
+        session.liveliness().declare_subscriber(
+            keys.alive_keys(self._config.name), callback(self._on_liveliness, indirect=False), history=True
+        )
+        while self._ask_at_s and (now_s := REAL_TIME.now()) < end_s:
+            for robot, ask_at_s in self._ask_at_s.items():
+                if ask_at_s <= now_s:
+                    self._ask(session, robot, end_s - now_s)
+                    self._ask_at_s[robot] = now_s + _RETRY_S
+            next_s = min(end_s, *self._ask_at_s.values())
+            if not self._news:
+                REAL_TIME.wait(self._waiter, max(0.0, next_s - REAL_TIME.now()))
             self._take_news()
-        for robot in self._waiting:
+        for robot in self._ask_at_s:
             address = self._config.robots[robot].address
             reason = f"did not answer within {timeout_s:g} s at {address}, or does not grant this"
             self._tell(robot, UnavailableError(reason, robot=robot))
@@ -90,38 +105,52 @@ class _Errand:
     def _ask(self, session: zenoh.Session, robot: str, left_s: float) -> None:
         import zenoh
 
-        self._waiting[robot] = True
-        header = CallHeader(self._client, 0, 0, left_s, left_s, None, self._arguments)
-        envelope, _ = encode_call(header)
-        exchange = Exchange(partial(self._answered, robot), partial(self._missed, robot))
+        self._sequence += 1
+        header = CallHeader(self._client, 0, self._sequence, left_s, left_s, None, self._arguments)
+        envelope, payload = encode_call(header)
+        key = keys.CallKey(self._config.name, robot, keys.ROBOT, self._method, self._caller, self._client)
         try:
-            session.get(
-                keys.method_key(self._config.name, robot, keys.ROBOT, self._method),
-                zenoh.handlers.Callback(exchange.reply, exchange.drop, indirect=False),
-                consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=left_s,
+            session.put(
+                keys.call_key(key),
+                payload,
                 priority=zenoh.Priority.REAL_TIME,
                 congestion_control=zenoh.CongestionControl.BLOCK,
                 express=True,
                 attachment=envelope,
             )
         except zenoh.ZError as error:
-            get_logger(robot=robot).debug("a query could not be sent", reason=shown(error))
-            self._missed(robot)
+            get_logger(robot=robot).debug("a call could not be sent", reason=shown(error))
 
-    def _answered(self, robot: str, answer: Answer, _: RobotTime | None) -> None:
+    def _on_answer(self, sample: zenoh.Sample) -> None:
         """Thread: zenoh's."""
-        self._news.append((robot, answer))
-        REAL_TIME.wake(self._waiter)
+        attachment = sample.attachment
+        try:
+            reply = decode_reply(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+        except ProtocolError as error:
+            reply = Reply(0, error)
+        self._hear(keys.answering_robot(str(sample.key_expr)), reply)
 
-    def _missed(self, robot: str) -> None:
-        """Thread: zenoh's. It wakes nobody: there is to be some time until the next query."""
-        self._news.append((robot, None))
+    def _on_liveliness(self, sample: zenoh.Sample) -> None:
+        """Thread: zenoh's."""
+        import zenoh
+
+        with contextlib.suppress(ProtocolError):
+            _, robot, _, _ = keys.parse_key(str(sample.key_expr))
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._hear(robot, None)
+
+    def _hear(self, robot: str, reply: Reply | None) -> None:
+        self._news.append((robot, reply))
+        REAL_TIME.wake(self._waiter)
 
     def _take_news(self) -> None:
         while self._news:
-            robot, answer = self._news.popleft()
-            if answer is None:
-                self._waiting[robot] = False
-            elif self._waiting.pop(robot, None) is not None:
-                self._tell(robot, answer.at(robot) if isinstance(answer, EALError) else None)
+            robot, reply = self._news.popleft()
+            if robot not in self._ask_at_s:
+                continue
+            if reply is None:  # it is there now
+                self._ask_at_s[robot] = REAL_TIME.now()
+                continue
+            del self._ask_at_s[robot]
+            answer = reply.answer
+            self._tell(robot, answer.at(robot) if isinstance(answer, EALError) else None)

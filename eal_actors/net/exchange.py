@@ -1,78 +1,88 @@
-"""Exchange: one query under way, from its reply or the lack of one to an answer."""
+"""Exchanges: what one robot was asked and has not answered yet.
+
+A call and its answer are two publications, which nothing joins but the number of the call. Where no answer will come,
+that is told by the robot's sign of life, which goes, or by the time, which runs out.
+"""
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from eal_actors.clock import REAL_TIME
-from eal_actors.errors import ProtocolError, UnavailableError
 from eal_actors.net.sender import UrgentMessage
-from eal_actors.net.wire import Answer, CallHeader, RobotTime, decode_reply, encode_call
+from eal_actors.net.wire import Answer, CallHeader, Reply, RobotTime, encode_call
 
 if TYPE_CHECKING:
-    import zenoh
-
     from eal_actors.net.controller import Controller
-
-_TIMEOUT: Final = "Timeout"
-"""How the engine says that nobody answered in time."""
 
 
 class Exchange:
-    """The two callbacks of a query.
+    """Something that was asked. One of its three methods is called, once; they must not hold up zenoh's threads.
 
-    Args:
-        on_answer: called with each answer, and the robot's clock if it came along.
-        on_nothing: called when there is to be none.
-
-    Thread: zenoh's, which both must not hold up.
+    Attributes:
+        end_s: the real time at which it runs out.
     """
 
-    __slots__ = ("is_answered", "on_answer", "on_nothing")
+    __slots__ = ()
 
-    def __init__(self, on_answer: Callable[[Answer, RobotTime | None], None], on_nothing: Callable[[], None]) -> None:
-        self.on_answer = on_answer
-        self.on_nothing = on_nothing
-        self.is_answered = False
+    end_s: float
 
-    def reply(self, reply: zenoh.Reply) -> None:
-        """Take in an answer."""
-        heard = read_reply(reply)
-        if heard is not None:
-            self.is_answered = True
-            self.on_answer(*heard)
+    def answered(self, answer: Answer, time: RobotTime | None) -> None:
+        """Take in the answer, and the robot's clock if it came along. Thread: zenoh's."""
+        raise NotImplementedError
 
-    def drop(self) -> None:
-        """There will be no further answer."""
-        if not self.is_answered:
-            self.on_nothing()
+    def lost(self) -> None:
+        """Take note that the robot is not there (any more). Thread: any."""
+        raise NotImplementedError
+
+    def ran_out(self) -> None:
+        """Take note that its time is over. Thread: any."""
+        raise NotImplementedError
 
 
-def read_reply(reply: zenoh.Reply) -> tuple[Answer, RobotTime | None] | None:
-    """Return an answer, and the robot's clock if it came along; None where it only says that there is no answer."""
-    sample = reply.ok
-    if sample is None:
-        failed = reply.err
-        reason = failed.payload.to_bytes().decode("utf-8", "replace") if failed is not None else "no reason given"
-        return None if reason == _TIMEOUT else (UnavailableError(f"the network refuses: {reason}"), None)
-    try:
-        attachment = sample.attachment
-        return decode_reply(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
-    except ProtocolError as error:
-        return error, None
+class Exchanges:
+    """The exchanges of one robot by the numbers of their calls. Thread: any."""
+
+    def __init__(self) -> None:
+        self._open: dict[int, Exchange] = {}
+
+    def open(self, number: int, exchange: Exchange) -> None:
+        """Wait for an answer; call it before the call leaves."""
+        self._open[number] = exchange
+
+    def answer(self, reply: Reply) -> None:
+        """Pass on an answer; one to a call that the robot could not read is for all, as nobody knows which it was."""
+        for number in (reply.sequence,) if reply.sequence else list(self._open):
+            exchange = self._open.pop(number, None)
+            if exchange is not None:
+                exchange.answered(reply.answer, reply.time)
+
+    def lose(self) -> None:
+        """Give all up: the robot is not there."""
+        for number in list(self._open):
+            exchange = self._open.pop(number, None)
+            if exchange is not None:
+                exchange.lost()
+
+    def look(self, now_s: float) -> None:
+        """Give up those whose time is over."""
+        for number, exchange in list(self._open.items()):
+            if exchange.end_s <= now_s and self._open.pop(number, None) is not None:
+                exchange.ran_out()
 
 
-class Question(UrgentMessage):
-    """A query to the robot itself, with the times that tell how far its clock is from ours.
+class Question(UrgentMessage, Exchange):
+    """A call of the robot itself, with the times that tell how far its clock is from ours.
 
     Args:
         controller: the fleet's end of the network.
-        key: of the method.
+        robot: whom to ask.
+        exchanges: of the robot.
+        key: of the call.
         header: of the call; its time to live is how long to wait for an answer.
-        take: called with the answer, the robot's clock if it came along, and our clock (REAL_TIME) as the query left
+        take: called with the answer, the robot's clock if it came along, and our clock (REAL_TIME) as the call left
             and as the answer came.
         miss: called when there is to be none.
         is_urgent: send it past everything that waits.
@@ -84,6 +94,8 @@ class Question(UrgentMessage):
     def __init__(
         self,
         controller: Controller,
+        robot: str,
+        exchanges: Exchanges,
         key: str,
         header: CallHeader,
         take: Callable[[Answer, RobotTime | None, float, float], None],
@@ -96,34 +108,40 @@ class Question(UrgentMessage):
         self._insist = insist
         self._is_taken = threading.Lock()  # by whoever sends it
         self._controller = controller
+        self._robot = robot
+        self._exchanges = exchanges
         self._key = key
         self._header = header
         self._take = take
-        self._exchange = Exchange(self._heard, miss)
-        self._sent_s = math.nan
+        self._sent_s = 0.0
+        self._miss = miss
 
     def send(self, *, is_last: bool) -> None:
         """See Message."""
         if not self._is_taken.acquire(blocking=False):
             return
-        header, exchange = self._header, self._exchange
+        header = self._header
         envelope, payload = encode_call(header._replace(has_more=not is_last))
         self._sent_s = REAL_TIME.now()
-        self._controller.get(
-            self._key,
-            exchange.reply,
-            exchange.drop,
-            envelope,
-            payload,
-            header.ttl_s,
-            is_urgent=self._is_urgent,
-            is_last=is_last,
-        )
+        self.end_s = self._sent_s + header.ttl_s
+        self._exchanges.open(header.sequence, self)
+        put = self._controller.put
+        if not put(self._robot, self._key, envelope, payload, is_urgent=self._is_urgent, is_last=is_last):
+            self._exchanges.lose()
 
     def insist(self) -> None:
         """See UrgentMessage."""
         if self._insist is not None and not self._is_taken.locked():
             self._insist(lambda: self.send(is_last=True))
 
-    def _heard(self, answer: Answer, time: RobotTime | None) -> None:
+    def answered(self, answer: Answer, time: RobotTime | None) -> None:
+        """See Exchange."""
         self._take(answer, time, self._sent_s, REAL_TIME.now())
+
+    def lost(self) -> None:
+        """See Exchange."""
+        self._miss()
+
+    def ran_out(self) -> None:
+        """See Exchange."""
+        self._miss()

@@ -22,18 +22,16 @@ from eal_actors.data import EALData
 from eal_actors.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
 from eal_actors.net import keys
 from eal_actors.net.calling import READS, split_arguments
-from eal_actors.net.exchange import read_reply
+from eal_actors.net.exchange import Exchange, Exchanges
 from eal_actors.net.receipts import Stamper
 from eal_actors.net.rights import Rights
 from eal_actors.net.sender import UrgentMessage
 from eal_actors.net.stamps import translated
 from eal_actors.net.timing import fleet_time_of, real_time_of
-from eal_actors.net.wire import ACCEPTED, Answer, CallHeader, CallId, Event, RobotTime, encode_call
+from eal_actors.net.wire import ACCEPTED, Answer, CallHeader, CallId, Event, Reply, RobotTime, encode_call
 from eal_actors.resource import Progress
 
 if TYPE_CHECKING:
-    import zenoh
-
     from eal_actors.net.client import RemoteRobot
     from eal_actors.net.controller import Controller
 
@@ -42,9 +40,6 @@ TTL_S: Final = 1.0
 
 MOST_UNDER_WAY: Final = 256
 """Calls to one robot that wait to be sent or answered; further ones are refused."""
-
-_ANSWER_S: Final = 2.0
-"""Real seconds in which a robot answers a command, if only that it has accepted it."""
 
 _RETRY_S: Final = 0.05
 _REATTACH_S: Final = 2.0
@@ -61,6 +56,8 @@ class Lane(UrgentMessage):
 
     Attributes:
         rights: what may be called, as the robot told; None for everything.
+        exchanges: what is not answered yet.
+        pace: of the calls to all robots.
 
     Thread: any, but for what says otherwise.
     """
@@ -68,6 +65,7 @@ class Lane(UrgentMessage):
     def __init__(self, robot: RemoteRobot, controller: Controller) -> None:
         self._robot = robot
         self._controller = controller
+        self.pace: Final = controller.pace
         self._stamper = Stamper(controller.client)
         self._lock = threading.Lock()
         self._urgent: deque[Call[Any]] = deque()
@@ -77,10 +75,11 @@ class Lane(UrgentMessage):
         self._sending = threading.Lock()
         self._running: dict[CallId, Call[Any]] = {}
         self._told: tuple[RobotTime, float] | None = None
+        self.exchanges: Final = Exchanges()
         self.rights: Rights | None = None
         self._ask_at_s = math.inf
         self._ask_each_s = _ASK_EACH_S[0]
-        self._keys: dict[tuple[str, str], str | zenoh.KeyExpr] = {}
+        self._keys: dict[tuple[str, str], str] = {}
 
     # As the target of calls; see CallTarget and Mailbox.
 
@@ -198,18 +197,16 @@ class Lane(UrgentMessage):
             self._under_way.discard(call)
             call.settle(None, error.at(self._robot.name, call.cell.name), self._controller.later)
             return
-        real_s = left_s / clock.of_real(1.0)
-        if header.sequence and call.method != keys.HALT:
+        if call.method not in READS and call.method != keys.HALT:
             self._running[header.call_id] = call
-            real_s = min(real_s, _ANSWER_S)
         if call.span is not None:
             call.span.note("sent")
-        query = _Query(self, call, header.call_id)
+        end_s = REAL_TIME.now() + left_s / clock.of_real(1.0)
+        self.exchanges.open(header.sequence, _Asked(self, call, header.call_id, end_s))
+        self.pace.sent()
         key = self._key(call)
-        self._controller.pace.sent()
-        self._controller.get(
-            key, query.reply, query.drop, envelope, payload, real_s, is_urgent=call.stops, is_last=is_last
-        )
+        if not self._controller.put(self._robot.name, key, envelope, payload, is_urgent=call.stops, is_last=is_last):
+            self.exchanges.lose()
 
     def _header(self, call: Call[Any], left_s: float, *, has_more: bool) -> tuple[CallHeader, EALData | None]:
         """Return how a call is announced; commands, and what stops them, have a number and proof of their age."""
@@ -217,7 +214,10 @@ class Lane(UrgentMessage):
         stamper = self._stamper
         traceparent = "" if call.span is None else call.span.traceparent
         if call.method in READS:
-            head = CallHeader(stamper.client, stamper.epoch, 0, left_s, left_s, None, plain, traceparent=traceparent)
+            number = stamper.number()
+            head = CallHeader(
+                stamper.client, stamper.epoch, number, left_s, left_s, None, plain, traceparent=traceparent
+            )
             return head, data
         start_s = None if call.start_s is None else self._time_on_robot(call.start_s)
         if data is not None and data.stamp_s is not None:
@@ -230,24 +230,28 @@ class Lane(UrgentMessage):
         echo = stamp.era, stamp.echo_s, stamp.held_s
         return CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *echo, has_more, traceparent), data
 
-    def _key(self, call: Call[Any]) -> str | zenoh.KeyExpr:
+    def _key(self, call: Call[Any]) -> str:
         name = call.cell.name, call.method
         key = self._keys.get(name)
         if key is None:
-            text = keys.method_key(self._controller.fleet, self._robot.name, *name)
-            key = self._keys[name] = self._controller.declare_key(text)
+            key = self._keys[name] = self._controller.call_key(self._robot.name, *name)
         return key
+
+    def number(self) -> int:
+        """Return the number of a call that is no command."""
+        return self._stamper.number()
 
     def _time_on_robot(self, fleet_s: float) -> float:
         real_s = real_time_of(self._robot.clock, fleet_s)
         return real_s + self._robot.pinger.offset(real_s).offset_s
 
-    def note_time(self, time: RobotTime | None) -> None:
-        """Keep the robot's clock, as an answer told it, for the next stamp. Thread: any, for it is one assignment."""
-        if time is not None:
-            self._told = time, REAL_TIME.now()
-
     # Answers.
+
+    def hear_reply(self, reply: Reply) -> None:
+        """Take in an answer, and the robot's clock for the next stamp. Thread: zenoh's."""
+        if reply.time is not None:
+            self._told = reply.time, REAL_TIME.now()
+        self.exchanges.answer(reply)
 
     def conclude(self, call: Call[Any], call_id: CallId, answer: Answer, time: RobotTime | None) -> None:
         """Give a call its outcome, unless it goes on. Thread: zenoh's."""
@@ -290,14 +294,15 @@ class Lane(UrgentMessage):
         call.began_s = fleet_time_of(clock, began_s - offset.offset_s)
         call.began_error_s = clock.of_real(offset.error_s)
 
-    def answered(self) -> None:
-        """A query is over. Thread: zenoh's."""
-        self._controller.pace.answered()
-
-    def missed(self, call: Call[Any], call_id: CallId) -> None:
-        """There was no answer: what only reads is asked again, a command never. Thread: zenoh's."""
+    def miss(self, call: Call[Any], call_id: CallId) -> None:
+        """The robot is not there to answer: what only reads is asked again, a command never. Thread: any."""
         self._under_way.discard(call)
         self._robot.soon(lambda: self._miss(call, call_id))
+
+    def expire(self, call: Call[Any]) -> None:
+        """The deadline of a call has passed without an answer. Thread: any."""
+        self._under_way.discard(call)
+        self._controller.later(call.expire)
 
     def _miss(self, call: Call[Any], call_id: CallId) -> None:
         robot = self._robot
@@ -327,7 +332,11 @@ class Lane(UrgentMessage):
             return self._stamper.epoch
 
     def look(self, now_s: float) -> None:
-        """Ask for commands that take long now and again, for their outcome may get lost. Thread: the controller's."""
+        """Give up what has no time left, and ask for commands that take long, for their outcome may get lost.
+
+        Thread: the controller's.
+        """
+        self.exchanges.look(now_s)
         if not self._running:
             self._ask_at_s = math.inf
         elif self._ask_at_s == math.inf:
@@ -363,30 +372,31 @@ class Lane(UrgentMessage):
                 waiting.clear()
         for call in calls:
             call.fail(error.copy())
+        self.exchanges.lose()
 
 
-class _Query:
-    """The two callbacks of a call's query; see Exchange. Thread: zenoh's."""
+class _Asked(Exchange):
+    """A call that has left."""
 
-    __slots__ = ("call", "call_id", "is_answered", "lane")
+    __slots__ = ("_call", "_call_id", "_lane", "end_s")
 
-    def __init__(self, lane: Lane, call: Call[Any], call_id: CallId) -> None:
-        self.lane = lane
-        self.call = call
-        self.call_id = call_id
-        self.is_answered = False
+    def __init__(self, lane: Lane, call: Call[Any], call_id: CallId, end_s: float) -> None:
+        self._lane = lane
+        self._call = call
+        self._call_id = call_id
+        self.end_s = end_s
 
-    def reply(self, reply: zenoh.Reply) -> None:
-        """Take in an answer."""
-        heard = read_reply(reply)
-        if heard is not None:
-            self.is_answered = True
-            answer, time = heard
-            self.lane.note_time(time)
-            self.lane.conclude(self.call, self.call_id, answer, time)
+    def answered(self, answer: Answer, time: RobotTime | None) -> None:
+        """See Exchange."""
+        self._lane.pace.answered()
+        self._lane.conclude(self._call, self._call_id, answer, time)
 
-    def drop(self) -> None:
-        """There will be no further answer."""
-        self.lane.answered()
-        if not self.is_answered:
-            self.lane.missed(self.call, self.call_id)
+    def lost(self) -> None:
+        """See Exchange."""
+        self._lane.pace.answered()
+        self._lane.miss(self._call, self._call_id)
+
+    def ran_out(self) -> None:
+        """See Exchange."""
+        self._lane.pace.answered()
+        self._lane.expire(self._call)

@@ -16,7 +16,7 @@ class CallId(NamedTuple):
     Attributes:
         client: 16 hexadecimal digits, new in each process of a controller.
         epoch: how often that client has connected to the robot.
-        sequence: number of the call within the epoch.
+        sequence: number of the call, from 1; each call of the client to the robot has another one.
     """
 
     client: str
@@ -110,6 +110,34 @@ class Heartbeat:
     epoch: int
     sequence: int
     name: str = ""
+
+
+class Reply(NamedTuple):
+    """What comes back for a call.
+
+    Attributes:
+        sequence: number of the call; 0 if it could not be read, so that nobody knows which it was.
+        answer: the answer.
+        time: the robot's clock as it answered, if it came along.
+    """
+
+    sequence: int
+    answer: Answer
+    time: RobotTime | None = None
+
+
+class ReplyTo(NamedTuple):
+    """Who is to be answered.
+
+    Attributes:
+        key: on which to answer.
+        sequence: see Reply.
+        is_urgent: whether the answer goes past everything that waits.
+    """
+
+    key: str
+    sequence: int
+    is_urgent: bool = False
 
 
 class RobotTime(NamedTuple):

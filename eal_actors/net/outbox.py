@@ -62,16 +62,18 @@ class Outbox(Sender):
         if is_complete:
             REAL_TIME.wake(self._all_came)
 
-    def answer(self, query: zenoh.Query, key: str, envelope: bytes, payload: Payload) -> None:
-        """Answer a query, once. Thread: any; does not block."""
-        self.submit(_Letter(self, query, key, envelope, payload))
+    def publish(
+        self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool = True, is_urgent: bool = False
+    ) -> None:
+        """Publish something; what is not vital is dropped where a link is full. Thread: any; does not block."""
+        self.submit(_Letter(self, key, envelope, payload, is_vital=is_vital, is_urgent=is_urgent))
 
-    def answer_from_here(self, query: zenoh.Query, key: str, envelope: bytes, payload: Payload) -> None:
-        """Answer a query, once: in this thread, unless another one is sending just now.
+    def publish_from_here(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
+        """Publish something: in this thread, unless another one is sending just now.
 
         Thread: one that may wait for a link; see Message.
         """
-        letter = _Letter(self, query, key, envelope, payload)
+        letter = _Letter(self, key, envelope, payload, is_urgent=is_urgent)
         if self._gate.acquire(blocking=False):
             try:
                 self._send(letter, is_last=True)
@@ -79,10 +81,6 @@ class Outbox(Sender):
                 self._gate.release()
         else:
             self.submit(letter)
-
-    def publish(self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool = True) -> None:
-        """Publish an event; one that is not vital is dropped where a link is full. Thread: any; does not block."""
-        self.submit(_Letter(self, None, key, envelope, payload, is_vital=is_vital))
 
     def post(self, message: Message) -> None:
         """Send a letter, together with others if some are due. Thread: the actor's own."""
@@ -104,47 +102,42 @@ class Outbox(Sender):
     def _send(self, letter: _Letter, *, is_last: bool) -> None:
         import zenoh
 
-        query, payload = letter.query, letter.payload
-        data = payload if type(payload) is bytes else bytes(payload)
+        payload = letter.payload
+        congestion = zenoh.CongestionControl
         try:
-            if query is None:
-                self._session.put(
-                    letter.key,
-                    data,
-                    attachment=letter.envelope,
-                    express=is_last,
-                    congestion_control=zenoh.CongestionControl.BLOCK  # an outcome must not be lost
-                    if letter.is_vital
-                    else zenoh.CongestionControl.DROP,
-                )
-            else:
-                with query:
-                    query.reply(letter.key, data, attachment=letter.envelope, express=is_last)
+            self._session.put(
+                letter.key,
+                payload if type(payload) is bytes else bytes(payload),
+                attachment=letter.envelope,
+                priority=zenoh.Priority.REAL_TIME if letter.is_urgent else zenoh.Priority.DATA,
+                congestion_control=congestion.BLOCK if letter.is_vital else congestion.DROP,
+                express=is_last,
+            )
         except Exception as error:  # noqa: BLE001  # zenoh's own: the link broke, or the session is being closed
             self._log.debug("a message could not be sent", key=letter.key, reason=shown(error))
 
 
 class _Letter(Message):
-    """An answer to a query, or an event."""
+    """An answer or an event."""
 
-    __slots__ = ("envelope", "is_vital", "key", "outbox", "payload", "query")
+    __slots__ = ("envelope", "is_urgent", "is_vital", "key", "outbox", "payload")
 
     def __init__(
         self,
         outbox: Outbox,
-        query: zenoh.Query | None,
         key: str,
         envelope: bytes,
         payload: Payload,
         *,
         is_vital: bool = True,
+        is_urgent: bool = False,
     ) -> None:
         self.outbox = outbox
-        self.query = query
         self.key = key
         self.envelope = envelope
         self.payload = payload
         self.is_vital = is_vital
+        self.is_urgent = is_urgent
 
     def send(self, *, is_last: bool) -> None:
         """See Message."""

@@ -11,7 +11,7 @@ from eal_actors.data import EALData
 from eal_actors.data.forms import FORMS, Form, shown
 from eal_actors.errors import ConfigError, DataError, EALError, ProtocolError
 
-PROTOCOL_VERSION: Final = 1
+PROTOCOL_VERSION: Final = 2
 """Goes up when an older reader would misunderstand; see docs/network.md."""
 MAX_ENVELOPE_BYTES: Final = 1024**2
 MAX_ITEMS: Final = 4096

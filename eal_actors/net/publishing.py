@@ -57,7 +57,7 @@ class StreamPublisher(EALActor):
     # What the server passes on. Thread: any.
 
     def serve(self, handle: ResourceHandle, header: CallHeader) -> None:
-        """Take in a query for a stream.
+        """Take in what asks for a stream.
 
         Raises:
             ProtocolError: it makes no sense.

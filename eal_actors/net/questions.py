@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_GRACE_S: Final = 0.5
-"""What zenoh may be late with telling that there is no answer, in real seconds."""
+_GRACE_S: Final = 1.0
+"""How late it may be told that there is no answer, in real seconds."""
 
 Take = Callable[[Answer, RobotTime | None, float, float], T]
-"""Takes an answer, the robot's clock if it came along, and our clock as the query left and as the answer came."""
+"""Takes an answer, the robot's clock if it came along, and our clock as the call left and as the answer came."""
 
 
 class Questions:
@@ -77,7 +77,7 @@ class Questions:
         miss: Callable[[], None],
         resource: str = keys.ROBOT,
     ) -> None:
-        """Send a query; `take` or `miss` tells what comes of it, in zenoh's thread, or at once where it is refused."""
+        """Ask; `take` or `miss` tells what comes of it, in zenoh's thread, or at once where it is refused."""
         robot, lane = self._robot, self._robot.lane
         try:
             if lane.rights is not None:
@@ -85,16 +85,14 @@ class Questions:
         except AccessDeniedError as error:
             take(error, None, 0.0, 0.0)
             return
-
-        def heard(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
-            lane.note_time(time)
-            take(answer, time, sent_s, answered_s)
-
-        key = keys.method_key(self._controller.fleet, robot.name, resource, method)
-        header = CallHeader(self._controller.client, self.epoch, 0, timeout_s, timeout_s, None, arguments)
+        controller = self._controller
+        header = CallHeader(controller.client, self.epoch, lane.number(), timeout_s, timeout_s, None, arguments)
+        key = controller.call_key(robot.name, resource, method)
         is_urgent = method in (keys.STOP, keys.RESUME)
-        question = Question(self._controller, key, header, heard, miss, is_urgent=is_urgent, insist=robot.soon)
+        question = Question(
+            controller, robot.name, lane.exchanges, key, header, take, miss, is_urgent=is_urgent, insist=robot.soon
+        )
         if is_urgent:
-            self._controller.urge(question)
-        elif not self._controller.sender.submit(question):
+            controller.urge(question)
+        elif not controller.sender.submit(question):
             miss()

@@ -31,6 +31,7 @@ Limits:
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import OrderedDict
 from dataclasses import dataclass, field
@@ -92,10 +93,14 @@ class Stamper:
     def __init__(self, client: str) -> None:
         self.client: Final = client
         self.epoch = 0
-        self._sequence = 0
+        self._numbers = itertools.count(1)
         self._era: str | None = None
         self._echo_s = 0.0
         self._came_s = 0.0
+
+    def number(self) -> int:
+        """Return the number of the next call; commands have theirs from `stamp`. Thread: any."""
+        return next(self._numbers)
 
     def reconnect(self) -> None:
         """Begin a new epoch: once the robot knows of it (`Receipts.enter`), it refuses what is still under way."""
@@ -125,8 +130,7 @@ class Stamper:
         """
         if self._era is None:
             raise UnavailableError("the robot has not answered yet: without its clock no command can be sent")
-        self._sequence += 1
-        call = CallId(self.client, self.epoch, self._sequence)
+        call = CallId(self.client, self.epoch, self.number())
         return Stamp(call, ttl_s, self._era, self._echo_s, now_s - self._came_s)
 
 

@@ -15,8 +15,8 @@ from eal_actors import spans
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.clock import REAL_TIME
-from eal_actors.data import EALData, Payload
-from eal_actors.errors import DeadlineError, EALError, ResourceFaultError, shown
+from eal_actors.data import EALData
+from eal_actors.errors import DeadlineError, EALError, ProtocolError, ResourceFaultError, shown
 from eal_actors.info import ResourceType
 from eal_actors.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
@@ -25,6 +25,7 @@ from eal_actors.net.admission import Admission
 from eal_actors.net.calling import READS, start_call
 from eal_actors.net.desk import Desk
 from eal_actors.net.host import Host
+from eal_actors.net.keys import CallKey
 from eal_actors.net.publishing import StreamPublisher
 from eal_actors.net.stamps import stamp_in, stamp_out
 from eal_actors.net.timing import fleet_time_of, real_time_of
@@ -34,17 +35,19 @@ from eal_actors.net.wire import (
     Answer,
     CallHeader,
     Event,
+    Reply,
+    ReplyTo,
     RobotTime,
     decode_call,
-    encode_answer,
     encode_event,
+    encode_reply,
 )
 
 if TYPE_CHECKING:
     import zenoh
 
 AT_ONCE_S: Final = 0.1
-"""Real seconds that a command's query waits at least for its end; after that it is accepted, and tells later."""
+"""Real seconds that the answer to a command waits at least for its end; after that it is accepted, and tells later."""
 
 
 class RobotServer:
@@ -78,7 +81,7 @@ class RobotServer:
         self._under_way = UnderWay()
         self._publisher = StreamPublisher(fleet, robot, session, self._era)
         self._desk = Desk(robot, self._admission, self._under_way, self._publisher, self._publish, network.security)
-        self._declared: list[Any] = []
+        self._token: zenoh.LivelinessToken | None = None
         self._stopped_for: str | None = None
         self.dead_man_trips: dict[str, int] = {}
         self._state = robot.state
@@ -88,17 +91,10 @@ class RobotServer:
 
     def launch(self) -> Self:
         """Declare the robot to the network. Thread: blocks the caller for a moment."""
-        import zenoh
-
         if self._is_own_host:
             self._host.launch()
-        self._host.add(self)
-        robot_key = keys.robot_key(self._fleet, self._robot.name)
-        callback = zenoh.handlers.Callback(self._on_query, indirect=False)
-        self._declared = [
-            self._session.declare_queryable(f"{robot_key}/**", callback),
-            self._session.liveliness().declare_token(self._own_key(keys.ALIVE)),
-        ]
+        self._host.add(self._robot.name, self)
+        self._token = self._session.liveliness().declare_token(self._own_key(keys.ALIVE))
         return self
 
     def close(self, timeout_s: float) -> None:
@@ -108,23 +104,23 @@ class RobotServer:
             self._host.close(timeout_s)
 
     def _withdraw(self) -> None:
-        declared, self._declared = self._declared, []
-        for declaration in reversed(declared):
-            declaration.undeclare()
-        self._host.remove(self)
+        token, self._token = self._token, None
+        if token is not None:
+            token.undeclare()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
+        self._host.remove(self._robot.name)
         self._publisher.close()
 
-    def _own_key(self, method: str) -> str:
-        return keys.method_key(self._fleet, self._robot.name, keys.ROBOT, method)
+    def _own_key(self, name: str) -> str:
+        return keys.own_key(self._fleet, self._robot.name, name)
 
     # What the host tells; see Served.
 
     def look(self) -> None:
         """See after silent controllers, long commands and the robot's state."""
         self._halt_silent()
-        for running, query in self._under_way.take_long(REAL_TIME.now() - AT_ONCE_S):
+        for running, to in self._under_way.take_long(REAL_TIME.now() - AT_ONCE_S):
             self._outbox.expect(-1)
-            self._answer(query, running.key, ACCEPTED)  # its outcome will be told as an event
+            self._answer(to, ACCEPTED)  # its outcome will be told as an event
             running.call.arm()  # what goes on beyond its deadline is stopped
         self._tell_what_runs()
         reason, self._stopped_for = self._stopped_for, None
@@ -163,64 +159,51 @@ class RobotServer:
 
     # What comes from the network, in zenoh's threads.
 
-    def _on_query(self, query: zenoh.Query) -> None:
-        key = str(query.key_expr)
+    def take(self, call: CallKey, envelope: bytes, payload: bytes) -> None:
+        """See Served."""
+        to = ReplyTo(keys.answer_key(call), 0)
         try:
-            _, _, resource, method = keys.parse_method(key)
-            attachment, payload = query.attachment, query.payload
-            header, data = decode_call(
-                attachment.to_bytes() if attachment is not None else b"",
-                payload.to_bytes() if payload is not None else b"",
-            )
+            header, data = decode_call(envelope, payload)
+            to = ReplyTo(to.key, header.sequence)
+            if header.client != call.client:
+                raise ProtocolError(f"{call.client} calls in the name of {header.client}")
             if data is not None:
                 data = stamp_in(data, self._clock)
             with spans.within(header.traceparent):
-                if resource == keys.ROBOT:
-                    self._serve_robot(method, query, key, header)
+                if call.resource == keys.ROBOT:
+                    self._serve_robot(call.method, to, header)
                 else:
-                    self._serve(self._robot[resource], method, query, key, header, data)
+                    self._serve(self._robot[call.resource], call.method, to, header, data)
         except EALError as error:
-            self._answer(query, key, error.at(self._robot.name))
+            self._answer(to, error.at(self._robot.name))
         except Exception as error:  # noqa: BLE001  # else the caller would get no answer at all
-            self._log.exception("a query failed", key=key)
-            self._answer(query, key, ResourceFaultError(f"the server raised {shown(error)}"))
+            self._log.exception("a call failed", method=call.method, resource=call.resource)
+            self._answer(to, ResourceFaultError(f"the server raised {shown(error)}"))
 
     def _serve(
-        self,
-        handle: ResourceHandle,
-        method: str,
-        query: zenoh.Query,
-        key: str,
-        header: CallHeader,
-        data: EALData | None,
+        self, handle: ResourceHandle, method: str, to: ReplyTo, header: CallHeader, data: EALData | None
     ) -> None:
         if method == keys.INFO:
-            self._answer(query, key, handle.info.to_dict())
+            self._answer(to, handle.info.to_dict())
             return
         if method == keys.STREAM:
             self._publisher.serve(handle, header)
-            self._answer(query, key, 1)
+            self._answer(to, 1)
             return
         if header.deadline_s <= 0:
             raise DeadlineError(f"{method} came after its deadline; it was not executed")
         if method in READS:
             call = start_call(handle, method, header.arguments, data, header.deadline_s, None)
-            call.link(lambda done, _: self._answer(query, key, self._outcome(done), send=self._outbox.answer_from_here))
+            call.link(lambda done, _: self._answer(to, self._outcome(done), send=self._outbox.publish_from_here))
         elif method == keys.HALT or _is_stop(handle, method, header):
             self._admission.note_stop(header, handle.name)
             call = start_call(handle, method, header.arguments, data, header.deadline_s, None)
-            call.link(lambda done, _: self._answer(query, key, self._outcome(done)))
+            call.link(lambda done, _: self._answer(to._replace(is_urgent=True), self._outcome(done)))
         else:
-            self._command(handle, method, query, key, header, data)
+            self._command(handle, method, to, header, data)
 
     def _command(
-        self,
-        handle: ResourceHandle,
-        method: str,
-        query: zenoh.Query,
-        key: str,
-        header: CallHeader,
-        data: EALData | None,
+        self, handle: ResourceHandle, method: str, to: ReplyTo, header: CallHeader, data: EALData | None
     ) -> None:
         self._halt_silent()  # before another controller's first command
         begin_by_s = self._clock.now() + self._clock.of_real(self._admission.check(header, method, handle.name))
@@ -234,7 +217,7 @@ class RobotServer:
             self._admission.finish(call_id, error)
             raise
         call.caller = self._admission.names.of(header.client)
-        running = Running(call_id, key, query, call, REAL_TIME.now())
+        running = Running(call_id, to, call, REAL_TIME.now())
         self._under_way.add(running)
         call.link(lambda _, __: self._finish(running))
 
@@ -242,34 +225,34 @@ class RobotServer:
         """Tell what a command came to. Thread: whichever finishes it, mostly its resource's."""
         outcome = self._outcome(running.call)
         self._admission.finish(running.call_id, outcome)
-        query = self._under_way.end(running)
+        to = self._under_way.end(running)
         began_s = running.call.began_s
         if began_s is not None:
             began_s = real_time_of(self._clock, began_s)
-        if query is not None:
-            self._answer_expected(query, running.key, outcome, began_s)
+        if to is not None:
+            self._answer_expected(to, outcome, began_s)
         else:
             fields = {} if began_s is None else {"began_s": began_s}
             self._publish(Event("result", REAL_TIME.now(), running.call_id, outcome, fields))
 
     # The robot itself.
 
-    def _serve_robot(self, method: str, query: zenoh.Query, key: str, header: CallHeader) -> None:
+    def _serve_robot(self, method: str, to: ReplyTo, header: CallHeader) -> None:
         if method == keys.PING:
-            self._answer(query, key, self._desk.ping(), send=self._outbox.answer_from_here)
+            self._answer(to, self._desk.ping(), send=self._outbox.publish_from_here)
         elif method == keys.RELEASE:
-            self._answer(query, key, self._desk.release(header))
+            self._answer(to, self._desk.release(header))
         elif method == keys.STOP:
             reason = " ".join(map(str, header.arguments))
             self._outbox.expect(1, has_more=header.has_more)
             stopped = self._robot.stop(reason)
-            stopped.link(lambda done, _: self._answer_expected(query, key, self._outcome(done)))
+            stopped.link(lambda done, _: self._answer_expected(to._replace(is_urgent=True), self._outcome(done)))
             self._stopped_for = reason
         elif method == keys.RESUME:
             self._log.warning("resumed")
-            self._robot.resume().link(lambda done, _: self._answer(query, key, self._outcome(done)))
+            self._robot.resume().link(lambda done, _: self._answer(to, self._outcome(done)))
         else:
-            self._host.soon(lambda: self._answer(query, key, self._desk.answer(method, header)))
+            self._host.soon(lambda: self._answer(to, self._desk.answer(method, header)))
 
     # Answers.
 
@@ -285,32 +268,31 @@ class RobotServer:
 
     def _answer(
         self,
-        query: zenoh.Query,
-        key: str,
+        to: ReplyTo,
         answer: Answer,
         *,
         began_s: float | None = None,
-        send: Callable[[zenoh.Query, str, bytes, Payload], None] | None = None,
+        send: Callable[..., None] | None = None,
     ) -> None:
-        """Answer a query, once.
+        """Answer a call, once.
 
         Args:
-            query: the query.
-            key: of its method.
+            to: who called.
             answer: what to answer.
             began_s: when the command began, of one with a time to begin.
             send: the outbox's way to send it; None for the one that keeps nobody waiting.
 
         Thread: any.
         """
+        time = RobotTime(self._era, REAL_TIME.now(), began_s)
         try:
-            envelope, payload = encode_answer(answer, RobotTime(self._era, REAL_TIME.now(), began_s))
+            envelope, payload = encode_reply(Reply(to.sequence, answer, time))
         except EALError as error:  # too large, say
-            envelope, payload = encode_answer(error.at(self._robot.name), RobotTime(self._era, REAL_TIME.now()))
-        (send or self._outbox.answer)(query, key, envelope, payload)
+            envelope, payload = encode_reply(Reply(to.sequence, error.at(self._robot.name), time))
+        (send or self._outbox.publish)(to.key, envelope, payload, is_urgent=to.is_urgent)
 
-    def _answer_expected(self, query: zenoh.Query, key: str, answer: Answer, began_s: float | None = None) -> None:
-        self._answer(query, key, answer, began_s=began_s)
+    def _answer_expected(self, to: ReplyTo, answer: Answer, began_s: float | None = None) -> None:
+        self._answer(to, answer, began_s=began_s)
         self._outbox.expect(-1)
 
     def _publish(self, event: Event, *, is_vital: bool = True) -> None:

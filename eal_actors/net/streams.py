@@ -30,7 +30,7 @@ _RENEWALS: Final = 3
 
 
 Ask = Callable[[str, tuple[str | int, ...], float, Callable[[Answer], None], str], None]
-"""Sends a query: method, arguments, time-out in real seconds, who takes the answer, resource."""
+"""Asks a robot: method, arguments, time-out in real seconds, who takes the answer, resource."""
 
 
 class RemoteFeeds:
@@ -41,7 +41,7 @@ class RemoteFeeds:
         actor: the connection to the robot, in whose thread everything happens.
         controller: the fleet's end of the network.
         pinger: knows the offset of the robot's clock.
-        ask: sends a query to the robot.
+        ask: asks the robot.
 
     Thread: the connection's, but for `open` and `leave`.
     """

@@ -1,4 +1,4 @@
-"""UnderWay: the commands that a robot carries out for controllers, and the queries that wait for their ends."""
+"""UnderWay: the commands that a robot carries out for controllers, and the answers that wait for their ends."""
 
 from __future__ import annotations
 
@@ -6,17 +6,13 @@ import math
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.running import command_of
+from eal_actors.net.messages import CallId, ReplyTo
 from eal_actors.net.timing import real_time_of
-from eal_actors.net.wire import CallId
 from eal_actors.resource import Progress
-
-if TYPE_CHECKING:
-    import zenoh
-
 
 PROGRESS_EACH_S: Final = 0.25
 """Real seconds between two events of one command's progress, at least."""
@@ -30,8 +26,7 @@ class Running:
 
     Attributes:
         call_id: which it is.
-        key: of its method, on which it is answered.
-        query: what waits for the answer; None once that was given.
+        to: who waits for the answer; None once that was given.
         call: the call to the resource.
         since_s: when it came, in real time.
         is_announced: everybody was told that it runs.
@@ -40,8 +35,7 @@ class Running:
     """
 
     call_id: CallId
-    key: str
-    query: zenoh.Query | None
+    to: ReplyTo | None
     call: Call[Any]
     since_s: float
     is_announced: bool = False
@@ -70,7 +64,7 @@ class Running:
 
 
 class UnderWay:
-    """The commands under way on one robot. Each query is handed out once. Thread: any."""
+    """The commands under way on one robot. Each answer is owed once. Thread: any."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -81,24 +75,24 @@ class UnderWay:
         with self._lock:
             self._running[running.call_id] = running
 
-    def end(self, running: Running) -> zenoh.Query | None:
-        """Let go of a command that has ended; returns the query that still waits for its end."""
+    def end(self, running: Running) -> ReplyTo | None:
+        """Let go of a command that has ended; returns who still waits for its end."""
         with self._lock:
             self._running.pop(running.call_id, None)
-            query, running.query = running.query, None
-        return query
+            to, running.to = running.to, None
+        return to
 
-    def take_long(self, since_s: float) -> list[tuple[Running, zenoh.Query]]:
-        """Return the commands that came at that time or before, with the queries that still wait for them."""
+    def take_long(self, since_s: float) -> list[tuple[Running, ReplyTo]]:
+        """Return the commands that came at that time or before, with those who still wait for their answers."""
         if not self._running:  # as it mostly is, and as is asked often
             return []
         taken = []
         with self._lock:
             for running in self._running.values():
-                query = running.query
-                if query is not None and running.since_s <= since_s:
-                    running.query = None
-                    taken.append((running, query))
+                to = running.to
+                if to is not None and running.since_s <= since_s:
+                    running.to = None
+                    taken.append((running, to))
         return taken
 
     def take_begun(self) -> list[Running]:
@@ -126,7 +120,7 @@ class UnderWay:
             return [running for running in self._running.values() if running.is_announced]
 
     def _long(self) -> Iterator[Running]:
-        return (running for running in self._running.values() if running.query is None)
+        return (running for running in self._running.values() if running.to is None)
 
     def cancel(self, call_id: CallId) -> None:
         """Give up a command; does nothing if it is not under way."""

@@ -24,6 +24,8 @@ from eal_actors.net.messages import (
     CallId,
     Event,
     Heartbeat,
+    Reply,
+    ReplyTo,
     RobotTime,
 )
 from eal_actors.net.packing import (
@@ -49,16 +51,17 @@ __all__ = [
     "CallId",
     "Event",
     "Heartbeat",
+    "Reply",
+    "ReplyTo",
     "RobotTime",
-    "decode_answer",
     "decode_call",
     "decode_event",
     "decode_heartbeat",
     "decode_reply",
-    "encode_answer",
     "encode_call",
     "encode_event",
     "encode_heartbeat",
+    "encode_reply",
 ]
 
 MAX_PAYLOAD_BYTES: Final = 64 * 1024**2
@@ -112,42 +115,30 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
     return header, data
 
 
-def encode_answer(answer: Answer, time: RobotTime | None = None) -> tuple[bytes, Payload]:
+def encode_reply(reply: Reply) -> tuple[bytes, Payload]:
     """Return an answer's envelope and payload.
-
-    Args:
-        answer: the answer.
-        time: the robot's clock as it answers, which proves commands fresh; see receipts.
 
     Raises:
         DataError: the payload is over MAX_PAYLOAD_BYTES, or something in the answer cannot be sent.
     """
-    kind, body, payload = _answer_parts(answer)
+    kind, body, payload = _answer_parts(reply.answer)
+    time = reply.time
     known = () if time is None else time[:2] if time.began_s is None else time
-    return pack((PROTOCOL_VERSION, kind, body, *known), "answer"), payload
+    return pack((PROTOCOL_VERSION, reply.sequence, kind, body, *known), "answer"), payload
 
 
-def decode_answer(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> Answer:
-    """Return an answer; an error is returned, not raised.
-
-    Raises:
-        ProtocolError: it is none, or of another version.
-    """
-    return decode_reply(envelope, payload)[0]
-
-
-def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[Answer, RobotTime | None]:
-    """Return an answer, and the robot's clock if it came along; an error is returned, not raised.
+def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> Reply:
+    """Return an answer, which may be an error, and what it belongs to.
 
     Raises:
         ProtocolError: it is none, or of another version.
     """
-    _, *answer, era, time_s, began_s = unpack_row(envelope, "answer", 3, 3)
+    _, sequence, *answer, era, time_s, began_s = unpack_row(envelope, "answer", 4, 3)
     time = None
     if era is not None:
         began_s = None if began_s is None else _checked_time(began_s, "answer: began_s")
         time = RobotTime(_checked_text(era, "answer: era"), _checked_time(time_s, "answer: time_s"), began_s)
-    return _answer_from(answer, payload, "answer"), time
+    return Reply(_checked_count(sequence, "answer: sequence"), _answer_from(answer, payload, "answer"), time)
 
 
 def encode_event(event: Event) -> tuple[bytes, Payload]:
