@@ -123,8 +123,8 @@ class Controller(EALActor):
             return
         self._session = session
         callback = zenoh.handlers.Callback
-        answers = keys.answers_key(self.fleet, self._caller, self.client)
-        session.declare_subscriber(f"{answers}/*", callback(self._on_answer, indirect=False))
+        answers = keys.answer_keys(self.fleet, self._caller, self.client)
+        session.declare_subscriber(answers, callback(self._on_answer, indirect=False))
         session.liveliness().declare_subscriber(
             keys.alive_keys(self.fleet), callback(self._on_liveliness, indirect=False), history=True
         )
@@ -270,7 +270,7 @@ class Controller(EALActor):
         import zenoh
 
         try:
-            _, name, _, _ = keys.parse_key(str(sample.key_expr))
+            _, name = keys.parse_robot(str(sample.key_expr))
         except ProtocolError:
             return
         is_there = sample.kind == zenoh.SampleKind.PUT
@@ -284,20 +284,23 @@ class Controller(EALActor):
                 robot.gone("is out of reach")
 
     def _on_answer(self, sample: zenoh.Sample) -> None:
-        robot = self._robots.get(keys.answering_robot(str(sample.key_expr)))
-        if robot is None:
-            return
         attachment = sample.attachment
+        try:
+            _, name = keys.parse_robot(str(sample.key_expr))
+        except ProtocolError:
+            return
         try:
             reply = decode_reply(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
         except ProtocolError as error:
             reply = Reply(0, error)
-        robot.lane.hear_reply(reply)
+        robot = self._robots.get(name)
+        if robot is not None:
+            robot.lane.hear_reply(reply)
 
     def _on_event(self, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
         try:
-            _, name, _, _ = keys.parse_key(str(sample.key_expr))
+            _, name = keys.parse_robot(str(sample.key_expr))
             event = decode_event(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
         except ProtocolError as error:
             get_logger(fleet=self.fleet).warning("an event makes no sense", reason=error.message)

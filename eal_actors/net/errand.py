@@ -83,8 +83,8 @@ class _Errand:
 
         end_s = REAL_TIME.now() + timeout_s
         callback = zenoh.handlers.Callback
-        answers = keys.answers_key(self._config.name, self._caller, self._client)
-        session.declare_subscriber(f"{answers}/*", callback(self._on_answer, indirect=False))
+        answers = keys.answer_keys(self._config.name, self._caller, self._client)
+        session.declare_subscriber(answers, callback(self._on_answer, indirect=False))
         session.liveliness().declare_subscriber(
             keys.alive_keys(self._config.name), callback(self._on_liveliness, indirect=False), history=True
         )
@@ -128,20 +128,20 @@ class _Errand:
             reply = decode_reply(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
         except ProtocolError as error:
             reply = Reply(0, error)
-        self._hear(keys.answering_robot(str(sample.key_expr)), reply)
+        self._hear(str(sample.key_expr), reply)
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:
         """Thread: zenoh's."""
         import zenoh
 
-        with contextlib.suppress(ProtocolError):
-            _, robot, _, _ = keys.parse_key(str(sample.key_expr))
-            if sample.kind == zenoh.SampleKind.PUT:
-                self._hear(robot, None)
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._hear(str(sample.key_expr), None)
 
-    def _hear(self, robot: str, reply: Reply | None) -> None:
-        self._news.append((robot, reply))
-        REAL_TIME.wake(self._waiter)
+    def _hear(self, key: str, reply: Reply | None) -> None:
+        with contextlib.suppress(ProtocolError):
+            _, robot = keys.parse_robot(key)
+            self._news.append((robot, reply))
+            REAL_TIME.wake(self._waiter)
 
     def _take_news(self) -> None:
         while self._news:

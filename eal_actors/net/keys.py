@@ -1,22 +1,24 @@
-"""The key space: where on the network a robot's methods, events and signs of life are found.
+"""The key space: where on the network calls, answers, events, frames and signs of life are found.
 
     eal/<fleet>/<robot>/<resource>/<method>/<caller>/<client>   a call of a method of a resource
     eal/<fleet>/<robot>/_/<method>/<caller>/<client>            a call of a method of the robot itself
     eal/<fleet>/@answers/<caller>/<client>/<robot>              what a robot answers to a controller
-    eal/<fleet>/<robot>/<resource>/stream/<encoding>-<rate>     what a resource streams
-    eal/<fleet>/<robot>/_/events                                what happens on a robot
-    eal/<fleet>/<robot>/_/alive                                 liveliness token of a robot
-    eal/<fleet>/_/heartbeat/<client>                            sign of life of a controller, for every robot
+    eal/<fleet>/@events/<robot>                                 what happens on a robot
+    eal/<fleet>/@streams/<robot>/<resource>/<encoding>/<rate>   what a resource streams
+    eal/<fleet>/@alive/<robot>                                  liveliness token of a robot
+    eal/<fleet>/@heartbeats/<client>                            sign of life of a controller, for every robot
 
 The caller is the name of the controller's certificate, so that access control sees to it that nobody calls in another
-one's name, or hears another one's answers; the client is the controller's process. Calls have seven chunks and nothing
-else has, and `@answers` is matched by no wildcard: so a process that serves many robots may listen for all their calls
-by one expression, `eal/<fleet>/*/*/*/*/*`. The engine compares each message with every expression that has a wildcard,
-which for a thousand robots costs more than everything else together.
+one's name, or hears another one's answers; the client is the controller's process.
 
 Every name becomes one chunk of a key. Letters, digits, `_`, `.`, `-` and `~` stand for themselves, everything else is
 percent-encoded, so no name can hold what zenoh gives a meaning (`/ * $ # ? @`). There is exactly one key for each
 name: another spelling, such as `Son%61r`, is refused, since access control compares keys as they are written.
+
+Next to `eal/<fleet>` there stand few chunks, for the engine compares each message that comes with all that is declared
+there. A thousand tokens or wildcards of as many robots cost it half a millisecond a message; so tokens and streams are
+apart, which no wildcard of calls matches, calls are not declared, and who serves many robots listens for all their
+calls by one expression.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from eal_actors.info import METHODS
 
 ROOT: Final = "eal"
 ROBOT: Final = "_"
-"""Stands in the place of a resource for the robot itself, of a robot for the fleet; names begin with a letter."""
+"""Stands in the place of a resource for the robot itself; names begin with a letter."""
 
 HELLO: Final = "hello"
 """Robot: its versions, resources with their information, state, and running commands."""
@@ -55,28 +57,29 @@ HALT: Final = "halt"
 INFO: Final = "info"
 """Resource: what it says of itself."""
 STREAM: Final = "stream"
-"""Resource: publish its values for a while; begins the keys on which it does."""
+"""Resource: publish its values for a while."""
 RESOURCE_METHODS: Final = (*METHODS, HALT, INFO, STREAM)
+
 
 ANYBODY: Final = "_"
 """Who calls where the fleet has no security; names of certificates begin with a letter."""
 ANSWERS: Final = "@answers"
-"""Begins what robots answer; no name is spelt so, and no wildcard matches it."""
-EVENTS: Final = "events"
-ALIVE: Final = "alive"
-HEARTBEAT: Final = "heartbeat"
+EVENTS: Final = "@events"
+STREAMS: Final = "@streams"
+ALIVE: Final = "@alive"
+HEARTBEATS: Final = "@heartbeats"
 
-ALL_ALIVE: Final = f"{ROOT}/*/*/{ROBOT}/{ALIVE}"
+ALL_ALIVE: Final = f"{ROOT}/*/{ALIVE}/*"
 """Key expression of the liveliness tokens of all robots of all fleets."""
 
 
-def robot_key(fleet: str, robot: str) -> str:
-    """Return the key under which everything of a robot lies; with `/**` behind it, the robot's own key expression.
+def fleet_key(fleet: str) -> str:
+    """Return the key under which everything of a fleet lies.
 
     Raises:
-        ProtocolError: a name is empty.
+        ProtocolError: the name is empty.
     """
-    return f"{ROOT}/{_encode(fleet)}/{_encode(robot)}"
+    return f"{ROOT}/{_encode(fleet)}"
 
 
 class CallKey(NamedTuple):
@@ -99,12 +102,6 @@ class CallKey(NamedTuple):
     client: str
 
 
-@lru_cache(maxsize=4096)
-def answer_key(call: CallKey) -> str:
-    """Return the key on which the robot answers a call."""
-    return f"{answers_key(call.fleet, call.caller, call.client)}/{_encode(call.robot)}"
-
-
 def call_key(key: CallKey) -> str:
     """Return the key of a call.
 
@@ -116,57 +113,67 @@ def call_key(key: CallKey) -> str:
 
 def call_keys(fleet: str, robot: str | None) -> str:
     """Return the key expression of the calls to a robot; to all robots of the fleet if None."""
-    return f"{ROOT}/{_encode(fleet)}/{'*' if robot is None else _encode(robot)}/*/*/*/*"
+    return f"{fleet_key(fleet)}/{'*' if robot is None else _encode(robot)}/*/*/*/*"
 
 
-def answers_key(fleet: str, caller: str, client: str) -> str:
-    """Return the key under which robots answer a controller."""
-    return f"{ROOT}/{_encode(fleet)}/{ANSWERS}/{_encode(caller)}/{_encode(client)}"
+@lru_cache(maxsize=4096)
+def answer_key(call: CallKey) -> str:
+    """Return the key on which the robot answers a call."""
+    return "/".join((fleet_key(call.fleet), ANSWERS, *map(_encode, (call.caller, call.client, call.robot))))
 
 
-def answering_robot(key: str) -> str:
-    """Return who answers on a key of answers."""
-    return key.rpartition("/")[2]  # names of robots stand as they are
+def answer_keys(fleet: str, caller: str, client: str) -> str:
+    """Return the key expression of what robots answer to a controller."""
+    return f"{fleet_key(fleet)}/{ANSWERS}/{_encode(caller)}/{_encode(client)}/*"
 
 
-def own_key(fleet: str, robot: str, name: str) -> str:
-    """Return the key of a robot's EVENTS, or of its token, ALIVE."""
-    return f"{robot_key(fleet, robot)}/{ROBOT}/{name}"
-
-
-def stream_key(fleet: str, robot: str, resource: str, encoding: str, rate: str) -> str:
-    """Return the key on which a robot publishes the values of a resource at a rate in an encoding."""
-    return f"{robot_key(fleet, robot)}/{_encode(resource)}/{STREAM}/{_encode(encoding)}-{_encode(rate)}"
-
-
-def alive_keys(fleet: str) -> str:
-    """Return the key expression of the liveliness tokens of all robots of a fleet."""
-    return f"{ROOT}/{_encode(fleet)}/*/{ROBOT}/{ALIVE}"
+def event_key(fleet: str, robot: str) -> str:
+    """Return the key of a robot's events."""
+    return f"{fleet_key(fleet)}/{EVENTS}/{_encode(robot)}"
 
 
 def event_keys(fleet: str) -> str:
     """Return the key expression of the events of all robots of a fleet."""
-    return f"{ROOT}/{_encode(fleet)}/*/{ROBOT}/{EVENTS}"
+    return f"{fleet_key(fleet)}/{EVENTS}/*"
+
+
+def stream_key(fleet: str, robot: str, resource: str, encoding: str, rate: str) -> str:
+    """Return the key on which a robot publishes the values of a resource at a rate in an encoding."""
+    return "/".join((fleet_key(fleet), STREAMS, *map(_encode, (robot, resource, encoding, rate))))
+
+
+def alive_key(fleet: str, robot: str) -> str:
+    """Return the key of a robot's liveliness token."""
+    return f"{fleet_key(fleet)}/{ALIVE}/{_encode(robot)}"
+
+
+def alive_keys(fleet: str) -> str:
+    """Return the key expression of the liveliness tokens of all robots of a fleet."""
+    return f"{fleet_key(fleet)}/{ALIVE}/*"
 
 
 def heartbeat_key(fleet: str, client: str) -> str:
     """Return the key on which a controller shows that it lives."""
-    return f"{ROOT}/{_encode(fleet)}/{ROBOT}/{HEARTBEAT}/{_encode(client)}"
+    return f"{fleet_key(fleet)}/{HEARTBEATS}/{_encode(client)}"
 
 
 def heartbeat_keys(fleet: str) -> str:
     """Return the key expression of the heartbeats of all controllers of a fleet."""
-    return f"{ROOT}/{_encode(fleet)}/{ROBOT}/{HEARTBEAT}/*"
+    return f"{fleet_key(fleet)}/{HEARTBEATS}/*"
 
 
-def parse_key(key: str) -> tuple[str, str, str, str]:
-    """Return the fleet, robot, resource and last name of a key with five chunks.
+@lru_cache(maxsize=4096)
+def parse_robot(key: str) -> tuple[str, str]:
+    """Return the fleet and the robot of the key of an answer, of events or of a token.
 
     Raises:
-        ProtocolError: the key is none of this key space, or a name is not spelt as `own_key` does.
+        ProtocolError: a name is not spelt as a key is made, or is missing.
     """
-    fleet, robot, resource, last = _names(key, 4, "<fleet>/<robot>/<resource>/<name>")
-    return fleet, robot, resource, last
+    root, _, rest = key.partition("/")
+    fleet, _, rest = rest.partition("/")
+    if root != ROOT or not rest:
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/.../<robot>")
+    return _decode(fleet, key), _decode(rest.rpartition("/")[2], key)
 
 
 @lru_cache(maxsize=4096)
@@ -176,18 +183,14 @@ def parse_call(key: str) -> CallKey:
     Raises:
         ProtocolError: it is none.
     """
-    call = CallKey(*_names(key, 6, "<fleet>/<robot>/<resource>/<method>/<caller>/<client>"))
+    root, *chunks = key.split("/")
+    if root != ROOT or len(chunks) != 6:
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/<robot>/<resource>/<method>/<caller>/<client>")
+    call = CallKey(*(_decode(chunk, key) for chunk in chunks))
     known = ROBOT_METHODS if call.resource == ROBOT else RESOURCE_METHODS
-    if call.robot == ROBOT or call.method not in known:
+    if call.method not in known:
         raise ProtocolError(f"key {key!r}: there is no method {call.method!r} here; there are {', '.join(known)}")
     return call
-
-
-def _names(key: str, count: int, form: str) -> list[str]:
-    root, *chunks = key.split("/")
-    if root != ROOT or len(chunks) != count:
-        raise ProtocolError(f"key {key!r} is not {ROOT}/{form}")
-    return [_decode(chunk, key) for chunk in chunks]
 
 
 def _encode(name: str) -> str:

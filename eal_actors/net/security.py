@@ -2,8 +2,9 @@
 
 Everybody proves by a certificate who they are, and each end of a link checks what the other may send over it: a robot
 and a router what a controller or an observer may do, a controller and a router that a robot speaks for itself alone.
-What comes by way of a router was checked there. What no rule allows is dropped, so a query that is not allowed ends
-without an answer.
+What comes by way of a router was checked there. What no rule allows is dropped, so a call that is not allowed is not
+answered. The key of a call ends with its caller and that of an answer names whom it is for, so nobody calls in another
+one's name or hears another one's answers.
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ from eal_actors.managers.network_model import Grant, SecurityConfig
 from eal_actors.net.certificates import AUTHORITY, certificate_file, key_file
 from eal_actors.net.keys import (
     ALIVE,
+    ANSWERS,
     CANCEL,
     EVENTS,
+    HEARTBEATS,
     HELLO,
     INFO,
     LEAVE,
@@ -29,7 +32,8 @@ from eal_actors.net.keys import (
     ROBOT,
     STOP,
     STREAM,
-    robot_key,
+    STREAMS,
+    fleet_key,
 )
 
 READING_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "get_config", INFO)
@@ -39,12 +43,13 @@ READING_ROBOT_METHODS: Final = (HELLO, PING)
 BASIC_ROBOT_METHODS: Final = (HELLO, PING, REATTACH, STOP, CANCEL, LEAVE, RELEASE)
 """What a controller of single resources may do with a robot; stopping it is for everybody who moves it."""
 
-_ASKING: Final = ("query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
-"""Messages from controllers towards robots, apart from heartbeats."""
-_TELLING: Final = ("reply", "put", "delete", "declare_queryable", "liveliness_token")
-"""Messages from robots towards controllers."""
+_SAY: Final = ("put",)
+_LISTEN: Final = ("declare_subscriber",)
+_SHOW_LIFE: Final = ("liveliness_token",)
+_SEE_LIFE: Final = ("liveliness_query", "declare_liveliness_subscriber")
 
 _Flow = Literal["ingress", "egress"]
+_FLOWS: Final[tuple[_Flow, _Flow]] = ("ingress", "egress")
 
 
 def tls_config(security: SecurityConfig, name: str) -> dict[str, Any]:
@@ -109,7 +114,7 @@ class _Access:
     """Collects what is allowed at one end of a link, by the name of the certificate at its other end."""
 
     def __init__(self, fleet: FleetConfig) -> None:
-        self._all = robot_key(fleet.name, ROBOT).removesuffix(f"/{ROBOT}")
+        self._all = fleet_key(fleet.name)
         self._rules: dict[str, list[dict[str, Any]]] = {}
 
     def config(self) -> dict[str, Any]:
@@ -126,44 +131,49 @@ class _Access:
 
     def allow_routers(self, security: SecurityConfig) -> None:
         """Trust the routers, which have checked what they pass on."""
+        kinds = "", f"/{ANSWERS}", f"/{EVENTS}", f"/{STREAMS}", f"/{ALIVE}", f"/{HEARTBEATS}"
+        everything = [f"{self._all}{kind}/**" for kind in kinds]
         for name in security.routers:
-            for flow in ("ingress", "egress"):
-                self._allow(name, flow, (*_ASKING, *_TELLING), [f"{self._all}/**"])
+            for flow in _FLOWS:
+                self._allow(name, flow, (*_SAY, *_LISTEN, *_SHOW_LIFE, *_SEE_LIFE), everything)
 
     def allow_robot(self, robot: str) -> None:
-        """Let a robot be asked everything, and speak for itself."""
-        own, beats = [f"{self._all}/{robot}/**"], [f"{self._all}/{ROBOT}/**"]
-        self._allow(robot, "egress", _ASKING, [f"{self._all}/**"])
-        self._allow(robot, "ingress", _TELLING, own)
-        self._allow(robot, "egress", ("put",), beats)
-        self._allow(robot, "ingress", ("declare_subscriber",), beats)
+        """Let a robot be called, and speak for itself."""
+        calls, heartbeats = f"{self._all}/{robot}/**", f"{self._all}/{HEARTBEATS}/*"
+        self._link(robot, "egress", (calls, heartbeats))
+        told = f"{ANSWERS}/*/*/{robot}", f"{EVENTS}/{robot}", f"{STREAMS}/{robot}/**"
+        heard = f"{ANSWERS}/*/*/*", f"{EVENTS}/*", f"{STREAMS}/**"
+        self._link(robot, "ingress", [f"{self._all}/{key}" for key in told], [f"{self._all}/{key}" for key in heard])
+        self._allow(robot, "ingress", _SHOW_LIFE, [f"{self._all}/{ALIVE}/{robot}"])
+        self._allow(robot, "egress", _SEE_LIFE, [f"{self._all}/{ALIVE}/*"])
 
     def allow_controller(self, grant: Grant, robots: Sequence[str]) -> None:
         """Let a controller or an observer do with the robots what its grant says; `*` stands for every robot."""
-        wide = robots if grant.robots is not None else ("*",)  # so that one query may go to all robots
-        keys = [key for robot in wide for key in self._keys(grant, robot)]
-        self._allow(grant.name, "ingress", _ASKING, keys)
-        self._allow(grant.name, "egress", ("reply", "put", "delete", "liveliness_token"), keys)
-        self._allow(grant.name, "egress", ("declare_queryable",), [f"{self._all}/{robot}/**" for robot in robots])
+        name = grant.name
+        calls = [f"{self._all}/{robot}/{method}/{name}/*" for robot in robots for method in _methods_of(grant)]
+        self._link(name, "ingress", calls, [f"{self._all}/{robot}/**" for robot in robots])
         if grant.role == "controller":
-            beats = [f"{self._all}/{ROBOT}/**"]
-            self._allow(grant.name, "ingress", ("put",), beats)
-            self._allow(grant.name, "egress", ("declare_subscriber",), beats)
+            self._link(name, "ingress", [f"{self._all}/{HEARTBEATS}/*"])
+        told = [f"{ANSWERS}/{name}/*/{robot}" for robot in robots]
+        told += [f"{EVENTS}/{robot}" for robot in robots]
+        told += [f"{STREAMS}/{robot}/{resource}/**" for robot in robots for resource in grant.resources or ("*",)]
+        heard = f"{ANSWERS}/{name}/*/*", f"{EVENTS}/*", f"{STREAMS}/**"
+        self._link(name, "egress", [f"{self._all}/{key}" for key in told], [f"{self._all}/{key}" for key in heard])
+        self._allow(name, "egress", _SHOW_LIFE, [f"{self._all}/{ALIVE}/{robot}" for robot in robots])
+        self._allow(name, "ingress", _SEE_LIFE, [f"{self._all}/{ALIVE}/*"])
 
-    def _keys(self, grant: Grant, robot: str) -> Iterator[str]:
-        base = f"{self._all}/{robot}"
-        if grant.role == "controller" and grant.resources is None:
-            yield f"{base}/**"
-            return
-        robot_methods = BASIC_ROBOT_METHODS if grant.role == "controller" else READING_ROBOT_METHODS
-        for name in (*robot_methods, EVENTS, ALIVE):
-            yield f"{base}/{ROBOT}/{name}"
-        for resource in grant.resources or ("*",):
-            if grant.role == "controller":
-                yield f"{base}/{resource}/**"
-            else:
-                for name in (*READING_METHODS, f"{STREAM}/**"):
-                    yield f"{base}/{resource}/{name}"
+    def _link(self, name: str, flow: _Flow, said: Sequence[str], heard: Sequence[str] = ()) -> None:
+        """Let be said over a link what is said there, and be listened for at its other end.
+
+        Args:
+            name: of the certificate at the other end.
+            flow: which way it is said.
+            said: key expressions of what is said.
+            heard: key expressions within which may be listened; the same if empty. Wider ones let one subscription be
+                for all robots, of which each yet says what it may and nothing else.
+        """
+        self._allow(name, flow, _SAY, said)
+        self._allow(name, _FLOWS[flow == "ingress"], _LISTEN, heard or said)
 
     def _allow(self, name: str, flow: _Flow, messages: Sequence[str], keys: Sequence[str]) -> None:
         rules = self._rules.setdefault(name, [])
@@ -176,6 +186,19 @@ class _Access:
                 "key_exprs": list(dict.fromkeys(keys)),
             }
         )
+
+
+def _methods_of(grant: Grant) -> Iterator[str]:
+    """Yield what a grant allows to be called, each as `<resource>/<method>`; `*` stands for all."""
+    is_controller = grant.role == "controller"
+    if is_controller and grant.resources is None:
+        yield "*/*"
+        return
+    for method in BASIC_ROBOT_METHODS if is_controller else READING_ROBOT_METHODS:
+        yield f"{ROBOT}/{method}"
+    for resource in grant.resources or ("*",):
+        for method in ("*",) if is_controller else (*READING_METHODS, STREAM):
+            yield f"{resource}/{method}"
 
 
 def _text(file: Path) -> str:

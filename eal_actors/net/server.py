@@ -77,6 +77,7 @@ class RobotServer:
         self._host = host if host is not None else Host(fleet, session, network.dead_man_s, robot.name)
         self._outbox = self._host.outbox
         self._era = secrets.token_hex(4)
+        self._events = keys.event_key(fleet, robot.name)
         self._admission = Admission(self._era, _actuators(robot), network.dead_man_s)
         self._under_way = UnderWay()
         self._publisher = StreamPublisher(fleet, robot, session, self._era)
@@ -94,7 +95,7 @@ class RobotServer:
         if self._is_own_host:
             self._host.launch()
         self._host.add(self._robot.name, self)
-        self._token = self._session.liveliness().declare_token(self._own_key(keys.ALIVE))
+        self._token = self._session.liveliness().declare_token(keys.alive_key(self._fleet, self._robot.name))
         return self
 
     def close(self, timeout_s: float) -> None:
@@ -109,9 +110,6 @@ class RobotServer:
             token.undeclare()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
         self._host.remove(self._robot.name)
         self._publisher.close()
-
-    def _own_key(self, name: str) -> str:
-        return keys.own_key(self._fleet, self._robot.name, name)
 
     # What the host tells; see Served.
 
@@ -296,7 +294,7 @@ class RobotServer:
         self._outbox.expect(-1)
 
     def _publish(self, event: Event, *, is_vital: bool = True) -> None:
-        self._outbox.publish(self._own_key(keys.EVENTS), *encode_event(event), is_vital=is_vital)
+        self._outbox.publish(self._events, *encode_event(event), is_vital=is_vital)
 
 
 def _is_stop(handle: ResourceHandle, method: str, header: CallHeader) -> bool:
