@@ -69,34 +69,53 @@ def hosted(robots: int) -> Iterator[tuple[Fleet, Any, subprocess.Popen[str]]]:
         host.communicate()
 
 
+class Countdown:
+    """Tells when something has happened so many times."""
+
+    def __init__(self, times: int) -> None:
+        self._left = times
+        self._lock = threading.Lock()
+        self._done = threading.Event()
+
+    def count(self) -> None:
+        with self._lock:
+            self._left -= 1
+            if self._left == 0:
+                self._done.set()
+
+    def wait(self) -> None:
+        if not self._done.wait(20):
+            raise AssertionError("the bare engine did not answer")
+
+
 def bare_round(session: Any, keys: list[str], payload: bytes = b"") -> float:
-    """Return how long the bare engine takes to ask all the keys at once, and to hear all the answers."""
+    """Return how long the bare engine takes to ask all the keys at once, and to hear all the answers.
+
+    It returns once the engine has nothing left to do for them, lest that be counted as ours.
+    """
     import zenoh
 
-    left, lock, done = len(keys), threading.Lock(), threading.Event()
+    heard, over = Countdown(len(keys)), Countdown(len(keys))
 
-    def heard(reply: Any) -> None:
-        nonlocal left
+    def hear(reply: Any) -> None:
         reply.ok.payload.to_bytes()
-        with lock:
-            left -= 1
-            if left == 0:
-                done.set()
+        heard.count()
 
     start = time.perf_counter()
     for key in keys:
         session.get(
             key,
-            zenoh.handlers.Callback(heard, indirect=False),
+            zenoh.handlers.Callback(hear, over.count, indirect=False),
             consolidation=zenoh.ConsolidationMode.NONE,
             payload=payload or None,
             attachment=ENVELOPE,
             express=True,
             timeout=10.0,
         )
-    if not done.wait(20):
-        raise AssertionError("the bare engine did not answer")
-    return time.perf_counter() - start
+    heard.wait()
+    taken_s = time.perf_counter() - start
+    over.wait()
+    return taken_s
 
 
 def timed(action: Callable[[], object]) -> float:

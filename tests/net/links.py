@@ -1,8 +1,11 @@
-"""Small ends of a network over real zenoh: a queryable for a robot, gets for a controller."""
+"""Small ends of a network over real zenoh: a robot that answers calls with its name, and a controller that calls."""
 
 from __future__ import annotations
 
+import itertools
+import queue
 import socket
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +17,9 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 
 PATIENCE_S = 10.0
+MOMENT_S = 0.3
+"""Real seconds after which a call that has no (further) answer is taken to get none; what is to come is asked for
+again, and what is not to come is followed by something that is."""
 
 
 def free_port() -> int:
@@ -34,24 +40,60 @@ def fleet_of(network: Mapping[str, object], robots: Mapping[str, str | None], fo
 
 @contextmanager
 def answering(session: zenoh.Session, robot: str, asked: list[str] | None = None) -> Iterator[None]:
-    """Answer queries for everything of a robot with the robot's name, and show that it lives."""
+    """Answer calls of a robot with its name, and show that it lives; note the keys of calls without their callers."""
+    due: queue.SimpleQueue[str | None] = queue.SimpleQueue()  # zenoh's threads must not wait for a link
 
-    def answer(query: zenoh.Query) -> None:
-        with query:
-            key = str(query.key_expr)
-            if asked is not None:
-                asked.append(key)
-            query.reply(key.replace("*", robot, 1) if "*" in key else key, robot)
+    def hear(call: zenoh.Sample) -> None:
+        key, caller, client = str(call.key_expr).rsplit("/", 2)
+        if asked is not None:
+            asked.append(key)
+        due.put(f"eal/f/@answers/{caller}/{client}/{robot}")
 
-    token = session.liveliness().declare_token(f"eal/f/{robot}/_/alive")
-    with session.declare_queryable(f"eal/f/{robot}/**", answer), token:
-        yield
+    def answer() -> None:
+        while (key := due.get()) is not None:
+            session.put(key, robot)
+
+    answers = threading.Thread(target=answer)
+    answers.start()
+    try:
+        handler = zenoh.handlers.Callback(hear, indirect=False)
+        with (
+            session.declare_subscriber(f"eal/f/{robot}/*/*/*/*", handler),
+            session.liveliness().declare_token(f"eal/f/@alive/{robot}"),
+        ):
+            yield
+    finally:
+        due.put(None)
+        answers.join()
 
 
-def ask(session: zenoh.Session, key: str) -> list[str]:
-    """Return the answers to a query, in order of their text."""
-    replies = session.get(key, timeout=2.0, consolidation=zenoh.ConsolidationMode.NONE)
-    return sorted(reply.ok.payload.to_string() for reply in replies if reply.ok is not None)
+_numbers = itertools.count()
+
+
+def ask(session: zenoh.Session, key: str, caller: str = "_", *, least: int = 0, hears: str | None = None) -> list[str]:
+    """Call a method, and return which robots answer before there is silence for a moment, in order.
+
+    Args:
+        session: of the controller.
+        key: of the method, without its caller; `*` may stand for parts of it.
+        caller: in whose name.
+        least: how many answers there must be, for which it waits longer.
+        hears: whose answers to listen for; the caller's if None.
+    """
+    heard: list[str] = []
+    client = f"c{next(_numbers)}"
+    came = threading.Event()
+
+    def hear(answer: zenoh.Sample) -> None:
+        heard.append(answer.payload.to_string())
+        came.set()
+
+    handler = zenoh.handlers.Callback(hear, indirect=False)
+    with session.declare_subscriber(f"eal/f/@answers/{hears or caller}/{client}/*", handler):
+        session.put(f"{key}/{caller}/{client}", b"", congestion_control=zenoh.CongestionControl.BLOCK)
+        while came.wait(MOMENT_S if len(heard) >= least else PATIENCE_S):
+            came.clear()
+    return sorted(heard)
 
 
 def eventually(happens: Callable[[], object]) -> bool:

@@ -50,8 +50,8 @@ def test_robot_and_controller_share_nothing_but_a_router() -> None:
         open_session(controller_config(fleet)) as controller,
     ):
         assert eventually(lambda: ask(controller, "eal/f/*/_/ping") == ["r1", "r2"])
-        tokens = [str(reply.ok.key_expr) for reply in controller.liveliness().get("eal/f/*/_/alive") if reply.ok]
-        assert sorted(tokens) == ["eal/f/r1/_/alive", "eal/f/r2/_/alive"]
+        tokens = [str(reply.ok.key_expr) for reply in controller.liveliness().get("eal/f/@alive/*") if reply.ok]
+        assert sorted(tokens) == ["eal/f/@alive/r1", "eal/f/@alive/r2"]
 
 
 def test_two_routers_joined() -> None:
@@ -84,7 +84,7 @@ def test_of_two_joined_routers_the_second_takes_over_and_nothing_comes_twice() -
         ):
             assert eventually(lambda: ask(controller, "eal/f/r1/_/ping") == ["r1"])
             asked.clear()
-            assert ask(controller, "eal/f/r1/Wheels/send_cmd") == ["r1"]
+            assert ask(controller, "eal/f/r1/Wheels/send_cmd", least=1) == ["r1"]
             assert asked == ["eal/f/r1/Wheels/send_cmd"]
         with open_session(controller_config(fleet)) as controller:
             assert eventually(lambda: ask(controller, "eal/f/r1/_/ping") == ["r1"])
@@ -105,7 +105,7 @@ def test_robots_with_addresses_and_robots_behind_routers_in_one_fleet() -> None:
     ):
         assert eventually(lambda: ask(controller, "eal/f/*/_/ping") == ["r1", "r2"])
         asked.clear()
-        assert ask(controller, "eal/f/*/_/hello") == ["r1", "r2"]
+        assert ask(controller, "eal/f/*/_/hello", least=2) == ["r1", "r2"]
         assert asked == ["eal/f/*/_/hello"] * 2
 
 
@@ -128,18 +128,20 @@ def test_compression_at_both_ends(protocol: str) -> None:
     config = robot_config(fleet, "r1")
     frame = bytes(range(256)) * 256
 
+    came: list[bytes] = []
     with (
         open_session(config) as robot,
-        robot.declare_queryable("eal/f/r1/**", lambda query: query.reply(str(query.key_expr), frame)),
         open_session(controller_config(fleet)) as controller,
+        controller.declare_subscriber("eal/f/@streams/r1/**", lambda sample: came.append(sample.payload.to_bytes())),
     ):
         assert config["transport"]["unicast"]["compression"] == {"enabled": True}
-        assert eventually(lambda: ask_bytes(controller) == [frame])
 
+        def publish() -> list[bytes]:
+            robot.put("eal/f/@streams/r1/Camera/raw/5", frame)
+            return came
 
-def ask_bytes(session: object) -> list[bytes]:
-    replies = session.get("eal/f/r1/Camera/get_value", timeout=2.0)  # type: ignore[attr-defined]
-    return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+        assert eventually(publish)
+        assert set(came) == {frame}
 
 
 class TestOpening:
@@ -213,13 +215,16 @@ class TestOpening:
 
 
 def test_sessions_leave_no_threads_of_the_system_behind() -> None:
-    counts = []
-    for _ in range(4):
+    def open_and_close() -> int:
         with open_session(router_config([endpoint()])):
             pass
-        counts.append(len(list(Path("/proc/self/task").iterdir())))
+        return len(list(Path("/proc/self/task").iterdir()))
 
-    assert counts[-1] <= counts[0]  # but for zenoh's own few, which all sessions share
+    for _ in range(3):  # zenoh starts its own threads, which all sessions share, as it comes to need them
+        open_and_close()
+    before = open_and_close()
+    counts = [open_and_close() for _ in range(6)]
+    assert min(counts) <= before
 
 
 FLOODED = """

@@ -40,7 +40,7 @@ class Watcher:
         self.last_s = 0.0
 
     def take(self, sample: zenoh.Sample) -> None:
-        self.keys.append(str(sample.key_expr).removeprefix("eal/f/r1/"))
+        self.keys.append(str(sample.key_expr).removeprefix("eal/f/@streams/r1/"))
         self.last_s = self.clock.now()
 
     def silent_for(self, seconds: float) -> bool:
@@ -52,7 +52,7 @@ def watching(rig: Rig) -> Iterator[Watcher]:
     watcher = Watcher()
     with open_session(controller_config(rig.config)) as session:
         handler = zenoh.handlers.Callback(watcher.take, indirect=False)
-        with session.declare_subscriber("eal/f/r1/*/stream/**", handler):
+        with session.declare_subscriber("eal/f/@streams/r1/**", handler):
             yield watcher
 
 
@@ -104,7 +104,7 @@ def test_readers_of_different_rates_get_what_they_asked_for(rig: Rig, fleet: Fle
         assert next(other).value == -42
         assert min(np.diff(slow_stamps)) > 0.1
         assert min(np.diff(fast_stamps)) < 0.1
-        assert eventually(lambda: {"Gauge/stream/raw/5", "Gauge/stream/raw/50"} == set(watcher.keys))
+        assert eventually(lambda: {"Gauge/raw/5", "Gauge/raw/50"} == set(watcher.keys))
 
 
 def test_nothing_is_published_when_nobody_asks(rig: Rig, fleet: Fleet) -> None:

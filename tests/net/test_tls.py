@@ -68,6 +68,11 @@ def served(keys: Path) -> Iterator[Served]:
         yield Served(fleet, asked, sessions)
 
 
+def ask_each(session: zenoh.Session, method: str, caller: str) -> list[str]:
+    """Call a method of both robots, and return which answer."""
+    return [name for robot in ("r1", "r2") for name in ask(session, f"eal/f/{robot}/{method}", caller)]
+
+
 @pytest.mark.parametrize("protocol", ["tls", "quic"])
 def test_both_ends_prove_who_they_are(keys: Path, protocol: str) -> None:
     fleet = secured(keys, {"r1": f"{protocol}/127.0.0.1:{free_port()}"})
@@ -77,39 +82,40 @@ def test_both_ends_prove_who_they_are(keys: Path, protocol: str) -> None:
         answering(robot, "r1"),
         open_session(controller_config(fleet)) as controller,
     ):
-        assert eventually(lambda: ask(controller, "eal/f/r1/Wheels/send_cmd") == ["r1"])
+        assert eventually(lambda: ask(controller, "eal/f/r1/Wheels/send_cmd", "controller") == ["r1"])
 
 
 def test_a_controller_may_do_everything_with_every_robot(served: Served) -> None:
     with open_session(controller_config(served.fleet)) as controller:
-        assert eventually(lambda: ask(controller, "eal/f/*/_/ping") == ["r1", "r2"])
-        assert ask(controller, "eal/f/r1/Wheels/send_cmd") == ["r1"]
-        assert ask(controller, "eal/f/*/_/resume") == ["r1", "r2"]
+        assert eventually(lambda: ask_each(controller, "_/ping", "controller") == ["r1", "r2"])
+        assert ask(controller, "eal/f/r1/Wheels/send_cmd", "controller", least=1) == ["r1"]
+        assert ask(controller, "eal/f/r2/_/resume", "controller", least=1) == ["r2"]
+        assert ask(controller, "eal/f/*/_/resume", "controller") == []  # a call is for one robot
 
 
 def test_heartbeats_of_controllers_reach_the_robots_and_those_of_observers_do_not(served: Served) -> None:
     beats: list[str] = []
     with (
-        served.robots["r1"].declare_subscriber("eal/f/_/heartbeat/*", lambda beat: beats.append(str(beat.key_expr))),
+        served.robots["r1"].declare_subscriber("eal/f/@heartbeats/*", lambda beat: beats.append(str(beat.key_expr))),
         open_session(controller_config(served.fleet)) as controller,
         open_session(controller_config(as_seen_by(served.fleet, "display"))) as display,
     ):
-        assert eventually(lambda: ask(display, "eal/f/r1/_/ping"))
+        assert eventually(lambda: ask(display, "eal/f/r1/_/ping", "display"))
 
         def beat() -> list[str]:
-            display.put("eal/f/_/heartbeat/dd", b"")
-            controller.put("eal/f/_/heartbeat/cc", b"")
+            display.put("eal/f/@heartbeats/dd", b"")
+            controller.put("eal/f/@heartbeats/cc", b"")
             return beats
 
         assert eventually(beat)
-        assert set(beats) == {"eal/f/_/heartbeat/cc"}
+        assert set(beats) == {"eal/f/@heartbeats/cc"}
 
 
 def test_an_observer_reads_but_does_not_command(served: Served) -> None:
     with open_session(controller_config(as_seen_by(served.fleet, "display"))) as display:
-        assert eventually(lambda: ask(display, "eal/f/*/_/hello") == ["r1", "r2"])
+        assert eventually(lambda: ask_each(display, "_/hello", "display") == ["r1", "r2"])
         for method in ("get_status", "get_value", "send_req", "read_comm", "get_config", "info"):
-            assert ask(display, f"eal/f/r1/Wheels/{method}") == ["r1"], method
+            assert ask(display, f"eal/f/r1/Wheels/{method}", "display", least=1) == ["r1"], method
         served.asked.clear()
         for key in (
             *(f"r1/Wheels/{method}" for method in ("send_cmd", "set_value", "set_config", "write_comm", "halt")),
@@ -117,39 +123,69 @@ def test_an_observer_reads_but_does_not_command(served: Served) -> None:
             "r1/**",
             "*/*/send_cmd",
         ):
-            assert ask(display, f"eal/f/{key}") == [], key
-        assert served.asked == []
+            assert ask(display, f"eal/f/{key}", "display") == [], key
+        assert eventually(lambda: ask(display, "eal/f/r1/_/ping", "display") == ["r1"])  # which comes after them
+        assert set(served.asked) == {"eal/f/r1/_/ping"}
 
 
 def test_an_observer_sees_events_streams_and_who_lives(served: Served) -> None:
     seen: list[str] = []
     with (
         open_session(controller_config(as_seen_by(served.fleet, "display"))) as display,
-        display.declare_subscriber("eal/f/*/_/events", lambda event: seen.append(event.payload.to_string())),
-        display.declare_subscriber("eal/f/r1/Camera/stream", lambda frame: seen.append(frame.payload.to_string())),
+        display.declare_subscriber("eal/f/@events/*", lambda event: seen.append(event.payload.to_string())),
+        display.declare_subscriber(
+            "eal/f/@streams/r1/Camera/raw/5", lambda frame: seen.append(frame.payload.to_string())
+        ),
         display.liveliness().declare_subscriber(
-            "eal/f/*/_/alive", lambda token: seen.append(str(token.key_expr)), history=True
+            "eal/f/@alive/*", lambda token: seen.append(str(token.key_expr)), history=True
         ),
     ):
 
         def tell() -> bool:
-            served.robots["r2"].put("eal/f/r2/_/events", "event")
-            served.robots["r1"].put("eal/f/r1/Camera/stream", "frame")
-            return {"event", "frame", "eal/f/r1/_/alive", "eal/f/r2/_/alive"} <= set(seen)
+            served.robots["r2"].put("eal/f/@events/r2", "event")
+            served.robots["r1"].put("eal/f/@streams/r1/Camera/raw/5", "frame")
+            return {"event", "frame", "eal/f/@alive/r1", "eal/f/@alive/r2"} <= set(seen)
 
         assert eventually(tell), seen
 
 
 def test_a_role_may_be_limited_to_robots_and_to_resources(served: Served) -> None:
     with open_session(controller_config(as_seen_by(served.fleet, "driver"))) as driver:
-        assert eventually(lambda: ask(driver, "eal/f/r1/Wheels/send_cmd") == ["r1"])
-        assert ask(driver, "eal/f/r1/_/stop") == ["r1"]
-        assert ask(driver, "eal/f/r1/Camera/get_value") == ["r1"]  # who is named twice may do both
+        assert eventually(lambda: ask(driver, "eal/f/r1/Wheels/send_cmd", "driver") == ["r1"])
+        assert ask(driver, "eal/f/r1/_/stop", "driver", least=1) == ["r1"]
+        assert ask(driver, "eal/f/r1/Camera/get_value", "driver", least=1) == ["r1"]  # who is named twice may do both
         for key in ("r1/Camera/send_cmd", "r2/Wheels/send_cmd", "r1/_/resume", "r2/_/stop"):
-            assert ask(driver, f"eal/f/{key}") == [], key
+            assert ask(driver, f"eal/f/{key}", "driver") == [], key
     with open_session(controller_config(as_seen_by(served.fleet, "guest"))) as guest:
-        assert eventually(lambda: ask(guest, "eal/f/r2/Camera/get_value") == ["r2"])
-        assert ask(guest, "eal/f/r1/Camera/get_value") == []
+        assert eventually(lambda: ask(guest, "eal/f/r2/Camera/get_value", "guest") == ["r2"])
+        assert ask(guest, "eal/f/r1/Camera/get_value", "guest") == []
+
+
+def test_nobody_calls_in_the_name_of_another_or_hears_what_another_is_answered(served: Served) -> None:
+    with (
+        open_session(controller_config(served.fleet)) as controller,
+        open_session(controller_config(as_seen_by(served.fleet, "display"))) as display,
+    ):
+        assert eventually(lambda: ask(display, "eal/f/r1/_/ping", "display") == ["r1"])
+        served.asked.clear()
+        assert ask(display, "eal/f/r1/Wheels/get_value", "controller") == []
+        assert ask(display, "eal/f/r1/Wheels/get_value", "controller", hears="display") == []
+        assert ask(display, "eal/f/r1/Wheels/get_value", "display", least=1) == ["r1"]
+        assert served.asked == ["eal/f/r1/Wheels/get_value"]
+
+        overheard: list[str] = []
+        with (
+            display.declare_subscriber("eal/f/@answers/**", lambda answer: overheard.append(str(answer.key_expr))),
+            display.declare_subscriber("eal/f/@answers/controller/*/*", lambda answer: overheard.append("precisely")),
+            display.declare_subscriber(
+                "eal/f/r1/**", lambda call: overheard.append("a call"), allowed_origin=zenoh.Locality.REMOTE
+            ),
+        ):
+            for _ in range(3):
+                assert ask(display, "eal/f/r1/_/ping", "display", least=1) == ["r1"]
+                assert ask(controller, "eal/f/r1/Wheels/get_value", "controller", least=1) == ["r1"]
+            assert ask(display, "eal/f/r1/_/ping", "display", least=1) == ["r1"]
+        assert not [key for key in overheard if "display" not in key], overheard
 
 
 @pytest.mark.parametrize("name", ["stranger", "r2"])
@@ -159,10 +195,10 @@ def test_a_certificate_without_a_role_opens_nothing(served: Served, name: str) -
         open_session(controller_config(served.fleet)) as controller,
     ):
         assert eventually(lambda: list(stranger.info.peers_zid()))  # it is linked
-        assert eventually(lambda: ask(controller, "eal/f/r1/_/ping"))
+        assert eventually(lambda: ask(controller, "eal/f/r1/_/ping", "controller"))
         served.asked.clear()
         for key in ("r1/_/hello", "r1/Wheels/get_value", "r1/Wheels/send_cmd", "**"):
-            assert ask(stranger, f"eal/f/{key}") == [], key
+            assert ask(stranger, f"eal/f/{key}", name) == [], key
         assert served.asked == []
 
 
@@ -186,12 +222,12 @@ def test_no_certificate_is_refused(served: Served) -> None:
 def check_refused(served: Served, config: dict[str, object]) -> None:
     """An impostor opens, since peers open before they are linked, but is never linked while others are."""
     with open_session(config) as impostor, open_session(controller_config(served.fleet)) as controller:
-        assert eventually(lambda: ask(controller, "eal/f/*/_/ping") == ["r1", "r2"])
+        assert eventually(lambda: ask_each(controller, "_/ping", "controller") == ["r1", "r2"])
         served.asked.clear()
         for _ in range(5):
-            assert ask(impostor, "eal/f/r1/_/ping") == []
+            assert ask(impostor, "eal/f/r1/_/ping", "controller") == []
             assert list(impostor.info.peers_zid()) == []
-            assert ask(controller, "eal/f/r1/_/ping") == ["r1"]
+            assert ask(controller, "eal/f/r1/_/ping", "controller", least=1) == ["r1"]
         assert len(served.asked) == 5
 
 
@@ -209,8 +245,8 @@ def test_a_robot_that_is_not_at_its_address_is_refused(keys: Path) -> None:
         answering(honest, "r2"),
         open_session(controller_config(fleet, ["r1", "r2"])) as controller,
     ):
-        assert eventually(lambda: ask(controller, "eal/f/*/_/ping") == ["r2"])
-        assert ask(controller, "eal/f/r1/_/ping") == []
+        assert eventually(lambda: ask_each(controller, "_/ping", "controller") == ["r2"])
+        assert ask(controller, "eal/f/r1/_/ping", "controller") == []
         assert list(controller.info.peers_zid()) == [honest.zid()]
 
 
@@ -225,8 +261,8 @@ def test_a_robot_speaks_for_itself_alone(keys: Path) -> None:
         answering(robot, "r1"),
         open_session(controller_config(fleet)) as controller,
     ):
-        assert eventually(lambda: ask(controller, "eal/f/r2/_/ping") == ["r2"])
-        assert ask(controller, "eal/f/r1/_/ping") == []
+        assert eventually(lambda: ask(controller, "eal/f/r2/_/ping", "controller") == ["r2"])
+        assert ask(controller, "eal/f/r1/_/ping", "controller") == []
 
 
 def test_a_router_checks_what_robots_behind_it_cannot(keys: Path) -> None:
@@ -242,16 +278,16 @@ def test_a_router_checks_what_robots_behind_it_cannot(keys: Path) -> None:
         open_session(controller_config(as_seen_by(fleet, "driver"))) as driver,
         open_session(robot_config(fleet, "r2")) as other,
     ):
-        assert eventually(lambda: ask(controller, "eal/f/r1/Wheels/send_cmd") == ["r1"])
-        assert ask(controller, "eal/f/*/_/ping") == ["r1"]
-        assert ask(driver, "eal/f/r1/Wheels/send_cmd") == ["r1"]
-        assert ask(display, "eal/f/r1/Wheels/get_value") == ["r1"]
+        assert eventually(lambda: ask(controller, "eal/f/r1/Wheels/send_cmd", "controller") == ["r1"])
+        assert ask(controller, "eal/f/r1/_/ping", "controller", least=1) == ["r1"]
+        assert ask(driver, "eal/f/r1/Wheels/send_cmd", "driver", least=1) == ["r1"]
+        assert ask(display, "eal/f/r1/Wheels/get_value", "display", least=1) == ["r1"]
         asked.clear()
-        assert ask(display, "eal/f/r1/Wheels/send_cmd") == []
-        assert ask(driver, "eal/f/r1/Camera/send_cmd") == []
-        assert ask(other, "eal/f/r1/_/ping") == []
+        assert ask(display, "eal/f/r1/Wheels/send_cmd", "display") == []
+        assert ask(driver, "eal/f/r1/Camera/send_cmd", "driver") == []
+        assert ask(other, "eal/f/r1/_/ping", "r2") == []
         with answering(other, "r1"):
-            assert ask(controller, "eal/f/r1/_/ping") == ["r1"]
+            assert ask(controller, "eal/f/r1/_/ping", "controller", least=1) == ["r1"]
         assert asked == ["eal/f/r1/_/ping"]
 
 
