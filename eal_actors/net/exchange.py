@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from eal_actors.actors.call import Call
 from eal_actors.clock import REAL_TIME
 from eal_actors.net.sender import UrgentMessage
-from eal_actors.net.wire import Answer, CallHeader, Reply, RobotTime, encode_call
+from eal_actors.net.wire import Answer, CallHeader, CallId, Reply, RobotTime, encode_call
 
 if TYPE_CHECKING:
     from eal_actors.net.controller import Controller
+    from eal_actors.net.lane import Lane
 
 
 class Exchange:
@@ -145,3 +147,30 @@ class Question(UrgentMessage, Exchange):
     def ran_out(self) -> None:
         """See Exchange."""
         self._miss()
+
+
+class AskedCall(Exchange):
+    """A call of a method of a resource that has left."""
+
+    __slots__ = ("_call", "_call_id", "_lane", "end_s")
+
+    def __init__(self, lane: Lane, call: Call[Any], call_id: CallId, end_s: float) -> None:
+        self._lane = lane
+        self._call = call
+        self._call_id = call_id
+        self.end_s = end_s
+
+    def answered(self, answer: Answer, time: RobotTime | None) -> None:
+        """See Exchange."""
+        self._lane.pace.answered()
+        self._lane.conclude(self._call, self._call_id, answer, time)
+
+    def lost(self) -> None:
+        """See Exchange."""
+        self._lane.pace.answered()
+        self._lane.miss(self._call, self._call_id)
+
+    def ran_out(self) -> None:
+        """See Exchange."""
+        self._lane.pace.answered()
+        self._lane.expire(self._call)

@@ -22,7 +22,7 @@ from eal_actors.data import EALData
 from eal_actors.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
 from eal_actors.net import keys
 from eal_actors.net.calling import READS, split_arguments
-from eal_actors.net.exchange import Exchange, Exchanges
+from eal_actors.net.exchange import AskedCall, Exchanges
 from eal_actors.net.receipts import Stamper
 from eal_actors.net.rights import Rights
 from eal_actors.net.sender import UrgentMessage
@@ -202,7 +202,7 @@ class Lane(UrgentMessage):
         if call.span is not None:
             call.span.note("sent")
         end_s = REAL_TIME.now() + left_s / clock.of_real(1.0)
-        self.exchanges.open(header.sequence, _Asked(self, call, header.call_id, end_s))
+        self.exchanges.open(header.sequence, AskedCall(self, call, header.call_id, end_s))
         self.pace.sent()
         key = self._key(call)
         if not self._controller.put(self._robot.name, key, envelope, payload, is_urgent=call.stops, is_last=is_last):
@@ -373,30 +373,3 @@ class Lane(UrgentMessage):
         for call in calls:
             call.fail(error.copy())
         self.exchanges.lose()
-
-
-class _Asked(Exchange):
-    """A call that has left."""
-
-    __slots__ = ("_call", "_call_id", "_lane", "end_s")
-
-    def __init__(self, lane: Lane, call: Call[Any], call_id: CallId, end_s: float) -> None:
-        self._lane = lane
-        self._call = call
-        self._call_id = call_id
-        self.end_s = end_s
-
-    def answered(self, answer: Answer, time: RobotTime | None) -> None:
-        """See Exchange."""
-        self._lane.pace.answered()
-        self._lane.conclude(self._call, self._call_id, answer, time)
-
-    def lost(self) -> None:
-        """See Exchange."""
-        self._lane.pace.answered()
-        self._lane.miss(self._call, self._call_id)
-
-    def ran_out(self) -> None:
-        """See Exchange."""
-        self._lane.pace.answered()
-        self._lane.expire(self._call)

@@ -50,8 +50,8 @@ def _call(data: bytes) -> None:
 
 def _answer(data: bytes) -> None:
     with suppress(ProtocolError):
-        sent = wire.encode_answer(*wire.decode_reply(*_parted(data)))
-        if wire.encode_answer(*wire.decode_reply(*sent)) != sent:
+        sent = wire.encode_reply(wire.decode_reply(*_parted(data)))
+        if wire.encode_reply(wire.decode_reply(*sent)) != sent:
             raise AssertionError("an answer is not what it was")
 
 
@@ -76,8 +76,8 @@ def _frame(data: bytes) -> None:
 
 def _key(data: bytes) -> None:
     with suppress(ProtocolError):
-        fleet, robot, resource, method = keys.parse_method(data.decode("utf-8", "replace"))
-        if keys.parse_method(keys.method_key(fleet, robot, resource, method)) != (fleet, robot, resource, method):
+        key = data.decode("utf-8", "replace")
+        if keys.call_key(keys.parse_call(key)) != key:
             raise AssertionError("a key is not what it was")
 
 

@@ -54,7 +54,7 @@ INFOS = st.builds(
 
 
 def carried(info: ResourceInfo) -> dict[str, Any]:
-    answer = wire.decode_answer(*wire.encode_answer(info.to_dict()))
+    answer = wire.decode_reply(*wire.encode_reply(wire.Reply(1, info.to_dict()))).answer
     assert isinstance(answer, dict)
     return answer
 

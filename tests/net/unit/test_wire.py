@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eal_actors import errors
-from eal_actors.data import DataType, EALData
+from eal_actors.data import DataType, EALData, Payload
 from eal_actors.errors import ConfigError, DataError, DeadlineError, EALError, Problem, ProtocolError
 from eal_actors.net import wire
-from eal_actors.net.wire import ACCEPTED, CallHeader, CallId, Event, Heartbeat
+from eal_actors.net.packing import Buffer
+from eal_actors.net.wire import ACCEPTED, CallHeader, CallId, Event, Heartbeat, Reply, RobotTime
 
 CLIENT = "0123456789abcdef"
 CALL = CallHeader(CLIENT, 3, 17, 0.5, 2.0, None, ("r45",))
@@ -27,6 +28,18 @@ def raw(hexadecimal: str, **texts: str) -> bytes:
     return bytes.fromhex(hexadecimal.format(**{name: text.encode().hex() for name, text in texts.items()}))
 
 
+def encode_answer(answer: wire.Answer) -> tuple[bytes, Payload]:
+    """Return an answer to call 7 as bytes."""
+    return wire.encode_reply(Reply(7, answer))
+
+
+def decode_answer(envelope: Buffer, payload: Buffer = b"") -> wire.Answer:
+    """Return what is answered to call 7."""
+    sequence, answer, time = wire.decode_reply(envelope, payload)
+    assert (sequence, time) == (7, None)
+    return answer
+
+
 # Expected bytes: written by hand after the tables of docs/network.md and the msgpack specification.
 
 
@@ -36,14 +49,14 @@ def raw(hexadecimal: str, **texts: str) -> bytes:
         pytest.param(
             CALL,
             None,
-            "99 01 c4080123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0",
+            "99 02 c4080123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0",
             "",
             id="send_cmd r45",
         ),
         pytest.param(
             CallHeader("ffffffffffffffff", 0, 300, 2.0, 2.0, 12.0),
             EALData.of(1.5, unit="m", stamp_s=12.5),
-            "99 01 c408ffffffffffffffff 00 cd012c cb4000000000000000 cb4000000000000000 cb4028000000000000 90"
+            "99 02 c408ffffffffffffffff 00 cd012c cb4000000000000000 cb4000000000000000 cb4028000000000000 90"
             "95 a6646f75626c65 c0 a16d c0 cb4029000000000000",
             "000000000000f83f",
             id="set_value 1.5 m at 12 s",
@@ -51,7 +64,7 @@ def raw(hexadecimal: str, **texts: str) -> bytes:
         pytest.param(
             CallHeader("ffffffffffffffff", 0, 1, 1.0, 2.0, None, (), "ab", 0.5, 0.25, has_more=True),
             None,
-            "9d 01 c408ffffffffffffffff 00 01 cb3ff0000000000000 cb4000000000000000 c0 90 c0"
+            "9d 02 c408ffffffffffffffff 00 01 cb3ff0000000000000 cb4000000000000000 c0 90 c0"
             "a26162 cb3fe0000000000000 cb3fd0000000000000 c3",
             "",
             id="with an echo, and more to come",
@@ -59,7 +72,7 @@ def raw(hexadecimal: str, **texts: str) -> bytes:
         pytest.param(
             CALL._replace(traceparent=TRACEPARENT),
             None,
-            "9e 01 c4080123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0"
+            "9e 02 c4080123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0"
             f"a0 cb0000000000000000 cb0000000000000000 c2 d937 {TRACEPARENT.encode().hex()}",
             "",
             id="a part of a trace",
@@ -74,31 +87,38 @@ def test_a_call_as_bytes(header: CallHeader, data: EALData | None, envelope: str
 @pytest.mark.parametrize(
     ("answer", "envelope", "payload"),
     [
-        pytest.param(-1, raw("93 01 00 ff"), "", id="status"),
+        pytest.param(-1, raw("94 02 07 00 ff"), "", id="status"),
         pytest.param(
             EALData.of(np.array([[1, 2, 3], [4, 5, 6]], "u1"), frame_id="cam"),
-            raw("93 01 01 95 af{type} 920203 c0 a3{frame} c0", type="unsigned char[]", frame="cam"),
+            raw("94 02 07 01 95 af{type} 920203 c0 a3{frame} c0", type="unsigned char[]", frame="cam"),
             "010203040506",
             id="image",
         ),
-        pytest.param({"state": "up"}, raw("93 01 03 81 a5{k} a2{v}", k="state", v="up"), "", id="fields"),
-        pytest.param(ACCEPTED, raw("93 01 04 c0"), "", id="accepted"),
+        pytest.param({"state": "up"}, raw("94 02 07 03 81 a5{k} a2{v}", k="state", v="up"), "", id="fields"),
+        pytest.param(ACCEPTED, raw("94 02 07 04 c0"), "", id="accepted"),
     ],
 )
 def test_an_answer_as_bytes(answer: wire.Answer, envelope: bytes, payload: str) -> None:
-    packed, carried = wire.encode_answer(answer)
+    packed, carried = encode_answer(answer)
     assert (packed, bytes(carried)) == (envelope, bytes.fromhex(payload))
-    assert wire.decode_answer(envelope, bytes.fromhex(payload)) == answer
+    assert decode_answer(envelope, bytes.fromhex(payload)) == answer
+
+
+def test_an_answer_with_the_robots_clock_as_bytes() -> None:
+    reply = Reply(300, 1, RobotTime("ab", 0.5, 0.25))
+    envelope = bytes.fromhex("97 02 cd012c 00 01 a26162 cb3fe0000000000000 cb3fd0000000000000")
+    assert wire.encode_reply(reply) == (envelope, b"")
+    assert wire.decode_reply(envelope) == reply
 
 
 def test_true_is_a_status() -> None:
-    assert wire.encode_answer(True) == (bytes.fromhex("93010001"), b"")
+    assert encode_answer(True) == (bytes.fromhex("9402070001"), b"")
 
 
 def test_an_error_as_bytes() -> None:
-    envelope = raw("93 01 02 94 a8{c} a7{m} a2{r} a5{s}", c="deadline", m="no echo", r="r1", s="Sonar")
-    assert wire.encode_answer(DeadlineError("no echo", robot="r1", resource="Sonar")) == (envelope, b"")
-    back = wire.decode_answer(envelope)
+    envelope = raw("94 02 07 02 94 a8{c} a7{m} a2{r} a5{s}", c="deadline", m="no echo", r="r1", s="Sonar")
+    assert encode_answer(DeadlineError("no echo", robot="r1", resource="Sonar")) == (envelope, b"")
+    back = decode_answer(envelope)
     assert type(back) is DeadlineError
     assert str(back) == "r1/Sonar: no echo"
 
@@ -106,7 +126,7 @@ def test_an_error_as_bytes() -> None:
 def test_an_event_as_bytes() -> None:
     event = Event("result", 12.5, CallId(CLIENT, 3, 17), 1)
     envelope = raw(
-        "85 a7{version} 01 a4{kind} a6{result} a7{stamp_s} cb4029000000000000"
+        "85 a7{version} 02 a4{kind} a6{result} a7{stamp_s} cb4029000000000000"
         "a4{call} 93c4080123456789abcdef0311 a6{answer} 920001",
         **{name: name for name in ("version", "kind", "result", "stamp_s", "call", "answer")},
     )
@@ -117,7 +137,7 @@ def test_an_event_as_bytes() -> None:
 def test_a_heartbeat_as_bytes() -> None:
     beat = Heartbeat(CLIENT, 3, 17, "anna")
     envelope = raw(
-        "85 a7{version} 01 a6{client} c4080123456789abcdef a5{epoch} 03 a8{sequence} 11 a4{name} a4{anna}",
+        "85 a7{version} 02 a6{client} c4080123456789abcdef a5{epoch} 03 a8{sequence} 11 a4{name} a4{anna}",
         **{name: name for name in ("version", "client", "epoch", "sequence", "name", "anna")},
     )
     assert wire.encode_heartbeat(beat) == envelope
@@ -220,8 +240,8 @@ BUFFERS = st.sampled_from([bytes, bytearray, memoryview])
 @given(data=st.data())
 def test_every_form_of_a_value_arrives_as_it_left(form: st.SearchStrategy[EALData], data: st.DataObject) -> None:
     sent = data.draw(form)
-    envelope, payload = wire.encode_answer(sent)
-    assert wire.decode_answer(envelope, bytes(payload)) == sent
+    envelope, payload = encode_answer(sent)
+    assert decode_answer(envelope, bytes(payload)) == sent
 
 
 @given(HEADERS, st.none() | values(), BUFFERS)
@@ -232,8 +252,8 @@ def test_every_call_arrives_as_it_left(header: CallHeader, data: EALData | None,
 
 @given(ANSWERS, BUFFERS)
 def test_every_answer_arrives_as_it_left(answer: wire.Answer, buffer: Callable[..., Any]) -> None:
-    envelope, payload = wire.encode_answer(answer)
-    assert wire.decode_answer(buffer(envelope), buffer(payload)) == answer
+    envelope, payload = encode_answer(answer)
+    assert decode_answer(buffer(envelope), buffer(payload)) == answer
 
 
 @given(EVENTS)
@@ -243,7 +263,7 @@ def test_every_event_arrives_as_it_left(event: Event) -> None:
 
 @pytest.mark.parametrize("kind", [kind for kind in ERRORS if kind is not ConfigError])
 def test_every_error_arrives_as_it_left(kind: type[EALError]) -> None:
-    back = wire.decode_answer(*wire.encode_answer(kind("what and where", robot="r1", resource="Sonar")))
+    back = decode_answer(*encode_answer(kind("what and where", robot="r1", resource="Sonar")))
     assert type(back) is kind
     assert (back.message, back.robot, back.resource) == ("what and where", "r1", "Sonar")
     assert str(back) == "r1/Sonar: what and where"
@@ -255,21 +275,21 @@ def test_every_error_has_its_own_code() -> None:
 
 def test_a_config_error_arrives_as_its_message() -> None:
     sent = ConfigError([Problem("lab.yaml", 3, 5, "robots.r1", "is missing")])
-    back = wire.decode_answer(*wire.encode_answer(sent))
+    back = decode_answer(*encode_answer(sent))
     assert type(back) is ConfigError
     assert str(back) == "lab.yaml:3:5: robots.r1: is missing"
     assert back.problems == ()
 
 
 def test_an_error_of_an_unknown_kind_keeps_its_code_in_the_message() -> None:
-    envelope = msgpack.packb([1, 2, ["too_hot", "60 °C", "r1", None]])
-    back = wire.decode_answer(envelope)
+    envelope = msgpack.packb([2, 7, 2, ["too_hot", "60 °C", "r1", None]])
+    back = decode_answer(envelope)
     assert type(back) is EALError
     assert str(back) == "r1: 60 °C (an error of a kind unknown here: 'too_hot')"
 
 
 def test_an_error_can_always_be_sent() -> None:
-    back = wire.decode_answer(*wire.encode_answer(EALError("\udcff" + "x" * 2_000_000, robot="\ud800")))
+    back = decode_answer(*encode_answer(EALError("\udcff" + "x" * 2_000_000, robot="\ud800")))
     assert isinstance(back, EALError)
     assert back.message.startswith("\\udcffxxx")
     assert len(back.message) < 20_000
@@ -281,11 +301,11 @@ def test_an_error_can_always_be_sent() -> None:
 
 def test_a_frame_is_not_copied() -> None:
     frame = np.zeros((480, 640, 3), "u1")
-    envelope, payload = wire.encode_answer(EALData.of(frame))
+    envelope, payload = encode_answer(EALData.of(frame))
     assert np.shares_memory(np.frombuffer(payload, "u1"), frame)
     assert len(envelope) < 40
     arrived = bytes(payload)
-    back = wire.decode_answer(envelope, arrived)
+    back = decode_answer(envelope, arrived)
     assert isinstance(back, EALData)
     assert np.shares_memory(np.frombuffer(arrived, "u1"), back.value)
 
@@ -298,11 +318,11 @@ def test_a_payload_has_at_most_64_mib() -> None:
     with pytest.raises(DataError, match="67108865 bytes is over the 67108864"):
         wire.encode_call(CALL, too_much)
     with pytest.raises(DataError, match="67108865 bytes is over the 67108864"):
-        wire.encode_answer(too_much)
+        encode_answer(too_much)
     with pytest.raises(ProtocolError, match="a payload of 67108865 bytes, more than 67108864"):
         wire.decode_call(envelope, too_much.payload)
     with pytest.raises(ProtocolError, match="a payload of 67108865 bytes, more than 67108864"):
-        wire.decode_answer(wire.encode_answer(EALData.of(1.0))[0], too_much.payload)
+        decode_answer(encode_answer(EALData.of(1.0))[0], too_much.payload)
 
 
 @pytest.mark.parametrize(
