@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.inbox import Envelope
-from eal_actors.actors.robot_view import RobotState
 from eal_actors.clock import REAL_TIME
 from eal_actors.data import EALData
 from eal_actors.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
@@ -42,6 +41,8 @@ MOST_UNDER_WAY: Final = 256
 """Calls to one robot that wait to be sent or answered; further ones are refused."""
 
 _RETRY_S: Final = 0.05
+_BACK_S: Final = 1.0
+"""Real seconds in which a robot that went may come back and be asked again what it was asked."""
 _REATTACH_S: Final = 2.0
 _ASK_EACH_S: Final = (1.0, 8.0)
 """Real seconds between two questions for commands that take long: first, and most."""
@@ -296,26 +297,30 @@ class Lane(UrgentMessage):
 
     def miss(self, call: Call[Any], call_id: CallId) -> None:
         """The robot is not there to answer: what only reads is asked again, a command never. Thread: any."""
-        self._under_way.discard(call)
-        self._robot.soon(lambda: self._miss(call, call_id))
+        clock = self._robot.clock
+        back_by_s = clock.now() + clock.of_real(_BACK_S)
+        self._robot.soon(lambda: self._miss(call, call_id, back_by_s))
 
     def expire(self, call: Call[Any]) -> None:
         """The deadline of a call has passed without an answer. Thread: any."""
         self._under_way.discard(call)
         self._controller.later(call.expire)
 
-    def _miss(self, call: Call[Any], call_id: CallId) -> None:
-        robot = self._robot
-        is_ready = robot.view.state is RobotState.READY
+    def _miss(self, call: Call[Any], call_id: CallId, back_by_s: float) -> None:
+        robot, now_s = self._robot, self._robot.clock.now()
         if call.done():
+            self._under_way.discard(call)
             self._running.pop(call_id, None)
-        elif call_id in self._running:
-            if is_ready and self._controller.is_alive(robot.name):
-                robot.actor_inbox.call_later(robot.clock.of_real(_RETRY_S), self.reattach)
-        elif is_ready and robot.clock.now() < (call.deadline_s or 0.0):
-            robot.actor_inbox.call_later(robot.clock.of_real(_RETRY_S), lambda: self._put_again(call))
-        else:
+        elif call_id in self._running:  # it is asked after once the robot is back
+            self._under_way.discard(call)
+        elif now_s >= (call.deadline_s or 0.0):
+            self.expire(call)
+        elif now_s >= back_by_s:
+            self._under_way.discard(call)
             call.fail(UnavailableError("the robot did not answer"))
+        else:
+            again = self._put_again if robot.is_ready else lambda it: self._miss(it, call_id, back_by_s)
+            robot.actor_inbox.call_later(robot.clock.of_real(_RETRY_S), lambda: again(call))
 
     def _put_again(self, call: Call[Any]) -> None:
         try:

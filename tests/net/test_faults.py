@@ -22,7 +22,7 @@ from eal_actors.errors import (
     UnavailableError,
     UnsupportedError,
 )
-from tests.net.links import eventually, free_port
+from tests.net.links import Wire, eventually, free_port
 from tests.net.rig import WAIT_S, Rig, becomes, failure, outlast_ttl, process, ready, served, servers
 
 CONTROLLER = """
@@ -172,6 +172,38 @@ def test_who_is_there_is_up_before_the_absent_are_given_up(tmp_path: Path) -> No
             assert fleet["absent"].state is RobotState.STARTING
         finally:
             fleet.close()
+
+
+# Links.
+
+
+def test_a_reading_under_way_is_asked_again_when_the_link_comes_back(rig: Rig) -> None:
+    with servers(rig):
+        wire = Wire(int(rig.content["robots"]["r1"]["address"].rpartition(":")[2]))
+        try:
+            rig.content["robots"]["r1"]["address"] = f"tcp/127.0.0.1:{wire.port}"
+            rig.write()
+            with ready(Fleet(rig.config)) as fleet:
+                gauge = fleet["r1"]["Gauge"]
+
+                def is_answered_after_a_cut() -> bool:
+                    reading = gauge.send_req("slow0.3", timeout_s=WAIT_S)
+                    assert eventually(lambda: len(rig.notes("slow")) > asked)
+                    wire.cut()
+                    error = reading.exception(timeout=WAIT_S)
+                    assert error is None or isinstance(error, UnavailableError), repr(error)
+                    assert becomes(fleet["r1"], RobotState.READY)
+                    return error is None
+
+                for _ in range(10):  # on a busy machine the link may take longer to come back than it is waited for
+                    asked = len(rig.notes("slow"))
+                    if is_answered_after_a_cut():
+                        break
+                else:
+                    raise AssertionError("no reading was asked again")
+                assert len(rig.notes("slow")) > asked + 1
+        finally:
+            wire.close()
 
 
 # Floods.

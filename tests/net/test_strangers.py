@@ -22,6 +22,7 @@ from eal_actors.errors import (
     AccessDeniedError,
     DeadlineError,
     EALError,
+    PreemptedError,
     ProtocolError,
     StaleCommandError,
 )
@@ -223,7 +224,7 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("keys")
     make_authority(folder, "f")
     make_certificate(folder, "r1", ["127.0.0.1"])
-    for name in ("controller", "driver", "display", "stranger"):
+    for name in ("controller", "driver", "display", "guest", "stranger"):
         make_certificate(folder, name)
     return folder
 
@@ -231,7 +232,7 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def secured(folder: Path, keys: Path) -> Rig:
     roles = {
         "controllers": ["controller", {"name": "driver", "resources": ["Arm"]}],
-        "observers": ["display"],
+        "observers": ["display", {"name": "guest", "robots": ["r1"]}],
     }
     return Rig(folder, network={"security": {"keys": str(keys), "roles": roles}}, protocol="tls")
 
@@ -277,6 +278,17 @@ def test_a_controller_of_one_resource_can_cancel_there(tmp_path: Path, keys: Pat
         denied = failure(driver["r1"]["Eye"].set_value(b"x"), AccessDeniedError)
         assert "set_value to 'driver', which has the role controller of Arm alone there" in denied.message
         assert driver["r1"]["Arm"].halt().get() == 1
+
+
+def test_a_role_for_single_robots_finds_them_and_hears_their_events(tmp_path: Path, keys: Path) -> None:
+    rig = secured(tmp_path, keys)
+    with served(rig) as (_, fleet), seen_by(rig, "guest") as guest:
+        assert becomes(guest["r1"], RobotState.READY)
+        assert guest["r1"]["Gauge"].get_value().get().value == -42
+        move = fleet["r1"]["Arm"].send_cmd("move60")
+        assert eventually(lambda: [running.command for running in guest["r1"].running] == ["move60"])
+        assert fleet["r1"]["Arm"].halt().get() == 1
+        failure(move, PreemptedError)
 
 
 @pytest.mark.parametrize("way", ["no role", "another authority", "no certificate"])
