@@ -17,7 +17,7 @@ from eal_actors.clock import SystemClock
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
 MOMENT_S = 0.3
 """Real seconds after which a call that has no (further) answer is taken to get none; what is to come is asked for
 again, and what is not to come is followed by something that is."""
