@@ -60,7 +60,7 @@ def test_a_certificate_that_has_expired_opens_nothing(folder: Path, late: str, m
         answering(robot, "r1"),
         open_session(controller_config(fleet)) as controller,
     ):
-        assert eventually(lambda: ask(controller, "eal/f/r1/_/ping") == ["r1"])
+        assert eventually(lambda: ask(controller, "eal/f/r1/_/ping", "controller") == ["r1"])
     with expired(monkeypatch):
         make_certificate(folder / "keys", late, ["127.0.0.1"] if late == "r1" else [], force=True)
     fleet, asked = tls_fleet(folder), list[str]()
@@ -71,7 +71,7 @@ def test_a_certificate_that_has_expired_opens_nothing(folder: Path, late: str, m
         open_session(controller_config(fleet)) as controller,
     ):
         for _ in range(3):
-            assert ask(controller, "eal/f/r1/_/ping") == []
+            assert ask(controller, "eal/f/r1/_/ping", "controller") == []
             assert list(controller.info.peers_zid()) == []
         assert asked == []
 
@@ -195,5 +195,5 @@ def test_without_verification_of_names_a_thief_would_be_believed(folder: Path) -
         open_session(controller_config(fleet)) as careful,
         open_session(careless) as other,
     ):
-        assert eventually(lambda: ask(other, "eal/f/r1/_/ping") == ["r1"])
-        assert ask(careful, "eal/f/r1/_/ping") == []
+        assert eventually(lambda: ask(other, "eal/f/r1/_/ping", "controller") == ["r1"])
+        assert ask(careful, "eal/f/r1/_/ping", "controller") == []
