@@ -1,0 +1,106 @@
+"""The proof in short, without compiling a kernel: an image is built twice, is the same twice, boots and answers."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from eal_actors.log import get_logger
+from evbotos import bytecode
+from evbotos.apt_sources import sources_for
+from evbotos.build import Build, Built
+from evbotos.definitions import load_definitions
+from evbotos.errors import BuildError
+from evbotos.hashing import files_sha256
+from evbotos.hosttools import find_tool, needed_for
+from evbotos.model import Local, PackagedKernel
+from evbotos.packages import Apt
+from evbotos.project import project_files
+from tests.evbotos.proof import Proof, first_answer_s, give_keys, started
+
+KERNEL = PackagedKernel(
+    package="linux-image-cloud-amd64",
+    modules=(
+        "virtio_pci",
+        "virtio_blk",
+        "virtio_net",
+        "virtio_rng",
+        "squashfs",
+        "overlay",
+        "vfat",
+        "nls_cp437",
+        "nls_ascii",
+    ),
+)
+FOUND = load_definitions()
+PLATFORM = FOUND.platform("qemu-amd64").model_copy(update={"kernel": KERNEL})
+IMAGE = FOUND.image("robot")
+SAME = ("root.squashfs", "kernel", "initrd", "disk.img", "sbom.cdx.json", "sizes.json")
+
+_LOG = get_logger()
+
+pytestmark = pytest.mark.timeout(1500)
+
+
+def sources() -> str:
+    """Return a hash of the project's own files, as they go into the image."""
+    return files_sha256(list(project_files()))
+
+
+def built_in(folder: Path, local: Local, locks: Path, *, update_lock: bool) -> Built:
+    """Build with a cache of its own."""
+    settings = local.model_copy(update={"cache": str(folder / "cache")})
+    return Build(PLATFORM, IMAGE, settings, _LOG.info, locks).run(folder / "out", update_lock=update_lock)
+
+
+@pytest.fixture(scope="module")
+def proof(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proof]:
+    """The robot image of the packages that the archive offers now, started by Debian's own kernel."""
+    missing = [name for name in (*needed_for(PLATFORM), "qemu-system-x86_64", "ssh-keygen") if find_tool(name) is None]
+    if missing:
+        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    folder = tmp_path_factory.mktemp("short")
+    try:
+        bytecode.find_python()
+        Apt(folder / "apt", PLATFORM.architecture, sources_for(PLATFORM.suite, None), _LOG.info).update()
+    except BuildError as error:
+        pytest.skip(f"images cannot be built here: {error}")
+    fleet, local = give_keys(folder)
+    (folder / "sources").write_text(sources())
+    built = built_in(folder / "one", local, folder / "locks", update_lock=True)
+    yield Proof(PLATFORM, IMAGE, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
+    shutil.rmtree(folder)
+
+
+def test_it_boots_and_answers(proof: Proof, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
+    with started(proof, disk) as machine:
+        took_s = first_answer_s(proof, machine, monkeypatch)
+        _LOG.warning(f"first answered call after {took_s:.1f} s, of which QEMU computed {machine.computed_s():.1f} s")
+
+
+def test_a_second_build_is_the_same_to_the_bit(proof: Proof, tmp_path: Path) -> None:
+    one = proof.built.folder.parent.parent
+    sources_before = (one.parent / "sources").read_text()
+    for kept in ("debs", "wheels", "apt"):  # what was downloaded, and nothing that was made of it
+        shutil.copytree(one / "cache" / kept, tmp_path / "two/cache" / kept, copy_function=os.link)
+    local = Local(
+        version=1,
+        ssh_keys=((one.parent / "ssh.pub").read_text().strip(),),
+        robot=str(proof.robot_files),
+        update_key=str(one.parent / "update.pub.pem"),
+    )
+    before = os.umask(0o077)
+    try:
+        again = built_in(tmp_path / "two", local, one.parent / "locks", update_lock=False)
+    finally:
+        os.umask(before)
+    assert all(not step["cached"] for step in again.report["steps"])
+    if sources() != sources_before:
+        pytest.skip("the project's own files were edited between the two builds")
+    for name in SAME:
+        assert (again.folder / name).read_bytes() == (proof.built.folder / name).read_bytes(), name
