@@ -79,6 +79,7 @@ class Lane(UrgentMessage):
         self.exchanges: Final = Exchanges()
         self.rights: Rights | None = None
         self._ask_at_s = math.inf
+        self._doubted: set[CallId] = set()
         self._ask_each_s = _ASK_EACH_S[0]
         self._keys: dict[tuple[str, str], str] = {}
 
@@ -363,8 +364,12 @@ class Lane(UrgentMessage):
     def _forget_unknown(self, answer: Answer) -> None:
         if not isinstance(answer, dict):
             return
-        for epoch, sequence in answer.get("unknown", ()):
-            call = self._running.pop(CallId(self._controller.client, epoch, sequence), None)
+        unknown = {CallId(self._controller.client, *numbers) for numbers in answer.get("unknown", ())}
+        doubted, self._doubted = self._doubted & unknown, unknown - self._doubted
+        if self._doubted:  # the question may have overtaken them: only what is unknown twice is lost
+            self._ask_at_s = -math.inf
+        for call_id in doubted:
+            call = self._running.pop(call_id, None)
             if call is not None:
                 call.fail(UnavailableError("the robot knows nothing of it: it was lost, or the robot was restarted"))
 
