@@ -18,7 +18,8 @@ from .ground import LOOK_S, minds_ground, require_ground
 from .on_robot import OnRobot
 
 _TELL_S = 0.5
-"""How often at least a motion tells how far it has come."""
+_TELLS = 20
+"""A motion tells how far it has come so often, but not at shorter intervals: each costs a crowd of robots a turn."""
 
 
 class Base(DifferentialBase, OnRobot):
@@ -76,9 +77,10 @@ class Base(DifferentialBase, OnRobot):
             self._world.stop(self._robot)
             self._check_ground(forward)
             self._world.start(self._robot, move)
+        tell_s = max(_TELL_S, move.remaining_s / _TELLS)
         try:
             while not move.is_over:
-                yield min(self._until_look_s(move), _TELL_S)
+                yield min(self._until_look_s(move), tell_s)
                 with self._world.caught_up():
                     self._check_going(move)
                     self._check_ground(forward)
