@@ -11,7 +11,8 @@ from typing import Any
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.actors.robot_actor import RobotSpec, start_robot
+from eal_actors.actors.robot_actor import start_robot
+from eal_actors.actors.robot_spec import RobotSpec
 from eal_actors.clock import Clock, ManualClock, SystemClock
 from eal_actors.errors import EALError
 from eal_actors.resource import Resource

@@ -5,10 +5,9 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from eal_actors.actors.actor import AbandonedThread, EALActor
 from eal_actors.actors.call import Call, ResourceCell
@@ -16,13 +15,13 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.resource_actor import ResourceActor
 from eal_actors.actors.resource_roles import ResourceFactory
+from eal_actors.actors.robot_spec import OpenPlugins, RobotSpec
 from eal_actors.actors.robot_view import Ping, RobotState, RobotView, release
 from eal_actors.actors.running import Running
-from eal_actors.actors.supervision import ChildSpec, Restart, RestartIntensity, wants_restart
-from eal_actors.clock import REAL_TIME, Clock
+from eal_actors.actors.supervision import ChildSpec, RestartIntensity, wants_restart
+from eal_actors.clock import REAL_TIME
 from eal_actors.errors import EALError, PluginError, RobotFailedError, UnavailableError, shown
 from eal_actors.info import ResourceInfo
-from eal_actors.link import Link
 from eal_actors.log import get_logger
 
 HANG_GRACE_S: Final = 1.0
@@ -31,51 +30,6 @@ _ROUNDING_S: Final = 1e-6
 """Of a difference of times."""
 _UNWIND_S: Final = 0.5
 """How long (real time) an abandoned thread has to unwind before somebody else halts its resource."""
-
-
-class OpenPlugins(Protocol):
-    """A robot's connected plugins: what the plugin manager hands out."""
-
-    @property
-    def resources(self) -> Mapping[str, ResourceFactory]:
-        """The factories by the resources' final names."""
-        ...
-
-    @property
-    def errors(self) -> tuple[EALError, ...]:
-        """What kept plugins out."""
-        ...
-
-    def close(self) -> None:
-        """Disconnect every plugin."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class RobotSpec:
-    """What a robot actor needs to know of its robot.
-
-    Attributes:
-        name: the robot's name.
-        clock: the fleet's clock.
-        open_plugins: connects the robot's plugins; runs in the robot's thread and may take long.
-        timeout_s: the default deadline of a call, and the time a resource may take to start.
-        mailbox: the capacity of each mailbox.
-        restart: when resources are restarted.
-        max_restarts: restarts allowed within the window, for all resources together.
-        restart_window_s: the window in seconds.
-        link: what the calls to its resources pass on their way; a perfect one if None.
-    """
-
-    name: str
-    clock: Clock
-    open_plugins: Callable[[], OpenPlugins]
-    timeout_s: float = 10.0
-    mailbox: int = 256
-    restart: Restart = Restart.PERMANENT
-    max_restarts: int = 3
-    restart_window_s: float = 5.0
-    link: Link | None = None
 
 
 class RobotActor(EALActor):
