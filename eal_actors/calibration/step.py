@@ -10,7 +10,7 @@ from typing import Any, Final, Protocol
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.calibration.drive import calibration_of_base, wheelbase_of
 from eal_actors.calibration.ends_file import read_ends, write_ends
-from eal_actors.calibration.fit import fit_squares
+from eal_actors.calibration.fit import Fit, fit_squares
 from eal_actors.calibration.square import START, WAYS, Pose, seen_from
 from eal_actors.calibration.umbmark import Point, SquareEnds
 from eal_actors.errors import ArgumentError, ScenarioError
@@ -83,26 +83,35 @@ def fit_umbmark(
     if (ends is None) == (file is None):
         raise ScenarioError("fit_umbmark needs either `ends` or `file`")
     measured = read_ends(Path(file)) if file is not None else _measured(ends or (), start)
+    fit = _fit(robot, measured, side_m, wheelbase_m)
+    context.log(_told(measured, fit))
+    found = {**fit.calibration.model_dump(), "error_m": measured.error_m, "left_over_m": fit.left_over_m}
+    if context.directory is not None:
+        _keep(context.directory / robot.name, name, measured, found)
+    return found
+
+
+def _fit(robot: RobotHandle, measured: SquareEnds, side_m: float, wheelbase_m: float | None) -> Fit:
+    """Fit what the base is told now, so that what is found takes its place."""
     base_m = wheelbase_m or wheelbase_of(robot)
     if base_m is None:
         raise ScenarioError("fit_umbmark needs `wheelbase_m`: the Base does not tell").at(robot.name)
-    fit = fit_squares(measured, side_m, base_m, calibration_of_base(robot) or NOMINAL)
-    found = {
-        **fit.calibration.model_dump(),
-        "error_m": measured.error_m,
-        "left_over_m": fit.left_over_m,
-    }
+    return fit_squares(measured, side_m, base_m, calibration_of_base(robot) or NOMINAL)
+
+
+def _told(measured: SquareEnds, fit: Fit) -> str:
     doubt = "; more is left over than chance explains" if fit.is_doubtful else ""
-    context.log(
+    return (
         f"off by {measured.error_m * 1000:.0f} mm: E_b {fit.calibration.track_factor:.4f}, "
         f"E_d {fit.calibration.wheel_ratio:.4f}, {fit.left_over_m * 1000:.0f} mm left over{doubt}"
     )
-    if context.directory is not None:
-        folder = context.directory / robot.name
-        folder.mkdir(parents=True, exist_ok=True)
-        write_ends(measured, folder / f"{name}.csv")
-        (folder / f"{name}.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    return found
+
+
+def _keep(folder: Path, name: str, measured: SquareEnds, found: Mapping[str, float]) -> None:
+    """Leave the ends and what was found from them in the robot's folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_ends(measured, folder / f"{name}.csv")
+    (folder / f"{name}.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
 
 
 def _measured(ends: Sequence[Sequence[Any]], start: Sequence[float]) -> SquareEnds:

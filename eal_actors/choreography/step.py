@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.choreography.assigning import Point
 from eal_actors.choreography.shapes import FormationPlan, plan_shape
 from eal_actors.errors import ArgumentError, ScenarioError
 from eal_actors.world.formation import Formation
@@ -70,30 +71,29 @@ def plan_formation(
 
     Thread: blocks the caller until every robot has told where it is.
     """
-    names = list(context.robots)
-    wanted: dict[str, object] = {
-        "shape": shape,
-        "count": len(names),
-        "spacing_m": spacing_m,
-        "x_m": x_m,
-        "y_m": y_m,
-        "yaw_deg": yaw_deg,
-    }
-    rule = _rule(wanted)
-    poses = gather([context.robots[name]["Pose"].get_value() for name in names]).get()
-    starts = {name: (float(pose.value[0]), float(pose.value[1])) for name, pose in zip(names, poses, strict=True)}
-    try:
-        plan = plan_shape(starts, rule, clearance_m(radius_m, margin_m))
-    except ArgumentError as error:
-        raise ScenarioError(f"the robots cannot form this {shape}: {error.message}") from None
+    rule = _rule(shape=shape, count=len(context.robots), spacing_m=spacing_m, x_m=x_m, y_m=y_m, yaw_deg=yaw_deg)
+    plan = _plan(_places(context.robots), rule, clearance_m(radius_m, margin_m))
     number = len(plan["phases"])
-    context.log(f"{len(names)} robots form a {shape} in {number} phase{'s' * (number != 1)}")
+    context.log(f"{rule.count} robots form a {shape} in {number} phase{'s' * (number != 1)}")
     return plan
 
 
-def _rule(wanted: dict[str, object]) -> Formation:
+def _rule(**wanted: object) -> Formation:
     try:
         return Formation.model_validate(wanted)
     except ValidationError as error:
         first = error.errors()[0]
         raise ScenarioError(f"there is no such formation: {first['loc'][0]}: {first['msg']}") from None
+
+
+def _places(robots: Mapping[str, RobotHandle]) -> dict[str, Point]:
+    """Ask every robot at once where it is."""
+    poses = gather([robot["Pose"].get_value() for robot in robots.values()]).get()
+    return {name: (float(pose.value[0]), float(pose.value[1])) for name, pose in zip(robots, poses, strict=True)}
+
+
+def _plan(starts: Mapping[str, Point], rule: Formation, apart_m: float) -> FormationPlan:
+    try:
+        return plan_shape(starts, rule, apart_m)
+    except ArgumentError as error:
+        raise ScenarioError(f"the robots cannot form this {rule.shape}: {error.message}") from None
