@@ -36,8 +36,8 @@ from eal_actors.cli import (
 from eal_actors.cli.exit_codes import EPILOG, ExitCode, report
 from eal_actors.cli.help import Command, Group
 from eal_actors.cli.interrupts import heed_signals
+from eal_actors.cli.lasting import lasting_output
 from eal_actors.cli.options import GlobalOptions, LogLevel
-from eal_actors.cli.output import outlive_terminal
 from eal_actors.errors import EALError
 from eal_actors.log import LogFormat, configure_logging
 
@@ -118,5 +118,5 @@ app.command("lab", cls=Command, hidden=True)(lab.run_lab)  # for `make lab`
 def main() -> None:
     """Run the program and exit."""
     heed_signals()
-    outlive_terminal()
-    app(prog_name="eal")
+    with lasting_output():
+        app(prog_name="eal")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import reprlib
 import sys
 from pathlib import Path
-from typing import Any, Final, TextIO, cast
+from typing import Any, Final, TextIO
 
 from rich import box
 from rich.console import Console
@@ -19,47 +18,8 @@ from eal_actors.record.strict_json import as_json
 
 _PIPE_WIDTH: Final = 160
 """Columns where nobody looks at them: wide, so that lines stay whole for grep."""
-_READER_GONE: Final = (errno.EPIPE, errno.EIO)
-"""What writing to a closed pipe and to a closed terminal fails with."""
 _WHOLE_ARRAY: Final = 32
 """Arrays of up to so many elements are printed whole."""
-
-
-class _LastingStream:
-    """A stream whose reader may go away, as `head` does, and a terminal that is closed: the work goes on."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-    def write(self, text: str) -> int:
-        try:
-            return self._stream.write(text)
-        except OSError as error:
-            self._lead_nowhere(error)
-            return len(text)
-
-    def flush(self) -> None:
-        try:
-            self._stream.flush()
-        except OSError as error:
-            self._lead_nowhere(error)
-
-    def _lead_nowhere(self, error: OSError) -> None:
-        """Discard what is written from now on, and what is in the buffer; but a full disk must be told."""
-        if error.errno not in _READER_GONE:
-            raise error
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, self._stream.fileno())
-        os.close(nowhere)
-
-
-def outlive_terminal() -> None:
-    """Have stdout and stderr lead nowhere, in place of raising, once their reader is gone."""
-    sys.stdout = cast("TextIO", _LastingStream(sys.stdout))
-    sys.stderr = cast("TextIO", _LastingStream(sys.stderr))
 
 
 def stdout() -> Console:

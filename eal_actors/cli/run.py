@@ -106,11 +106,16 @@ def _show(done: _Done, config: FleetConfig, console: Console, *, as_json: bool, 
         write_json(done.report.model_dump(mode="json"))
     else:
         print_summary(console, done.report)
+    _tell_where(console, "run", done.directory)
     kept = _draw_paths(done, config, draw=draw and done.interrupts < 2)
-    for what, file in (("run", done.directory), *((file.suffix[1:], file) for file in kept)):
-        console.print(Text(f"{what}: {file}", style="dim"), soft_wrap=True)
+    for file in kept:
+        _tell_where(console, file.suffix[1:], file)
     if open_picture and kept and kept[-1].suffix == ".png" and any(map(os.environ.get, _DESKTOPS)):
         typer.launch(str(kept[-1]))
+
+
+def _tell_where(console: Console, what: str, path: Path) -> None:
+    console.print(Text(f"{what}: {path}", style="dim"), soft_wrap=True)
 
 
 def _tell_plan(order: Order, console: Console, *, as_json: bool) -> None:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import typer
 
 from eal_actors.cli.opening import check_plugins, read_fleet
-from eal_actors.errors import ConfigError, Problem
+from eal_actors.errors import ConfigError, Problem, ScenarioError
 from eal_actors.lock_step import MAX, Rate
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario import Resumption, Scenario, load_scenario, read_run
@@ -67,8 +67,8 @@ def read_order(wanted: Wanted) -> Order:
 
     Raises:
         ConfigError: with the problems of both files.
-        ScenarioError: the run cannot go on.
-        BadParameter: an option does not say what it should.
+        ScenarioError: the run cannot go on with this scenario.
+        BadParameter: an option does not say what it should, or names no run that can go on.
     """
     rate, binding = _rate(wanted.rate), _binding(wanted.bindings)
     if wanted.resume is not None:
@@ -89,7 +89,10 @@ def _resumed(wanted: Wanted, directory: Path, rate: Rate | None) -> Order:
     for hint, given in (("--set", wanted.settings), ("--bind", wanted.bindings), ("--seed", wanted.seed)):
         if given not in ((), [], None):
             raise typer.BadParameter("a run goes on with what it began with", param_hint=f"'{hint}'")
-    resumption = read_run(directory)
+    try:
+        resumption = read_run(directory)
+    except ScenarioError as error:
+        raise typer.BadParameter(str(error), param_hint="'--resume'") from error
     started: Mapping[str, Any] = resumption.started
     scenario, config = _read_both(
         wanted.scenario or Path(started["scenario_file"]),

@@ -128,7 +128,7 @@ def _check_lost(scenario: Scenario, bound: Binding, lost: Mapping[str, EALError]
         if missing and len(names) - len(missing) + (len(ready) if goes_on else 0) < needed:
             first = lost[missing[0]]
             others = f"; nor did {', '.join(missing[1:])} start" if missing[1:] else ""
-            wanted = f"; role '{role}' needs at least {needed} robots" if goes_on else ""
+            wanted = f"; role '{role}' needs at least {needed} robot{'s' * (needed != 1)}" if goes_on else ""
             raise RobotFailedError(f"{first.message}{others}{wanted}", robot=first.robot)
 
 

@@ -5,12 +5,15 @@ import os
 import pty
 import signal
 import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from eal_actors.bundled import bundled_path
 
 Start = Callable[..., subprocess.Popen[str]]
 
@@ -191,6 +194,37 @@ def test_a_reader_that_goes_away_stops_no_run(start: Start, slides: Path, move: 
     assert process.stderr.read() == ""
     assert process.wait() == 0
     assert summary(slides.parent / "runs")["outcome"] == "done"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_output_that_finds_no_room_stops_no_run_but_is_told(
+    start: Start, slides: Path, move: Path, options: tuple[str, ...]
+) -> None:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        process = start("run", move, "--fleet", slides, "--rate", 10, "--no-plot", *options, stdout=full.fileno())
+        _, err = process.communicate()
+    assert process.returncode == 1
+    assert err.count("Error: stdout cannot be written: No space left on device\n") == 1
+    assert "Traceback" not in err
+    assert summary(slides.parent / "runs")["outcome"] == "done"
+
+
+def test_closed_standard_streams_stop_no_run(start: Start, slides: Path, move: Path) -> None:
+    closing = "import os, sys; os.closerange(0, 3); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    run = [sys.executable, "-c", closing, "-m", "eal_actors", "run", move, "--fleet", slides, "--rate", "10"]
+    environment = {**os.environ, "PYTHONPATH": str(bundled_path("."))}
+    process = subprocess.run(list(map(str, run)), cwd=slides.parent, env=environment, check=False)
+    assert process.returncode == 0
+    assert summary(slides.parent / "runs")["outcome"] == "done"
+
+
+def test_ctrl_c_while_the_program_loads_ends_it_without_a_word(tmp_path: Path) -> None:
+    (tmp_path / "typer.py").write_text("import _thread\n_thread.interrupt_main()\n", encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{bundled_path('.')}"}
+    command = [sys.executable, "-m", "eal_actors", "--version"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
 def on_a_terminal(start: Start, *arguments: object) -> tuple[int, str]:
