@@ -40,7 +40,7 @@ test: $(STAMP)  ## run every test
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-slow: $(STAMP)  ## run the tests that take many seeds
-	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
+	$(BIN)/python -m pytest -n auto --dist loadfile -m 'slow and not evbotos'
 
 check: $(STAMP)  ## format, lint, types, layers, security, and the docs with all their commands
 	$(BIN)/ruff format --check .
