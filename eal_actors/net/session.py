@@ -41,6 +41,9 @@ _GREETING_MS: Final = 4000
 _MIN_SESSIONS: Final = 1000
 _STALLED_US: Final = 500_000
 """How long a message may wait for a stalled link before the link is closed, in microseconds."""
+_BATCHES: Final = 16
+"""Batches of 64 kB of one priority that may wait for a link. With zenoh's two, whoever sends a frame is put to sleep
+between its pieces, and the frame takes twice as long. Streams, which are to be dropped rather than wait, keep two."""
 _SOURCE_PLACE: Final = re.compile(r" at /\S+")
 """Where in zenoh's own source an error arose."""
 
@@ -174,7 +177,10 @@ def _config(
                 "protocols": protocols,
                 "tx": {
                     "lease": round(network.lease_s * 1000),
-                    "queue": {"congestion_control": {"block": {"wait_before_close": _STALLED_US}}},
+                    "queue": {
+                        "size": {"data": _BATCHES},
+                        "congestion_control": {"block": {"wait_before_close": _STALLED_US}},
+                    },
                 },
             },
         },

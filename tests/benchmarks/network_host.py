@@ -1,16 +1,18 @@
 """A process that serves many robots behind one endpoint, beside bare zenoh queryables that answer the same.
 
-Run as `python -m tests.benchmarks.network_host ROBOTS PORT [CPU]`; it says `up`, and ends with its standard input.
+Run as `python -m tests.benchmarks.network_host ROBOTS PORT [BARE_PORT [CPU]]`; it says `up`, and ends with its standard
+input. The bare engine has a session of its own, as it comes.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -24,6 +26,9 @@ from eal_actors.net.server import RobotServer
 from eal_actors.net.session import open_session, robot_config
 from eal_actors.resource import Activity, Resource, command
 from tests.robots import running_robot
+
+if TYPE_CHECKING:
+    import zenoh
 
 FRAME: Final = np.zeros((480, 640, 3), dtype=np.uint8)
 VIEW: Final = np.zeros((120, 160, 3), dtype=np.uint8)
@@ -77,13 +82,29 @@ def fleet_of(robots: int, port: int) -> FleetConfig:
     return replace(config, robots={name: replace(first, name=name) for name in names})
 
 
+def bare_config(*, listen: int | None = None, connect: int | None = None) -> zenoh.Config:
+    """Return the configuration of a bare session: what zenoh does by itself, but for looking for others."""
+    import zenoh
+
+    def endpoints(port: int | None) -> dict[str, list[str]]:
+        return {"endpoints": [] if port is None else [f"tcp/127.0.0.1:{port}"]}
+
+    config = {
+        "mode": "peer",
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "listen": endpoints(listen),
+        "connect": endpoints(connect),
+    }
+    return zenoh.Config.from_json5(json.dumps(config))
+
+
 def main() -> None:
     """Serve until the standard input ends."""
     import zenoh
 
     robots, port = int(sys.argv[1]), int(sys.argv[2])
-    if len(sys.argv) > 3:
-        os.sched_setaffinity(0, {int(sys.argv[3])})
+    if len(sys.argv) > 4:
+        os.sched_setaffinity(0, {int(sys.argv[4])})
     config = fleet_of(robots, port)
     with ExitStack() as stack:
         session = stack.enter_context(open_session(robot_config(config, "bot1")))
@@ -102,8 +123,10 @@ def main() -> None:
             with query:
                 query.reply(key, FRAME.tobytes() if key.endswith("frame") else VALUE, attachment=ENVELOPE, express=True)
 
-        for number in range(robots if robots <= 100 else 0):
-            session.declare_queryable(f"bare/{number}/**", zenoh.handlers.Callback(answer, indirect=False))
+        if len(sys.argv) > 3:
+            bare = stack.enter_context(zenoh.open(bare_config(listen=int(sys.argv[3]))))
+            for number in range(robots):
+                bare.declare_queryable(f"bare/{number}/**", zenoh.handlers.Callback(answer, indirect=False))
         sys.stdout.write("up\n")
         sys.stdout.flush()
         sys.stdin.read()
