@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from tests.soak.history import Command, Fault, History, merged, overlap_s, touches
+from tests.soak.history import RELAYS, Command, Fault, History, overlap_s, touches
 
 WARDEN: Final = "warden#1"
 """The process of a controller that lives from the beginning to the end."""
@@ -56,7 +56,7 @@ def late(history: History) -> Iterator[str]:
 def unwatched(history: History) -> Iterator[str]:
     """No robot moves for longer than twice the dead-man's time after it could hear its controller the last time."""
     for robot in history.notes:
-        frozen = merged(history.spans(robot, "freeze"))
+        frozen = history.pauses(robot)
         for motion in history.motions(robot):
             controller = history.commands[motion.number].controller
             for begin_s, end_s in history.silences(controller, robot):
@@ -88,16 +88,20 @@ def two_motions(history: History) -> Iterator[str]:
 
 
 def two_masters(history: History) -> Iterator[str]:
-    """An actuator passes from one controller to another only if the first was silent, left, or the robot forgot it."""
+    """An actuator passes from one controller to another only if the first was silent, left, or the robot forgot it.
+
+    Silent is also who had no processor to say anything with, or whose words nobody had one to hear with.
+    """
     for robot, notes in history.notes.items():
         last: dict[str, tuple[str, float]] = {}
         forgets = history.spans(robot, "kill", "freeze")
+        busy = {name: history.pauses(name, robot, RELAYS) for name in history.lives}
         for note in notes:
             if note.event not in ("begin", "mark"):
                 continue
             controller = history.commands[note.number].controller
             before, since_s = last.get(note.event, (controller, note.time_s))
-            reasons = forgets + history.silences(before, robot)
+            reasons = forgets + history.silences(before, robot) + busy[before]
             if before != controller and not touches((since_s, note.time_s), reasons):
                 yield f"{robot}: command {note.number} of {controller} ran while {before} was there"
             last[note.event] = controller, note.time_s
@@ -113,9 +117,10 @@ def untrue(history: History) -> Iterator[str]:
 
 def untold(history: History) -> Iterator[str]:
     """Every command has its outcome by its deadline, unless the controller was killed."""
+    pauses = {name: history.pauses(name) for name in history.lives}
     for command in history.commands.values():
         killed = [begin_s for begin_s, _ in history.spans(command.controller, "kill")]
-        frozen = merged(history.spans(command.controller, "freeze"))
+        frozen = pauses[command.controller]
         until_s = min([*killed, command.done_s])
         if until_s == math.inf:
             yield f"{command.controller}: command {command.number} never had an outcome"
@@ -138,7 +143,7 @@ def _is_flood(history: History, command: Command) -> bool:
 def unseen(history: History) -> Iterator[str]:
     """Every fault that lasts is in the record of the controller that is never killed."""
     life = history.lives[WARDEN]
-    away = life.leaves + history.spans(WARDEN, "freeze")
+    away = life.leaves + history.pauses(WARDEN)
     for fault in history.faults:
         if fault.target not in history.notes or fault.kind == "garbage":
             continue

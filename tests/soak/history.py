@@ -8,8 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Final
 
 Interval = tuple[float, float]
+RELAYS: Final = "relays"
+"""By which name a history knows the process through which all passes that robots and controllers say."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ class History:
         notes: what each robot wrote.
         commands: by their numbers.
         lives: of controllers, by the names of their processes.
+        hungry: when a robot, a controller's process, or the relays between them had no processor, by their names.
     """
 
     end_s: float
@@ -117,6 +121,7 @@ class History:
     notes: dict[str, list[Note]] = field(default_factory=dict)
     commands: dict[int, Command] = field(default_factory=dict)
     lives: dict[str, ControllerLife] = field(default_factory=dict)
+    hungry: dict[str, list[Interval]] = field(default_factory=dict)
 
     def spans(self, target: str, *kinds: str) -> list[Interval]:
         """Return when something was wrong with a target."""
@@ -152,6 +157,12 @@ class History:
             elif event != "up":
                 key = f"{event} {words[-1]}"
                 life.outcomes[key] = life.outcomes.get(key, 0) + 1
+
+    def pauses(self, *targets: str) -> list[Interval]:
+        """Return when one of the targets did nothing, frozen or for want of a processor; each without a gap."""
+        return merged(
+            span for target in targets for span in [*self.spans(target, "freeze"), *self.hungry.get(target, ())]
+        )
 
     def motions(self, robot: str) -> list[Motion]:
         """Return what a robot's wheels did; a motion whose process was killed ends there."""

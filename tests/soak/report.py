@@ -9,8 +9,9 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from tests.soak.checks import CHECKS
+from tests.soak.history import merged
 from tests.soak.programs import Sample
-from tests.soak.run import Outcome
+from tests.soak.run import CONTROLLERS, Outcome
 
 MOST_THREADS: Final = 1
 MOST_ENGINE_THREADS: Final = 8
@@ -66,6 +67,7 @@ class Report:
     Attributes:
         counts: how often what happened.
         growths: of the processes that were never killed.
+        hungry_share: for which part of the time a process was ready to run and had no processor, of all on average.
         findings: what is wrong, by check; an empty list is good.
     """
 
@@ -74,6 +76,7 @@ class Report:
     seed: int
     counts: dict[str, int]
     growths: list[Growth]
+    hungry_share: float
     findings: dict[str, list[str]]
 
     @classmethod
@@ -88,7 +91,8 @@ class Report:
         findings["all processes end as they should"] = outcome.exits
         findings["nothing unexpected in the logs"] = list(_bad_lines(outcome))
         plan = outcome.plan
-        return cls(plan.robots, plan.duration_s, plan.seed, _counts(outcome), growths, findings)
+        counts, hungry = _counts(outcome), _hungry_share(outcome)
+        return cls(plan.robots, plan.duration_s, plan.seed, counts, growths, hungry, findings)
 
     @property
     def holds(self) -> bool:
@@ -104,6 +108,7 @@ class Report:
         yield f"{self.robots} robots, {self.duration_s:.0f} s, seed {self.seed}"
         for what, count in self.counts.items():
             yield f"  {what:<44}{count:>9,}"
+        yield f"  without a processor: {self.hungry_share:.1%} of the time of a process"
         for growth in self.growths:
             yield (
                 f"  {growth.name:<12} memory {growth.memory_bytes / 1e6:+6.1f} MB of "
@@ -132,6 +137,11 @@ def _counts(outcome: Outcome) -> dict[str, int]:
     return dict(sorted(counts.items()))
 
 
+def _hungry_share(outcome: Outcome) -> float:
+    hungry_s = sum(end_s - begin_s for spans in outcome.history.hungry.values() for begin_s, end_s in merged(spans))
+    return hungry_s / (outcome.plan.duration_s * (outcome.plan.robots + len(CONTROLLERS)))
+
+
 def _bad_lines(outcome: Outcome) -> Iterable[str]:
     for log in outcome.logs:
         for line in log.read_text(encoding="utf-8").splitlines():
@@ -148,6 +158,7 @@ def tables(report: Mapping[str, Any]) -> str:
         + ("every claim holds." if report["holds"] else "**not every claim holds.**"),
         *(f"{name}: {', '.join(problems)}." for name, problems in report["findings"].items() if problems),
     ]
+    told.append(f"A process was ready to run and had no processor for {report['hungry_share']:.1%} of the time.")
     for kind, entries in kinds.items():
         head, values = zip(*((what.removeprefix(kind), f"{n:,}") for what, n in entries), strict=True)
         told.append(_table([[kind.strip(": "), *head], ["times", *values]]))

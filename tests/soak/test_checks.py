@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tests.soak.checks import CHECKS
-from tests.soak.history import Fault, History, merged, overlap_s
+from tests.soak.history import RELAYS, Fault, History, merged, overlap_s
 from tests.soak.programs import Sample
 from tests.soak.report import Growth, Report, tables
 from tests.soak.run import Outcome, Plan
@@ -101,6 +101,24 @@ def test_a_second_master_is_found() -> None:
     history = good()
     history.faults.pop()
     assert list(findings(history)) == ["one controller at a time"]
+
+
+@pytest.mark.parametrize("who", ["warden#1", "r1", RELAYS])
+def test_who_has_no_processor_is_as_silent_as_who_is_frozen(who: str) -> None:
+    history = good()
+    history.faults.pop()
+    history.hungry[who] = [(35.0, 36.5)]
+    assert findings(history) == {}
+    history.hungry[who] = [(41.0, 42.5)]
+    assert list(findings(history)) == ["one controller at a time"]
+
+
+def test_an_outcome_may_wait_for_a_processor() -> None:
+    history = good()
+    history.commands[2].done_s = 25.0
+    assert list(findings(history)) == ["every command has its outcome in time"]
+    history.hungry["warden#1"] = [(22.0, 24.0)]
+    assert findings(history) == {}
 
 
 def test_a_freeze_may_catch_one_command_in_the_act_and_no_more() -> None:

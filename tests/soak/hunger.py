@@ -1,0 +1,46 @@
+"""When processes were ready to run and had no processor, by the kernel's own account: what a busy machine does to them.
+
+A heartbeat that waits for a processor is as silent as one that a frozen process does not send. Waiting for a lock, for
+the interpreter or for a frozen process counts for nothing here: that would be the project's own doing.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from tests.soak.history import Interval
+
+HUNGRY_S: Final = 0.25
+"""From how long on it counts, of one thread between two looks: a heartbeat's period, a quarter of the lease."""
+
+
+class Hunger:
+    """Looks at processes, again and again. Thread: one."""
+
+    def __init__(self) -> None:
+        self._seen: dict[int, tuple[float, dict[str, float]]] = {}
+
+    def look(self, pid: int, time_s: float) -> Interval | None:
+        """Return since when a process was hungry, and until when; None if it was not since the last look, or has ended.
+
+        Args:
+            pid: of the process.
+            time_s: the machine's monotonic time now.
+        """
+        waited = _waited_s(pid)
+        last_s, before = self._seen.get(pid, (time_s, {}))
+        self._seen[pid] = time_s, waited
+        longest_s = max((waited[thread] - before[thread] for thread in waited.keys() & before.keys()), default=0.0)
+        return (time_s - max(longest_s, time_s - last_s), time_s) if longest_s >= HUNGRY_S else None
+
+
+def _waited_s(pid: int) -> dict[str, float]:
+    """Return for how many seconds each thread of a process has waited for a processor since it began."""
+    waited = {}
+    try:
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            waited[task.name] = int((task / "schedstat").read_text(encoding="ascii").split()[1]) / 1e9
+    except OSError:  # the process has ended, or this thread of it has; a kernel without the account tells nothing
+        return waited
+    return waited
