@@ -122,6 +122,85 @@ class Zenoh(SyncPeer):
         super().close()
 
 
+def serve_publications(port: int) -> zenoh.Session:
+    """Serve a hundred robots without queries: a call and its answer are a publication each."""
+    opened = session(port, listens=True)
+
+    def answer(sample: zenoh.Sample) -> None:
+        _, robot, what = str(sample.key_expr).split("/")
+        _publish(opened, f"answers/{robot}", _ANSWERS[what])
+
+    opened.declare_subscriber("calls/**", zenoh.handlers.Callback(answer, indirect=False))
+    return opened
+
+
+def _publish(opened: zenoh.Session, key: str, payload: bytes) -> None:
+    opened.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK, express=True)
+
+
+class _PublishingHandle:
+    """One caller at a time: nothing here tells whose answer came."""
+
+    def __init__(self, opened: zenoh.Session) -> None:
+        self._session = opened
+        self._answers = threading.Semaphore(0)
+        opened.declare_subscriber("answers/*", zenoh.handlers.Callback(self._hear, indirect=False))
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        sample.payload.to_bytes()
+        self._answers.release()
+
+    def ask(self, keys: list[str], timeout_s: float = GIVE_UP_S) -> None:
+        """Ask all the keys at once, and wait for all answers."""
+        for key in keys:
+            _publish(self._session, key, b"")
+        for _ in keys:
+            if not self._answers.acquire(timeout=timeout_s):
+                raise ConnectionError("no answer")
+
+    def get(self) -> None:
+        self.ask(["calls/0/get"])
+
+    def command(self) -> None:
+        self.ask(["calls/0/command"])
+
+    def frame(self) -> None:
+        self.ask(["calls/0/frame"])
+
+
+class Publications(SyncPeer):
+    """The network's engine as this project uses it: the least that a call through it can take."""
+
+    name = "zenoh, published"
+    measures = ("get", "command", "frame", "fan_out")
+
+    def __init__(self) -> None:
+        self._session: zenoh.Session | None = None
+        super().__init__()
+        self._until_answered()
+
+    def handle(self) -> _PublishingHandle:
+        """See SyncPeer."""
+        if self._session is None:
+            self._session = session(self.port, listens=False)
+        return _PublishingHandle(self._session)
+
+    def fan_out(self, count: int) -> float:
+        """See Peer."""
+        keys = [f"calls/{robot}/command" for robot in range(ROBOTS)]
+        return statistics.median(timed(lambda: self._own.ask(keys)) for _ in range(count))
+
+    def try_once(self) -> None:
+        """See Peer: what is published before the ends know of each other is lost, and never answered."""
+        self._own.ask(["calls/0/get"], timeout_s=0.2)
+
+    def close(self) -> None:
+        """See Peer."""
+        if self._session is not None:
+            self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
+        super().close()
+
+
 class _Lamp(pykka.ThreadingActor):
     def on_receive(self, message: Any) -> Any:
         return _ANSWERS[message]
@@ -174,4 +253,4 @@ class Pykka(SyncPeer):
             actor.stop()
 
 
-ENGINES: Final[tuple[type[Peer], ...]] = (Zenoh, Pykka)
+ENGINES: Final[tuple[type[Peer], ...]] = (Zenoh, Publications, Pykka)

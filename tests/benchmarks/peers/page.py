@@ -37,6 +37,8 @@ readings, a command, camera images), served by its own Python server and called 
 checks each command for freshness and for a second coming, lets one controller at a time command an actuator, halts
 what a silent controller has left moving, and ends every call at its deadline.
 
+- Bare zenoh asks by its queries; published, a call and its answer are a publication each, as eal-actors has them: the
+  least that a call through this engine takes.
 - A robot of the hundred is a connection with raw TCP, Pyro5 and viam-sdk, and a name behind one connection with the
   others.
 - After the kill, the time counts from when the new process listens. Raw TCP, Pyro5, xoscar and viam-sdk are asked again

@@ -7,9 +7,13 @@ import os
 import sys
 import threading
 from collections.abc import Awaitable, Callable
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from tests.benchmarks.peers import engine, others, tcp
+
+if TYPE_CHECKING:
+    import zenoh
 
 
 def _up() -> None:
@@ -30,8 +34,8 @@ def _tcp(port: int) -> None:
     server.serve_forever()
 
 
-def _zenoh(port: int) -> None:
-    session = engine.serve_zenoh(port)
+def _zenoh(serve: Callable[[int], zenoh.Session], port: int) -> None:
+    session = serve(port)
     _up()
     threading.Event().wait()
     session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
@@ -63,7 +67,12 @@ async def _viam(port: int) -> None:
     await serving
 
 
-_BLOCKING: dict[str, Callable[[int], None]] = {"raw TCP": _tcp, "bare zenoh": _zenoh, "Pyro5": _pyro}
+_BLOCKING: dict[str, Callable[[int], None]] = {
+    "raw TCP": _tcp,
+    "bare zenoh": partial(_zenoh, engine.serve_zenoh),
+    "zenoh, published": partial(_zenoh, engine.serve_publications),
+    "Pyro5": _pyro,
+}
 _AWAITED: dict[str, Callable[[int], Awaitable[Any]]] = {"xoscar": _xoscar, "viam-sdk": _viam}
 
 

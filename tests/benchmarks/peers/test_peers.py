@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.benchmarks.peers.engine import Pykka, Zenoh
+from tests.benchmarks.peers.engine import Publications, Pykka, Zenoh
 from tests.benchmarks.peers.ours import Ours
 from tests.benchmarks.peers.page import WHAT, Figure, draw, page
 from tests.benchmarks.peers.peer import Absent, Peer
 from tests.benchmarks.peers.tcp import Tcp
 
 
-@pytest.mark.parametrize("kind", [Tcp, Zenoh, Pykka, Ours])
+@pytest.mark.parametrize("kind", [Tcp, Zenoh, Publications, Pykka, Ours])
 def test_every_measure_gives_seconds(kind: type[Peer]) -> None:
     peer = kind()
     try:
