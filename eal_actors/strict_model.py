@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import ast
 import difflib
+import inspect
 import re
+import sys
 from collections.abc import Iterable, Mapping
+from functools import cache
+from itertools import pairwise
 from types import UnionType
 from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Tag, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, Tag, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from eal_actors.errors import Problem
 from eal_actors.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree, show
@@ -19,8 +27,6 @@ NAME_TEMPLATE_PATTERN: Final = r"^[A-Za-z]([A-Za-z0-9_.-]|\{n\})*$"
 
 _NAME_WORDS: Final = "a name is a letter, then letters, digits, '_', '.' or '-'"
 _PATTERN_WORDS: Final = {NAME_PATTERN: _NAME_WORDS, NAME_TEMPLATE_PATTERN: f"{_NAME_WORDS}, with {{n}} for a number"}
-_HAS_SOURCES: Final = __file__.endswith(".py")
-"""Whether there are docstrings to read: a robot's image has compiled files alone, and looking for them takes long."""
 _MAPPING_KINDS: Final = ("dict_type", "model_type", "model_attributes_type")
 _WORDS: Final = {
     "missing": "is missing",
@@ -54,8 +60,52 @@ class StrictModel(BaseModel):
     """
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=_HAS_SOURCES
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        allow_inf_nan=False,
+        defer_build=True,  # a program meets few of the models that it imports, and building one takes milliseconds
     )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        schema = handler(core_schema)
+        properties = handler.resolve_ref_schema(schema).get("properties", {})
+        for name, text in _field_docs(cls).items():
+            key = cls.model_fields[name].alias or name
+            if key in properties:
+                properties[key].setdefault("description", text)
+        return schema
+
+
+def _field_docs(model: type[BaseModel]) -> dict[str, str]:
+    """Return the docstrings under the fields of a model, its own before those of its bases."""
+    docs: dict[str, str] = {}
+    for base in reversed(model.__mro__):
+        docs |= _module_docs(base.__module__).get(base.__qualname__, {})
+    return {name: text for name, text in docs.items() if name in model.model_fields}
+
+
+@cache
+def _module_docs(module: str) -> dict[str, dict[str, str]]:
+    """Return the docstrings under the attributes of a module's classes; none where a module has no source."""
+    try:
+        tree = ast.parse(inspect.getsource(sys.modules[module]))
+    except (KeyError, OSError, TypeError):  # a robot's image has compiled files alone
+        return {}
+    return {node.name: _attribute_docs(node) for node in tree.body if isinstance(node, ast.ClassDef)}
+
+
+def _attribute_docs(node: ast.ClassDef) -> dict[str, str]:
+    return {
+        field.target.id: inspect.cleandoc(doc.value.value)
+        for field, doc in pairwise(node.body)
+        if isinstance(field, ast.AnnAssign)
+        and isinstance(field.target, ast.Name)
+        and isinstance(doc, ast.Expr)
+        and isinstance(doc.value, ast.Constant)
+        and isinstance(doc.value.value, str)
+    }
 
 
 def _refuse_boolean(value: object) -> object:
@@ -149,6 +199,11 @@ def _choices(annotation: object) -> list[object]:
     return [] if annotation is type(None) else [annotation]
 
 
+def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    model.model_rebuild()  # if it was never met, names of models that stand below it are names still
+    return model.model_fields
+
+
 def _untagged(choice: object) -> object:
     return get_args(choice)[0] if get_origin(choice) is Annotated else choice
 
@@ -159,7 +214,7 @@ def _labels(choice: object) -> set[object]:
     plain = _untagged(choice)
     labels.add(getattr(plain, "__name__", None))
     if isinstance(plain, type) and issubclass(plain, BaseModel):
-        for field in plain.model_fields.values():
+        for field in _fields(plain).values():
             if get_origin(field.annotation) is Literal:
                 labels.update(get_args(field.annotation))
     return labels
@@ -169,7 +224,7 @@ def _inside(choice: object, element: int | str) -> list[object]:
     """Return what may stand under a key or index of a value."""
     plain = _untagged(choice)
     if isinstance(plain, type) and issubclass(plain, BaseModel):
-        for name, field in plain.model_fields.items():
+        for name, field in _fields(plain).items():
             if element in (name, field.alias):
                 return _choices(field.annotation)
         return []
@@ -189,7 +244,7 @@ def _known_keys(annotations: list[object]) -> list[str]:
         field.alias or name
         for model in models
         if isinstance(model, type) and issubclass(model, BaseModel)
-        for name, field in model.model_fields.items()
+        for name, field in _fields(model).items()
     ]
 
 

@@ -258,9 +258,6 @@ Branches: TypeAlias = Annotated[
     Discriminator(_branches_kind),
 ]
 
-for _model in (OnStep, SequenceStep, ParallelStep, ForStep, RepeatStep, WhileStep, IfStep):
-    _model.model_rebuild()
-
 
 def inner_steps(step: Step) -> tuple[tuple[tuple[str | int, ...], tuple[AnyStep, ...]], ...]:
     """Return the lists of steps that a step holds, each with the keys that lead to it."""
