@@ -10,6 +10,7 @@ from typing import Any, Final, TypeAlias
 
 from eal_actors.data import EALData
 from eal_actors.record.pose_sample import PoseSample
+from eal_actors.record.schemas import UNUSED_SHAPES
 from eal_actors.world import BoxObstacle, Drop, MovableBox, WorldModel
 
 Message: TypeAlias = dict[str, Any]
@@ -181,6 +182,7 @@ def scene_message(world: WorldModel) -> Message:
         "cubes": cubes,
         "cylinders": cylinders,
         "texts": texts,
+        **{shape: [] for shape in UNUSED_SHAPES},
     }
     return {"deletions": [], "entities": [entity]}
 

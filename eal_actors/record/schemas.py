@@ -36,6 +36,8 @@ _POSE: Final = _object(position=_VECTOR, orientation=_QUATERNION)
 _TRANSFORM: Final = _object(
     timestamp=_TIME, parent_frame_id=_TEXT, child_frame_id=_TEXT, translation=_VECTOR, rotation=_QUATERNION
 )
+UNUSED_SHAPES: Final = ("metadata", "arrows", "spheres", "lines", "triangles", "models")
+"""What Foxglove's schema wants of an entity besides what an arena has; readers that check insist on them."""
 _ENTITY: Final = _object(
     timestamp=_TIME,
     frame_id=_TEXT,
@@ -47,6 +49,7 @@ _ENTITY: Final = _object(
     texts=_list(
         _object(pose=_POSE, billboard=_FLAG, font_size=_NUMBER, scale_invariant=_FLAG, color=_COLOUR, text=_TEXT)
     ),
+    **{shape: {"type": "array", "maxItems": 0} for shape in UNUSED_SHAPES},
 )
 
 

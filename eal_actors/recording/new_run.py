@@ -46,7 +46,7 @@ def writing_into(directory: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ScenarioError(f"the run's folder {directory} cannot be written: {error}") from error
+        raise ScenarioError(f"the run's folder {directory} cannot be written: {error.strerror or error}") from error
 
 
 def draw_run(run: RunFolder, report: Report, world: WorldModel | None) -> Path | None:

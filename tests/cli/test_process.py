@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import resource
 import signal
 import subprocess
 import sys
@@ -208,6 +209,21 @@ def test_output_that_finds_no_room_stops_no_run_but_is_told(
     assert err.count("Error: stdout cannot be written: No space left on device\n") == 1
     assert "Traceback" not in err
     assert summary(slides.parent / "runs")["outcome"] == "done"
+
+
+def test_a_record_that_finds_no_room_ends_the_run_in_good_order(start: Start, slides: Path, write: Any) -> None:
+    scenario = write("short.yaml", LONG.replace("to1", "to0.1").replace("to${FINALLY}", "s"))
+    process = start("run", scenario, "--fleet", slides)
+    lines_until(process, "send_cmd Slide to0.1")
+    resource.prlimit(
+        process.pid, resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY)
+    )  # as little as a full disk takes
+    out, err = process.communicate()
+    assert process.returncode == 1
+    (record,) = (slides.parent / "runs").iterdir()
+    assert f"its record in {record.relative_to(slides.parent)} cannot be written: File too large" in err
+    assert "send_cmd Slide s  done" in out
+    assert "Traceback" not in err
 
 
 def test_closed_standard_streams_stop_no_run(start: Start, slides: Path, move: Path) -> None:

@@ -63,6 +63,14 @@ def test_it_holds_transforms_scans_frames_calls_and_the_arena(run: Path) -> None
     assert all(command["outcome"] == "done" for command in commands)
 
 
+def test_the_arena_has_every_field_that_foxglove_requires_of_an_entity(run: Path) -> None:
+    (entity,) = next(e.message["entities"] for e in read_mcap(run / "run.mcap").entries if e.topic == "/arena")
+    assert set(entity) == {
+        *("timestamp", "frame_id", "id", "lifetime", "frame_locked", "metadata", "arrows", "cubes", "spheres"),
+        *("cylinders", "lines", "triangles", "texts", "models"),
+    }
+
+
 def test_a_transform_turns_with_the_robot(run: Path) -> None:
     entries = read_mcap(run / "run.mcap").entries
     turns = [

@@ -273,7 +273,8 @@ class Run:
         """Note an error of the engine itself: the steps are stopped, but never what makes the robots safe."""
         logger = get_logger(scenario=self._plan.scenario.name)
         if isinstance(error, OSError):  # a full disk, say, which a traceback explains no better
-            logger.error("the run's record cannot be written", directory=str(self._directory), reason=str(error))
+            error = ScenarioError(f"its record in {self._directory} cannot be written: {error.strerror or error}")
+            logger.error(str(error))
         else:
             logger.error("the run had an internal error", exc_info=error)
         self._error = self._error or error
