@@ -12,6 +12,8 @@ from eal_actors.errors import ProtocolError
 READS: Final = frozenset({"get_status", "get_value", "get_config", "send_req"})
 """Methods that change nothing, so that asking again does no harm. Reading a stream takes bytes out of it."""
 
+_BATCH_BYTES: Final = 32 * 1024
+
 
 def split_arguments(call: Call[Any]) -> tuple[tuple[str | int, ...], EALData | None]:
     """Return a call's arguments as its header and its payload carry them."""
@@ -23,6 +25,11 @@ def split_arguments(call: Call[Any]) -> tuple[tuple[str | int, ...], EALData | N
         elif argument is not None:
             plain.append(argument)
     return tuple(plain), data
+
+
+def is_small(call: Call[Any]) -> bool:
+    """Return whether a call goes into one batch of a link, so that sending it cannot take long."""
+    return all(item.length <= _BATCH_BYTES for item in call.arguments if isinstance(item, EALData))
 
 
 _TAKES: Final[dict[str, tuple[type, ...]]] = {

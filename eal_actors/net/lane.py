@@ -1,9 +1,10 @@
 """Lane: the calls to one robot on the network, from their callers to its answers.
 
 Calls wait here in the order of their making until the fleet's sender gives the lane its turn, and are stamped as they
-leave, so that waiting does not make them stale. What stops something goes past everything that waits, and no other
-robot's stalled link can hold it up: then the thread of the robot's own connection sends it. Answers are concluded in
-zenoh's threads, which wake those that wait for them and leave callbacks to the controller.
+leave, so that waiting does not make them stale; one that is made while no other is under way leaves at once. What
+stops something goes past everything that waits, and no other robot's stalled link can hold it up: then the thread of
+the robot's own connection sends it. Answers are concluded in zenoh's threads, which wake those that wait for them and
+leave callbacks to the controller.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from eal_actors.clock import REAL_TIME
 from eal_actors.data import EALData
 from eal_actors.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
 from eal_actors.net import keys
-from eal_actors.net.calling import READS, split_arguments
+from eal_actors.net.calling import READS, is_small, split_arguments
 from eal_actors.net.exchange import AskedCall, Exchanges
 from eal_actors.net.receipts import Stamper
 from eal_actors.net.rights import Rights
@@ -38,7 +39,7 @@ TTL_S: Final = 1.0
 """How old a command may be when a robot begins it, in real seconds."""
 
 MOST_UNDER_WAY: Final = 256
-"""Calls to one robot that wait to be sent or answered; further ones are refused."""
+"""Calls to one robot that wait to be sent or answered; further ones are refused. Urgent ones may be as many more."""
 
 _RETRY_S: Final = 0.05
 _BACK_S: Final = 1.0
@@ -108,9 +109,15 @@ class Lane(UrgentMessage):
             UnavailableError: the connection has ended.
         """
         with self._lock:
-            self._admit(envelope)
+            self._admit(envelope, MOST_UNDER_WAY)
             self._normal.append(envelope)
-        self._controller.sender.submit(self)
+        if self.pace.is_idle and is_small(envelope) and self._sending.acquire(blocking=False):  # it has not to wait
+            try:
+                self._send_next(is_last=True)
+            finally:
+                self._sending.release()
+        else:
+            self._controller.sender.submit(self)
 
     def put_urgent(
         self, envelope: Call[Any], *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
@@ -124,7 +131,7 @@ class Lane(UrgentMessage):
         """
         dropped: list[Envelope] = []
         with self._lock:
-            self._admit(envelope, bounded=bounded)
+            self._admit(envelope, 2 * MOST_UNDER_WAY if bounded else math.inf)
             if drop is not None and self._normal:
                 dropped = [call for call in self._normal if drop(call)]
                 self._normal = deque(call for call in self._normal if not drop(call))
@@ -136,17 +143,22 @@ class Lane(UrgentMessage):
             self._controller.sender.submit(self)
         return dropped
 
-    def _admit(self, call: Call[Any], *, bounded: bool = True) -> None:
+    def _admit(self, call: Call[Any], most: float) -> None:
         if self._end is not None:
             raise self._end.copy()
         if self.rights is not None:
             self.rights.check(call.cell.name, call.method)
-        if bounded and len(self._under_way) >= MOST_UNDER_WAY:
-            raise BusyError(f"{MOST_UNDER_WAY} calls to the robot are under way already")
+        if len(self._under_way) >= most:
+            raise BusyError(f"{most:g} calls to the robot are under way already")
         self._under_way.add(call)
 
     def stop_activity_of(self, call: Call[Any]) -> None:
         """See CallTarget."""
+        with self._lock:
+            if call in self._normal:  # it has not left, and takes nobody's place
+                self._normal.remove(call)
+                self._under_way.discard(call)
+                return
         if call.method not in READS:
             self._robot.soon(lambda: self._cancel(call))
 
@@ -163,11 +175,14 @@ class Lane(UrgentMessage):
     def send(self, *, is_last: bool) -> None:
         """Send the call whose turn it is; see Message."""
         with self._sending:
-            with self._lock:
-                waiting = self._urgent or self._normal
-                call = waiting.popleft() if waiting else None
-            if call is not None:
-                self._send(call, is_last=is_last)
+            self._send_next(is_last=is_last)
+
+    def _send_next(self, *, is_last: bool) -> None:
+        with self._lock:
+            waiting = self._urgent or self._normal
+            call = waiting.popleft() if waiting else None
+        if call is not None:
+            self._send(call, is_last=is_last)
 
     def insist(self) -> None:
         """See UrgentMessage."""

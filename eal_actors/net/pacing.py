@@ -32,6 +32,11 @@ class Pace:
         self._is_waiting = False
         self._waiter = new_waiter()
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether every call is answered, so that none waits for a link either."""
+        return self._due == 0
+
     def sent(self) -> None:
         """Note that a call leaves."""
         with self._lock:
