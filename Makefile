@@ -4,6 +4,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# A worker takes a whole file, the next one in the order that tests/conftest.py gives them.
+PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 # Debian and Ubuntu keep venv in a package of its own.
 SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
@@ -37,10 +39,10 @@ lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, 
 	$(BIN)/eal lab
 
 test: $(STAMP)  ## run every test
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(PYTEST)
 
 test-slow: $(STAMP)  ## run the tests that take many seeds
-	$(BIN)/python -m pytest -n auto --dist loadfile -m 'slow and not evbotos'
+	$(PYTEST) -m 'slow and not evbotos'
 
 check: $(STAMP)  ## format, lint, types, layers, security, and the docs with all their commands
 	$(BIN)/ruff format --check .

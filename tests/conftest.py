@@ -1,9 +1,12 @@
-"""What every test gets: no thread may outlive it."""
+"""What every test gets: no thread may outlive it; and in which order files of tests go to how many workers."""
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
 
 import pykka
 import pytest
@@ -13,6 +16,27 @@ from hypothesis import settings
 settings.register_profile("patient", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None)  # `pytest --hypothesis-profile search` looks for new ones
 settings.load_profile("patient")
+
+# Tests start programs by the hundred: each finds what the first one compiled.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+LONG: Final = ("evbotos", "soak", "docs", "scenarios", "fuzz", "net", "faults", "cli", "security", "dashboard")
+"""Folders whose files take long, the longest first: none of them is to be left over when the other workers are done."""
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """Take more workers than processors: a third of their time tests wait for others."""
+    return max(2, len(os.sched_getaffinity(0)) * 3 // 2)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    here = Path(__file__).parent
+
+    def rank(item: pytest.Item) -> int:
+        folder = item.path.relative_to(here).parts[0]
+        return LONG.index(folder) if folder in LONG else len(LONG)
+
+    items.sort(key=rank)
 
 
 @pytest.fixture(autouse=True)
