@@ -160,8 +160,8 @@ def tables(report: Mapping[str, Any]) -> str:
     ]
     told.append(f"A process was ready to run and had no processor for {report['hungry_share']:.1%} of the time.")
     for kind, entries in kinds.items():
-        head, values = zip(*((what.removeprefix(kind), f"{n:,}") for what, n in entries), strict=True)
-        told.append(_table([[kind.strip(": "), *head], ["times", *values]]))
+        rows = [[what.removeprefix(kind), f"{n:,}"] for what, n in entries]
+        told.append(_table([[kind.strip(": "), "times"], *rows]))
     rows = [["never killed", "memory grew by", "of", "own threads", "engine's threads", "files"]]
     for of in report["growths"]:
         sizes = f"{of['memory_bytes'] / 1e6:+.1f} MB", f"{of['memory_at_end_bytes'] / 1e6:.0f} MB"
