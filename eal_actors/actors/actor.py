@@ -102,7 +102,9 @@ class EALActor(pykka.ThreadingActor):
             action = message.action
             message.action = None
             return action() if action is not None else None
-        return super()._handle_receive(message)
+        if isinstance(message, _ActorStop):
+            return super()._handle_receive(message)
+        return self.on_receive(message)  # Pykka would look first whether a proxy sent it, and there are none
 
     def crash(self, error: BaseException) -> None:
         """Stop this actor because of an error, and report it. Thread: the actor's own."""

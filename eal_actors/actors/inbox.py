@@ -109,7 +109,7 @@ class Inbox:
             The envelopes taken out.
 
         Raises:
-            BusyError: the lane is full.
+            BusyError: the lane is full of calls.
             EALError: what the inbox was closed with.
 
         Thread: any; never blocks.
@@ -117,7 +117,7 @@ class Inbox:
         with self._lock:
             if self._closed_by is not None:
                 raise self._closed_by.copy()
-            if bounded and len(self._urgent) >= self.capacity:
+            if bounded and len(self._urgent) >= self.capacity and self._count_urgent() >= self.capacity:
                 raise BusyError(f"its mailbox is full ({self.capacity} urgent calls wait)")
             dropped: list[Envelope] = []
             if drop is not None and self._normal:
@@ -127,6 +127,10 @@ class Inbox:
             self._urgent.append(envelope)
             self._wake_reader()
         return dropped
+
+    def _count_urgent(self) -> int:
+        """Return how many calls wait in the urgent lane: the actor's own actions are nobody's calls."""
+        return sum(type(envelope) is not Action for envelope in self._urgent)
 
     def call_at(self, time_s: float, action: Callable[[], None]) -> Action:
         """Run the action in the reading thread when the clock shows `time_s`. Thread: any; never blocks."""

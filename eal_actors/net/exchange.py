@@ -7,6 +7,7 @@ that is told by the robot's sign of life, which goes, or by the time, which runs
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from eal_actors.net.lane import Lane
 
 
-class Exchange:
+class Exchange(ABC):
     """Something that was asked. One of its three methods is called, once; they must not hold up zenoh's threads.
 
     Attributes:
@@ -31,17 +32,17 @@ class Exchange:
 
     end_s: float
 
+    @abstractmethod
     def answered(self, answer: Answer, time: RobotTime | None) -> None:
         """Take in the answer, and the robot's clock if it came along. Thread: zenoh's."""
-        raise NotImplementedError
 
+    @abstractmethod
     def lost(self) -> None:
         """Take note that the robot is not there (any more). Thread: any."""
-        raise NotImplementedError
 
+    @abstractmethod
     def ran_out(self) -> None:
         """Take note that its time is over. Thread: any."""
-        raise NotImplementedError
 
 
 class Exchanges:

@@ -45,7 +45,7 @@ _RETRY_S: Final = 0.05
 _BACK_S: Final = 1.0
 """Real seconds in which a robot that went may come back and be asked again what it was asked."""
 _REATTACH_S: Final = 2.0
-_ASK_EACH_S: Final = (1.0, 8.0)
+_ASK_EACH_S: Final = 1.0, 8.0
 """Real seconds between two questions for commands that take long: first, and most."""
 
 
@@ -111,7 +111,8 @@ class Lane(UrgentMessage):
         with self._lock:
             self._admit(envelope, MOST_UNDER_WAY)
             self._normal.append(envelope)
-        if self.pace.is_idle and is_small(envelope) and self._sending.acquire(blocking=False):  # it has not to wait
+        is_alone = self.pace.is_idle and self._controller.sender.is_idle  # it waits for no link and overtakes nothing
+        if is_alone and is_small(envelope) and self._sending.acquire(blocking=False):
             try:
                 self._send_next(is_last=True)
             finally:

@@ -82,7 +82,7 @@ class Outbox(Sender):
         else:
             self.submit(letter)
 
-    def post(self, message: Message) -> None:
+    def on_receive(self, message: Message) -> None:
         """Send a letter, together with others if some are due. Thread: the actor's own."""
         if self._gathered <= 0:
             with self._lock:
@@ -92,7 +92,7 @@ class Outbox(Sender):
             self._is_gathering = False
             self._gathered = len(self.actor_inbox) + 1
         self._gathered -= 1
-        super().post(message)
+        super().on_receive(message)
 
     def send(self, letter: _Letter, *, is_last: bool) -> None:
         """Send a letter, after whoever is sending. Thread: see Message."""

@@ -5,7 +5,8 @@ A thread for each robot would be woken for each message, and a hundred of them w
 
 from __future__ import annotations
 
-from typing import Any
+from abc import ABC, abstractmethod
+from collections import deque
 
 from eal_actors.actors.actor import EALActor
 from eal_actors.clock import REAL_TIME
@@ -14,7 +15,7 @@ from eal_actors.log import get_logger
 from eal_actors.net.pacing import Pace
 
 
-class Message:
+class Message(ABC):
     """Something to send; its own envelope in the sender's mailbox."""
 
     __slots__ = ()
@@ -26,6 +27,7 @@ class Message:
         """See Envelope."""
         return self
 
+    @abstractmethod
     def send(self, *, is_last: bool) -> None:
         """Send it; raises nothing.
 
@@ -34,7 +36,6 @@ class Message:
 
         Thread: one that may wait for a link; blocks while that is full, at most until the engine gives it up.
         """
-        raise NotImplementedError
 
 
 class UrgentMessage(Message):
@@ -42,9 +43,9 @@ class UrgentMessage(Message):
 
     __slots__ = ()
 
+    @abstractmethod
     def insist(self) -> None:
         """Have it sent some other way, unless it is sent by now. Thread: any; does not block."""
-        raise NotImplementedError
 
 
 class Sender(EALActor):
@@ -60,26 +61,28 @@ class Sender(EALActor):
     def __init__(self, name: str, pace: Pace | None = None) -> None:
         super().__init__(name, REAL_TIME)
         self._pace = pace
+        self._unsent: deque[Message] = deque()
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether everything that was submitted is sent. Thread: any."""
+        return not self._unsent
 
     def submit(self, message: Message) -> bool:
         """Have a message sent; returns whether that is still possible. Thread: any; does not block."""
+        self._unsent.append(message)
         try:
             self.actor_inbox.put_urgent(message, bounded=False)
         except EALError:
             return False
         return True
 
-    def _handle_receive(self, message: Any) -> Any:
-        if not isinstance(message, Message):
-            return super()._handle_receive(message)
-        self.post(message)
-        return None
-
-    def post(self, message: Message) -> None:
+    def on_receive(self, message: Message) -> None:
         """Send a message. Thread: the actor's own."""
         if self._pace is not None:
             self._pace.keep()
         message.send(is_last=self.actor_inbox.empty())
+        self._unsent.popleft()
 
     def on_crash(self, error: BaseException) -> None:
         """Say so. Thread: the actor's own."""

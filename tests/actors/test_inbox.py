@@ -52,6 +52,16 @@ def test_a_full_urgent_lane_refuses_status_but_never_a_stop() -> None:
     assert drain(inbox) == ["status", "stop"]
 
 
+def test_the_actor_s_own_actions_take_no_call_s_place() -> None:
+    inbox = Inbox(SystemClock(), capacity=2)
+    for _ in range(5):
+        inbox.call_soon(lambda: None)  # such as giving up what was cancelled
+    inbox.put_urgent(Letter("status"))
+    inbox.put_urgent(Letter("status again"))
+    with pytest.raises(BusyError, match="2 urgent calls wait"):
+        inbox.put_urgent(Letter("one more"))
+
+
 def test_a_stop_takes_out_what_waited_before_it_and_nothing_that_comes_after() -> None:
     inbox = Inbox(SystemClock())
     for text in ("go", "read", "go again"):

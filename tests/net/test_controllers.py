@@ -15,6 +15,7 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.running import process_name
 from eal_actors.errors import (
     BusyError,
+    CallCancelledError,
     DeadlineError,
     PreemptedError,
     ResourceBusyError,
@@ -73,9 +74,15 @@ def test_a_stop_of_another_controller_is_a_stop(rig: Rig) -> None:
 
 
 def hold_up(remote: RobotHandle, gate: threading.Event) -> None:
-    """Keep the thread that sends calls from doing so until the gate opens, as a stalled link would."""
-    sender = remote._actor._controller.sender  # type: ignore[attr-defined]
-    sender.actor_inbox.call_soon(lambda: gate.wait(WAIT_S) and None)
+    """Keep calls from being sent until the gate opens, as a stalled link would."""
+    controller = remote._actor._controller  # type: ignore[attr-defined]
+    controller.pace.sent()  # as if one were under way: so none leaves from its caller's thread
+
+    def wait() -> None:
+        gate.wait(WAIT_S)
+        controller.pace.answered()
+
+    controller.sender.actor_inbox.call_soon(wait)
 
 
 def test_a_halt_drops_what_waits_for_its_own_resource_alone(rig: Rig, remote: RobotHandle) -> None:
@@ -105,6 +112,29 @@ def test_no_more_than_so_many_calls_to_a_robot_are_under_way(rig: Rig, remote: R
     assert f"{MOST_UNDER_WAY} calls to the robot are under way" in str(failure(calls.pop(), BusyError))
     gate.set()
     gather(calls).get()
+
+
+def test_a_status_is_asked_for_while_no_more_calls_are_taken(rig: Rig, remote: RobotHandle) -> None:
+    gate = threading.Event()
+    hold_up(remote, gate)
+    calls = [remote["Gauge"].get_value() for _ in range(MOST_UNDER_WAY)]
+    status = remote["Arm"].get_status()
+    gate.set()
+    assert status.get() == 0
+    gather(calls).get()
+
+
+def test_what_is_given_up_before_it_leaves_takes_no_call_s_place(rig: Rig, remote: RobotHandle) -> None:
+    gate = threading.Event()
+    hold_up(remote, gate)
+    for n in range(4 * MOST_UNDER_WAY):
+        step = remote["Arm"].send_cmd(f"step{n}")
+        step.cancel()
+        failure(step, CallCancelledError)  # and not BusyError
+    kept = remote["Arm"].send_cmd("step7000")
+    gate.set()
+    assert kept.get() == 7000
+    assert rig.steps() == ["7000"]
 
 
 def test_a_stop_is_not_held_up_by_other_robots_links(rig: Rig, remote: RobotHandle) -> None:
