@@ -11,13 +11,18 @@ Kind = Literal["fleet", "scenario", "world"]
 
 _FOLDERS: Final[dict[Kind, str]] = {"fleet": "fleets", "scenario": "scenarios", "world": "fleets/worlds"}
 _SUFFIX: Final = ".yaml"
+_INSTALLED: Final = Path(__file__).parent / "_bundled"
+"""Where a wheel has them; a checkout has them beside the package."""
 
 
 def bundled_path(name: str) -> Path:
     """Return a shipped file or folder, such as `plugins` or `fleets/local.yaml`."""
-    package = Path(__file__).parent
-    installed = package / "_bundled"
-    return (installed if installed.is_dir() else package.parent) / name
+    return (_INSTALLED if _INSTALLED.is_dir() else _INSTALLED.parents[1]) / name
+
+
+def is_installed(file: Path) -> bool:
+    """Return whether a file was installed with the framework, and so is no user's to change."""
+    return file.resolve().is_relative_to(_INSTALLED.resolve())
 
 
 def bundled_names(kind: Kind) -> tuple[str, ...]:

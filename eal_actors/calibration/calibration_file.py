@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from eal_actors.bundled import is_installed
 from eal_actors.errors import ConfigError, Problem
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
@@ -54,9 +55,10 @@ def write_calibration(fleet: FleetConfig, robot: str, calibration: WheelCalibrat
         comment: told at the file's head.
 
     Raises:
-        ConfigError: a file cannot be written, or the fleet would not be valid with it, or would not heed it. Both files
-            are as before then.
+        ConfigError: a file cannot be written or is the framework's, or the fleet would not be valid with it, or would
+            not heed it. Both files are as before then.
     """
+    require_own(fleet)
     instance = _instance(fleet.robots[robot], fleet)
     file = fleet.source.with_name(f"{fleet.source.stem}-{robot}.calibration.yaml")
     lines = "\n".join(f"# {line}".rstrip() for line in comment.splitlines())
@@ -73,6 +75,17 @@ def write_calibration(fleet: FleetConfig, robot: str, calibration: WheelCalibrat
         _restore(fleet.source, fleet_before)
         raise
     return Written(file, includes=included != fleet_before)
+
+
+def require_own(fleet: FleetConfig) -> None:
+    """Raise ConfigError if the fleet file came with the installed framework."""
+    if is_installed(fleet.source):
+        name = fleet.source.stem
+        message = (
+            "comes with the framework and stays as it is: write a fleet file of your own "
+            f"that builds on it, with `include: [{name}]` below `version: 1`, and calibrate with that"
+        )
+        raise ConfigError([Problem(str(fleet.source), 0, 0, "", message)])
 
 
 def with_include(text: str, name: str, include: str) -> str:

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.calibration.calibration_file import Written, write_calibration
+from eal_actors.calibration.calibration_file import Written, require_own, write_calibration
 from eal_actors.calibration.drive import (
     GroundTruth,
     Measurer,
@@ -119,6 +119,8 @@ def calibrate_robots(
     Ends with 1, and writes nothing, if the second run is no better than the first.
     """
     config = read_fleet(fleet, seed=seed, rate=MAX if fast else None)
+    if write:
+        require_own(config)  # before anything drives
     names = robot or list(config.robots)
     if ends is not None and len(names) != 1:
         raise typer.BadParameter("the ends are of one robot: name it with --robot", param_hint="'--ends'")

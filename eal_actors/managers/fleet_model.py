@@ -4,10 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    ValidationError,
+)
 
 from eal_actors.errors import Problem
 from eal_actors.lock_step import Rate
@@ -26,6 +35,20 @@ MAX_ROBOTS_OF_ONE_ENTRY = 10_000
 
 Restart = Literal["permanent", "transient", "temporary"]
 Text = Annotated[str, Field(min_length=1)]
+RECORD_ENDINGS: Final = (".csv", ".html", ".json", ".jsonl", ".mcap", ".png", ".tmp", ".yaml")
+"""Of the files in the record of a run, among which each robot's folder lies."""
+
+
+def _refuse_file_name(name: str) -> str:
+    if name.endswith(RECORD_ENDINGS):
+        raise ValueError(
+            f"a robot's name must not end in {PurePosixPath(name).suffix}, as the files in a run's record do"
+        )
+    return name
+
+
+RobotTemplate = Annotated[NameTemplate, AfterValidator(_refuse_file_name)]
+"""The name of a robot, or of many, with `{n}` for their number."""
 StepText = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*$")]
 
 
@@ -107,7 +130,7 @@ class FleetFile(StrictModel):
     network: NetworkSection = NetworkSection()
     defaults: Level = Level()
     types: dict[Name, TypeSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
-    robots: dict[NameTemplate, RobotSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    robots: dict[RobotTemplate, RobotSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
 
 
 @dataclass(frozen=True, slots=True)

@@ -187,6 +187,28 @@ def test_an_unknown_name_is_told_what_there_is(installed: Installed) -> None:
     assert "no fleet of that name comes with the framework; there are: formation, lab, local, " in said
 
 
+def test_a_calibration_is_not_written_beside_what_was_installed(installed: Installed) -> None:
+    command = (
+        "eal",
+        "calibrate",
+        "--robot",
+        "roomba-1",
+        "--side",
+        "0.3",
+        "--runs",
+        "1",
+        "--fast",
+        "--write",
+        "--fleet",
+    )
+    said = " ".join(installed.run(*command, "sim", code=2).stderr.split())
+    assert "write a fleet file of your own that builds on it, with `include: [sim]` below `version: 1`" in said
+
+    (installed.home / "mine.yaml").write_text("version: 1\ninclude: [sim]\n")
+    installed.run(*command, "mine.yaml")
+    assert (installed.home / "mine.yaml").read_text() == "version: 1\ninclude: [sim, mine-roomba-1.calibration.yaml]\n"
+
+
 # The same in empty environments, with the dependencies that pip finds.
 
 

@@ -175,6 +175,7 @@ robots:
 
 
 NOT_A_NAME = "is not a name: a name is a letter, then letters, digits, '_', '.' or '-'"
+A_FILE_S, IN_RECORDS = "a robot's name must not end in", ", as the files in a run's record do"
 NO_PLUGINS = "the robot has no plugins; give it one under 'plugins', or a type that has one"
 
 
@@ -185,6 +186,11 @@ NO_PLUGINS = "the robot has no plugins; give it one under 'plugins', or a type t
         ("robots: {}", ["2:9: robots: the fleet has no robots; name at least one under 'robots'"]),
         ("robots: []", ["2:9: robots: must be a mapping, not a list"]),
         ("robots: {r: {}}", [f"2:10: robots.r: {NO_PLUGINS}"]),
+        (f"robots: {{summary.json: {{{PLUGINS}}}}}", [f"2:10: robots.summary.json: {A_FILE_S} .json{IN_RECORDS}"]),
+        (
+            f"robots: {{'r{{n}}.mcap': {{count: 2, {PLUGINS}}}}}",
+            [f"2:10: robots.r{{n}}.mcap: {A_FILE_S} .mcap{IN_RECORDS}"],
+        ),
         ("types: {t: {}}\nrobots: {r: {type: t}}", [f"3:10: robots.r: {NO_PLUGINS}"]),
         ("robots: {r: {plugins: {}}}", [f"2:10: robots.r: {NO_PLUGINS}"]),
         (
