@@ -207,6 +207,10 @@ def show_sizes(
     for name, file in report_["files"].items():
         out.print(f"{name}: {file['mb']:.2f} MB")
     out.print(f"root and kernel: {report_['root_with_kernel_mb']:.2f} MB of {report_['budget_mb']:g} MB")
+    out.print(f"disk: {round(report_['files']['disk.img']['mb'] * 1e6) >> 20} MiB with both slots")
+    made = [step for step in report_["steps"] if not step["cached"]]
+    seconds = sum(step["seconds"] for step in report_["steps"])
+    out.print(f"last build: {seconds:.1f} s, for {len(made)} of {len(report_['steps'])} steps; the others were kept")
 
 
 @app.command("run")

@@ -11,6 +11,10 @@ class BuildError(EALError, RuntimeError):
     code = "build"
 
 
+class DiskFullError(BuildError):
+    """The disk of the build machine is full; steps that were finished are kept."""
+
+
 class MissingToolsError(EALError, LookupError):
     """Programs of the build machine that are not installed: all of them, with the packages that have them."""
 

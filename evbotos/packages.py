@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from evbotos.apt_sources import Source
-from evbotos.errors import BuildError
+from evbotos.errors import BuildError, DiskFullError
 from evbotos.hashing import file_sha256
 from evbotos.lock import LockedPackage
 from evbotos.shell import run
@@ -84,6 +84,9 @@ class Apt:
             part.unlink(missing_ok=True)
             try:
                 run([_HELPER, "download-file", f"{home}/{package.path}", part], env=self._env, timeout_s=900)
+            except DiskFullError:
+                part.unlink(missing_ok=True)
+                raise
             except BuildError as error:
                 reasons.append(_reason(error))
                 continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import os
 import signal
 import subprocess
@@ -10,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from evbotos.errors import BuildError
+from evbotos.errors import BuildError, DiskFullError
 
 _SHOWN_LINES: Final = 12
 _TIMEOUT_S: Final = 3600.0
@@ -55,6 +56,7 @@ def run_binary(
 
     Raises:
         BuildError: it is not there, failed or took too long; with the last lines that it said.
+        DiskFullError: it failed because there was no room.
     """
     name = Path(argv[0]).name
     where = {**os.environ, "LC_ALL": "C", "TZ": "UTC", **(env or {})}
@@ -74,6 +76,8 @@ def run_binary(
     except subprocess.TimeoutExpired:
         raise BuildError(f"{name} was killed: it took longer than {timeout_s:g} s") from None
     if done.returncode:
-        said = (done.stderr or done.stdout).decode(errors="replace").splitlines()[-_SHOWN_LINES:]
-        raise BuildError("\n".join([f"{name} failed with {done.returncode}", *said]))
+        said = (done.stderr or done.stdout).decode(errors="replace")
+        if os.strerror(errno.ENOSPC) in said:
+            raise DiskFullError(f"{name} finds the disk full; make room, and build again: finished steps are kept")
+        raise BuildError("\n".join([f"{name} failed with {done.returncode}", *said.splitlines()[-_SHOWN_LINES:]]))
     return done.stdout

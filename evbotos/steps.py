@@ -93,7 +93,7 @@ class Runner:
         except OSError as error:
             raise BuildError(f"step {step.name}: {error}") from error
         except BuildError as error:
-            raise BuildError(f"step {step.name}: {error.message}") from error
+            raise type(error)(f"step {step.name}: {error.message}") from error
         finally:
             remove(part)
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 import evbotos.steps as steps_module
-from evbotos.errors import BuildError
+from evbotos.errors import BuildError, DiskFullError
 from evbotos.hashing import files_sha256, key_of
+from evbotos.shell import run
 from evbotos.steps import Runner, Step, owned, place
 
 
@@ -36,6 +37,14 @@ def test_a_step_that_fails_leaves_nothing_and_is_made_anew(tmp_path: Path) -> No
         runner.run(Step("one", "key", half))
     assert not any((tmp_path / "one").iterdir())
     assert runner.run(Step("one", "key", lambda out: out.mkdir())).is_dir()
+
+
+def test_a_full_disk_is_told_as_such(tmp_path: Path) -> None:
+    def fill(_: Path) -> None:
+        run(["dd", "if=/dev/zero", "of=/dev/full", "count=1"])
+
+    with pytest.raises(DiskFullError, match="step one: dd finds the disk full; make room"):
+        Runner(tmp_path, lambda _: None).run(Step("one", "key", fill))
 
 
 def test_a_killed_build_leaves_nothing_that_counts(tmp_path: Path) -> None:
