@@ -35,16 +35,25 @@ class Nearness:
         self._touching = touching
         self._tick_m = FASTEST_M_S * tick_s
 
-    def pushing(self, driven: Sequence[SimRobot], tick: int) -> list[SimRobot]:
-        """Return those of the driven robots that may touch something in this tick, in their order.
+    def pushing(
+        self, driven: Sequence[SimRobot], tick: int, free: Sequence[SimRobot] = (), ahead: int = 0
+    ) -> list[SimRobot]:
+        """Return those of some driven robots that may touch something in this tick, in their order.
 
         A robot that is near one of those is among them: it may be held up where it was not expected to be.
+
+        Args:
+            driven: the robots, with their poses predicted.
+            tick: the tick of the world.
+            free: other driven robots, which touch nothing.
+            ahead: by how many ticks those have gone on already.
         """
         due = [number for number, robot in enumerate(driven) if robot.clear_until_tick < tick]
         if not due:
             return []
-        ends = np.array([robot.next_pose[:2] for robot in driven])
-        widest_m = max(robot.make.radius_m for robot in driven)
+        everybody = (*driven, *free)
+        ends = np.array([robot.next_pose[:2] for robot in everybody])
+        widest_m = max(robot.make.radius_m for robot in everybody) + ahead * self._tick_m
         between_m = _nearest_m(ends, due)
         near = []
         for number, middle_m in zip(due, between_m, strict=True):

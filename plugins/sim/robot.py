@@ -113,13 +113,6 @@ class SimRobot:
         return self._pose is not None
 
     @property
-    def is_done(self) -> bool:
-        """Whether its motion is over, or its battery empty."""
-        if self.motion is None or self.motion.is_over:
-            return True
-        return self._battery.is_empty_after(self._now_s(), self._wheels.turned_m)
-
-    @property
     def is_blocked(self) -> bool:
         """Whether it moves at less than half the speed it is driven at."""
         arm_m = self.make.track_m / 2
@@ -203,6 +196,20 @@ class SimRobot:
         if self.odometer is not None:
             self.odometer.follow(self._wheels.counted_m, self.calibration)
         self.next_pose = moved(self._pose, ahead_m, turn_rad)
+
+    def drive_on(self, tick: int, ticks: int) -> None:
+        """Drive for some ticks from a tick of the world on with nothing in the way, or until the motion is done."""
+        for after in range(tick + 1, tick + ticks + 1):
+            self.predict()
+            self.arrive(self.next_pose)
+            if self.is_done(after * self.tick_s):
+                return
+
+    def is_done(self, now_s: float) -> bool:
+        """Return whether its motion is over, or its battery empty, when the world's time is `now_s` seconds."""
+        if self.motion is None or self.motion.is_over:
+            return True
+        return self._battery.is_empty_after(now_s, self._wheels.turned_m)
 
     def arrive(self, pose: Pose) -> None:
         """Take a pose at the end of a tick."""

@@ -15,6 +15,7 @@ from eal_actors.clock import ManualClock
 from eal_actors.plugin import WorldModel
 from plugins.sim.models import MAKES, MakeName
 from plugins.sim.resources import Base
+from plugins.sim.robot import SimRobot
 from plugins.sim.world import SimWorld
 
 Pose = tuple[str, str, str]
@@ -49,12 +50,17 @@ class RecordedWorld(SimWorld):
         super().__init__(clock, seed, model)
         self.paths: dict[str, list[Pose]] = {}
 
-    def _run_tick(self) -> None:
-        driven = list(self._driven)
-        super()._run_tick()
-        for robot in driven:
+    def join(self, name: str, *args: Any, **settings: Any) -> SimRobot:
+        robot = super().join(name, *args, **settings)
+        arrive = robot.arrive
+
+        def arrive_and_tell(pose: tuple[float, float, float]) -> None:
+            arrive(pose)
             x_m, y_m, yaw_rad = robot.pose
-            self.paths.setdefault(robot.name, []).append((x_m.hex(), y_m.hex(), yaw_rad.hex()))
+            self.paths.setdefault(name, []).append((x_m.hex(), y_m.hex(), yaw_rad.hex()))
+
+        robot.arrive = arrive_and_tell  # type: ignore[method-assign]  # at every tick of a motion, whoever runs it
+        return robot
 
 
 def commands_of(base: Base, texts: list[str], gaps: Waits) -> Generator[float, None, None]:
