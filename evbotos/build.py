@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -12,20 +11,34 @@ from pathlib import Path
 from typing import Any, Final
 
 import eal_actors
-from eal_actors.clock import wall_time
-from evbotos import bytecode, disk, grub, kernel, packaged_kernel, project, pruning, sbom, sizes, squash, tree
+from evbotos import (
+    bytecode,
+    compiled_wheels,
+    disk,
+    grub,
+    kernel,
+    packaged_kernel,
+    project,
+    pruning,
+    sbom,
+    sizes,
+    squash,
+    targets,
+    tree,
+)
 from evbotos.apt_sources import sources_for
 from evbotos.errors import BuildError
 from evbotos.hashing import file_sha256, files_sha256, key_of
 from evbotos.hosttools import needed_for, require
 from evbotos.lock import FOLDER as LOCKS
-from evbotos.lock import Lock, LockedPackage, asked_by, lock_path, read_lock, require_match, write_lock
+from evbotos.lock import Lock, lock_path, read_lock, require_match
+from evbotos.locking import lock_present_versions
 from evbotos.model import Image, Kernel, Local, PackagedKernel, Platform
 from evbotos.packages import Apt
-from evbotos.plan import layers_of, packages_of, wheels_of
+from evbotos.plan import layers_of
 from evbotos.robot_files import gather_robot_files
 from evbotos.steps import Runner, Step, owned, place
-from evbotos.wheels import fetch_wheels, provided_by, resolve_wheels
+from evbotos.wheels import fetch_wheels
 
 OUTPUT: Final = Path("build/evbotos")
 _FOLDERS: Final = (
@@ -45,7 +58,6 @@ _FOLDERS: Final = (
 )
 _OWN: Final = f"{tree.SITE}/eal_actors"
 """Compiled like the rest, but for the plugins: they are found by their source files, so that those stay."""
-_KERNEL_IMAGE: Final = re.compile(r"linux-image-\d")
 _PACKAGED: Final = Path(str(packaged_kernel.__file__))
 _OPTIONAL: Final[tuple[str, ...]] = ()
 
@@ -150,49 +162,33 @@ class Build:
         if lock is None and not update:
             raise BuildError(f"there is no {self._lock_path.name}; `evbotos build --update-lock` writes it")
         self._tell("lock: asking for the present versions")
-        names = packages_of(self._platform, self._image)
         apt = self._apt(self._platform.architecture)
-        apt.update()
-        packages = apt.resolve(names)
-        source = self._kernel_package(apt)
-        provided = provided_by(package.name for package in packages)
-        wheels = resolve_wheels(self._platform, wheels_of(self._platform, self._image), provided)
-        asked = asked_by(self._platform, self._image)
-        content = {"kernel": source, "packages": tuple(packages), "wheels": tuple(wheels)}
-        if lock is not None and lock.asked == asked and all(getattr(lock, key) == content[key] for key in content):
-            return lock
-        new = Lock(
-            version=1,
-            platform=self._platform.name,
-            image=self._image.name,
-            asked=asked,
-            epoch=int(wall_time().timestamp()),
-            kernel=source,
-            packages=tuple(packages),
-            wheels=tuple(wheels),
-        )
-        write_lock(new, self._lock_path)
-        return new
+        return lock_present_versions(self._platform, self._image, apt, lock, self._lock_path)
 
     @property
     def _is_packaged(self) -> bool:
         return isinstance(self._platform.kernel, PackagedKernel)
 
-    def _kernel_package(self, apt: Apt) -> LockedPackage:
-        """Return the package with the kernel or its source: the one asked for, or that with a version in its name."""
-        origin = self._platform.kernel.origin
-        found = apt.resolve([origin])
-        names = [origin] if not self._is_packaged else [one.name for one in found if _KERNEL_IMAGE.match(one.name)]
-        package = next((one for one in found if one.name in names), None)
-        if package is None:
-            raise BuildError(f"{origin} brings no kernel along")
-        return package
-
     def _fetch(self, lock: Lock) -> tuple[list[Path], list[Path]]:
         left_out = set(self._image.drop_packages)
         wanted = [package for package in lock.packages if package.name not in left_out]
         debs = self._apt(self._platform.architecture).fetch(wanted, self._cache / "debs")
-        return debs, fetch_wheels(self._platform, lock.wheels, self._cache / "wheels")
+        wheels = fetch_wheels(self._platform, lock.wheels, self._cache / "wheels")
+        if lock.compiled:
+            wheels += sorted(self._runner.run(self._compile_step(lock)).iterdir())
+        return debs, wheels
+
+    def _compile_step(self, lock: Lock) -> Step:
+        kept = self._cache / "debs"
+        inputs = [[one.sha256 for one in lock.build_packages], [one.model_dump() for one in lock.compiled], lock.epoch]
+
+        def make(out: Path) -> None:
+            debs = self._apt(self._platform.architecture).fetch(lock.build_packages, kept)
+            files = compiled_wheels.fetch_sources(lock.compiled, self._cache / "wheels")
+            sources = list(zip(lock.compiled, files, strict=True))
+            compiled_wheels.compile_wheels(self._platform, sources, debs, out, lock.epoch)
+
+        return Step("compiled", key_of([*inputs, self._platform.architecture], compiled_wheels, targets), make)
 
     def _kernel_step(self, lock: Lock) -> Step:
         wanted = self._platform.kernel
@@ -216,7 +212,7 @@ class Build:
 
     def _base_step(self, lock: Lock, debs: list[Path], wheels: list[Path]) -> Step:
         image = self._image
-        hashes = [[deb.stem for deb in debs], [wheel.sha256 for wheel in lock.wheels]]
+        hashes = [[deb.stem for deb in debs], [file_sha256(wheel) for wheel in wheels]]
         inputs = [*hashes, image.prune, image.keep, image.sourceless, lock.epoch]
 
         def make(out: Path) -> None:
@@ -282,6 +278,7 @@ class Build:
             "packages": {item.name: item.version for item in lock.packages if item.name not in left_out},
             "left_out": sorted(left_out & {item.name for item in lock.packages}),
             "wheels": {item.name: item.version for item in lock.wheels},
+            "compiled": {item.name: item.version for item in lock.compiled},
         }
 
     def _squash_step(self, lock: Lock, root: Path) -> Step:

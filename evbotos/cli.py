@@ -137,8 +137,8 @@ def show_plan(
     table = new_table("what", "")
     for key in ("packages", "locked_packages", "left_out_packages", "wheels", "locked_wheels", "services", "files"):
         table.add_row(key.replace("_", " "), ", ".join(plan[key]) if plan[key] is not None else "not locked yet")
-    for name, why in plan["without_wheels"].items():
-        table.add_row(f"without {name}", why)
+    if plan["compiled_wheels"]:
+        table.add_row("compiled wheels", ", ".join(plan["locked_compiled_wheels"] or plan["compiled_wheels"]))
     budget = plan["budget_mb"]
     table.add_row(
         "budget", f"{budget['root_with_kernel']:g} MB with kernel, runs in {budget['memory'] or '?'} MB of RAM"

@@ -49,9 +49,15 @@ def parts_of(layout: Layout) -> Parts:
     return Parts(*places)
 
 
-def kernel_line(platform: Platform) -> str:
-    """Return what the kernel is told when it starts, but for where the root is."""
-    own = ("ro", "rootwait", "init=/usr/lib/evbotos/init", f"console={platform.console},115200", "panic=5", "quiet")
+def kernel_line(platform: Platform, console: str | None = None) -> str:
+    """Return what the kernel is told when it starts, but for where the root is.
+
+    Args:
+        platform: the board.
+        console: serial console; the board's for None.
+    """
+    serial = f"console={console or platform.console},115200"
+    own = ("ro", "rootwait", "init=/usr/lib/evbotos/init", serial, "panic=5", "quiet")
     return " ".join([*own, *platform.kernel_arguments])
 
 

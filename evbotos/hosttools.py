@@ -10,6 +10,7 @@ from typing import Final
 
 from evbotos.errors import MissingToolsError
 from evbotos.model import Kernel, Platform
+from evbotos.targets import TARGETS
 
 PACKAGES: Final = {
     "apt-get": "apt",
@@ -63,6 +64,8 @@ _ADMIN_FOLDERS: Final = ("/usr/sbin", "/sbin")
 def needed_for(platform: Platform) -> list[str]:
     """Return what a build for a platform needs, by program."""
     tools = [*_ROOT, *_DISK]
+    if platform.compiled_wheels:
+        tools.append(f"{TARGETS[platform.architecture].compiler}gcc")
     if platform.loader == "grub":
         tools += _GRUB
     if isinstance(platform.kernel, Kernel):

@@ -44,6 +44,17 @@ class LockedWheel(StrictModel):
     sha256: Sha256
 
 
+class LockedSource(StrictModel):
+    """The source of a Python package, which is compiled."""
+
+    name: str
+    version: str
+    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+!-]*\.tar\.gz$")]
+    sha256: Sha256
+    tools: Annotated[tuple[str, ...], Field(strict=False)]
+    """What compiles it, with versions."""
+
+
 class Lock(StrictModel):
     """All that an image is made of, but for this project's own files."""
 
@@ -57,18 +68,24 @@ class Lock(StrictModel):
     kernel: LockedPackage
     packages: Annotated[tuple[LockedPackage, ...], Field(strict=False)]
     wheels: Annotated[tuple[LockedWheel, ...], Field(strict=False)]
+    compiled: Annotated[tuple[LockedSource, ...], Field(strict=False)] = ()
+    build_packages: Annotated[tuple[LockedPackage, ...], Field(strict=False)] = ()
+    """What the build reads and the root does not hold: a sysroot, the board's first boot stages."""
 
 
 def asked_by(platform: Platform, image: Image) -> str:
     """Return the hash of what decides which packages and wheels an image gets."""
-    wanted = {
+    wanted: dict[str, object] = {
         "architecture": platform.architecture,
         "suite": platform.suite,
         "packages": sorted({*platform.packages, *image.packages}),
-        "wheels": sorted(set(image.wheels) - set(platform.without_wheels)),
+        "wheels": sorted(set(image.wheels) - set(platform.compiled_wheels)),
         "tags": list(platform.wheel_tags),
         "kernel": platform.kernel.origin,
     }
+    compiled = {name: list(by) for name, by in platform.compiled_wheels.items() if name in image.wheels}
+    further: dict[str, object] = {"compiled": compiled, "boot_files": sorted(platform.boot_files)}
+    wanted.update({key: value for key, value in further.items() if value})
     return hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()
 
 

@@ -56,6 +56,8 @@ class PackagedKernel(StrictModel):
     """Such as `linux-image-cloud-amd64`."""
     modules: Texts
     """What is loaded before the root is mounted; what they need comes along."""
+    device_trees: Texts = ()
+    """Which of the package's device trees are kept, such as `sun4i-a10-cubieboard.dtb`."""
 
     @property
     def origin(self) -> str:
@@ -66,11 +68,6 @@ class PackagedKernel(StrictModel):
     def file(self) -> str:
         """The name of the image's file."""
         return "vmlinuz"
-
-    @property
-    def device_trees(self) -> tuple[str, ...]:
-        """None: a kernel for an emulator."""
-        return ()
 
 
 def _kind_of_kernel(value: object) -> str:
@@ -90,9 +87,15 @@ class Emulator(StrictModel):
     cpu: Text | None = None
     memory_mb: PositiveInt = 128
     network: Text = "virtio-net-pci"
-    """The network card, as `-device` names it."""
+    """The network card, as `-device` names it; of a board that has it soldered on, as `-net nic,model=` does."""
+    network_on_board: bool = False
+    """Whether the network card is part of the machine."""
     disk: Literal["virtio-blk-pci", "virtio-blk-device", "ide-hd"] = "virtio-blk-pci"
     """The disk, as `-device` names it."""
+    device_tree: Text | None = None
+    """Of the kernel's, that which describes this machine; None where QEMU makes one, or none is needed."""
+    console: Text | None = None
+    """Serial console, as the kernel names it, where it is not the board's."""
     watchdog: Text | None = None
     """The watchdog, as `-device` names it."""
     has_pci: bool = True
@@ -121,8 +124,10 @@ class Platform(StrictModel):
     """What else the kernel is told when it starts."""
     compression: Literal["zstd", "xz"] = "zstd"
     """Of the root file system: xz is smaller, zstd starts several times faster."""
-    without_wheels: dict[PackageName, Text] = Field(default={})
-    """Python packages that no image of this platform gets, and why."""
+    compiled_wheels: dict[PackageName, Texts] = Field(default={})
+    """Python packages of which there is no wheel for it, so that they are compiled, and by what."""
+    boot_files: dict[PackageName, dict[Text, Text]] = Field(default={})
+    """What the board's ROM loads first: by Debian package, its files and their names on the boot partition."""
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
     """What every image of this platform has."""
     emulator: Emulator | None = None

@@ -24,13 +24,13 @@ _CONSOLE_NUMBER: Final = (5, 1)
 
 
 def unpack_kernel(package: Path, wanted: PackagedKernel, out: Path) -> None:
-    """Unpack a packaged kernel into a folder: the image, and the modules in the order in which they are loaded.
+    """Unpack a packaged kernel into a folder: the image, device trees, the modules in the order in which they load.
 
     Raises:
-        BuildError: it has no kernel, or no such module.
+        BuildError: it has no kernel, or no such module or device tree.
     """
-    with TemporaryDirectory(dir=out.parent, prefix=".part-package-") as name:
-        folder = Path(name)
+    with TemporaryDirectory(dir=out.parent, prefix=".part-package-") as work:
+        folder = Path(work)
         run([tool("dpkg-deb"), "-x", package, folder])
         images = list(folder.glob("boot/vmlinuz-*"))
         if len(images) != 1:
@@ -40,6 +40,11 @@ def unpack_kernel(package: Path, wanted: PackagedKernel, out: Path) -> None:
         files = {path.stem.replace("-", "_"): path for path in folder.rglob("*.ko")}
         (out / MODULES).mkdir(parents=True)
         shutil.copy(images[0], out / wanted.file)
+        trees = {path.name: path for path in folder.rglob("*.dtb")}
+        for name in wanted.device_trees:
+            if name not in trees:
+                raise BuildError(f"{wanted.package} has no device tree {name}")
+            shutil.copy(trees[name], out / name)
         for number, module in enumerate(in_order(wanted.modules, files, built_in)):
             shutil.copyfile(module, out / MODULES / f"{number:03}-{module.name}")
 

@@ -40,7 +40,12 @@ def packages_of(platform: Platform, image: Image) -> list[str]:
 
 def wheels_of(platform: Platform, image: Image) -> list[str]:
     """Return the Python packages that are asked for."""
-    return sorted(set(image.wheels) - set(platform.without_wheels))
+    return sorted(set(image.wheels) - set(platform.compiled_wheels))
+
+
+def compiled_of(platform: Platform, image: Image) -> list[str]:
+    """Return the Python packages that are compiled, for want of a wheel."""
+    return sorted(set(image.wheels) & set(platform.compiled_wheels))
 
 
 def make_plan(platform: Platform, image: Image, lock: Lock | None) -> dict[str, Any]:
@@ -63,8 +68,9 @@ def make_plan(platform: Platform, image: Image, lock: Lock | None) -> dict[str, 
         "locked_packages": locked and [name for name in locked if name.split()[0] not in left_out],
         "left_out_packages": locked and [name for name in locked if name.split()[0] in left_out],
         "wheels": wheels_of(platform, image),
+        "compiled_wheels": compiled_of(platform, image),
         "locked_wheels": None if lock is None else [f"{wheel.name} {wheel.version}" for wheel in lock.wheels],
-        "without_wheels": {name: why for name, why in platform.without_wheels.items() if name in image.wheels},
+        "locked_compiled_wheels": None if lock is None else [f"{one.name} {one.version}" for one in lock.compiled],
         "lock_is_current": lock is not None and lock.asked == asked_by(platform, image),
         "download_mb": None if lock is None else round(sum(package.size for package in lock.packages) / 1e6, 1),
         "services": list(image.services),
@@ -88,9 +94,12 @@ def _steps(platform: Platform, image: Image) -> list[str]:
         kernel_step = f"kernel: build {kernel.source} for {kernel.architecture}"
     else:
         kernel_step = f"kernel: unpack {kernel.package}, with an initial RAM disk of {', '.join(kernel.modules)}"
+    compiled = compiled_of(platform, image)
+    cross = [f"compiled: compile wheels of {', '.join(compiled)} from source"] if compiled else []
     return [
         f"packages: fetch {platform.architecture} packages of {platform.suite}, by their locked hashes",
         "wheels: fetch Python packages, by their locked hashes",
+        *cross,
         kernel_step,
         "base: unpack, leave out what is pruned, compile Python, look for missing libraries",
         f"root: lay {', '.join(image.services)} over it" + (", and this project" if image.project else ""),

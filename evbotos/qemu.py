@@ -26,7 +26,7 @@ PORTS: Final = {"ssh": 22, "eal": 50000}
 """Ports inside that are forwarded."""
 _ANSWER_S: Final = 20.0
 _END_S: Final = 10.0
-_CODE_CACHE_MB: Final = 64
+_CODE_CACHE_MB: Final = 128
 """Of translated code: QEMU's own choice would take a gigabyte of the build machine."""
 
 
@@ -142,15 +142,20 @@ def arguments_for(
 
 
 def _disk_and_network(emulator: Emulator, disk: Path) -> list[str]:
-    drive = ["-drive", f"file={disk},format=raw,if=none,id=disk,cache=unsafe"]
-    return [*drive, "-device", f"{emulator.disk},drive=disk", "-device", f"{emulator.network},netdev=net"]
+    drive = ["-drive", f"file={disk},format=raw,if=none,id=disk,cache=unsafe", "-device", f"{emulator.disk},drive=disk"]
+    if emulator.network_on_board:
+        return [*drive, "-net", f"nic,netdev=net,model={emulator.network}"]
+    return [*drive, "-device", f"{emulator.network},netdev=net"]
 
 
 def _direct_boot(platform: Platform, folder: Path) -> list[str]:
-    words = f"root=PARTUUID={DISK_ID}-02 {kernel_line(platform)}"
-    initial = folder / "initrd"
-    disk = ["-initrd", str(initial)] if initial.is_file() else []
-    return ["-kernel", str(folder / "kernel"), *disk, "-append", words]
+    emulator, initial = platform.emulator, folder / "initrd"
+    assert emulator is not None  # noqa: S101  # as above
+    words = f"root=PARTUUID={DISK_ID}-02 {kernel_line(platform, emulator.console)}"
+    more = ["-initrd", str(initial)] if initial.is_file() else []
+    if emulator.device_tree is not None:
+        more += ["-dtb", str(folder / emulator.device_tree)]
+    return ["-kernel", str(folder / "kernel"), *more, "-append", words]
 
 
 @contextmanager

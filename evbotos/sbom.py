@@ -13,7 +13,7 @@ from cyclonedx.output.json import JsonV1Dot5
 from packageurl import PackageURL
 
 import eal_actors
-from evbotos.lock import Lock, LockedPackage, LockedWheel
+from evbotos.lock import Lock, LockedPackage, LockedSource, LockedWheel
 
 
 def bill_of_materials(lock: Lock, left_out: set[str], architecture: str) -> str:
@@ -34,6 +34,8 @@ def bill_of_materials(lock: Lock, left_out: set[str], architecture: str) -> str:
             bom.components.add(_debian(package, architecture))
     for wheel in lock.wheels:
         bom.components.add(_wheel(wheel))
+    for source in lock.compiled:
+        bom.components.add(_wheel(source))
     bom.register_dependency(this, bom.components)
     return JsonV1Dot5(bom).output_as_string(indent=2) + "\n"
 
@@ -49,7 +51,7 @@ def _debian(package: LockedPackage, architecture: str) -> Component:
     )
 
 
-def _wheel(wheel: LockedWheel) -> Component:
+def _wheel(wheel: LockedWheel | LockedSource) -> Component:
     return Component(
         name=wheel.name,
         version=wheel.version,

@@ -11,15 +11,15 @@ import lzma
 import os
 import tarfile
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from evbotos.errors import BuildError
 from evbotos.hosttools import find_tool
 from evbotos.lock import Lock
-from evbotos.model import Architecture, Platform
+from evbotos.model import Platform
 from evbotos.pruning import prune_tree
+from evbotos.targets import TARGETS
 from evbotos.tree import settle, unpack_packages
 
 IMAGE: Final = "dev"
@@ -34,36 +34,6 @@ _KEPT: Final = (
 )
 _TOOLS_OF_BUILDER: Final = ("usr/lib/gcc/**", "usr/lib/git-core/**", "usr/lib/*/perl*/**", "usr/lib/bfd-plugins/**")
 """Programs' own libraries: the compiler of the build machine brings its own."""
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """What a compiler must be told of an architecture.
-
-    Attributes:
-        compiler: the prefix of its compiler's programs.
-        package: Debian package of the compiler.
-        multiarch: folder of its libraries.
-        flags: for the least processor of the platform.
-    """
-
-    compiler: str
-    package: str
-    multiarch: str
-    flags: str
-
-
-TARGETS: Final[dict[Architecture, Target]] = {
-    "amd64": Target("x86_64-linux-gnu-", "gcc", "x86_64-linux-gnu", ""),
-    "arm64": Target("aarch64-linux-gnu-", "gcc-aarch64-linux-gnu", "aarch64-linux-gnu", ""),
-    "armhf": Target(
-        "arm-linux-gnueabihf-",
-        "gcc-arm-linux-gnueabihf",
-        "arm-linux-gnueabihf",
-        "-march=armv7-a -mfpu=vfpv3-d16 -mfloat-abi=hard",
-    ),
-    "i386": Target("i686-linux-gnu-", "gcc-i686-linux-gnu", "i386-linux-gnu", "-march=i686 -msse2 -mfpmath=sse"),
-}
 
 
 def make_sysroot(debs: Iterable[Path], root: Path) -> None:

@@ -45,7 +45,7 @@ def resolve_wheels(platform: Platform, names: Iterable[str], provided: set[str])
     Raises:
         BuildError: there is no wheel of one for this platform.
     """
-    absent = {canonicalize_name(name) for name in platform.without_wheels}
+    absent = {canonicalize_name(name) for name in platform.compiled_wheels}
     wanted: dict[str, set[str]] = {canonicalize_name(Requirement(name).name): {name} for name in names}
     wanted = {name: demands for name, demands in wanted.items() if name not in absent}
     if not wanted:

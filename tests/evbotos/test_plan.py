@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from evbotos.definitions import load_definitions
 from evbotos.disk import kernel_line
+from evbotos.hosttools import needed_for
 from evbotos.lock import FOLDER, asked_by, lock_path, read_lock
 from evbotos.plan import files_of, layers_of, make_plan
 
@@ -11,7 +12,7 @@ def test_a_plan_names_steps_packages_files_and_budgets_of_every_pair() -> None:
     for platform in found.platforms.values():
         for image in found.images.values():
             plan = make_plan(platform, image, None)
-            assert len(plan["steps"]) == 8
+            assert len(plan["steps"]) == 8 + bool(plan["compiled_wheels"])
             assert set(image.packages) <= set(plan["packages"])
             assert "usr/lib/evbotos/init" in plan["files"]
             assert plan["budget_mb"]["root_with_kernel"] == image.budget_mb.root_with_kernel
@@ -34,11 +35,16 @@ def test_files_are_named_as_they_are_in_the_root() -> None:
     assert "inittab" not in files
 
 
-def test_what_a_platform_has_no_wheel_of_is_left_out_and_told_why() -> None:
+def test_what_a_platform_has_no_wheel_of_is_compiled() -> None:
     found = load_definitions()
-    plan = make_plan(found.platform("beagle-armhf"), found.image("robot"), None)
+    board, image = found.platform("beagle-armhf"), found.image("robot")
+    plan = make_plan(board, image, read_lock(lock_path(board, image)))
     assert "pymunk" not in plan["wheels"]
-    assert "wheel" in plan["without_wheels"]["pymunk"]
+    assert plan["compiled_wheels"] == ["pymunk"]
+    assert plan["locked_compiled_wheels"][0].startswith("pymunk ")
+    assert "compiled: compile wheels of pymunk from source" in plan["steps"]
+    assert "arm-linux-gnueabihf-gcc" in needed_for(board)
+    assert make_plan(board, found.image("minimal"), None)["compiled_wheels"] == []
 
 
 def test_the_shipped_lock_files_are_those_of_the_definitions() -> None:

@@ -15,31 +15,12 @@ from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
 from evbotos.hosttools import find_tool
 from evbotos.lock import lock_path, read_lock
-from evbotos.sdk import TARGETS, environment_text, make_links_relative, make_sysroot, python_of, write_archive
+from evbotos.sdk import environment_text, make_links_relative, make_sysroot, python_of, write_archive
 from evbotos.sdk_command import sdk
+from evbotos.targets import TARGETS
 from evbotos.tree import unpack_packages
+from tests.evbotos.odometer import built_module
 
-MODULE = """\
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
-#include <math.h>
-
-static PyObject *distance(PyObject *self, PyObject *arguments)
-{
-    double x, y;
-    if (!PyArg_ParseTuple(arguments, "dd", &x, &y))
-        return NULL;
-    return PyFloat_FromDouble(hypot(x, y));
-}
-
-static PyMethodDef methods[] = {{"distance", distance, METH_VARARGS, "of a point"}, {NULL}};
-static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "odometer", NULL, -1, methods};
-
-PyMODINIT_FUNC PyInit_odometer(void)
-{
-    return PyModule_Create(&module);
-}
-"""
 FILES = {
     "usr/include/stdio.h": "int puts(const char *);",
     "usr/include/python3.11/Python.h": "",
@@ -166,16 +147,7 @@ def test_an_sdk_without_a_lock_file_is_told(tmp_path: Path) -> None:
 @pytest.mark.timeout(1500)
 def test_a_module_for_arm_is_compiled_and_loaded(tmp_path: Path) -> None:
     """The SDK of the BeagleBoard: a C extension, built here, runs in that image's Python on a Cortex-A8."""
-    if find_tool("arm-linux-gnueabihf-gcc") is None:
-        pytest.skip("gcc-arm-linux-gnueabihf is not installed")
-    sdk("beagle-armhf", output=tmp_path)
-    with tarfile.open(tmp_path / "evbotos-sdk-beagle-armhf.tar.xz") as archive:
-        archive.extractall(tmp_path, filter="tar")
-    (tmp_path / "odometer.c").write_text(MODULE)
-    compile_ = "$CC $CFLAGS -shared -fPIC $PYTHON_CFLAGS odometer.c -o odometer$PYTHON_EXT_SUFFIX $LDFLAGS -lm"
-    script = f"export EVBOTOS_SDK=$PWD/evbotos-sdk-beagle-armhf; . $EVBOTOS_SDK/environment && {compile_}"
-    subprocess.run(["sh", "-c", script], cwd=tmp_path, check=True)
-    module = tmp_path / "odometer.cpython-311-arm-linux-gnueabihf.so"
+    module = built_module(tmp_path)
     said = subprocess.run(["readelf", "-hA", module], capture_output=True, text=True, check=True).stdout
     assert "Tag_CPU_arch: v7" in said
     assert "hard-float ABI" in said

@@ -1,0 +1,130 @@
+"""Python packages that have no wheel for a platform: compiled from their source, with the sysroot of its SDK."""
+
+from __future__ import annotations
+
+import sys
+import tarfile
+from collections.abc import Iterable
+from importlib.metadata import distributions
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from packaging.utils import canonicalize_name, parse_sdist_filename
+
+from evbotos.bytecode import find_python
+from evbotos.errors import BuildError
+from evbotos.hashing import file_sha256
+from evbotos.lock import LockedSource
+from evbotos.model import Platform
+from evbotos.sdk import ENVIRONMENT, environment_text, make_sysroot, python_of
+from evbotos.shell import run
+
+SYSROOT: Final = ("libc6-dev", "libpython3-dev")
+"""Debian packages that the sysroot is made of, with what they depend on."""
+_PIP: Final = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
+_BUILD: Final = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
+_COMPILE: Final = (
+    'EVBOTOS_SDK="$1" && . "$1/environment" && export CFLAGS="$CFLAGS $PYTHON_CFLAGS" && exec "$2" -S -c "$3" "$4"'
+)
+
+
+def resolve_sources(platform: Platform, names: Iterable[str]) -> list[LockedSource]:
+    """Return the newest sources of Python packages, with the versions of the tools that compile them.
+
+    Raises:
+        BuildError: there is no source of one, or no such tool.
+    """
+    found = []
+    for name in names:
+        with TemporaryDirectory() as folder:
+            source = _download(name, Path(folder))
+            tools = Path(folder) / "tools"
+            run([*_PIP, "install", "--target", tools, *platform.compiled_wheels[name]], timeout_s=900)
+            versions = sorted(f"{one.name}=={one.version}" for one in distributions(path=[str(tools)]))
+            _, version = parse_sdist_filename(source.name)
+            found.append(
+                LockedSource(
+                    name=canonicalize_name(name),
+                    version=str(version),
+                    file=source.name,
+                    sha256=file_sha256(source),
+                    tools=tuple(versions),
+                )
+            )
+    return found
+
+
+def fetch_sources(sources: Iterable[LockedSource], folder: Path) -> list[Path]:
+    """Return the files of sources, out of a folder that keeps them by hash; those that it lacks are downloaded.
+
+    Raises:
+        BuildError: one is not offered any more, or is not what was locked.
+    """
+    files = []
+    for source in sources:
+        file = folder / source.sha256 / source.file
+        files.append(file)
+        if file.is_file():
+            continue
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder, prefix=".part-") as part:
+            got = _download(f"{source.name}=={source.version}", Path(part))
+            if file_sha256(got) != source.sha256:
+                raise BuildError(
+                    f"{source.file}, as locked, cannot be had; `evbotos build --update-lock` takes another"
+                )
+            got.replace(file)
+    return files
+
+
+def _download(demand: str, folder: Path) -> Path:
+    run([*_PIP, "download", "--no-deps", "--no-binary=:all:", "--dest", folder, demand], timeout_s=900)
+    found = list(folder.glob("*.tar.gz"))
+    if len(found) != 1:
+        raise BuildError(f"there is no source of {demand} that pip would compile")
+    return found[0]
+
+
+def compile_wheels(
+    platform: Platform, sources: Iterable[tuple[LockedSource, Path]], debs: Iterable[Path], out: Path, epoch: int
+) -> None:
+    """Compile wheels of Python packages for a platform; the same sources and tools give the same wheels.
+
+    Args:
+        platform: where they run.
+        sources: what was locked, with its file.
+        debs: files of the packages of the sysroot.
+        out: folder that gets the wheels.
+        epoch: the date of everything.
+
+    Raises:
+        BuildError: one does not compile.
+    """
+    out.mkdir(parents=True)
+    with TemporaryDirectory(dir=out.parent, prefix=".part-compile-") as name:
+        work = Path(name)
+        sdk = work / "sdk"
+        sysroot = sdk / "sysroot"
+        sysroot.mkdir(parents=True)
+        make_sysroot(debs, sysroot)
+        (sdk / ENVIRONMENT).write_text(environment_text(platform, python_of(sysroot)))
+        for locked, file in sources:
+            _compile(locked, file, sdk, out, epoch)
+
+
+def _compile(locked: LockedSource, file: Path, sdk: Path, out: Path, epoch: int) -> None:
+    work = sdk.parent / locked.name
+    tools = work / "tools"
+    run([*_PIP, "install", "--no-deps", "--target", tools, *locked.tools], timeout_s=900)
+    with tarfile.open(file) as archive:
+        archive.extractall(work, filter="data")
+    settings = next((sdk / "sysroot").glob("usr/lib/python3*/_sysconfigdata__*-*.py"))
+    env = {
+        "PYTHONPATH": f"{tools}:{settings.parent}",
+        "_PYTHON_SYSCONFIGDATA_NAME": settings.stem,
+        "SOURCE_DATE_EPOCH": str(epoch),
+        "PYTHONHASHSEED": "0",
+    }
+    words: list[str | Path] = ["sh", "-c", _COMPILE, "sh", sdk, find_python(), _BUILD, out]
+    run(words, cwd=work / file.name.removesuffix(".tar.gz"), env=env)

@@ -1,0 +1,71 @@
+"""Locking: asking the archive and the package index for the present versions of all that an image is made of."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+from eal_actors.clock import wall_time
+from evbotos.compiled_wheels import SYSROOT, resolve_sources
+from evbotos.errors import BuildError
+from evbotos.lock import Lock, LockedPackage, asked_by, write_lock
+from evbotos.model import Image, PackagedKernel, Platform
+from evbotos.packages import Apt
+from evbotos.plan import compiled_of, packages_of, wheels_of
+from evbotos.wheels import provided_by, resolve_wheels
+
+_KERNEL_IMAGE: Final = re.compile(r"linux-image-\d")
+
+
+def lock_present_versions(platform: Platform, image: Image, apt: Apt, old: Lock | None, path: Path) -> Lock:
+    """Return a lock of the versions that are offered now, and write it down; the old one, if nothing has changed.
+
+    Args:
+        platform: the board.
+        image: what goes onto it.
+        apt: for the platform's architecture.
+        old: what was locked before.
+        path: of the lock file.
+
+    Raises:
+        BuildError: something is not offered, or does not fit together.
+    """
+    apt.update()
+    packages = apt.resolve(packages_of(platform, image))
+    wheels = resolve_wheels(platform, wheels_of(platform, image), provided_by(package.name for package in packages))
+    sources = resolve_sources(platform, compiled_of(platform, image))
+    new = Lock(
+        version=1,
+        platform=platform.name,
+        image=image.name,
+        asked=asked_by(platform, image),
+        epoch=int(wall_time().timestamp()),
+        kernel=_kernel_package(platform, apt),
+        packages=tuple(packages),
+        wheels=tuple(wheels),
+        compiled=tuple(sources),
+        build_packages=_build_packages(platform, apt, has_sysroot=bool(sources)),
+    )
+    if old is not None and old == new.model_copy(update={"epoch": old.epoch}):
+        return old
+    write_lock(new, path)
+    return new
+
+
+def _kernel_package(platform: Platform, apt: Apt) -> LockedPackage:
+    """Return the package with the kernel or its source: the one asked for, or that with a version in its name."""
+    origin = platform.kernel.origin
+    is_packaged = isinstance(platform.kernel, PackagedKernel)
+    for package in apt.resolve([origin]):
+        if _KERNEL_IMAGE.match(package.name) if is_packaged else package.name == origin:
+            return package
+    raise BuildError(f"{origin} brings no kernel along")
+
+
+def _build_packages(platform: Platform, apt: Apt, *, has_sysroot: bool) -> tuple[LockedPackage, ...]:
+    """Return what the build reads and the root does not hold."""
+    found = {package.name: package for package in apt.resolve(SYSROOT)} if has_sysroot else {}
+    for name in platform.boot_files:
+        found |= {package.name: package for package in apt.resolve([name]) if package.name == name}
+    return tuple(found[name] for name in sorted(found))

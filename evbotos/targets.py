@@ -1,0 +1,38 @@
+"""What compilers must be told of each architecture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from evbotos.model import Architecture
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What a compiler must be told of an architecture.
+
+    Attributes:
+        compiler: the prefix of its compiler's programs.
+        package: Debian package of the compiler.
+        multiarch: folder of its libraries.
+        flags: for the least processor of the platform.
+    """
+
+    compiler: str
+    package: str
+    multiarch: str
+    flags: str
+
+
+TARGETS: Final[dict[Architecture, Target]] = {
+    "amd64": Target("x86_64-linux-gnu-", "gcc", "x86_64-linux-gnu", ""),
+    "arm64": Target("aarch64-linux-gnu-", "gcc-aarch64-linux-gnu", "aarch64-linux-gnu", ""),
+    "armhf": Target(
+        "arm-linux-gnueabihf-",
+        "gcc-arm-linux-gnueabihf",
+        "arm-linux-gnueabihf",
+        "-march=armv7-a -mfpu=vfpv3-d16 -mfloat-abi=hard",
+    ),
+    "i386": Target("i686-linux-gnu-", "gcc-i686-linux-gnu", "i386-linux-gnu", "-march=i686 -msse2 -mfpmath=sse"),
+}
