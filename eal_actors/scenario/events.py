@@ -121,6 +121,8 @@ class StepStarted(Event):
         role: the robot's role in it.
         branch: the innermost branch of a `parallel` around it.
         step_kind: the key that tells what the step is.
+        resource: for calls.
+        command: what a call was given as text.
     """
 
     kind = "step_started"
@@ -130,6 +132,8 @@ class StepStarted(Event):
     role: str | None = None
     branch: str | None = None
     step_kind: str = ""
+    resource: str | None = None
+    command: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

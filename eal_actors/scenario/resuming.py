@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from eal_actors.errors import ScenarioError
+from eal_actors.errors import EALError, ScenarioError
 from eal_actors.scenario.model import ScenarioFile
 from eal_actors.scenario.report import ErrorReport, StartReport, StepRecord
 from eal_actors.scenario.scenario import Scenario
@@ -35,7 +35,7 @@ class Resumption:
         signals: by name, how often each was given, and its newest value.
         unsaved: variables whose values were not kept.
         gone: robots that take part no more, with their outcome and why.
-        records: the steps that were over.
+        records: the steps that were over, and as `aborted` those under way when it was cut off.
         starts: the starts together that were over.
         continued_s: when it went on before, if this is not the first time.
     """
@@ -156,10 +156,45 @@ def _gather(directory: Path, events: list[dict[str, Any]]) -> Resumption:
             for event in events
             if event["event"] in ("robot_dropped", "robot_replaced")
         },
-        records=tuple(StepRecord.model_validate(event["record"]) for event in _only("step_ended", events)),
+        records=tuple(_records(events)),
         starts=tuple(StartReport.model_validate(event["start"]) for event in _only("started_together", events)),
         continued_s=tuple(event["time_s"] for event in _only("run_continued", events)),
     )
+
+
+def _records(events: Iterable[dict[str, Any]]) -> Iterator[StepRecord]:
+    """Yield the steps in the order of their ends; where the run was cut off, that is the end of all under way."""
+    under_way: dict[tuple[str | None, str], dict[str, Any]] = {}
+    time_s = 0.0
+    for event in events:
+        match event["event"]:
+            case "step_started":
+                under_way[event["robot"], event["step"]] = event
+            case "step_ended":
+                record = StepRecord.model_validate(event["record"])
+                under_way.pop((record.robot, record.step), None)
+                yield record
+            case "run_continued":
+                yield from _cut_off(under_way.values(), time_s)
+                under_way.clear()
+        time_s = event["time_s"]
+    yield from _cut_off(under_way.values(), time_s)
+
+
+def _cut_off(started: Iterable[dict[str, Any]], time_s: float) -> Iterator[StepRecord]:
+    for event in started:
+        told = {key: event.get(key) for key in ("robot", "role", "step", "branch", "label", "resource", "command")}
+        yield StepRecord.model_validate(
+            {
+                **told,
+                "kind": event["step_kind"],
+                "start_s": event["time_s"],
+                "end_s": time_s,
+                "outcome": "aborted",
+                "attempts": 1,
+                "error": {"code": EALError.code, "message": "the controller died"},
+            }
+        )
 
 
 def _only(kind: str, events: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import signal
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from eal_actors.cli.progress import LiveProgress
 from eal_actors.clock import ManualClock
 from eal_actors.record.mcap_file import McapContent, read_mcap
 from eal_actors.recording import RunFolder
-from eal_actors.scenario import RunContinued, StepStarted
+from eal_actors.scenario import Report, RunContinued, StepStarted
 
 SCENARIO = """\
 version: 1
@@ -70,6 +71,7 @@ def test_nothing_is_lost_from_the_record_of_a_run_that_goes_on(eal: Any, killed:
     (break_s,) = run.breaks_s
     assert run.summary.continued_s == (break_s,)
     assert run.events[: len(events_before)] == events_before
+    check_cut_off(run.summary, events_before)
     times_s = [event["time_s"] for event in run.events]
     assert times_s == sorted(times_s)
     assert (killed / "trajectory.csv").read_text(encoding="utf-8").startswith(before)
@@ -82,6 +84,18 @@ def test_nothing_is_lost_from_the_record_of_a_run_that_goes_on(eal: Any, killed:
     assert not list(killed.glob("run-*")) + list(killed.glob("*.tmp"))
     assert (killed / "continued-1" / "versions.json").is_file()
     check_whole(run.record, run, break_s)
+
+
+def check_cut_off(summary: Report, events_before: Sequence[Mapping[str, Any]]) -> None:
+    """The summary holds the steps that were under way at the kill, too."""
+    started = {(event["robot"], event["step"]) for event in events_before if event["event"] == "step_started"}
+    ended = {(event["record"]["robot"], event["record"]["step"]) for event in events_before if "record" in event}
+    cut_off = {(step.robot, step.step): step for step in summary.steps if step.outcome == "aborted"}
+    assert set(cut_off) == started - ended
+    (turn,) = (step for step in cut_off.values() if step.robot == "roomba-1")
+    assert (turn.resource, turn.command, turn.end_s) == ("Base", "r90", events_before[-1]["time_s"])
+    assert turn.error is not None
+    assert "controller died" in turn.error.message
 
 
 def check_whole(record: McapContent, run: RunFolder, break_s: float) -> None:

@@ -165,7 +165,7 @@ def test_a_run_goes_on_where_its_controller_died(tmp_path: Path) -> None:
     assert lines == ["5 1", "6 1"]
     assert [line[0] for line in brief(report, "b")] == [
         "send_cmd Base now",
-        *["send_cmd Base go8"] * 2,
+        *["send_cmd Base go8"] * 3,  # the first was under way when the controller died
         "wait_for ready",
     ]
     assert [line[0] for line in brief(report, "a")].count("send_cmd Base go8") == 3, "one before, and two after"

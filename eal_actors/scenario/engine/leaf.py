@@ -112,9 +112,19 @@ class _Performance:
         return spans.tracer.begin(f"step {self._step.kind}", about)
 
     def _started(self, time_s: float) -> StepStarted:
-        context = self._context
+        context, act = self._context, self._act
         name = self._robot.name if self._robot is not None else None
-        return StepStarted(time_s, name, self._path, self._act.label, context.role, context.branch, self._step.kind)
+        return StepStarted(
+            time_s,
+            name,
+            self._path,
+            act.label,
+            context.role,
+            context.branch,
+            self._step.kind,
+            act.resource,
+            act.command,
+        )
 
     def _attempts(self) -> Generator[Future[Any], None, tuple[int, EALError | None]]:
         attempts = 0
