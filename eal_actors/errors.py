@@ -124,6 +124,7 @@ class ConfigError(EALError, ValueError):
     def __init__(self, problems: Sequence[Problem]) -> None:
         self.problems = tuple(sorted(problems))
         super().__init__("\n".join(str(problem) for problem in self.problems))
+        self.args = (self.problems,)  # what copies and unpickles it makes it anew from these
 
     def copy(self) -> Self:
         """See EALError."""

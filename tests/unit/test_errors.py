@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import copy
+import pickle
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -21,17 +23,19 @@ def tree(kind: type[EALError] = EALError) -> Iterator[type[EALError]]:
 @pytest.mark.parametrize("kind", [kind for kind in tree() if kind is not ConfigError], ids=lambda kind: kind.__name__)
 def test_a_copy_says_the_same(kind: type[EALError]) -> None:
     error = kind("the way is blocked", robot="roomba-1", resource="Base")
-    copy = error.copy()
-    assert copy is not error
-    assert type(copy) is kind
-    assert str(copy) == "roomba-1/Base: the way is blocked"
+    other = error.copy()
+    assert other is not error
+    assert type(other) is kind
+    assert str(other) == "roomba-1/Base: the way is blocked"
 
 
-def test_a_copy_of_a_configuration_error_keeps_its_problems() -> None:
+@pytest.mark.parametrize("copied", [ConfigError.copy, copy.copy, lambda error: pickle.loads(pickle.dumps(error))])  # noqa: S301
+def test_a_copy_of_a_configuration_error_keeps_its_problems(copied: Callable[[ConfigError], ConfigError]) -> None:
     problems = [Problem("f.yaml", 2, 1, "robots", "is missing"), Problem("f.yaml", 1, 1, "version", "must be 1")]
-    copy = ConfigError(problems).at("roomba-1").copy()
-    assert copy.problems == tuple(sorted(problems))
-    assert copy.robot == "roomba-1"
+    error = ConfigError(problems).at("roomba-1")
+    assert copied(error).problems == tuple(sorted(problems))
+    assert copied(error).robot == "roomba-1"
+    assert str(copied(error)) == str(error)
 
 
 def test_every_code_stands_for_one_error() -> None:
