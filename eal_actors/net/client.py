@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.call import ResourceCell
@@ -17,17 +17,16 @@ from eal_actors.errors import EALError, ProtocolError, UnavailableError, shown
 from eal_actors.link import Link
 from eal_actors.log import get_logger
 from eal_actors.net import keys
+from eal_actors.net.controller import Controller
 from eal_actors.net.lane import Lane
+from eal_actors.net.packing import check_version
 from eal_actors.net.pinging import PING_TIMEOUT_S, Pinger
 from eal_actors.net.questions import Questions
 from eal_actors.net.runs import RunBoard, progress_from, translated_progress
 from eal_actors.net.streams import RemoteFeeds
 from eal_actors.net.timing import fleet_time_of
 from eal_actors.net.welcome import Welcome
-from eal_actors.net.wire import Answer, Event, RobotTime
-
-if TYPE_CHECKING:
-    from eal_actors.net.controller import Controller
+from eal_actors.net.wire import Answer, Event, Reply, RobotTime
 
 CONNECT_S: Final = 3.0
 """Real seconds after which a fleet does not wait any longer for a robot that does not answer."""
@@ -79,7 +78,7 @@ class RemoteRobot(EALActor):
         self._controller = controller
         self.pinger = Pinger()
         self.lane = Lane(self, controller)
-        self._questions = Questions(self, controller)
+        self._questions = Questions(spec.name, self.lane, controller, self.soon)
         self._feeds = RemoteFeeds(spec.name, self, controller, self.pinger, self.ask_robot)
         self._board = RunBoard()
         self._owed_stop: str | None = None
@@ -88,7 +87,7 @@ class RemoteRobot(EALActor):
 
     @property
     def is_ready(self) -> bool:
-        """Whether the robot is there, and has let us in. Thread: any."""
+        """See Connection."""
         return self.view.state is RobotState.READY and self._controller.is_alive(self.spec.name)
 
     # Life.
@@ -110,23 +109,34 @@ class RemoteRobot(EALActor):
             self._note_lost(f"does not answer at {self.spec.address}; it is looked for all the same")
         self.view.started.set(None)
 
-    def found(self) -> None:
-        """Its sign of life is there. Thread: any; does not block."""
-        self.soon(self._greet)
+    def met(self, version: int) -> None:
+        """See Reached."""
+        self.soon(lambda: self._meet(version))
+
+    def _meet(self, version: int) -> None:
+        try:
+            check_version(version, "its sign of life")
+        except ProtocolError as error:
+            self._note_lost(f"cannot be spoken to: {error.message}")
+            self.view.started.set(None)
+        else:
+            self._greet()
 
     def gone(self, reason: str) -> None:
-        """Its sign of life is there no more: it will answer nothing. Thread: any; does not block."""
+        """See Reached."""
         self.soon(lambda: self._lose(reason))
         self.lane.exchanges.lose()
 
+    def hear_reply(self, reply: Reply) -> None:
+        """See Reached."""
+        self.lane.hear_reply(reply)
+
+    def look(self, now_s: float) -> None:
+        """See Reached."""
+        self.lane.look(now_s)
+
     def tell(self, event: Event) -> None:
-        """It tells something.
-
-        Raises:
-            ProtocolError: it makes no sense.
-
-        Thread: zenoh's; does not block.
-        """
+        """See Reached."""
         call_id = event.call
         if call_id is None:
             self.soon(lambda: self._hear(event))
@@ -140,7 +150,7 @@ class RemoteRobot(EALActor):
             self.lane.hear_progress(call_id, translated_progress(progress, self._our_time))
 
     def soon(self, action: Callable[[], None]) -> None:
-        """Run an action in this actor's thread, unless it has ended. Thread: any; does not block."""
+        """See Connection."""
         try:
             self.actor_inbox.call_soon(action)
         except EALError:
@@ -212,7 +222,7 @@ class RemoteRobot(EALActor):
             self.view.latch.clear()
 
     def _lose(self, reason: str) -> None:
-        if self.view.state is RobotState.READY:
+        if self.view.state in (RobotState.READY, RobotState.LOST):  # the later reason is the true one
             self._note_lost(f"{reason}; it is looked for")
 
     def _note_lost(self, reason: str) -> None:

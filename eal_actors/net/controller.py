@@ -18,8 +18,9 @@ from eal_actors.errors import EALError, ProtocolError, shown
 from eal_actors.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net import keys
-from eal_actors.net.client import RemoteRobot
+from eal_actors.net.connection import Reached
 from eal_actors.net.pacing import Pace
+from eal_actors.net.packing import PROTOCOL_VERSION
 from eal_actors.net.sender import Sender, UrgentMessage
 from eal_actors.net.session import controller_config, open_session
 from eal_actors.net.wire import Heartbeat, Reply, decode_event, decode_reply, encode_heartbeat
@@ -67,8 +68,8 @@ class Controller(EALActor):
         self._config = config
         self._wanted = None if robots is None else list(robots)
         self._lock = threading.Lock()
-        self._robots: dict[str, RemoteRobot] = {}
-        self._alive: set[str] = set()
+        self._robots: dict[str, Reached] = {}
+        self._versions: dict[str, int] = {}  # of the robots whose signs of life are there
         self._session: zenoh.Session | None = None
         self._stack = ExitStack()
         self._sequence = 0
@@ -156,7 +157,7 @@ class Controller(EALActor):
             robots = list(self._robots.values())
         now_s = REAL_TIME.now()
         for robot in robots:
-            robot.lane.look(now_s)
+            robot.look(now_s)
         self.actor_inbox.call_later(self.clock.of_real(_LOOK_EACH_S), self._look)
 
     def shut_down(self) -> None:
@@ -190,23 +191,23 @@ class Controller(EALActor):
 
     # Robots. Thread: any.
 
-    def add(self, robot: RemoteRobot) -> None:
+    def add(self, robot: Reached) -> None:
         """Tell a robot's connection of its signs of life from now on."""
         with self._lock:
-            self._robots[robot.spec.name] = robot
-            is_alive = robot.spec.name in self._alive
-        if is_alive:
-            robot.found()
+            self._robots[robot.name] = robot
+            version = self._versions.get(robot.name)
+        if version is not None:
+            robot.met(version)
 
-    def remove(self, robot: RemoteRobot) -> None:
+    def remove(self, robot: Reached) -> None:
         """Tell it no more."""
         with self._lock:
-            if self._robots.get(robot.spec.name) is robot:
-                del self._robots[robot.spec.name]
+            if self._robots.get(robot.name) is robot:
+                del self._robots[robot.name]
 
     def is_alive(self, robot: str) -> bool:
-        """Return whether the robot's sign of life is there."""
-        return robot in self._alive
+        """Return whether the robot's sign of life is there, and says that it speaks our version."""
+        return self._versions.get(robot) == PROTOCOL_VERSION
 
     def subscribe(self, key: str, take: Callable[[zenoh.Sample], None]) -> Callable[[], None] | None:
         """Take what is published on a key, in zenoh's threads.
@@ -270,18 +271,24 @@ class Controller(EALActor):
         import zenoh
 
         try:
-            _, name = keys.parse_robot(str(sample.key_expr))
+            _, name, version = keys.parse_alive(str(sample.key_expr))
         except ProtocolError:
             return
         is_there = sample.kind == zenoh.SampleKind.PUT
         with self._lock:
-            (self._alive.add if is_there else self._alive.discard)(name)
             robot = self._robots.get(name)
-        if robot is not None:
             if is_there:
-                robot.found()
-            else:
-                robot.gone("is out of reach")
+                self._versions[name] = version
+            elif self._versions.get(name) == version:
+                del self._versions[name]
+            else:  # it has been updated, and what it was before goes last
+                return
+        if robot is None:
+            return
+        if is_there:
+            robot.met(version)
+        else:
+            robot.gone("is out of reach")
 
     def _on_answer(self, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
@@ -295,7 +302,7 @@ class Controller(EALActor):
             reply = Reply(0, error)
         robot = self._robots.get(name)
         if robot is not None:
-            robot.lane.hear_reply(reply)
+            robot.hear_reply(reply)
 
     def _on_event(self, sample: zenoh.Sample) -> None:
         attachment = sample.attachment

@@ -83,7 +83,7 @@ def _robots_of(tokens: Iterable[zenoh.Sample], endpoint: str) -> set[FoundRobot]
     found = set()
     for token in tokens:
         try:
-            fleet, robot = keys.parse_robot(str(token.key_expr))
+            fleet, robot, _ = keys.parse_alive(str(token.key_expr))
         except ProtocolError as error:
             get_logger().debug("something on the network is no robot", reason=error.message)
         else:

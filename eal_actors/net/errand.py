@@ -14,6 +14,7 @@ from eal_actors.errors import EALError, ProtocolError, UnavailableError, shown
 from eal_actors.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net import keys
+from eal_actors.net.packing import check_version
 from eal_actors.net.session import controller_config, open_session
 from eal_actors.net.wire import CallHeader, Reply, decode_reply, encode_call
 
@@ -128,20 +129,28 @@ class _Errand:
             reply = decode_reply(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
         except ProtocolError as error:
             reply = Reply(0, error)
-        self._hear(str(sample.key_expr), reply)
+        with contextlib.suppress(ProtocolError):
+            _, robot = keys.parse_robot(str(sample.key_expr))
+            self._hear(robot, reply)
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:
         """Thread: zenoh's."""
         import zenoh
 
-        if sample.kind == zenoh.SampleKind.PUT:
-            self._hear(str(sample.key_expr), None)
-
-    def _hear(self, key: str, reply: Reply | None) -> None:
+        if sample.kind != zenoh.SampleKind.PUT:
+            return
         with contextlib.suppress(ProtocolError):
-            _, robot = keys.parse_robot(key)
-            self._news.append((robot, reply))
-            REAL_TIME.wake(self._waiter)
+            _, robot, version = keys.parse_alive(str(sample.key_expr))
+            try:
+                check_version(version, "its sign of life")
+            except ProtocolError as error:
+                self._hear(robot, Reply(0, error))
+            else:
+                self._hear(robot, None)
+
+    def _hear(self, robot: str, reply: Reply | None) -> None:
+        self._news.append((robot, reply))
+        REAL_TIME.wake(self._waiter)
 
     def _take_news(self) -> None:
         while self._news:

@@ -9,16 +9,14 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from eal_actors.actors.call import Call
 from eal_actors.clock import REAL_TIME
+from eal_actors.net.controller import Controller
+from eal_actors.net.pacing import Pace
 from eal_actors.net.sender import UrgentMessage
 from eal_actors.net.wire import Answer, CallHeader, CallId, Reply, RobotTime, encode_call
-
-if TYPE_CHECKING:
-    from eal_actors.net.controller import Controller
-    from eal_actors.net.lane import Lane
 
 
 class Exchange(ABC):
@@ -150,28 +148,49 @@ class Question(UrgentMessage, Exchange):
         self._miss()
 
 
+class Asker(Protocol):
+    """Who has asked for calls of resources; see Lane. Thread: as in Exchange."""
+
+    @property
+    def pace(self) -> Pace:
+        """Counts what is unanswered."""
+        ...
+
+    def conclude(self, call: Call[Any], call_id: CallId, answer: Answer, time: RobotTime | None) -> None:
+        """Give a call its outcome."""
+        ...
+
+    def miss(self, call: Call[Any], call_id: CallId) -> None:
+        """Take note that the robot is not there to answer."""
+        ...
+
+    def expire(self, call: Call[Any]) -> None:
+        """Take note that the deadline has passed without an answer."""
+        ...
+
+
 class AskedCall(Exchange):
     """A call of a method of a resource that has left."""
 
-    __slots__ = ("_call", "_call_id", "_lane", "end_s")
+    __slots__ = ("_asker", "_call", "_call_id", "end_s")
 
-    def __init__(self, lane: Lane, call: Call[Any], call_id: CallId, end_s: float) -> None:
-        self._lane = lane
+    def __init__(self, asker: Asker, call: Call[Any], call_id: CallId, end_s: float) -> None:
+        self._asker = asker
         self._call = call
         self._call_id = call_id
         self.end_s = end_s
 
     def answered(self, answer: Answer, time: RobotTime | None) -> None:
         """See Exchange."""
-        self._lane.pace.answered()
-        self._lane.conclude(self._call, self._call_id, answer, time)
+        self._asker.pace.answered()
+        self._asker.conclude(self._call, self._call_id, answer, time)
 
     def lost(self) -> None:
         """See Exchange."""
-        self._lane.pace.answered()
-        self._lane.miss(self._call, self._call_id)
+        self._asker.pace.answered()
+        self._asker.miss(self._call, self._call_id)
 
     def ran_out(self) -> None:
         """See Exchange."""
-        self._lane.pace.answered()
-        self._lane.expire(self._call)
+        self._asker.pace.answered()
+        self._asker.expire(self._call)

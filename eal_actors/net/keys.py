@@ -5,11 +5,12 @@
     eal/<fleet>/@answers/<caller>/<client>/<robot>              what a robot answers to a controller
     eal/<fleet>/@events/<robot>                                 what happens on a robot
     eal/<fleet>/@streams/<robot>/<resource>/<encoding>/<rate>   what a resource streams
-    eal/<fleet>/@alive/<robot>                                  liveliness token of a robot
+    eal/<fleet>/@alive/<version>/<robot>                        liveliness token of a robot, and what it speaks
     eal/<fleet>/@heartbeats/<client>                            sign of life of a controller, for every robot
 
 The caller is the name of the controller's certificate, so that access control sees to it that nobody calls in another
-one's name, or hears another one's answers; the client is the controller's process.
+one's name, or hears another one's answers; the client is the controller's process. The version is that of the protocol.
+The key of the token stays as it is in all versions, so that robots of other releases are seen, and told apart.
 
 Every name becomes one chunk of a key. Letters, digits, `_`, `.`, `-` and `~` stand for themselves, everything else is
 percent-encoded, so no name can hold what zenoh gives a meaning (`/ * $ # ? @`). There is exactly one key for each
@@ -29,6 +30,7 @@ from urllib.parse import quote, unquote
 
 from eal_actors.errors import ProtocolError
 from eal_actors.info import METHODS
+from eal_actors.net.packing import PROTOCOL_VERSION
 
 ROOT: Final = "eal"
 ROBOT: Final = "_"
@@ -69,7 +71,7 @@ STREAMS: Final = "@streams"
 ALIVE: Final = "@alive"
 HEARTBEATS: Final = "@heartbeats"
 
-ALL_ALIVE: Final = f"{ROOT}/*/{ALIVE}/*"
+ALL_ALIVE: Final = f"{ROOT}/*/{ALIVE}/*/*"
 """Key expression of the liveliness tokens of all robots of all fleets."""
 
 
@@ -119,47 +121,52 @@ def call_keys(fleet: str, robot: str | None) -> str:
 @lru_cache(maxsize=4096)
 def answer_key(call: CallKey) -> str:
     """Return the key on which the robot answers a call."""
-    return "/".join((fleet_key(call.fleet), ANSWERS, *map(_encode, (call.caller, call.client, call.robot))))
+    return _told_key(call.fleet, ANSWERS, call.caller, call.client, call.robot)
 
 
 def answer_keys(fleet: str, caller: str, client: str) -> str:
     """Return the key expression of what robots answer to a controller."""
-    return f"{fleet_key(fleet)}/{ANSWERS}/{_encode(caller)}/{_encode(client)}/*"
+    return _told_key(fleet, ANSWERS, caller, client, None)
 
 
 def event_key(fleet: str, robot: str) -> str:
     """Return the key of a robot's events."""
-    return f"{fleet_key(fleet)}/{EVENTS}/{_encode(robot)}"
+    return _told_key(fleet, EVENTS, robot)
 
 
 def event_keys(fleet: str) -> str:
     """Return the key expression of the events of all robots of a fleet."""
-    return f"{fleet_key(fleet)}/{EVENTS}/*"
+    return _told_key(fleet, EVENTS, None)
 
 
 def stream_key(fleet: str, robot: str, resource: str, encoding: str, rate: str) -> str:
     """Return the key on which a robot publishes the values of a resource at a rate in an encoding."""
-    return "/".join((fleet_key(fleet), STREAMS, *map(_encode, (robot, resource, encoding, rate))))
+    return _told_key(fleet, STREAMS, robot, resource, encoding, rate)
 
 
 def alive_key(fleet: str, robot: str) -> str:
-    """Return the key of a robot's liveliness token."""
-    return f"{fleet_key(fleet)}/{ALIVE}/{_encode(robot)}"
+    """Return the key of the liveliness token of a robot that speaks our version."""
+    return _told_key(fleet, ALIVE, str(PROTOCOL_VERSION), robot)
 
 
 def alive_keys(fleet: str) -> str:
-    """Return the key expression of the liveliness tokens of all robots of a fleet."""
-    return f"{fleet_key(fleet)}/{ALIVE}/*"
+    """Return the key expression of the liveliness tokens of all robots of a fleet, whatever version they speak."""
+    return _told_key(fleet, ALIVE, None, None)
 
 
 def heartbeat_key(fleet: str, client: str) -> str:
     """Return the key on which a controller shows that it lives."""
-    return f"{fleet_key(fleet)}/{HEARTBEATS}/{_encode(client)}"
+    return _told_key(fleet, HEARTBEATS, client)
 
 
 def heartbeat_keys(fleet: str) -> str:
     """Return the key expression of the heartbeats of all controllers of a fleet."""
-    return f"{fleet_key(fleet)}/{HEARTBEATS}/*"
+    return _told_key(fleet, HEARTBEATS, None)
+
+
+def _told_key(fleet: str, kind: str, *names: str | None) -> str:
+    """Return the key of what is told; None stands for every name, which makes it a key expression."""
+    return "/".join((fleet_key(fleet), kind, *("*" if name is None else _encode(name) for name in names)))
 
 
 @lru_cache(maxsize=4096)
@@ -174,6 +181,19 @@ def parse_robot(key: str) -> tuple[str, str]:
     if root != ROOT or not rest:
         raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/.../<robot>")
     return _decode(fleet, key), _decode(rest.rpartition("/")[2], key)
+
+
+def parse_alive(key: str) -> tuple[str, str, int]:
+    """Return the fleet and the robot of the key of a token, and the version of the protocol that the robot speaks.
+
+    Raises:
+        ProtocolError: it is none.
+    """
+    fleet, robot = parse_robot(key)
+    _, _, *kind, _ = key.split("/")
+    if len(kind) != 2 or kind[0] != ALIVE or not (kind[1].isascii() and kind[1].isdecimal()):
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/{ALIVE}/<version>/<robot>")
+    return fleet, robot, int(kind[1])
 
 
 @lru_cache(maxsize=4096)

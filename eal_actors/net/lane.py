@@ -13,7 +13,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import Any, Final, NoReturn
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.inbox import Envelope
@@ -22,6 +22,8 @@ from eal_actors.data import EALData
 from eal_actors.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
 from eal_actors.net import keys
 from eal_actors.net.calling import READS, is_small, split_arguments
+from eal_actors.net.connection import Connection
+from eal_actors.net.controller import Controller
 from eal_actors.net.exchange import AskedCall, Exchanges
 from eal_actors.net.receipts import Stamper
 from eal_actors.net.rights import Rights
@@ -30,10 +32,6 @@ from eal_actors.net.stamps import translated
 from eal_actors.net.timing import fleet_time_of, real_time_of
 from eal_actors.net.wire import ACCEPTED, Answer, CallHeader, CallId, Event, Reply, RobotTime, encode_call
 from eal_actors.resource import Progress
-
-if TYPE_CHECKING:
-    from eal_actors.net.client import RemoteRobot
-    from eal_actors.net.controller import Controller
 
 TTL_S: Final = 1.0
 """How old a command may be when a robot begins it, in real seconds."""
@@ -64,7 +62,7 @@ class Lane(UrgentMessage):
     Thread: any, but for what says otherwise.
     """
 
-    def __init__(self, robot: RemoteRobot, controller: Controller) -> None:
+    def __init__(self, robot: Connection, controller: Controller) -> None:
         self._robot = robot
         self._controller = controller
         self.pace: Final = controller.pace

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import Final, TypeVar
 
 from eal_actors.actors.future import Future
 from eal_actors.clock import REAL_TIME
 from eal_actors.errors import AccessDeniedError, EALError, UnavailableError
 from eal_actors.net import keys
+from eal_actors.net.controller import Controller
 from eal_actors.net.exchange import Question
+from eal_actors.net.lane import Lane
 from eal_actors.net.wire import Answer, CallHeader, RobotTime
-
-if TYPE_CHECKING:
-    from eal_actors.net.client import RemoteRobot
-    from eal_actors.net.controller import Controller
 
 T = TypeVar("T")
 
@@ -29,8 +27,10 @@ class Questions:
     """Asks one robot.
 
     Args:
-        robot: the connection to it.
+        robot: its name.
+        lane: the calls to it.
         controller: the fleet's end of the network.
+        soon: runs an action in the connection's thread.
 
     Attributes:
         epoch: how often we have connected to it.
@@ -38,9 +38,13 @@ class Questions:
     Thread: any; nothing blocks.
     """
 
-    def __init__(self, robot: RemoteRobot, controller: Controller) -> None:
+    def __init__(
+        self, robot: str, lane: Lane, controller: Controller, soon: Callable[[Callable[[], None]], None]
+    ) -> None:
         self.epoch = 0
         self._robot = robot
+        self._lane = lane
+        self._soon = soon
         self._controller = controller
 
     def ask(self, method: str, arguments: tuple[str | int, ...], timeout_s: float, read: Take[T]) -> Future[T]:
@@ -50,7 +54,7 @@ class Questions:
         UnavailableError where nothing is answered.
         """
         future: Future[T] = Future(REAL_TIME, REAL_TIME.now() + timeout_s + _GRACE_S)
-        name, later = self._robot.name, self._controller.later
+        name, later = self._robot, self._controller.later
 
         def take(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
             try:
@@ -78,7 +82,7 @@ class Questions:
         resource: str = keys.ROBOT,
     ) -> None:
         """Ask; `take` or `miss` tells what comes of it, in zenoh's thread, or at once where it is refused."""
-        robot, lane = self._robot, self._robot.lane
+        robot, lane = self._robot, self._lane
         try:
             if lane.rights is not None:
                 lane.rights.check(resource, method)
@@ -87,10 +91,10 @@ class Questions:
             return
         controller = self._controller
         header = CallHeader(controller.client, self.epoch, lane.number(), timeout_s, timeout_s, None, arguments)
-        key = controller.call_key(robot.name, resource, method)
+        key = controller.call_key(robot, resource, method)
         is_urgent = method in (keys.STOP, keys.RESUME)
         question = Question(
-            controller, robot.name, lane.exchanges, key, header, take, miss, is_urgent=is_urgent, insist=robot.soon
+            controller, robot, lane.exchanges, key, header, take, miss, is_urgent=is_urgent, insist=self._soon
         )
         if is_urgent:
             controller.urge(question)

@@ -144,8 +144,8 @@ class _Access:
         told = f"{ANSWERS}/*/*/{robot}", f"{EVENTS}/{robot}", f"{STREAMS}/{robot}/**"
         heard = f"{ANSWERS}/*/*/*", f"{EVENTS}/*", f"{STREAMS}/**"
         self._link(robot, "ingress", [f"{self._all}/{key}" for key in told], [f"{self._all}/{key}" for key in heard])
-        self._allow(robot, "ingress", _SHOW_LIFE, [f"{self._all}/{ALIVE}/{robot}"])
-        self._allow(robot, "egress", _SEE_LIFE, [f"{self._all}/{ALIVE}/*"])
+        self._allow(robot, "ingress", _SHOW_LIFE, [f"{self._all}/{ALIVE}/*/{robot}"])
+        self._allow(robot, "egress", _SEE_LIFE, [f"{self._all}/{ALIVE}/*/*"])
 
     def allow_controller(self, grant: Grant, robots: Sequence[str]) -> None:
         """Let a controller or an observer do with the robots what its grant says; `*` stands for every robot."""
@@ -159,8 +159,8 @@ class _Access:
         told += [f"{STREAMS}/{robot}/{resource}/**" for robot in robots for resource in grant.resources or ("*",)]
         heard = f"{ANSWERS}/{name}/*/*", f"{EVENTS}/*", f"{STREAMS}/**"
         self._link(name, "egress", [f"{self._all}/{key}" for key in told], [f"{self._all}/{key}" for key in heard])
-        self._allow(name, "egress", _SHOW_LIFE, [f"{self._all}/{ALIVE}/{robot}" for robot in robots])
-        self._allow(name, "ingress", _SEE_LIFE, [f"{self._all}/{ALIVE}/*"])
+        self._allow(name, "egress", _SHOW_LIFE, [f"{self._all}/{ALIVE}/*/{robot}" for robot in robots])
+        self._allow(name, "ingress", _SEE_LIFE, [f"{self._all}/{ALIVE}/*/*"])
 
     def _link(self, name: str, flow: _Flow, said: Sequence[str], heard: Sequence[str] = ()) -> None:
         """Let be said over a link what is said there, and be listened for at its other end.

@@ -14,6 +14,7 @@ from eal_actors.clock import REAL_TIME
 from eal_actors.data import EALData
 from eal_actors.errors import EALError
 from eal_actors.net import keys
+from eal_actors.net.controller import Controller
 from eal_actors.net.frames import LEASE_S, Frame, canonical, decode_frame, rate_text, stream_request
 from eal_actors.net.images import require_codec
 from eal_actors.net.pinging import Pinger
@@ -22,8 +23,6 @@ from eal_actors.net.wire import Answer
 
 if TYPE_CHECKING:
     import zenoh
-
-    from eal_actors.net.controller import Controller
 
 _RENEWALS: Final = 3
 """In the time of a lease."""

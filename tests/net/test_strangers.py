@@ -6,7 +6,7 @@ import queue
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,10 +25,13 @@ from eal_actors.errors import (
     PreemptedError,
     ProtocolError,
     StaleCommandError,
+    UnavailableError,
 )
 from eal_actors.net.certificates import make_authority, make_certificate
+from eal_actors.net.errand import ask_robots
+from eal_actors.net.keys import STOP
 from eal_actors.net.packing import PROTOCOL_VERSION
-from eal_actors.net.session import controller_config, open_session
+from eal_actors.net.session import controller_config, open_session, robot_config
 from eal_actors.net.wire import Answer, CallHeader, Reply, RobotTime, decode_reply, encode_call
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served, servers
@@ -112,7 +115,7 @@ class Stranger:
 @contextmanager
 def stranger(rig: Rig) -> Iterator[Stranger]:
     with open_session(controller_config(rig.config)) as session:
-        assert eventually(lambda: list(session.liveliness().get("eal/f/@alive/r1")))
+        assert eventually(lambda: list(session.liveliness().get("eal/f/@alive/2/r1")))
         yield Stranger(session)
 
 
@@ -187,8 +190,6 @@ def test_a_halt_that_overtakes_a_command_on_its_way_stops_it(rig: Rig) -> None:
 
 def test_a_robot_of_another_version_is_not_let_in(rig: Rig) -> None:
     """Somebody answers in the robot's place, in a version that nobody knows."""
-    from eal_actors.net.session import robot_config
-
     clock = SystemClock()
     with open_session(robot_config(rig.config, "r1")) as impostor:
         due: queue.SimpleQueue[str | None] = queue.SimpleQueue()
@@ -205,7 +206,7 @@ def test_a_robot_of_another_version_is_not_let_in(rig: Rig) -> None:
         answers.start()
         with (
             impostor.declare_subscriber("eal/f/r1/*/*/*/*", zenoh.handlers.Callback(hear, indirect=False)),
-            impostor.liveliness().declare_token("eal/f/@alive/r1"),
+            impostor.liveliness().declare_token("eal/f/@alive/2/r1"),
             Fleet(rig.config) as fleet,
         ):
             assert clock.now() < 15.0  # it was not waited for as one that still starts
@@ -213,6 +214,27 @@ def test_a_robot_of_another_version_is_not_let_in(rig: Rig) -> None:
             assert eventually(lambda: f"version {PROTOCOL_VERSION + 1}" in str(fleet["r1"].problems[0])), fleet.problems
         due.put(None)
         answers.join()
+
+
+def test_a_robot_of_another_release_is_seen_and_told_apart_until_it_is_updated(rig: Rig) -> None:
+    """All that two versions are sure to have in common is the key of the sign of life."""
+    other = PROTOCOL_VERSION + 1
+    told: dict[str, EALError | None] = {}
+    with ExitStack() as old:
+        session = old.enter_context(open_session(robot_config(rig.config, "r1")))
+        old.enter_context(session.liveliness().declare_token(f"eal/f/@alive/{other}/r1"))
+        with Fleet(rig.config) as fleet:
+            robot = fleet["r1"]
+            assert robot.state is RobotState.LOST
+            assert f"version {other} of the protocol, this one {PROTOCOL_VERSION}" in str(robot.problems[0])
+            failure(robot.ping(), UnavailableError)
+            ask_robots(rig.config, ["r1"], STOP, tell=told.__setitem__, timeout_s=WAIT_S)
+            assert isinstance(told["r1"], ProtocolError)
+            assert str(other) in told["r1"].message
+            old.close()
+            assert eventually(lambda: "out of reach" in str(robot.problems[0]))
+            with servers(rig):
+                assert becomes(robot, RobotState.READY)
 
 
 # Security.

@@ -137,14 +137,14 @@ def test_an_observer_sees_events_streams_and_who_lives(served: Served) -> None:
             "eal/f/@streams/r1/Camera/raw/5", lambda frame: seen.append(frame.payload.to_string())
         ),
         display.liveliness().declare_subscriber(
-            "eal/f/@alive/*", lambda token: seen.append(str(token.key_expr)), history=True
+            "eal/f/@alive/*/*", lambda token: seen.append(str(token.key_expr)), history=True
         ),
     ):
 
         def tell() -> bool:
             served.robots["r2"].put("eal/f/@events/r2", "event")
             served.robots["r1"].put("eal/f/@streams/r1/Camera/raw/5", "frame")
-            return {"event", "frame", "eal/f/@alive/r1", "eal/f/@alive/r2"} <= set(seen)
+            return {"event", "frame", "eal/f/@alive/2/r1", "eal/f/@alive/2/r2"} <= set(seen)
 
         assert eventually(tell), seen
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from eal_actors.errors import ProtocolError
 from eal_actors.net import keys
 from eal_actors.net.keys import CallKey
+from eal_actors.net.packing import PROTOCOL_VERSION
 from eal_actors.strict_model import NAME_PATTERN
 
 ANY_TEXT = st.text(st.characters(), min_size=1)  # lone surrogates too, as in names of files
@@ -113,7 +114,7 @@ def test_what_is_told_stands_apart_from_calls(fleet: str, robot: str, resource: 
         assert not calls.intersects(key)
         assert expression is None or zenoh.KeyExpr(expression).includes(key)
     assert zenoh.KeyExpr(keys.ALL_ALIVE).includes(keys.alive_key(fleet, robot))
-    assert keys.parse_robot(keys.alive_key(fleet, robot)) == (fleet, robot)
+    assert keys.parse_alive(keys.alive_key(fleet, robot)) == (fleet, robot, PROTOCOL_VERSION)
     assert keys.parse_robot(keys.event_key(fleet, robot)) == (fleet, robot)
 
 
@@ -123,3 +124,26 @@ def test_what_is_told_stands_apart_from_calls(fleet: str, robot: str, resource: 
 def test_what_names_no_robot_is_refused(key: str) -> None:
     with pytest.raises(ProtocolError):
         keys.parse_robot(key)
+
+
+def test_the_token_s_key_is_what_it_was_and_tells_the_version() -> None:
+    assert keys.alive_key("lab", "r1") == f"eal/lab/@alive/{PROTOCOL_VERSION}/r1"
+    assert keys.parse_alive("eal/my%20lab/@alive/17/r1") == ("my lab", "r1", 17)
+    assert zenoh.KeyExpr(keys.alive_keys("lab")).includes("eal/lab/@alive/17/r1")
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "eal/lab/@alive/r1",
+        "eal/lab/@alive/x/r1",
+        "eal/lab/@alive/-1/r1",
+        "eal/lab/@alive/٣/r1",
+        "eal/lab/@alive/3/4/r1",
+        "eal/lab/@events/3/r1",
+        "eal/lab/@alive/3/",
+    ],
+)
+def test_what_is_no_token_s_key_is_refused(key: str) -> None:
+    with pytest.raises(ProtocolError):
+        keys.parse_alive(key)
