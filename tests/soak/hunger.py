@@ -6,13 +6,21 @@ the interpreter or for a frozen process counts for nothing here: that would be t
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from eal_actors.clock import REAL_TIME, acquire_alert, new_waiter
 from tests.soak.history import Interval
 
 HUNGRY_S: Final = 0.25
 """From how long on it counts, of one thread between two looks: a heartbeat's period, a quarter of the lease."""
+
+
+_LOOK_EACH_S: Final = 0.5
 
 
 class Hunger:
@@ -33,6 +41,31 @@ class Hunger:
         self._seen[pid] = time_s, waited
         longest_s = max((waited[thread] - before[thread] for thread in waited.keys() & before.keys()), default=0.0)
         return (time_s - max(longest_s, time_s - last_s), time_s) if longest_s >= HUNGRY_S else None
+
+
+@contextmanager
+def watching(pids: Callable[[], Mapping[str, int]], hungry: dict[str, list[Interval]]) -> Iterator[None]:
+    """Note when processes are hungry, for the length of a `with` block.
+
+    Args:
+        pids: returns whom to look at, by name. Thread: one of the watch's own.
+        hungry: where to note it, by name.
+    """
+    hunger, ends = Hunger(), new_waiter()
+
+    def watch() -> None:
+        while not acquire_alert(ends, _LOOK_EACH_S):
+            for name, pid in pids().items():
+                if (span := hunger.look(pid, time.clock_gettime(time.CLOCK_MONOTONIC))) is not None:
+                    hungry.setdefault(name, []).append(span)
+
+    thread = threading.Thread(target=watch, name="hunger")
+    thread.start()
+    try:
+        yield
+    finally:
+        REAL_TIME.wake(ends)
+        thread.join()
 
 
 def _waited_s(pid: int) -> dict[str, float]:

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from tests.soak.checks import CHECKS
-from tests.soak.history import merged
+from tests.soak.history import merged, overlap_s
 from tests.soak.programs import Sample
 from tests.soak.run import CONTROLLERS, Outcome
 
@@ -138,8 +138,11 @@ def _counts(outcome: Outcome) -> dict[str, int]:
 
 
 def _hungry_share(outcome: Outcome) -> float:
-    hungry_s = sum(end_s - begin_s for spans in outcome.history.hungry.values() for begin_s, end_s in merged(spans))
-    return hungry_s / (outcome.plan.duration_s * (outcome.plan.robots + len(CONTROLLERS)))
+    """Return it for the time in which faults came: starting many processes at once is another matter."""
+    plan, history = outcome.plan, outcome.history
+    faults = history.end_s - plan.duration_s, history.end_s
+    hungry_s = sum(overlap_s(faults, merged(spans)) for spans in history.hungry.values())
+    return hungry_s / (plan.duration_s * (plan.robots + len(CONTROLLERS)))
 
 
 def _bad_lines(outcome: Outcome) -> Iterable[str]:

@@ -19,7 +19,7 @@ from typing import Final
 from eal_actors.clock import REAL_TIME
 from tests.net.links import free_port
 from tests.soak.history import RELAYS, Fault, History
-from tests.soak.hunger import Hunger
+from tests.soak.hunger import watching
 from tests.soak.programs import Program, Sample
 from tests.soak.proxy import Cables
 
@@ -32,7 +32,6 @@ COMMANDS_A_LIFE: Final = 1_000_000
 CONTROLLERS: Final = ("warden", "rival-1", "rival-2")
 """The first is never killed; it is the one whose growth is judged."""
 _LOOK_EACH_S: Final = 0.1
-_HUNGER_EACH_S: Final = 0.5
 
 
 def now_s() -> float:
@@ -102,8 +101,6 @@ class Soak:
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
         self._shared: set[str] = set()
-        self._hunger = Hunger()
-        self._sample_s = 0.0
         self.outcome = Outcome(plan, History(0.0, DEAD_MAN_S, LEASE_S))
 
     def run(self) -> Outcome:
@@ -112,6 +109,7 @@ class Soak:
         with ExitStack() as stack:
             stack.callback(self._kill_all)
             self._cables = stack.enter_context(Cables(self._ports))
+            stack.enter_context(watching(self._pids, self.outcome.history.hungry))
             for robot in self._robots:
                 self._start_robot(robot)
             self._wait(lambda: all(self._is_listening(robot) for robot in self._robots))
@@ -124,6 +122,11 @@ class Soak:
             self._end_all()
         self._read()
         return self.outcome
+
+    def _pids(self) -> dict[str, int]:
+        """Return all processes, by the names under which a history knows them. Thread: any."""
+        pids = {self._life(target): program.pid for target, program in self._running.copy().items()}
+        return {**pids, RELAYS: os.getpid()}
 
     # Processes.
 
@@ -272,24 +275,15 @@ class Soak:
     # What is left.
 
     def _look(self) -> None:
-        """Note who is hungry, and now and then take samples, as long as anything else is planned."""
-        pids = {self._life(target): program.pid for target, program in self._running.items()}
-        for name, pid in {**pids, RELAYS: os.getpid()}.items():
-            if (span := self._hunger.look(pid, now_s())) is not None:
-                self.outcome.history.hungry.setdefault(name, []).append(span)
-        if now_s() >= self._sample_s:
-            self._sample_s = now_s() + SAMPLE_EACH_S
-            self._sample()
-        if self._due:
-            self._later(_HUNGER_EACH_S, self._look)
-
-    def _sample(self) -> None:
+        """Take samples, as long as anything else is planned."""
         for name in self._veterans:
             sample = self._running[name].sample(now_s())
             self.outcome.samples.setdefault(name, []).append(sample)
         for program in self._running.values():
             with contextlib.suppress(OSError):  # it was killed meanwhile
                 self._shared |= program.sample(now_s()).shared
+        if self._due:
+            self._later(SAMPLE_EACH_S, self._look)
 
     def _read(self) -> None:
         history = self.outcome.history
