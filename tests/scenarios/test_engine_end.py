@@ -210,7 +210,7 @@ def test_a_summary_that_cannot_be_written_is_told(two: Fleet, tmp_path: Path) ->
 
     assert report.outcome == "failed"
     assert report.error is not None
-    assert "summary.json" in report.error.message
+    assert f"its record in {folder} cannot be written" in report.error.message
 
 
 INTERRUPTED = """\
