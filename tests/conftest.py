@@ -20,7 +20,10 @@ settings.load_profile("patient")
 # Tests start programs by the hundred: each finds what the first one compiled.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-LONG: Final = ("evbotos", "soak", "docs", "scenarios", "fuzz", "net", "faults", "cli", "security", "dashboard")
+LONG: Final = (
+    *("evbotos", "docs", "house", "soak", "scenarios", "conformance"),
+    *("fuzz", "net", "faults", "cli", "security", "dashboard"),
+)
 """Folders whose files take long, the longest first: none of them is to be left over when the other workers are done."""
 
 
