@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -17,7 +18,7 @@ from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import new_table, stdout, write_json
 from eal_actors.clock import REAL_TIME, new_waiter
-from eal_actors.errors import ConfigError, Problem
+from eal_actors.errors import ConfigError, Problem, ScenarioError
 from eal_actors.facade.service import RobotService
 from eal_actors.record.mcap_file import RECORD_FILE
 from eal_actors.record.recorded_run import RecordedRun
@@ -41,7 +42,8 @@ def report_run(
 
     It needs nothing else: no server, no network.
     """
-    page = render_report(RunFolder.open(run), kept_world(run))
+    with _reading():
+        page = render_report(RunFolder.open(run), kept_world(run))
     file = out or run / _REPORT
     _write(file, page)
     stdout().print(Text(str(file)), soft_wrap=True)
@@ -59,7 +61,8 @@ def diff_runs(
 
     Two runs of the same scenario with the same seed at `--rate max` do not differ. What begins with wall_ or host_ may.
     """
-    found = list(differences(RunFolder.open(left), RunFolder.open(right), tolerance))
+    with _reading():
+        found = list(differences(RunFolder.open(left), RunFolder.open(right), tolerance))
     if as_json:
         write_json([{"where": one.where, "left": one.left, "right": one.right} for one in found])
     else:
@@ -94,9 +97,10 @@ def replay_run(
     own. Sensors say what they said then; a command takes as long as it took, and fails as it failed, and it must be the
     one that the record has next.
     """
-    recorded = RecordedRun.open(run / RECORD_FILE)
+    with _reading():
+        recorded = RecordedRun.open(run / RECORD_FILE)
+        fleet = _replay_fleet(recorded, run, rate=rate, loop=loop, port=port if serve else None)
     file = run / _REPLAY
-    fleet = _replay_fleet(recorded, run, rate=rate, loop=loop, port=port if serve else None)
     _write(file, yaml.safe_dump(fleet, sort_keys=False))
     out = stdout()
     out.print(Text(f"{file}: {len(recorded.infos)} robots, {recorded.duration_s:.1f} s"), soft_wrap=True)
@@ -126,6 +130,21 @@ def _serve(file: Path, robots: list[str]) -> None:
             REAL_TIME.wait(new_waiter(), None)
         except KeyboardInterrupt:
             out.print("leaving the network")
+
+
+@contextmanager
+def _reading() -> Iterator[None]:
+    """Take a run that cannot be read for wrong input.
+
+    Raises:
+        BadParameter: it cannot.
+    """
+    try:
+        yield
+    except ScenarioError as error:
+        raise typer.BadParameter(str(error), param_hint="'RUN'") from error
+    except OSError as error:
+        raise typer.BadParameter(f"{error.filename} cannot be read: {error.strerror}", param_hint="'RUN'") from error
 
 
 def _write(file: Path, text: str) -> None:

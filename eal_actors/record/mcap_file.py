@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from struct import error as StructError  # noqa: N812  # named like the other errors
@@ -98,20 +99,21 @@ class McapFile:
 
         schemas: dict[int, SchemaOf] = {}
         channels: dict[int, tuple[str, SchemaOf]] = {}
-        for record in _records(path):
-            match record:
-                case Schema():
-                    schemas[record.id] = SchemaOf(record.name, json.loads(record.data))
-                case Channel():
-                    channels[record.id] = record.topic, schemas[record.schema_id]
-                case Message():
-                    topic, schema = channels[record.channel_id]
-                    if topic not in without:
-                        self._add(topic, schema, record.log_time, record.data)
-                case Attachment():
-                    self.attach(record.name, json.loads(record.data))
-                case Metadata():
-                    self.note(record.name, record.metadata)
+        with _understanding(path):
+            for record in _records(path):
+                match record:
+                    case Schema():
+                        schemas[record.id] = SchemaOf(record.name, json.loads(record.data))
+                    case Channel():
+                        channels[record.id] = record.topic, schemas[record.schema_id]
+                    case Message():
+                        topic, schema = channels[record.channel_id]
+                        if topic not in without:
+                            self._add(topic, schema, record.log_time, record.data)
+                    case Attachment():
+                        self.attach(record.name, json.loads(record.data))
+                    case Metadata():
+                        self.note(record.name, record.metadata)
 
     def _schema(self, schema: SchemaOf) -> int:
         if schema.name not in self._schemas:
@@ -198,32 +200,29 @@ def read_mcap(path: Path) -> McapContent:
     content = McapContent()
     schemas: dict[int, str] = {}
     names: dict[int, tuple[str, str]] = {}
-    for record in _records(path):
-        match record:
-            case Schema():
-                schemas[record.id] = record.name
-                content.schemas[record.name] = json.loads(record.data)
-            case Channel():
-                names[record.id] = record.topic, schemas[record.schema_id]
-            case MessageRecord():
-                topic, schema = names[record.channel_id]
-                content.entries.append(Entry(record.log_time / _NS, topic, schema, json.loads(record.data)))
-            case Attachment():
-                content.attachments[record.name] = json.loads(record.data)
-            case Metadata():
-                content.notes[record.name] = record.metadata
-            case Footer():
-                content.is_whole = True
+    with _understanding(path):
+        for record in _records(path):
+            match record:
+                case Schema():
+                    schemas[record.id] = record.name
+                    content.schemas[record.name] = json.loads(record.data)
+                case Channel():
+                    names[record.id] = record.topic, schemas[record.schema_id]
+                case MessageRecord():
+                    topic, schema = names[record.channel_id]
+                    content.entries.append(Entry(record.log_time / _NS, topic, schema, json.loads(record.data)))
+                case Attachment():
+                    content.attachments[record.name] = json.loads(record.data)
+                case Metadata():
+                    content.notes[record.name] = record.metadata
+                case Footer():
+                    content.is_whole = True
     return content
 
 
 def _records(path: Path) -> Iterator[McapRecord]:
-    """Yield a file's records, as far as it goes.
-
-    Raises:
-        ScenarioError: it is no such file.
-    """
-    from mcap.exceptions import EndOfFile, McapError
+    """Yield a file's records, as far as it goes."""
+    from mcap.exceptions import EndOfFile
     from mcap.stream_reader import StreamReader
 
     with path.open("rb") as stream:
@@ -231,5 +230,19 @@ def _records(path: Path) -> Iterator[McapRecord]:
             yield from StreamReader(stream).records
         except (EndOfFile, StructError):
             return
-        except (McapError, ValueError, KeyError) as error:
-            raise ScenarioError(f"{path} is no record of a run: {type(error).__name__}: {error}") from error
+
+
+@contextmanager
+def _understanding(path: Path) -> Iterator[None]:
+    """Say of a file's records that they make no sense.
+
+    Raises:
+        ScenarioError: they make none.
+    """
+    from mcap.exceptions import McapError
+    from zstandard import ZstdError
+
+    try:
+        yield
+    except (McapError, ZstdError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ScenarioError(f"{path} is no record of a run: {type(error).__name__}: {error}") from error

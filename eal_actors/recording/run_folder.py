@@ -65,15 +65,18 @@ class RunFolder:
             ScenarioError: a line is broken, with its number.
         """
         file = self.path / EVENTS
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
         events: list[dict[str, Any]] = []
         for number, line in enumerate(lines, 1):
             try:
-                events.append(json.loads(line))
+                event = json.loads(line)
             except ValueError as error:
                 if number == len(lines):
                     break
                 raise ScenarioError(f"{file}:{number}: is no event: {error}") from error
+            if not isinstance(event, dict) or not {"event", "time_s"} <= event.keys():
+                raise ScenarioError(f"{file}:{number}: is no event: it does not say what happened and when")
+            events.append(event)
         return tuple(events)
 
     @cached_property
@@ -87,8 +90,8 @@ class RunFolder:
         found: dict[str, list[PoseSample]] = {}
         if not file.is_file():
             return found
-        whole_lines = file.read_text(encoding="utf-8").split("\n")[:-1]
         try:
+            whole_lines = file.read_text(encoding="utf-8").split("\n")[:-1]
             for row in csv.DictReader(whole_lines):
                 sample = PoseSample(*(float(row[name]) for name in PoseSample._fields))
                 found.setdefault(row["robot"], []).append(sample)
