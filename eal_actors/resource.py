@@ -149,6 +149,16 @@ class Resource:
         """
         raise self._unsupported("get_value")
 
+    def glance(self) -> Any:
+        """Return the value if it is known already, None if it must be asked for; the default is None.
+
+        For whoever looks at many resources many times a second, such as a map of a hundred robots, which a turn in each
+        mailbox would cost far more than the values themselves. Override it where `get_value` only reads what is there.
+
+        Thread: any, beside all other methods, also before `open` and after `close`; it must be quick, and bear that.
+        """
+        return None
+
     def set_value(self, data: EALData) -> Any:
         """Take a value; return a status int, None for success, or an activity (Source: thesis B.2.3.2)."""
         raise self._unsupported("set_value")

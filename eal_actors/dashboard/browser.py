@@ -37,7 +37,7 @@ HELLO_S: Final = 5.0
 STUCK_S: Final = 10.0
 """Real seconds after which a browser that reads nothing is cut off."""
 MOST_ANSWERS: Final = 200
-SEND_PERIOD_S: Final = 1 / 30
+SEND_PERIOD_S: Final = 1 / 60
 """The least real time between two messages of news."""
 POLICY_VIOLATION: Final = 1008
 _numbers = itertools.count(1)

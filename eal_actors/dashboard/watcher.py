@@ -21,10 +21,12 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.info import ResourceInfo, ResourceType, ValueInfo
 from eal_actors.log import get_logger
 
-POSE_PERIOD_S: Final = 0.04
-"""Real seconds between two looks at the poses: 25 a second."""
-REST_LOOKS: Final = 5
-"""A robot that was at the same place at so many looks is asked at each so manieth only, until it moves."""
+POSE_PERIOD_S: Final = 0.025
+"""Real seconds between two looks at the poses: 40 a second."""
+ASK_LOOKS: Final = 2
+"""A robot whose pose is not known at a glance is asked for it at each so manieth look; they take turns."""
+REST_LOOKS: Final = 8
+"""A robot that was at the same place at so many looks is looked at in each so manieth only, until it moves."""
 STATE_PERIOD_S: Final = 0.2
 _BREATH_S: Final = 0.005
 HEALTH_PERIOD_S: Final = 1.0
@@ -82,7 +84,10 @@ class Watcher:
         self._fleet = fleet
         self._hub = hub
         self._is_watched = is_watched
-        self._sights = {name: _Sight(robot, doings, control) for name, robot in fleet.items()}
+        self._sights = {
+            name: _Sight(robot, doings, control, number % ASK_LOOKS)
+            for number, (name, robot) in enumerate(fleet.items())
+        }
         self._state_due_s = self._health_due_s = 0.0
         self._stop = new_waiter()
         self._is_over = False
@@ -103,15 +108,16 @@ class Watcher:
         return {name: list(sight.trail) for name, sight in self._sights.items() if sight.trail}
 
     def _watch(self) -> None:
+        due_s = REAL_TIME.now()
         while not self._is_over:
             now_s = REAL_TIME.now()
+            due_s = max(due_s, now_s - POSE_PERIOD_S) + POSE_PERIOD_S  # what is late is made up for, but by one look
             try:
                 self._look(now_s)
             except Exception:  # noqa: BLE001  # a page that stands still unnoticed would be worse
                 get_logger().exception("the dashboard's look at the fleet failed; it is tried again")
                 REAL_TIME.wait(self._stop, HEALTH_PERIOD_S)
-            left_s = now_s + POSE_PERIOD_S - REAL_TIME.now()
-            REAL_TIME.wait(self._stop, max(left_s, _BREATH_S))
+            REAL_TIME.wait(self._stop, max(due_s - REAL_TIME.now(), _BREATH_S))
 
     def _look(self, now_s: float) -> None:
         if self._is_watched():
@@ -130,7 +136,6 @@ class Watcher:
         for name, sight in self._sights.items():
             if (pose := sight.new_pose()) is not None:
                 poses[name] = pose
-            sight.ask_pose()
         self._hub.put("poses", poses)
 
 
@@ -138,9 +143,15 @@ class _Sight:
     """What is known of one robot, and the questions to it that are open. Thread: the watcher's.
 
     No question has a deadline of its own: one that passed would have a slow resource restarted.
+
+    Args:
+        robot: the robot.
+        doings: which steps the robots are at.
+        control: who commands what.
+        wait_looks: so many looks pass before the first.
     """
 
-    def __init__(self, robot: RobotHandle, doings: Doings, control: Control) -> None:
+    def __init__(self, robot: RobotHandle, doings: Doings, control: Control, wait_looks: int) -> None:
         self._robot = robot
         self._doings = doings
         self._control = control
@@ -154,7 +165,8 @@ class _Sight:
         self._learnt_of: object = None
         self._form: object = None
         self._place: list[float] | None = None
-        self._same = self._rest = 0
+        self._same = 0
+        self._wait_looks = wait_looks
         self.trail: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
 
     def learn(self) -> None:
@@ -179,19 +191,15 @@ class _Sight:
 
     # Poses.
 
-    def ask_pose(self) -> None:
-        """Ask, unless it was asked and has not answered; one that stands still is asked only now and again."""
-        self._rest -= 1
-        if self._rest > 0:
-            return
-        if self._pose is None and self._poser is not None and self._robot.state is RobotState.READY:
-            self._rest = REST_LOOKS if self._same >= REST_LOOKS else 0
-            self._pose = self._poser.get_value()
-
     def new_pose(self) -> dict[str, Any] | None:
-        if self._pose is None or not self._pose.done():
-            return None
-        data, self._pose = _outcome(self._pose), None
+        """Return where it is, if that is known anew: by a glance, or by a question asked at an earlier look."""
+        data = None
+        if self._pose is not None and self._pose.done():
+            data, self._pose = _outcome(self._pose), None
+        if self._wait_looks > 0:
+            self._wait_looks -= 1
+        elif self._pose is None:
+            data = self._look(data)
         if data is None or not self._is_pose(data):
             return None
         x_m, y_m, yaw_rad = map(float, data.value)
@@ -203,6 +211,18 @@ class _Sight:
         self._same = self._same + 1 if place == self._place else 0
         self._place = place
         return {"at": place, "by": self._poser.name if self._poser is not None else None}
+
+    def _look(self, answer: EALData | None) -> EALData | None:
+        """Glance at the pose, or ask for it and return the answer there is; rest after it while the robot stands."""
+        if self._poser is None or self._robot.state is not RobotState.READY:
+            return answer
+        self._wait_looks = REST_LOOKS - 1 if self._same >= REST_LOOKS else 0
+        seen = self._poser.glance()
+        if seen is not None:
+            return seen
+        self._wait_looks = max(self._wait_looks, ASK_LOOKS - 1)
+        self._pose = self._poser.get_value()
+        return answer
 
     def _is_pose(self, data: EALData) -> bool:
         form = data.type, data.shape, data.length

@@ -37,3 +37,21 @@ class Result:
         verdict = "holds" if self.holds else "MISSED"
         limit = f"{'at least' if self.at_least else 'at most'} {self.limit:g}{unit}"
         return self.what, self.ours, self.reference, f"{self.value:.2f}{unit}", limit, verdict
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A figure that could not be measured here.
+
+    Attributes:
+        what: what was to be measured.
+        reason: why not.
+    """
+
+    what: str
+    reason: str
+    holds: bool = True
+
+    def row(self) -> tuple[str, str, str, str, str, str]:
+        """Return the cells of a table."""
+        return self.what, "not measured", self.reason, "", "", "skipped"

@@ -2,29 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-NAMES: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-FLAGS: Final = (
-    "--no-sandbox",  # which a container has no rights for
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-)
-
-
-def find_chromium() -> str | None:
-    """Return the program; CHROMIUM names it where it is elsewhere."""
-    return os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
+from tests.chromium import FLAGS, MISSING, find_chromium
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +17,7 @@ def chromium() -> Iterator[Browser]:
     """The browser, for one module: its driver keeps an event loop in the main thread, which others must not meet."""
     program = find_chromium()
     if program is None:
-        pytest.skip("no Chromium is installed; `apt-get install chromium` brings one")
+        pytest.skip(MISSING)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
         yield browser

@@ -35,6 +35,10 @@ class Odometry(OnRobot):
         pose = np.array([x_m, y_m, wrapped_rad(yaw_rad)])
         return EALData.of(pose, frame_id=f"{self._robot.name}/odom", stamp_s=now_s)
 
+    def glance(self) -> EALData:
+        """See Resource: the world is there for any thread."""
+        return self.get_value()
+
     def set_value(self, data: EALData) -> None:
         """Set the pose that it goes on from.
 

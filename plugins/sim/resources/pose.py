@@ -25,6 +25,10 @@ class Pose(OnRobot):
         pose = np.array([x_m, y_m, wrapped_rad(yaw_rad)])
         return EALData.of(pose, frame_id="world", stamp_s=now_s)
 
+    def glance(self) -> EALData:
+        """See Resource: the world is there for any thread."""
+        return self.get_value()
+
     def set_value(self, data: EALData) -> None:
         """Put the robot elsewhere, as a person would who carries it there.
 

@@ -1,0 +1,104 @@
+"""How many updates a second reach the dashboard's page, in a real Chromium, while a hundred simulated robots drive."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from playwright.sync_api import Page, sync_playwright
+
+from eal_actors import Fleet
+from eal_actors.dashboard import Dashboard
+from tests.benchmarks.result import Result, Skipped
+from tests.chromium import FLAGS, MISSING, find_chromium
+
+ROBOTS: Final = 100
+CAMERAS: Final = 4
+SPACING_M: Final = 2.5
+TWIST: Final = (0.2, 0.5)
+"""m/s and rad/s: each robot drives in a circle of its own, and meets nobody."""
+DRIVE_S: Final = 60.0
+SETTLE_MS: Final = 4000
+WINDOW_MS: Final = 2000
+"""Over which the page counts."""
+WINDOWS: Final = 5
+LEAST: Final = 20
+VIEWS: Final = {
+    "map": f"updates a second in the dashboard's map, {ROBOTS} robots driving",
+    "cameras": f"the same beside {CAMERAS} open cameras at 5 frames/s each",
+}
+
+
+def fleet_file(folder: Path) -> Path:
+    """Write a fleet of robots in a grid, some of them with cameras that the page opens by itself; return the file."""
+    side = math.ceil(math.sqrt(ROBOTS))
+    (folder / "hall.yaml").write_text(f"version: 1\nname: hall\nsize_m: [{side * 3}, {side * 3}]\n")
+    lines = ["version: 1", "name: hundred", "world: hall.yaml", "robots:"]
+    for number in range(ROBOTS):
+        row, column = divmod(number, side)
+        x_m, y_m = ((place - (side - 1) / 2) * SPACING_M for place in (column, row))
+        model = "evbot2" if number < CAMERAS else "roomba"
+        start = f"{{x_m: {x_m}, y_m: {y_m}, yaw_deg: 0}}"
+        lines.append(f"  robot{number + 1}: {{plugins: {{sim: {{model: {model}, start: {start}}}}}}}")
+    fleet = folder / "fleet.yaml"
+    fleet.write_text("\n".join(lines) + "\n")
+    return fleet
+
+
+def drive(fleet: Fleet) -> None:
+    """Set every robot off, for longer than a view is measured."""
+    for robot in fleet.values():
+        robot["Base"].set_config("twist_timeout_s", DRIVE_S).get()
+    for robot in fleet.values():
+        robot["Base"].set_value(TWIST, timeout_s=2 * DRIVE_S)  # answered when it ends
+
+
+def open_cameras(page: Page) -> None:
+    """Open so many cameras, and no others."""
+    boxes = page.locator("main input[type=checkbox]")
+    boxes.first.wait_for()
+    for box in boxes.all():
+        box.uncheck()
+    for box in boxes.all()[:CAMERAS]:
+        box.check()
+
+
+def rates(page: Page) -> Sequence[float]:
+    """Return what the page counted, window by window."""
+    found = []
+    for _ in range(WINDOWS):
+        page.wait_for_timeout(WINDOW_MS)
+        found.append(float(page.evaluate("document.body.dataset.rate")))
+    return found
+
+
+def run() -> list[Result | Skipped]:
+    """Measure five windows of two seconds in each view; their mean counts."""
+    program = find_chromium()
+    if program is None:
+        return [Skipped(what, MISSING) for what in VIEWS.values()]
+    results: list[Result | Skipped] = []
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Fleet.load(fleet_file(Path(folder))) as fleet,
+        Dashboard(fleet) as dashboard,
+        sync_playwright() as playwright,
+    ):
+        browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        for view, what in VIEWS.items():
+            drive(fleet)
+            page.goto(f"{dashboard.link}#/{view}")
+            if view == "cameras":
+                open_cameras(page)
+            page.wait_for_timeout(SETTLE_MS)
+            counted = rates(page)
+            mean = statistics.fmean(counted)
+            least = f"least of {WINDOWS} windows of {WINDOW_MS / 1000:g} s: {min(counted):.1f}"
+            results.append(Result(what, f"{mean:.1f}", least, mean, LEAST, "updates/s", at_least=True))
+        browser.close()
+    return results
