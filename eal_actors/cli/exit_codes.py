@@ -47,6 +47,8 @@ SEE_DEVICE: Final = "See that it is switched on and connected, then try again."
 """Advice where a device may be the cause."""
 SEE_BLOCKING: Final = "Something blocks its actor: `eal plugin check FOLDER` tells which command."
 """Advice where more time would not help."""
+SEE_PORT: Final = "`ss -ltnp` tells which program that is: end it, or name another port."
+"""Advice where another program has the port."""
 
 _RESOURCES: Final = "`eal resources --fleet FLEET --robot ROBOT` shows what there is."
 _TABLE: Final[tuple[tuple[type[EALError], ExitCode, str], ...]] = (
@@ -103,11 +105,18 @@ def _advice(error: EALError) -> str:
     notes = getattr(error, "__notes__", ())
     if notes:
         return "\n".join(notes)
+    if _found_no_port(error):
+        return SEE_PORT
     return SEE_BLOCKING if _was_stuck(error) else _row(error)[2]
 
 
 def _was_stuck(error: EALError) -> bool:
     return isinstance(error, RobotFailedError | UnavailableError) and "abandoned" in error.message
+
+
+def _found_no_port(error: EALError) -> bool:
+    taken = ("the port is in use", "Address already in use")
+    return isinstance(error, UnavailableError) and any(words in error.message for words in taken)
 
 
 def _row(error: EALError) -> tuple[type[EALError], ExitCode, str]:

@@ -137,6 +137,18 @@ def test_what_to_do_about_missing_modules(eal: Any, slides: Path) -> None:
     assert last_lines(result) == ["Install what is missing, then try again."]
 
 
+@pytest.mark.parametrize(
+    "message",
+    [
+        "tcp/127.0.0.1:50001: cannot listen there, for the port is in use by another program",
+        "metrics cannot be served at port 9000: Address already in use",
+    ],
+)
+def test_what_to_do_about_a_port_that_is_taken(capsys: pytest.CaptureFixture[str], message: str) -> None:
+    report(errors.UnavailableError(message), GlobalOptions())
+    assert capsys.readouterr().err.splitlines()[-1].startswith("`ss -ltnp` tells which program that is")
+
+
 LATE = ["call", "one", "Slide", "send_cmd", "to1", "--timeout-s", "0.05", "--fleet"]
 
 
