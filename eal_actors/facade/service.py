@@ -11,6 +11,7 @@ from typing import Final, Self
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.errors import ConfigError, EALError, Problem
 from eal_actors.facade.fleet import Fleet
+from eal_actors.info import unknown_name
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.server import RobotServer
@@ -46,6 +47,7 @@ class RobotService:
             raise ConfigError([Problem(str(config.source), 0, 0, f"robots.{robot}", message)])
         self._config = config
         self._name = robot
+        self._exclusive = wanted.exclusive
         self._network = robot_config(config, robot)
         self.endpoints: Final = endpoints_of(self._network)
         self._fleet = Fleet(replace(config, robots={robot: replace(wanted, address=None, listen=None)}))
@@ -61,7 +63,7 @@ class RobotService:
         """Start the robot, then open the network: whoever finds it finds it ready.
 
         Raises:
-            ConfigError: what its plugins refuse.
+            ConfigError: what its plugins refuse; or `exclusive` names no resource of it.
             RobotFailedError: it could not start.
             UnavailableError: the port is in use, or no router answers.
 
@@ -71,13 +73,30 @@ class RobotService:
             stack.callback(self._fleet.close, _CLOSE_S)
             self._fleet.connect()
             self.robot.require_started()
+            self._check_exclusive()
             session = stack.enter_context(open_session(self._network))
-            server = RobotServer(self._config.name, self.robot, session, self._config.network).launch()
+            config, exclusive = self._config, self._exclusive
+            server = RobotServer(config.name, self.robot, session, config.network, exclusive=exclusive).launch()
             self.dead_man_trips = server.dead_man_trips
             stack.callback(server.close, _CLOSE_S)
             stack.callback(self._halt)
             self._stack = stack.pop_all()
         return self
+
+    def _check_exclusive(self) -> None:
+        problems = [
+            Problem(
+                str(self._config.source),
+                0,
+                0,
+                f"robots.{self._name}.exclusive",
+                unknown_name("resource", name, self.robot),
+            )
+            for name in self._exclusive or ()
+            if name not in self.robot
+        ]
+        if problems:
+            raise ConfigError(problems)
 
     def _halt(self) -> None:
         """Stop what moves while whoever moves it can still be told, and let nothing begin any more."""

@@ -83,6 +83,8 @@ class Level(StrictModel):
     """How many restarts within `restart_window_s` are borne before the robot is given up."""
     restart_window_s: PositiveFloat = 5.0
     """In seconds of the fleet's clock."""
+    exclusive: tuple[Text, ...] | None = Field(default=None, strict=False)
+    """Resources that obey one controller at a time where the robot is on the network; every actuator if left out."""
     plugins: dict[Name, PluginSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
     """Name of the instance to its settings."""
 
@@ -180,6 +182,7 @@ class RobotConfig:
         address: endpoint at which controllers reach it, `router` if it dials out to the routers, or None if it lives
             in the controller's process.
         listen: endpoint at which it listens, or None if that is its address.
+        exclusive: names of the resources that one controller at a time may command; None for every actuator.
     """
 
     name: str
@@ -194,6 +197,7 @@ class RobotConfig:
     plugins: dict[str, PluginSettings]
     address: str | None = None
     listen: str | None = None
+    exclusive: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,6 +249,7 @@ def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> Robot
         plugins=plugins,
         address=section.address,
         listen=section.listen,
+        exclusive=section.exclusive,
     )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from eal_actors.actors.call import MOTION_METHODS
@@ -28,7 +28,7 @@ class Admission:
 
     Args:
         era: the run of the robot's server.
-        actuators: names of the resources that one controller at a time may command.
+        exclusive: names of the resources that one controller at a time may command.
         dead_man_s: how long a controller may be silent.
         clock: the robot's own; its seconds are real ones, but for tests.
 
@@ -38,12 +38,12 @@ class Admission:
     Thread: any.
     """
 
-    def __init__(self, era: str, actuators: list[str], dead_man_s: float, clock: Clock = REAL_TIME) -> None:
+    def __init__(self, era: str, exclusive: Iterable[str], dead_man_s: float, clock: Clock = REAL_TIME) -> None:
         self._clock = clock
         self._guard = threading.Lock()
         self._receipts: Receipts[Answer] = Receipts(era)
         self.names: Final = Names()
-        self._leases = Leases(actuators, dead_man_s, self.names.of)
+        self._leases = Leases(exclusive, dead_man_s, self.names.of)
         self._dead_man = DeadMan(dead_man_s)
 
     def check(self, header: CallHeader, method: str, resource: str) -> float:

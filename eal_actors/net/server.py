@@ -8,7 +8,7 @@ thread where nobody else is sending.
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from eal_actors import spans
@@ -59,6 +59,7 @@ class RobotServer:
         session: an open session, which outlives the server.
         network: the fleet's network.
         host: what all servers of the session share, which outlives them; one of its own if None.
+        exclusive: names of the resources that one controller at a time may command; every actuator if None.
 
     Attributes:
         dead_man_trips: how often each resource was halted because its controller was silent.
@@ -67,7 +68,14 @@ class RobotServer:
     """
 
     def __init__(
-        self, fleet: str, robot: RobotHandle, session: zenoh.Session, network: NetworkConfig, host: Host | None = None
+        self,
+        fleet: str,
+        robot: RobotHandle,
+        session: zenoh.Session,
+        network: NetworkConfig,
+        host: Host | None = None,
+        *,
+        exclusive: Iterable[str] | None = None,
     ) -> None:
         self._fleet = fleet
         self._robot = robot
@@ -78,7 +86,9 @@ class RobotServer:
         self._outbox = self._host.outbox
         self._era = secrets.token_hex(4)
         self._events = keys.event_key(fleet, robot.name)
-        self._admission = Admission(self._era, _actuators(robot), network.dead_man_s)
+        self._admission = Admission(
+            self._era, _actuators(robot) if exclusive is None else exclusive, network.dead_man_s
+        )
         self._under_way = UnderWay()
         self._publisher = StreamPublisher(fleet, robot, session, self._era)
         self._desk = Desk(robot, self._admission, self._under_way, self._publisher, self._publish, network.security)

@@ -8,22 +8,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pykka import ActorRegistry
 
 from eal_actors import Fleet
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.robot_view import RobotState
 from eal_actors.actors.running import process_name
 from eal_actors.errors import (
     BusyError,
     CallCancelledError,
+    ConfigError,
     DeadlineError,
+    EALError,
     PreemptedError,
     ResourceBusyError,
     StoppedError,
 )
+from eal_actors.facade.service import RobotService
+from eal_actors.net.host import Host
 from eal_actors.net.lane import MOST_UNDER_WAY
 from tests.net.links import eventually
-from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, failure, ready
+from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, becomes, failure, ready
 
 
 @pytest.fixture
@@ -165,6 +171,40 @@ def test_an_actuator_obeys_one_controller_at_a_time(rig: Rig) -> None:
         fleet.close()
         assert other["r1"]["Arm"].send_cmd("step4").get() == 4
     assert [note.what for note in rig.notes("step")] == ["1", "3", "4"]
+
+
+def test_the_fleet_file_says_what_is_for_one_controller_at_a_time(rig: Rig) -> None:
+    rig.content["robots"]["r1"]["exclusive"] = ["Eye"]
+    rig.write()
+    with rig.served_here() as fleet, ready(Fleet(rig.config)) as other:
+        assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
+        assert other["r1"]["Arm"].send_cmd("step2").get() == 2
+        assert fleet["r1"]["Eye"].set_value(b"mine").get() == 4
+        assert "held by controller" in str(failure(other["r1"]["Eye"].set_value(b"mine, too"), ResourceBusyError))
+        assert other["r1"].ping().get().holders == {"Eye": process_name()}
+
+
+def test_what_is_exclusive_must_be_there(rig: Rig) -> None:
+    rig.content["robots"]["r1"]["exclusive"] = ["Eye", "Amr"]
+    rig.write()
+    with pytest.raises(ConfigError, match=r"robots\.r1\.exclusive: .*'Amr'; did you mean 'Arm'"):
+        RobotService(rig.config, "r1").open()
+
+
+def test_a_server_that_loses_its_own_actor_halts_its_robots(rig: Rig) -> None:
+    with RobotService(rig.config, "r1") as service, ready(Fleet(rig.config)) as fleet:
+        running = fleet["r1"]["Arm"].send_cmd("move30")
+        assert rig.begun("move30")
+        (host,) = ActorRegistry.get_by_class(Host)
+
+        def die() -> None:
+            raise SystemExit("an error of ours")
+
+        host.actor_inbox.call_soon(die)  # type: ignore[attr-defined]  # Pykka knows its own inboxes alone
+        assert becomes(fleet["r1"], RobotState.LOST)
+        failure(running, EALError)
+        assert eventually(lambda: service.robot["Arm"].get_status().get() == 0)
+        assert not rig.notes("end")
 
 
 def test_what_a_controller_lets_go_of_another_may_command_at_once(rig: Rig) -> None:
