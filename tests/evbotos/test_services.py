@@ -1,0 +1,76 @@
+"""What runs in the image beside the robot, and what keeps it running."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+
+import pytest
+
+from evbotos.qemu import Machine
+from tests.evbotos.proof import Proof, answer, said, ssh, started, wait_until
+
+KEPT_MOST = 200_000 + 1_200
+"""Bytes that are kept of a log: two files that end with the line that makes them larger than the half of it."""
+
+pytestmark = [pytest.mark.evbotos, pytest.mark.timeout(3600)]
+
+
+@pytest.fixture(scope="module")
+def running(proof: Proof, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
+    """A machine that all tests of this file use, in any order."""
+    disk = tmp_path_factory.mktemp("services") / "disk.img"
+    shutil.copyfile(proof.built.folder / "disk.img", disk)
+    with started(proof, disk) as machine:
+        yield machine
+
+
+def wait_for_robot(proof: Proof, machine: Machine, but: str = "none") -> str:
+    """Wait until a robot serves that is another process than one before; returns its process's number."""
+    pid = but
+
+    def serves() -> bool:
+        nonlocal pid
+        pid = ssh(proof, machine, "test -e /run/evbotos/robot.up && cat /run/evbotos/robot.pid").stdout.strip() or but
+        return pid != but
+
+    wait_until(machine, f"another robot than {but} serves", serves)
+    return pid
+
+
+def test_a_robot_that_ends_is_started_anew(proof: Proof, running: Machine) -> None:
+    before = wait_for_robot(proof, running)
+    answer(proof, running, f"kill -9 {before}")
+    wait_for_robot(proof, running, before)
+
+
+def test_a_system_that_hangs_is_started_anew_by_the_hardwares_watchdog(proof: Proof, running: Machine) -> None:
+    wait_for_robot(proof, running)
+    starts = said(running).count("evbotos: slot a")
+    answer(proof, running, "kill -STOP $(pidof watchdog)")
+    wait_until(running, "the watchdog starts it anew", lambda: said(running).count("evbotos: slot a") > starts)
+    wait_for_robot(proof, running)
+
+
+def test_a_usb_serial_adapter_has_a_name_that_stays(proof: Proof, running: Machine) -> None:
+    wait_for_robot(proof, running)
+    look = "for link in /dev/serial/by-id/*; do echo $link $(readlink -f $link); done"
+    running.ask("chardev-add", id="line", backend={"type": "null", "data": {}})
+    plugged = {"always-plugged": True}  # whether or not somebody is at the other end of its line
+    running.ask("device_add", driver="usb-serial", bus="usb.0", id="adapter", chardev="line", serial="A1", **plugged)
+    wait_until(running, "the adapter has its name", lambda: "usb-QEMU" in ssh(proof, running, look).stdout)
+    name, device = answer(proof, running, look).split()
+    assert name.endswith("_A1")
+    assert device == "/dev/ttyUSB0"
+    running.ask("device_del", id="adapter")
+    wait_until(running, "its name is gone", lambda: name not in ssh(proof, running, look).stdout)
+
+
+def test_what_is_kept_of_logs_is_bounded(proof: Proof, running: Machine) -> None:
+    wait_for_robot(proof, running)
+    line = "x" * 1000
+    answer(proof, running, f"for _ in $(seq 350); do echo {line}; done | /usr/lib/evbotos/keep-log trial")
+    kept = answer(proof, running, "cat /data/log/trial.log.1 /data/log/trial.log | wc -c")
+    assert 100_000 < int(kept) < KEPT_MOST
+    assert answer(proof, running, "tail -n 1 /data/log/trial.log").endswith(f" {line}\n")
+    assert "syslogd -n -C128" in answer(proof, running, "ps")  # the rest is in RAM alone
