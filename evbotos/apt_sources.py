@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -41,24 +41,26 @@ class Source:
         return f"deb [signed-by={self.signed_by}] {self.uri} {self.suite} {' '.join(self.components)}"
 
 
-def sources_for(suite: str, mirror: str | None, folder: Path = APT) -> list[Source]:
+def sources_for(suite: str, mirror: str | None, folder: Path = APT, components: tuple[str, ...] = ()) -> list[Source]:
     """Return where a suite's packages come from.
 
     Args:
         suite: of Debian, such as `bookworm`.
         mirror: the user's own; then it is the only one.
         folder: apt's configuration.
+        components: of the archive, besides those that the build machine uses.
 
     Raises:
         BuildError: the build machine knows no source of that suite.
     """
     if mirror is not None:
-        return [Source(mirror.rstrip("/"), suite, ("main",), _KEYRING)]
+        return [Source(mirror.rstrip("/"), suite, ("main", *components), _KEYRING)]
     wanted = (suite, f"{suite}-updates", f"{suite}-security")
     found = [source for source in _configured(folder) if source.suite in wanted and "main" in source.components]
     if not any(source.suite == suite for source in found):
         raise BuildError(f"apt on this machine has no source of Debian's {suite}; name one as `mirror` in local.yaml")
-    return list(dict.fromkeys(found))
+    more = [replace(one, components=tuple(dict.fromkeys((*one.components, *components)))) for one in found]
+    return list(dict.fromkeys(more))
 
 
 def _configured(folder: Path) -> Iterator[Source]:

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import eal_actors
 from evbotos import (
+    board_boot,
     bytecode,
     compiled_wheels,
     disk,
@@ -140,7 +141,8 @@ class Build:
             initrd = self._runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
             root = self._runner.run(self._root_step(lock, base))
             squashed = self._runner.run(self._squash_step(lock, root))
-            image = self._runner.run(self._disk_step(lock, squashed, kernel_folder))
+            board = self._runner.run(self._board_step(lock, kernel_folder)) if self._platform.has_board_files else None
+            image = self._runner.run(self._disk_step(lock, squashed, kernel_folder, board))
             table = self._runner.run(self._sizes_step(root))
             folder = output / f"{self._platform.name}-{self._image.name}"
             return self._write_outputs(lock, folder, squashed, kernel_folder, image, table, initrd)
@@ -150,7 +152,7 @@ class Build:
         self._tell(f"warning: {words}")
 
     def _apt(self, architecture: str) -> Apt:
-        sources = sources_for(self._platform.suite, self._local.mirror)
+        sources = sources_for(self._platform.suite, self._local.mirror, components=self._platform.components)
         folder = self._cache / "apt" / f"{self._platform.suite}-{architecture}"
         return Apt(folder, architecture, sources, self._warn)
 
@@ -289,12 +291,31 @@ class Build:
 
         return Step("squash", key_of([root.name, compression, lock.epoch], squash), make)
 
-    def _disk_step(self, lock: Lock, squashed: Path, kernel_folder: Path) -> Step:
+    def _board_step(self, lock: Lock, kernel_folder: Path) -> Step:
+        platform = self._platform
+        wanted = [package for package in lock.build_packages if package.name in platform.boot_files]
+        told = [
+            platform.boot_files,
+            platform.loader,
+            platform.kernel.model_dump(mode="json"),
+            disk.kernel_line(platform),
+        ]
+        inputs = [kernel_folder.name, [one.sha256 for one in wanted], told]
+
+        def make(out: Path) -> None:
+            debs = self._apt(platform.architecture).fetch(wanted, self._cache / "debs")
+            packages = {package.name: deb for package, deb in zip(wanted, debs, strict=True)}
+            board_boot.write_board_boot(platform, packages, kernel_folder, out)
+
+        return Step("board", key_of(inputs, board_boot), make)
+
+    def _disk_step(self, lock: Lock, squashed: Path, kernel_folder: Path, board: Path | None) -> Step:
         gathered = gather_robot_files(self._local)
         layout, platform = self._image.layout, self._platform
         inputs = [
             squashed.name,
             kernel_folder.name,
+            board and board.name,
             layout.model_dump(),
             platform.loader,
             disk.kernel_line(platform),
@@ -310,7 +331,8 @@ class Build:
                 (boot_files / name).write_bytes(content)
             what = disk.Contents(
                 root=squashed,
-                kernel=None if platform.loader == "none" else kernel_folder / platform.kernel.file,
+                kernel=kernel_folder / platform.kernel.file if platform.loader == "grub" else None,
+                board=board,
                 boot_files=boot_files,
                 kernel_line=disk.kernel_line(platform),
                 has_grub=platform.loader == "grub",

@@ -67,8 +67,9 @@ class Contents:
 
     Attributes:
         root: the squashed root, for slot A.
-        kernel: the kernel's file; None where it is loaded from outside.
-        boot_files: folder that is laid on the boot partition, or None.
+        kernel: the kernel's file, for each of the slots; None where GRUB does not start it.
+        board: folder with what the board's ROM loads, laid on the boot partition, or None.
+        boot_files: folder that is laid on the boot partition as `robot`, or None.
         kernel_line: what the kernel is told, but for the root and the slot.
         has_grub: whether GRUB starts it.
         epoch: the date of everything.
@@ -76,6 +77,7 @@ class Contents:
 
     root: Path
     kernel: Path | None
+    board: Path | None
     boot_files: Path | None
     kernel_line: str
     has_grub: bool
@@ -124,7 +126,10 @@ def _write_table(out: Path, parts: Parts) -> None:
 
 
 def _fill_boot(boot: Path, contents: Contents) -> None:
-    boot.mkdir()
+    if contents.board is not None:
+        shutil.copytree(contents.board, boot)
+    else:
+        boot.mkdir()
     if contents.kernel is not None:
         for slot in "ab":
             kernel = boot / f"vmlinuz-{slot}"
@@ -150,6 +155,7 @@ def _fat(tree: Path, size: int, work: Path, epoch: int) -> Path:
     with out.open("wb") as file:
         file.truncate(size)
     run([tool("mformat"), "-i", out, "-N", DISK_ID, "-v", "EVBOT", "-T", str(size // grub.SECTOR), "::"], env=env)
+    # Capitals are sorted first, and the OMAP's ROM wants MLO to be the first file.
     run([tool("mcopy"), "-i", out, "-s", "-m", "-Q", *sorted(tree.iterdir()), "::/"], env=env)
     return out
 

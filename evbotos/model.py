@@ -128,6 +128,8 @@ class Platform(StrictModel):
     """Python packages of which there is no wheel for it, so that they are compiled, and by what."""
     boot_files: dict[PackageName, dict[Text, Text]] = Field(default={})
     """What the board's ROM loads first: by Debian package, its files and their names on the boot partition."""
+    components: Texts = ()
+    """Of the archive, besides `main`: firmware that is not free lies in `non-free-firmware`."""
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
     """What every image of this platform has."""
     emulator: Emulator | None = None
@@ -136,6 +138,11 @@ class Platform(StrictModel):
     def loader(self) -> str:
         """What loads the kernel: `boot`, but that QEMU itself loads a packaged one."""
         return self.boot if isinstance(self.kernel, Kernel) else "none"
+
+    @property
+    def has_board_files(self) -> bool:
+        """Whether the boot partition holds what the board's ROM reads."""
+        return self.loader in ("u-boot", "raspberry-pi")
 
 
 class PlatformOverride(StrictModel):

@@ -24,7 +24,7 @@ def contents(tmp_path: Path, root_size: int = 1000, *, has_grub: bool = True) ->
     robot = tmp_path / "robot"
     robot.mkdir(exist_ok=True)
     (robot / "fleet.yaml").write_text("version: 1\n")
-    return Contents(tmp_path / "root", tmp_path / "kernel", robot, "quiet", has_grub, 1_700_000_000)
+    return Contents(tmp_path / "root", tmp_path / "kernel", None, robot, "quiet", has_grub, 1_700_000_000)
 
 
 def test_the_parts_follow_one_another() -> None:

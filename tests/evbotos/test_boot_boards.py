@@ -1,4 +1,4 @@
-"""The robot image on QEMU's ARM boards, started by Debian's own kernels: nothing is compiled but pymunk for armhf."""
+"""The robot image on the boards that QEMU has, started by Debian's own kernels: only pymunk for armhf is compiled."""
 
 from __future__ import annotations
 
@@ -16,37 +16,18 @@ from evbotos.qemu import Machine
 from tests.evbotos.odometer import built_module
 from tests.evbotos.proof import Proof, answer, eal, first_answer_s, give_keys, started
 
+_FILES = ("squashfs", "overlay", "vfat", "nls_cp437", "nls_ascii")
+_EXT4 = ("crc32c_generic", "ext4")
 KERNELS = {
     "beagle-armhf": PackagedKernel(
         package="linux-image-armmp",
-        modules=(
-            "ahci_sunxi",
-            "sd_mod",
-            "mdio_sun4i",
-            "sun4i_emac",
-            "squashfs",
-            "overlay",
-            "crc32c_generic",
-            "ext4",
-            "vfat",
-            "nls_cp437",
-            "nls_ascii",
-        ),
+        modules=("ahci_sunxi", "sd_mod", "mdio_sun4i", "sun4i_emac", *_FILES, *_EXT4),
         device_trees=("sun4i-a10-cubieboard.dtb",),
     ),
+    "pc104-i686": PackagedKernel(package="linux-image-686", modules=("ata_piix", "sd_mod", "e1000", *_FILES, *_EXT4)),
     "qemu-arm64": PackagedKernel(
         package="linux-image-cloud-arm64",
-        modules=(
-            "virtio_pci",
-            "virtio_blk",
-            "virtio_net",
-            "virtio_rng",
-            "squashfs",
-            "overlay",
-            "vfat",
-            "nls_cp437",
-            "nls_ascii",
-        ),
+        modules=("virtio_pci", "virtio_blk", "virtio_net", "virtio_rng", *_FILES, *_EXT4),
     ),
 }
 _LOG = get_logger()
