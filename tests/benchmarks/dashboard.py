@@ -22,6 +22,7 @@ SPACING_M: Final = 2.5
 TWIST: Final = (0.2, 0.5)
 """m/s and rad/s: each robot drives in a circle of its own, and meets nobody."""
 DRIVE_S: Final = 60.0
+FIRST_FRAME_MS: Final = 60_000
 SETTLE_MS: Final = 4000
 WINDOW_MS: Final = 2000
 """Over which the page counts."""
@@ -58,13 +59,14 @@ def drive(fleet: Fleet) -> None:
 
 
 def open_cameras(page: Page) -> None:
-    """Open so many cameras, and no others."""
+    """Open so many cameras, and no others; return when each has shown a frame."""
     boxes = page.locator("main input[type=checkbox]")
     boxes.first.wait_for()
     for box in boxes.all():
         box.uncheck()
     for box in boxes.all()[:CAMERAS]:
         box.check()
+    page.locator("[data-frames]").nth(CAMERAS - 1).wait_for(timeout=FIRST_FRAME_MS)
 
 
 def rates(page: Page) -> Sequence[float]:
@@ -91,10 +93,10 @@ def run() -> list[Result | Skipped]:
         browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
         page = browser.new_page(viewport={"width": 1280, "height": 720})
         for view, what in VIEWS.items():
-            drive(fleet)
             page.goto(f"{dashboard.link}#/{view}")
             if view == "cameras":
                 open_cameras(page)
+            drive(fleet)
             page.wait_for_timeout(SETTLE_MS)
             counted = rates(page)
             mean = statistics.fmean(counted)
