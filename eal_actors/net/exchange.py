@@ -53,12 +53,19 @@ class Exchanges:
         """Wait for an answer; call it before the call leaves."""
         self._open[number] = exchange
 
-    def answer(self, reply: Reply) -> None:
-        """Pass on an answer; one to a call that the robot could not read is for all, as nobody knows which it was."""
+    def answer(self, reply: Reply) -> bool:
+        """Pass on an answer; one to a call that the robot could not read is for all, as nobody knows which it was.
+
+        Returns:
+            Whether anybody waited for it.
+        """
+        is_due = False
         for number in (reply.sequence,) if reply.sequence else list(self._open):
             exchange = self._open.pop(number, None)
             if exchange is not None:
+                is_due = True
                 exchange.answered(reply.answer, reply.time)
+        return is_due
 
     def lose(self) -> None:
         """Give all up: the robot is not there."""

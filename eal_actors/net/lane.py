@@ -267,7 +267,10 @@ class Lane(UrgentMessage):
         """Take in an answer, and the robot's clock for the next stamp. Thread: zenoh's."""
         if reply.time is not None:
             self._told = reply.time, REAL_TIME.now()
-        self.exchanges.answer(reply)
+        if not self.exchanges.answer(reply):  # a robot that leaves may tell the outcome behind its sign of life
+            for call_id, call in list(self._running.items()):
+                if call_id.sequence == reply.sequence:
+                    self.conclude(call, call_id, reply.answer, reply.time)
 
     def conclude(self, call: Call[Any], call_id: CallId, answer: Answer, time: RobotTime | None) -> None:
         """Give a call its outcome, unless it goes on. Thread: zenoh's."""

@@ -323,7 +323,7 @@ class TestCommand:
             clock = SystemClock()
             process.send_signal(number)
             process.wait(PATIENCE_S)
-            assert clock.now() < 2.0
+            assert clock.now() < 10.0  # 0.3 s where nobody else is at work
         assert process.returncode == 0
 
     def test_a_port_in_use_is_told(self, start: Callable[..., subprocess.Popen[str]]) -> None:

@@ -99,6 +99,14 @@ def test_an_outcome_whose_event_got_lost_is_asked_for(fleet: Fleet, monkeypatch:
     assert not fleet["r1"].running
 
 
+def test_an_outcome_that_comes_behind_the_sign_of_life_is_the_outcome(rig: Rig, fleet: Fleet) -> None:
+    robot = fleet["r1"]
+    move = robot["Arm"].send_cmd("move0.05")
+    robot._actor.gone("goes")  # type: ignore[attr-defined]  # before anything is answered: the move takes longer
+    assert move.get() == 7
+    assert len(rig.notes("begin")) == 1
+
+
 def test_states_are_events(tmp_path: Path) -> None:
     rig = Rig(tmp_path)
     with served(rig) as (running, fleet):

@@ -17,9 +17,9 @@ from eal_actors.errors import ArgumentError, DeadlineError, PreemptedError, Robo
 from eal_actors.facade.together import Begin
 from tests.net.rig import WAIT_S, Rig, failure
 
-NEAR_S = 0.04
+NEAR_S = 0.15
 """What a busy machine may be late with; the delay of the links below is far more."""
-FAR_S = 0.25
+FAR_S = 0.3
 
 
 @pytest.fixture
