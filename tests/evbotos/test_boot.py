@@ -31,7 +31,7 @@ from tests.evbotos.proof import (
 
 _LOG = get_logger()
 
-pytestmark = [pytest.mark.evbotos, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.evbotos, pytest.mark.timeout(3600)]
 
 
 def test_a_robot_that_boots_drives_the_square_for_a_controller_outside(
@@ -80,14 +80,37 @@ def test_a_stick_with_a_fleet_file_makes_another_robot_of_the_machine(
     stick = stick_with(files, tmp_path / "stick.img")
     wait_for_words(machine, f"/boot/robot/fleet.yaml {SERVES}")
     first_answer_s(proof, machine, monkeypatch)
-    machine.ask("blockdev-add", driver="raw", **{"node-name": "stick"}, file={"driver": "file", "filename": str(stick)})
-    machine.ask("device_add", driver="usb-storage", bus="usb.0", id="stick", drive="stick")
+    plug_in(machine, stick)
     wait_for_words(machine, f"/media/sda/fleet.yaml {SERVES}")
     first_answer_s(proof, machine, monkeypatch)
     assert "/media/sda" in answer(proof, machine, "cat /run/evbotos/robot.up")
     machine.ask("device_del", id="stick")
     wait_for_words(machine, f"/boot/robot/fleet.yaml {SERVES}", times=2)
     first_answer_s(proof, machine, monkeypatch)
+
+
+def plug_in(machine: Machine, stick: Path) -> None:
+    """Plug a USB stick in."""
+    machine.ask("blockdev-add", driver="raw", **{"node-name": "stick"}, file={"driver": "file", "filename": str(stick)})
+    machine.ask("device_add", driver="usb-storage", bus="usb.0", id="stick", drive="stick")
+
+
+LET_NO_DRIVER_NEAR = "for bus in /sys/bus/usb/devices/usb*; do echo 0 >$bus/interface_authorized_default; done"
+LET_DRIVERS_NEAR = """(
+    until stick=$(ls -d /sys/bus/usb/devices/*-[1-9]*:1.0); do sleep 0.1; done
+    [ -e $stick/driver ] || : >/tmp/given-up
+    echo 1 >$stick/authorized
+) >/dev/null 2>&1 &"""
+
+
+def test_a_stick_that_the_kernel_gave_up_on_is_tried_again(proof: Proof, machine: Machine, tmp_path: Path) -> None:
+    stick = stick_with(proof.robot_files, tmp_path / "stick.img")
+    wait_for_words(machine, SERVES)
+    answer(proof, machine, LET_NO_DRIVER_NEAR)
+    answer(proof, machine, LET_DRIVERS_NEAR)  # though the kernel itself does not look for one again
+    plug_in(machine, stick)
+    wait_for_words(machine, f"/media/sda/fleet.yaml {SERVES}")
+    answer(proof, machine, "test -e /tmp/given-up")
 
 
 def update_of(proof: Proof, folder: Path, **changes: str) -> Path:
