@@ -104,6 +104,7 @@ class CallKey(NamedTuple):
     client: str
 
 
+@lru_cache(maxsize=4096)
 def call_key(key: CallKey) -> str:
     """Return the key of a call.
 

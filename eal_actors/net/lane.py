@@ -80,7 +80,6 @@ class Lane(UrgentMessage):
         self._ask_at_s = math.inf
         self._doubted: set[CallId] = set()
         self._ask_each_s = _ASK_EACH_S[0]
-        self._keys: dict[tuple[str, str], str] = {}
 
     # As the target of calls; see CallTarget and Mailbox.
 
@@ -220,7 +219,7 @@ class Lane(UrgentMessage):
         end_s = REAL_TIME.now() + left_s / clock.of_real(1.0)
         self.exchanges.open(header.sequence, AskedCall(self, call, header.call_id, end_s))
         self.pace.sent()
-        key = self._key(call)
+        key = self._controller.call_key(self._robot.name, call.cell.name, call.method)
         if not self._controller.put(self._robot.name, key, envelope, payload, is_urgent=call.stops, is_last=is_last):
             self.exchanges.lose()
 
@@ -245,13 +244,6 @@ class Lane(UrgentMessage):
         stamp = stamper.stamp(TTL_S, REAL_TIME.now())
         echo = stamp.era, stamp.echo_s, stamp.held_s
         return CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *echo, has_more, traceparent), data
-
-    def _key(self, call: Call[Any]) -> str:
-        name = call.cell.name, call.method
-        key = self._keys.get(name)
-        if key is None:
-            key = self._keys[name] = self._controller.call_key(self._robot.name, *name)
-        return key
 
     def number(self) -> int:
         """Return the number of a call that is no command."""

@@ -11,7 +11,6 @@ A session must not be used on both sides of a fork: start processes with `spawn`
 from __future__ import annotations
 
 import json
-import os
 import re
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -45,9 +44,6 @@ _STALLED_US: Final = 500_000
 _BATCHES: Final = 16
 """Batches of 64 kB of one priority that may wait for a link. With zenoh's two, whoever sends a frame is put to sleep
 between its pieces, and the frame takes twice as long. Streams, which are to be dropped rather than wait, keep two."""
-_RUNTIME: Final = "ZENOH_RUNTIME", "(acc: (handover: rx), net: (handover: rx))"
-"""How zenoh's threads share their work, an environment variable of its own. By itself it waits for a socket in the
-thread that opened it, which then wakes another one to read: a thread more for each message, a quarter of a call."""
 _SOURCE_PLACE: Final = re.compile(r" at /\S+")
 """Where in zenoh's own source an error arose."""
 
@@ -208,7 +204,6 @@ def open_session(config: dict[str, Any], timeout_s: float = 5.0) -> Iterator[zen
 
     Thread: any; blocks while it opens, and up to CLOSE_TIMEOUT_S while it closes.
     """
-    os.environ.setdefault(*_RUNTIME)  # read once, as the first session of the process opens
     import zenoh
 
     try:

@@ -83,7 +83,10 @@ def fleet_of(robots: int, port: int) -> FleetConfig:
 
 
 def bare_config(*, listen: int | None = None, connect: int | None = None) -> zenoh.Config:
-    """Return the configuration of a bare session: what zenoh does by itself, but for looking for others."""
+    """Return the configuration of a bare session: what zenoh does by itself between two machines.
+
+    On one it would hand frames over in shared memory.
+    """
     import zenoh
 
     def endpoints(port: int | None) -> dict[str, list[str]]:
@@ -94,6 +97,7 @@ def bare_config(*, listen: int | None = None, connect: int | None = None) -> zen
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "listen": endpoints(listen),
         "connect": endpoints(connect),
+        "transport": {"shared_memory": {"enabled": False}},
     }
     return zenoh.Config.from_json5(json.dumps(config))
 

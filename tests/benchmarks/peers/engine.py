@@ -16,10 +16,11 @@ _ANSWERS: Final = {"get": VALUE, "command": b"\x01", "frame": FRAME}
 
 
 def session(port: int, *, listens: bool) -> zenoh.Session:
-    """Open a session that knows nobody but the other end."""
+    """Open a session that knows nobody but the other end, and speaks to it as to another machine."""
     content = {
         "mode": "peer",
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {"shared_memory": {"enabled": False}},
         "listen": {"endpoints": [f"tcp/{HOST}:{port}"] if listens else []},
         "connect": {
             "endpoints": [] if listens else [f"tcp/{HOST}:{port}"],
