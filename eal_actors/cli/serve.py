@@ -13,7 +13,6 @@ from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import stdout
 from eal_actors.cli.trace import TraceOption, traces_to
-from eal_actors.clock import REAL_TIME, new_waiter
 from eal_actors.facade.service import RobotService
 
 
@@ -32,10 +31,11 @@ def serve_robot(
     with traces_to(trace, f"eal serve {robot}", out), RobotService(read_fleet(fleet, [robot]), robot) as service:
         resources = ", ".join(service.robot)
         out.print(Text.assemble((robot, "bold"), f" serves {resources}"), soft_wrap=True)
-        out.print(f"listening at {', '.join(service.endpoints)}", soft_wrap=True)
+        how = "dials out to" if service.is_behind_router else "listening at"
+        out.print(f"{how} {', '.join(service.endpoints)}", soft_wrap=True)
         robots = {robot: service.robot}
         try:
             with metrics_at(metrics_port, robots, service.robot.clock, out, service.dead_man_trips):
-                REAL_TIME.wait(new_waiter(), None)
+                service.wait()
         except KeyboardInterrupt:
             out.print("halting and leaving the network")

@@ -14,6 +14,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.info import unknown_name
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import BEHIND_ROUTER
 from eal_actors.net.server import RobotServer
 from eal_actors.net.session import endpoints_of, open_session, robot_config
 
@@ -30,6 +31,7 @@ class RobotService:
 
     Attributes:
         endpoints: where it listens, or which routers it dials out to.
+        is_behind_router: whether it dials out.
         dead_man_trips: how often each resource was halted because its controller was silent.
 
     Raises:
@@ -50,7 +52,9 @@ class RobotService:
         self._exclusive = wanted.exclusive
         self._network = robot_config(config, robot)
         self.endpoints: Final = endpoints_of(self._network)
+        self.is_behind_router: Final = wanted.address == BEHIND_ROUTER
         self._fleet = Fleet(replace(config, robots={robot: replace(wanted, address=None, listen=None)}))
+        self._server: RobotServer | None = None
         self._stack = ExitStack()
         self.dead_man_trips: Mapping[str, int] = {}
 
@@ -77,11 +81,25 @@ class RobotService:
             session = stack.enter_context(open_session(self._network))
             config, exclusive = self._config, self._exclusive
             server = RobotServer(config.name, self.robot, session, config.network, exclusive=exclusive).launch()
+            self._server = server
             self.dead_man_trips = server.dead_man_trips
             stack.callback(server.close, _CLOSE_S)
             stack.callback(self._halt)
             self._stack = stack.pop_all()
         return self
+
+    def wait(self) -> None:
+        """Wait, which takes for ever, unless the service breaks down.
+
+        Raises:
+            UnavailableError: its server has crashed, so that whoever looks after this process is to start it anew.
+            RuntimeError: it is not open.
+
+        Thread: blocks the caller.
+        """
+        if self._server is None:
+            raise RuntimeError(f"the service of {self._name} is not open")
+        self._server.wait()
 
     def _check_exclusive(self) -> None:
         problems = [

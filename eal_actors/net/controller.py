@@ -46,6 +46,9 @@ class Controller(EALActor):
         clock: the fleet's clock.
         robots: names of the robots to reach.
 
+    Raises:
+        ConfigError: its keys are missing.
+
     Attributes:
         fleet: the fleet's name.
         client: names this controller, anew in each process.
@@ -66,7 +69,7 @@ class Controller(EALActor):
         self._caller = self.certificate or keys.ANYBODY
         self.name_for_people: Final = process_name(self.certificate)
         self._config = config
-        self._wanted = None if robots is None else list(robots)
+        self._network = controller_config(config, robots)
         self._lock = threading.Lock()
         self._robots: dict[str, Reached] = {}
         self._versions: dict[str, int] = {}  # of the robots whose signs of life are there
@@ -112,8 +115,7 @@ class Controller(EALActor):
         import zenoh
 
         try:
-            config = controller_config(self._config, self._wanted)
-            session = self._stack.enter_context(open_session(config))
+            session = self._stack.enter_context(open_session(self._network))
         except EALError as error:
             get_logger(fleet=self.fleet).error("the network cannot be opened", reason=error.message)
             with self._lock:

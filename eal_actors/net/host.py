@@ -65,6 +65,7 @@ class Host(EALActor):
         self._session = session
         self._lock = threading.Lock()
         self._servers: dict[str, Served] = {}
+        self._nonsense = ""
         self._subscribers: list[zenoh.Subscriber[None]] = []
         self.outbox = Outbox(f"{robot or fleet} outbox", session)
 
@@ -149,7 +150,9 @@ class Host(EALActor):
         try:
             beat = decode_heartbeat(sample.payload.to_bytes())
         except ProtocolError as error:
-            get_logger(fleet=self._fleet).warning("a heartbeat makes no sense", reason=error.message)
+            if error.message != self._nonsense:  # it comes again and again
+                self._nonsense = error.message
+                get_logger(fleet=self._fleet).warning("heartbeats make no sense", reason=error.message)
             return
         for server in self._servers.values():
             server.hear(beat.client, beat.name)

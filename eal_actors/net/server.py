@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from eal_actors import spans
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.clock import REAL_TIME
+from eal_actors.clock import REAL_TIME, new_waiter
 from eal_actors.data import EALData
-from eal_actors.errors import DeadlineError, EALError, ProtocolError, ResourceFaultError, shown
+from eal_actors.errors import DeadlineError, EALError, ProtocolError, ResourceFaultError, UnavailableError, shown
 from eal_actors.info import ResourceType
 from eal_actors.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
@@ -94,6 +94,8 @@ class RobotServer:
         self._desk = Desk(robot, self._admission, self._under_way, self._publisher, self._publish, network.security)
         self._token: zenoh.LivelinessToken | None = None
         self._stopped_for: str | None = None
+        self._forsaken = new_waiter()
+        self._is_forsaken = False
         self.dead_man_trips: dict[str, int] = {}
         self._state = robot.state
         self._log = get_logger(robot=robot.name)
@@ -120,6 +122,18 @@ class RobotServer:
             token.undeclare()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
         self._host.remove(self._robot.name)
         self._publisher.close()
+
+    def wait(self) -> None:
+        """Wait, which takes for ever, unless the server crashes.
+
+        Raises:
+            UnavailableError: it has crashed; the robot is halted, and nobody can reach it any more.
+
+        Thread: blocks the caller.
+        """
+        while not self._is_forsaken:
+            REAL_TIME.wait(self._forsaken, None)
+        raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
 
     # What the host tells; see Served.
 
@@ -155,6 +169,8 @@ class RobotServer:
         """Halt the robot, and take leave: nobody looks after it any more."""
         self._robot.halt()
         self._withdraw()
+        self._is_forsaken = True
+        REAL_TIME.wake(self._forsaken)
 
     def _halt_silent(self) -> None:
         for silence in self._admission.silences():

@@ -202,19 +202,19 @@ class Process:
             self.lines.append("")
             self._changed.notify_all()
 
-    def wait_for(self, words: str) -> Self:
-        """Wait until a line of its output holds the words."""
+    def wait_for(self, *words: str) -> Self:
+        """Wait until a line of its output holds one of the texts."""
         with self._changed:
-            assert self._changed.wait_for(lambda: self._has(words) or "" in self.lines, WAIT_S), self.lines
-            assert self._has(words), f"{words!r} never came: {''.join(self.lines)}"
+            assert self._changed.wait_for(lambda: self._has(*words) or "" in self.lines, WAIT_S), self.lines
+            assert self._has(*words), f"{words!r} never came: {''.join(self.lines)}"
         return self
 
     def wait_until_listening(self) -> Self:
         """Wait until it can be found."""
-        return self.wait_for("listening at")
+        return self.wait_for("listening at", "dials out to")
 
-    def _has(self, words: str) -> bool:
-        return any(words in line for line in self.lines)
+    def _has(self, *words: str) -> bool:
+        return any(text in line for line in self.lines for text in words)
 
     def signal(self, number: signal.Signals) -> None:
         """Send it a signal."""

@@ -24,6 +24,7 @@ from eal_actors.errors import (
     PreemptedError,
     ResourceBusyError,
     StoppedError,
+    UnavailableError,
 )
 from eal_actors.facade.service import RobotService
 from eal_actors.net.host import Host
@@ -205,6 +206,8 @@ def test_a_server_that_loses_its_own_actor_halts_its_robots(rig: Rig) -> None:
         failure(running, EALError)
         assert eventually(lambda: service.robot["Arm"].get_status().get() == 0)
         assert not rig.notes("end")
+        with pytest.raises(UnavailableError, match="r1: its server has crashed; the robot is halted"):
+            service.wait()  # so that `eal serve` ends, and whoever looks after it starts it anew
 
 
 def test_what_a_controller_lets_go_of_another_may_command_at_once(rig: Rig) -> None:

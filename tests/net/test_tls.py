@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from eal_actors import Fleet
 from eal_actors.errors import ConfigError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.certificates import make_authority, make_certificate
@@ -298,3 +299,5 @@ def test_missing_keys_are_named(tmp_path: Path) -> None:
         robot_config(fleet, "r1")
 
     assert [Path(problem.file).name for problem in caught.value.problems] == ["ca.pem", "r1.key", "r1.pem"]
+    with pytest.raises(ConfigError, match=r"controller\.pem"):
+        Fleet(fleet).connect()
