@@ -142,10 +142,10 @@ class Build:
             root = self._runner.run(self._root_step(lock, base))
             squashed = self._runner.run(self._squash_step(lock, root))
             board = self._runner.run(self._board_step(lock, kernel_folder)) if self._platform.has_board_files else None
-            image = self._runner.run(self._disk_step(lock, squashed, kernel_folder, board))
+            disks = self._runner.run(self._disk_step(lock, squashed, kernel_folder, board))
             table = self._runner.run(self._sizes_step(root))
             folder = output / f"{self._platform.name}-{self._image.name}"
-            return self._write_outputs(lock, folder, squashed, kernel_folder, image, table, initrd)
+            return self._write_outputs(lock, folder, squashed, kernel_folder, disks, table, initrd)
 
     def _warn(self, words: str) -> None:
         self._warnings.append(words)
@@ -338,8 +338,11 @@ class Build:
                 has_grub=platform.loader == "grub",
                 epoch=lock.epoch,
             )
+            out.mkdir()
             try:
-                disk.write_disk(out, layout, what)
+                disk.write_disk(out / "disk.img", layout, what)
+                if what.has_grub:
+                    disk.write_boot_drive(out / "boot.img", layout, what)
             finally:
                 shutil.rmtree(boot_files)
 
@@ -357,7 +360,7 @@ class Build:
         folder: Path,
         squashed: Path,
         kernel_folder: Path,
-        image: Path,
+        disks: Path,
         table: Path,
         initrd: Path | None,
     ) -> Built:
@@ -366,13 +369,15 @@ class Build:
         for source, name in (
             (squashed, "root.squashfs"),
             (kernel_file, "kernel"),
-            (image, "disk.img"),
+            (disks / "disk.img", "disk.img"),
             (table, "sizes.json"),
         ):
             place(source, folder / name)
-        (folder / "initrd").unlink(missing_ok=True)
-        if initrd is not None:
-            place(initrd, folder / "initrd")
+        extras: dict[str, Path | None] = {"boot.img": disks / "boot.img", "initrd": initrd}
+        for name, extra in extras.items():
+            (folder / name).unlink(missing_ok=True)
+            if extra is not None and extra.exists():
+                place(extra, folder / name)
         for device_tree in self._platform.kernel.device_trees:
             place(kernel_folder / Path(device_tree).name, folder / Path(device_tree).name)
         bill = sbom.bill_of_materials(lock, set(self._image.drop_packages), self._platform.architecture)

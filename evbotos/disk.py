@@ -1,4 +1,8 @@
-"""A whole disk in a file: boot partition, two slots for the root, data; no loop device, no mounts, no root."""
+"""A whole disk in a file: boot partition, two slots for the root, data; no loop device, no mounts, no root.
+
+A board that cannot start from the drive which has room for a system starts from a small one: that has the boot
+partition alone, and its kernel takes the root from the other.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +25,8 @@ START: Final = MIB
 KERNEL_ROOM: Final = 7 * MIB
 """Each slot's kernel has that much on the boot partition, so that an update overwrites it in its place."""
 DISK_ID: Final = "45564f53"
+BOOT_DRIVE_ID: Final = "45564f54"
+"""The signature of a small drive to start from, which is not the main drive."""
 DATA_LABEL: Final = "evbot-data"
 _DATA_UUID: Final = "45564f53-da7a-4000-8000-000000000004"
 
@@ -92,19 +98,41 @@ def write_disk(out: Path, layout: Layout, contents: Contents) -> None:
     """
     parts = parts_of(layout)
     _require_room("the root file system", contents.root, parts.slot_a[1], "`layout: {slot: ...}`")
-    if contents.kernel is not None:
-        _require_room("the kernel", contents.kernel, KERNEL_ROOM, "another kernel")
     with out.open("wb") as file:
         file.truncate(parts.total)
-    _write_table(out, parts)
+    others = ((place, "83", "") for place in (parts.slot_a, parts.slot_b, parts.data))
+    _write_table(out, DISK_ID, (parts.boot, "c", ", bootable"), *others)
+    _write_boot(out, DISK_ID, parts.boot, contents, contents.kernel_line)
     with TemporaryDirectory() as folder:
-        boot = Path(folder) / "boot"
-        _fill_boot(boot, contents)
-        _write_at(out, _fat(boot, parts.boot[1], Path(folder), contents.epoch), parts.boot[0])
         _write_at(out, contents.root, parts.slot_a[0])
         _write_at(out, _ext4(parts.data[1], Path(folder), contents.epoch), parts.data[0])
+
+
+def write_boot_drive(out: Path, layout: Layout, contents: Contents) -> None:
+    """Write the image of a small drive that starts a machine whose main drive has the disk image.
+
+    What it has on its boot partition is what counts: kernels, which slot starts, the robot's files.
+
+    Raises:
+        BuildError: something does not fit, or a tool failed.
+    """
+    boot = parts_of(layout).boot
+    with out.open("wb") as file:
+        file.truncate(sum(boot))
+    _write_table(out, BOOT_DRIVE_ID, (boot, "c", ", bootable"))
+    _write_boot(out, BOOT_DRIVE_ID, boot, contents, f"{contents.kernel_line} evbotos.boot={BOOT_DRIVE_ID}")
+
+
+def _write_boot(out: Path, disk_id: str, place: tuple[int, int], contents: Contents, line: str) -> None:
+    """Write the boot partition, and GRUB before it."""
+    if contents.kernel is not None:
+        _require_room("the kernel", contents.kernel, KERNEL_ROOM, "another kernel")
+    with TemporaryDirectory() as folder:
+        boot = Path(folder) / "boot"
+        _fill_boot(boot, contents, line)
+        _write_at(out, _fat(boot, disk_id, place[1], Path(folder), contents.epoch), place[0])
     if contents.has_grub:
-        grub.install(out, grub.core_image(), parts.boot[0] // grub.SECTOR)
+        grub.install(out, grub.core_image(), place[0] // grub.SECTOR)
 
 
 def _require_room(what: str, path: Path, room: int, remedy: str) -> None:
@@ -112,20 +140,14 @@ def _require_room(what: str, path: Path, room: int, remedy: str) -> None:
         raise BuildError(f"{what} has {path.stat().st_size / 1e6:.1f} MB, but its place {room / 1e6:.1f} MB: {remedy}")
 
 
-def _write_table(out: Path, parts: Parts) -> None:
-    kinds = (
-        (parts.boot, "c", ", bootable"),
-        (parts.slot_a, "83", ""),
-        (parts.slot_b, "83", ""),
-        (parts.data, "83", ""),
-    )
-    lines = ["label: dos", f"label-id: 0x{DISK_ID}", "unit: sectors"]
-    for (offset, size), kind, flag in kinds:
+def _write_table(out: Path, disk_id: str, *parts: tuple[tuple[int, int], str, str]) -> None:
+    lines = ["label: dos", f"label-id: 0x{disk_id}", "unit: sectors"]
+    for (offset, size), kind, flag in parts:
         lines.append(f"start={offset // grub.SECTOR}, size={size // grub.SECTOR}, type={kind}{flag}")
     run([tool("sfdisk"), "--quiet", "--no-reread", "--no-tell-kernel", out], data="\n".join(lines).encode())
 
 
-def _fill_boot(boot: Path, contents: Contents) -> None:
+def _fill_boot(boot: Path, contents: Contents, line: str) -> None:
     if contents.board is not None:
         shutil.copytree(contents.board, boot)
     else:
@@ -142,19 +164,19 @@ def _fill_boot(boot: Path, contents: Contents) -> None:
         robot.mkdir()
     if contents.has_grub:
         (boot / "grub").mkdir()
-        (boot / "grub/grub.cfg").write_text(grub.menu(contents.kernel_line, DISK_ID))
+        (boot / "grub/grub.cfg").write_text(grub.menu(line, DISK_ID))
         (boot / grub.ENVIRONMENT).write_bytes(grub.environment_block({"good": "a", "try": "", "starts": ""}))
     for path in boot.rglob("*"):
         os.utime(path, (contents.epoch, contents.epoch))
 
 
-def _fat(tree: Path, size: int, work: Path, epoch: int) -> Path:
+def _fat(tree: Path, volume_id: str, size: int, work: Path, epoch: int) -> Path:
     """Return a FAT file system with the files of a folder."""
     out = work / "boot.fat"
     env = {"SOURCE_DATE_EPOCH": str(epoch), "MTOOLS_SKIP_CHECK": "1"}
     with out.open("wb") as file:
         file.truncate(size)
-    run([tool("mformat"), "-i", out, "-N", DISK_ID, "-v", "EVBOT", "-T", str(size // grub.SECTOR), "::"], env=env)
+    run([tool("mformat"), "-i", out, "-N", volume_id, "-v", "EVBOT", "-T", str(size // grub.SECTOR), "::"], env=env)
     # Capitals are sorted first, and the OMAP's ROM wants MLO to be the first file.
     run([tool("mcopy"), "-i", out, "-s", "-m", "-Q", *sorted(tree.iterdir()), "::/"], env=env)
     return out

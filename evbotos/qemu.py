@@ -110,6 +110,7 @@ def arguments_for(
     control: Path,
     console: Path,
     network: str | None = None,
+    boot_drive: Path | None = None,
 ) -> list[str]:
     """Return QEMU's arguments.
 
@@ -121,6 +122,7 @@ def arguments_for(
         control: socket for the machine protocol.
         console: file for what the serial console says.
         network: what the network card is plugged into, as `-netdev` names it, in place of the forwarded ports.
+        boot_drive: a small drive to start from, before the disk.
     """
     emulator = platform.emulator
     assert emulator is not None  # noqa: S101  # the callers have seen to it
@@ -131,7 +133,9 @@ def arguments_for(
     arguments += ["-netdev", f"{network or f'user,restrict=on,{forwards}'},id=net"]
     if emulator.cpu is not None:
         arguments += ["-cpu", emulator.cpu]
-    arguments += _disk_and_network(emulator, disk)
+    if boot_drive is not None:
+        arguments += _drive(emulator, boot_drive, "boot")
+    arguments += [*_drive(emulator, disk, "disk"), *_network_card(emulator)]
     if emulator.watchdog is not None:
         arguments += ["-device", emulator.watchdog, "-action", "watchdog=reset"]
     if emulator.has_pci:
@@ -141,11 +145,15 @@ def arguments_for(
     return [tool(emulator.program), *arguments]
 
 
-def _disk_and_network(emulator: Emulator, disk: Path) -> list[str]:
-    drive = ["-drive", f"file={disk},format=raw,if=none,id=disk,cache=unsafe", "-device", f"{emulator.disk},drive=disk"]
+def _drive(emulator: Emulator, file: Path, name: str) -> list[str]:
+    drive = f"file={file},format=raw,if=none,id={name},cache=unsafe"
+    return ["-drive", drive, "-device", f"{emulator.disk},drive={name}"]
+
+
+def _network_card(emulator: Emulator) -> list[str]:
     if emulator.network_on_board:
-        return [*drive, "-net", f"nic,netdev=net,model={emulator.network}"]
-    return [*drive, "-device", f"{emulator.network},netdev=net"]
+        return ["-net", f"nic,netdev=net,model={emulator.network}"]
+    return ["-device", f"{emulator.network},netdev=net"]
 
 
 def _direct_boot(platform: Platform, folder: Path) -> list[str]:
@@ -166,6 +174,7 @@ def running(
     console: Path,
     memory_mb: int | None = None,
     network: str | None = None,
+    boot_drive: Path | None = None,
 ) -> Iterator[Machine]:
     """Run an image for the length of a `with` block.
 
@@ -176,6 +185,7 @@ def running(
         console: file for what the serial console says.
         memory_mb: RAM; the platform's for None.
         network: what the network card is plugged into, as `-netdev` names it, in place of the forwarded ports.
+        boot_drive: a small drive to start from, before the disk; it is written to as well.
 
     Raises:
         BuildError: QEMU does not start.
@@ -187,7 +197,7 @@ def running(
         memory_mb = memory_mb or platform.emulator.memory_mb
         said = Path(work) / "said"
         with said.open("wb") as errors:
-            argv = arguments_for(platform, disk, folder, memory_mb, control, console, network)
+            argv = arguments_for(platform, disk, folder, memory_mb, control, console, network, boot_drive)
             process = subprocess.Popen(argv, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors)  # noqa: S603
         try:
             machine = Machine(process, _connect(process, control, said), console)

@@ -99,11 +99,18 @@ def give_keys(folder: Path) -> tuple[Path, Local]:
 
 
 @contextmanager
-def started(proof: Proof, disk: Path, *, memory_mb: int | None = None, network: str | None = None) -> Iterator[Machine]:
+def started(
+    proof: Proof,
+    disk: Path,
+    *,
+    memory_mb: int | None = None,
+    network: str | None = None,
+    boot_drive: Path | None = None,
+) -> Iterator[Machine]:
     """Start a machine with a disk, which it writes to."""
     console = disk.with_suffix(".log")
     console.write_bytes(b"")
-    with running(proof.platform, proof.built.folder, disk, console, memory_mb, network) as machine:
+    with running(proof.platform, proof.built.folder, disk, console, memory_mb, network, boot_drive) as machine:
         yield machine
 
 

@@ -11,9 +11,11 @@ import pytest
 
 from eal_actors.clock import REAL_TIME
 from eal_actors.log import get_logger
-from evbotos.disk import parts_of
+from evbotos.disk import MIB, parts_of
+from evbotos.grub import ENVIRONMENT, parse_environment
 from evbotos.qemu import Machine
 from evbotos.shell import run as run_tool
+from evbotos.shell import run_binary
 from evbotos.update import write_update
 from tests.evbotos.proof import (
     SERVES,
@@ -200,6 +202,23 @@ def test_a_slot_whose_kernel_cannot_be_loaded_makes_way_at_once(proof: Proof, di
     with started(proof, disk) as machine:
         wait_for_words(machine, SERVES)
         wait_for_good(proof, machine, "a")
+
+
+def environment(disk: Path) -> dict[str, str]:
+    """Return GRUB's environment on a disk's boot partition."""
+    return parse_environment(run_binary(["mtype", "-i", f"{disk}@@{MIB}", f"::/{ENVIRONMENT}"]))
+
+
+def test_a_small_drive_starts_the_system_on_the_main_one(proof: Proof, disk: Path, tmp_path: Path) -> None:
+    small = Path(shutil.copyfile(proof.built.folder / "boot.img", tmp_path / "boot.img"))
+    with disk.open("r+b") as main:
+        main.write(bytes(440))  # the main drive cannot start by itself
+    with started(proof, disk, boot_drive=small) as machine:
+        wait_for_words(machine, SERVES)
+        assert "/dev/vda1 on /boot " in answer(proof, machine, "mount")
+        assert answer(proof, machine, "cat /run/evbotos/slot-a").strip() == "/dev/vdb2"
+        wait_until(machine, "the slot is good", lambda: environment(small)["starts"] == "")
+    assert environment(disk)["starts"] == ""  # nobody has touched it
 
 
 @pytest.mark.parametrize("seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 20))])

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from evbotos import grub
-from evbotos.disk import DISK_ID, KERNEL_ROOM, MIB, Contents, parts_of, write_disk
+from evbotos.disk import BOOT_DRIVE_ID, DISK_ID, KERNEL_ROOM, MIB, Contents, parts_of, write_boot_drive, write_disk
+from evbotos.disk_image import check_image
 from evbotos.errors import BuildError
 from evbotos.hosttools import find_tool
 from evbotos.model import Layout
@@ -61,6 +62,19 @@ def test_a_disk_has_its_parts_where_its_table_says(tmp_path: Path) -> None:
         ["mdir", "-b", "-/", "-i", f"{out}@@{MIB}", "::"], capture_output=True, check=True, text=True
     ).stdout.split()
     assert {"::/vmlinuz-a", "::/vmlinuz-b", "::/grub/grub.cfg", "::/grub/grubenv", "::/robot/fleet.yaml"} <= set(listed)
+
+
+@needs_tools
+def test_a_small_drive_starts_the_main_drives_system_and_says_which_drive_it_is(tmp_path: Path) -> None:
+    out = tmp_path / "boot.img"
+    write_boot_drive(out, LAYOUT, contents(tmp_path))
+    assert out.stat().st_size == 17 * MIB
+    table = check_image(out)
+    assert table.partitions == 1
+    menu = subprocess.run(
+        ["mtype", "-i", f"{out}@@{MIB}", "::/grub/grub.cfg"], capture_output=True, check=True, text=True
+    ).stdout
+    assert f"root=PARTUUID={DISK_ID}-$part quiet evbotos.boot={BOOT_DRIVE_ID} evbotos.slot=$slot" in menu
 
 
 @needs_tools
