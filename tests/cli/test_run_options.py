@@ -132,7 +132,7 @@ def test_a_run_goes_on(eal: Any, slides: Path, trial: Path, tmp_path: Path) -> N
     (directory,) = runs.iterdir()
     again = eal("run", "--resume", directory)
     assert again.exit_code == 2
-    assert "came to its end" in " ".join(again.stderr.split())
+    assert "came to its end" in " ".join(again.stderr.replace("│", "").split())
 
     (directory / "summary.json").unlink()
     lines = (directory / "events.jsonl").read_text().splitlines()
