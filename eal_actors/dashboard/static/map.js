@@ -27,6 +27,7 @@ export function mapView(root) {
     frame);
   const camera = { x: 0, y: 0, scale: 60, isFitted: true };
   const trails = document.createElement("canvas");
+  const sheetEnds = {};  // the last point of each trail that is on the sheet
   let trailsAt = 0, isDue = false;
 
   // Places.
@@ -175,27 +176,37 @@ export function mapView(root) {
     context.restore();
   }
 
-  // Trails lie on a sheet of their own, which is drawn anew only now and then: a hundred robots have many points.
+  // Trails lie on a sheet of their own, which is drawn anew only now and then: a hundred robots have many points. What
+  // came since then is drawn each time.
   function drawTrails(context, width, height) {
     const now = performance.now();
     if (now - trailsAt > REDRAW_TRAILS_MS || trails.dataset.size !== `${canvas.width} ${canvas.height}`) {
       const sheet = fitCanvas(trails, width, height);
       sheet.clearRect(0, 0, width, height);
-      sheet.lineWidth = 1.6;
-      sheet.lineJoin = "round";
       store.names().forEach((name, index) => {
-        const points = store.trails[name];
-        if (!points || points.length < 2) return;
-        sheet.strokeStyle = `hsl(${HUES[index % HUES.length]} 60% 50% / .55)`;
-        sheet.beginPath();
-        sheet.moveTo(...toScreen(...points[0]));
-        for (const point of points) sheet.lineTo(...toScreen(...point));
-        sheet.stroke();
+        const points = store.trails[name] ?? [];
+        drawTrail(sheet, points, index);
+        sheetEnds[name] = points.at(-1);
       });
       trails.dataset.size = `${canvas.width} ${canvas.height}`;
       trailsAt = now;
     }
     context.drawImage(trails, 0, 0, width, height);
+    store.names().forEach((name, index) => {
+      const points = store.trails[name], at = store.poses[name]?.at;
+      if (points && at) drawTrail(context, [...points.slice(Math.max(points.lastIndexOf(sheetEnds[name]), 0)), at], index);
+    });
+  }
+
+  function drawTrail(context, points, index) {
+    if (points.length < 2) return;
+    context.lineWidth = 1.6;
+    context.lineJoin = "round";
+    context.strokeStyle = `hsl(${HUES[index % HUES.length]} 60% 50% / .55)`;
+    context.beginPath();
+    context.moveTo(...toScreen(...points[0]));
+    for (const point of points.slice(1)) context.lineTo(...toScreen(...point));
+    context.stroke();
   }
 
   function drawRobot(context, name, index, ink, ground) {
