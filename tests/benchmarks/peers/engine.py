@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import statistics
 import threading
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import pykka
 import zenoh
@@ -90,39 +90,6 @@ class _Handle:
         self.ask(["bare/0/frame"])
 
 
-class Zenoh(SyncPeer):
-    """The network's engine: no leases, receipts or types."""
-
-    name = "bare zenoh"
-    package = "eclipse-zenoh"
-
-    def __init__(self) -> None:
-        self._session: zenoh.Session | None = None
-        super().__init__()
-        self._until_answered()
-
-    def handle(self) -> _Handle:
-        """See SyncPeer: all callers share one session."""
-        if self._session is None:
-            self._session = session(self.port, listens=False)
-        return _Handle(self._session)
-
-    def fan_out(self, count: int) -> float:
-        """See Peer."""
-        keys = [f"bare/{robot}/command" for robot in range(ROBOTS)]
-        return statistics.median(timed(lambda: self._own.ask(keys)) for _ in range(count))
-
-    def try_once(self) -> None:
-        """See Peer: the session connects by itself."""
-        self._own.get()
-
-    def close(self) -> None:
-        """See Peer."""
-        if self._session is not None:
-            self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
-        super().close()
-
-
 def serve_publications(port: int) -> zenoh.Session:
     """Serve a hundred robots without queries: a call and its answer are a publication each."""
     opened = session(port, listens=True)
@@ -169,37 +136,53 @@ class _PublishingHandle:
         self.ask(["calls/0/frame"])
 
 
-class Publications(SyncPeer):
-    """The network's engine as this project uses it: the least that a call through it can take."""
+class Zenoh(SyncPeer):
+    """The network's engine: no leases, receipts or types."""
 
-    name = "zenoh, published"
-    measures = ("get", "command", "frame", "fan_out")
+    name = "bare zenoh"
+    package: ClassVar[str | None] = "eclipse-zenoh"
+    caller: ClassVar[type[Any]] = _Handle
+    root: ClassVar[str] = "bare"
 
     def __init__(self) -> None:
         self._session: zenoh.Session | None = None
         super().__init__()
         self._until_answered()
 
-    def handle(self) -> _PublishingHandle:
-        """See SyncPeer."""
+    def handle(self) -> Any:
+        """See SyncPeer: all callers share one session."""
         if self._session is None:
             self._session = session(self.port, listens=False)
-        return _PublishingHandle(self._session)
+        return self.caller(self._session)
 
     def fan_out(self, count: int) -> float:
         """See Peer."""
-        keys = [f"calls/{robot}/command" for robot in range(ROBOTS)]
+        keys = [f"{self.root}/{robot}/command" for robot in range(ROBOTS)]
         return statistics.median(timed(lambda: self._own.ask(keys)) for _ in range(count))
 
     def try_once(self) -> None:
-        """See Peer: what is published before the ends know of each other is lost, and never answered."""
-        self._own.ask(["calls/0/get"], timeout_s=0.2)
+        """See Peer: the session connects by itself."""
+        self._own.get()
 
     def close(self) -> None:
         """See Peer."""
         if self._session is not None:
             self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
         super().close()
+
+
+class Publications(Zenoh):
+    """The network's engine as this project uses it: the least that a call through it can take."""
+
+    name = "zenoh, published"
+    package = None
+    measures = ("get", "command", "frame", "fan_out")
+    caller = _PublishingHandle
+    root = "calls"
+
+    def try_once(self) -> None:
+        """See Peer: what is published before the ends know of each other is lost, and never answered."""
+        self._own.ask(["calls/0/get"], timeout_s=0.2)
 
 
 class _Lamp(pykka.ThreadingActor):
