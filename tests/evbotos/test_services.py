@@ -58,7 +58,7 @@ def test_a_usb_serial_adapter_has_a_name_that_stays(proof: Proof, running: Machi
     running.ask("chardev-add", id="line", backend={"type": "null", "data": {}})
     plugged = {"always-plugged": True}  # whether or not somebody is at the other end of its line
     running.ask("device_add", driver="usb-serial", bus="usb.0", id="adapter", chardev="line", serial="A1", **plugged)
-    wait_until(running, "the adapter has its name", lambda: "usb-QEMU" in ssh(proof, running, look).stdout)
+    wait_until(running, "the adapter has its name", lambda: "/dev/ttyUSB0" in ssh(proof, running, look).stdout)
     name, device = answer(proof, running, look).split()
     assert name.endswith("_A1")
     assert device == "/dev/ttyUSB0"

@@ -20,6 +20,7 @@ OUR_IP = "192.0.2.1"
 ROBOT_IP = "192.0.2.7"
 MDNS_IP, MDNS_MAC, MDNS_PORT = "224.0.0.251", "01:00:5e:00:00:fb", 5353
 _NTP_EPOCH_S = 2_208_988_800
+_NTP_ORIGIN, _NTP_SENT = slice(24, 32), slice(40, 48)
 _ASK_EVERY_S = 2.0
 
 
@@ -117,6 +118,7 @@ class Wire:
 
     def _tell_time(self, frame: Packet) -> None:
         now_s = wall_time().timestamp() + _NTP_EPOCH_S + self.ahead_s
-        asked = frame[NTPHeader].sent
-        answer = NTPHeader(version=4, mode=4, stratum=2, ref_id=OUR_IP, ref=now_s, orig=asked, recv=now_s, sent=now_s)
-        self.send(IP(src=OUR_IP, dst=frame[IP].src) / UDP(sport=123, dport=frame[UDP].sport) / answer, frame.src)
+        answer = NTPHeader(version=4, mode=4, stratum=2, ref_id=OUR_IP, ref=now_s, recv=now_s, sent=now_s)
+        told = bytearray(bytes(answer))
+        told[_NTP_ORIGIN] = bytes(frame[NTPHeader])[_NTP_SENT]  # to the bit: it is a random number, and checked
+        self.send(IP(src=OUR_IP, dst=frame[IP].src) / UDP(sport=123, dport=frame[UDP].sport) / bytes(told), frame.src)
