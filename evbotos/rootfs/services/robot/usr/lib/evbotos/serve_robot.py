@@ -15,7 +15,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Final, NoReturn
 
-from eal_actors.clock import REAL_TIME, new_waiter
 from eal_actors.errors import ConfigError, EALError, Problem
 from eal_actors.facade.service import RobotService
 from eal_actors.log import configure_logging
@@ -75,7 +74,7 @@ def serve() -> None:
         (_STATE / "robot.up").write_text(f"{robot} {fleet} {uptime_s}\n")
         resources = ", ".join(service.robot)
         _say(f"{robot} of {fleet} serves {resources} at {', '.join(service.endpoints)}, {uptime_s} s after the start")
-        REAL_TIME.wait(new_waiter(), None)
+        service.wait()
 
 
 def main() -> None:
