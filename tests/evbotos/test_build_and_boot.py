@@ -39,7 +39,7 @@ KERNEL = PackagedKernel(
 FOUND = load_definitions()
 PLATFORM = FOUND.platform("qemu-amd64").model_copy(update={"kernel": KERNEL})
 IMAGE = FOUND.image("robot")
-SAME = ("root.squashfs", "kernel", "initrd", "disk.img", "boot.img", "sbom.cdx.json", "sizes.json")
+SAME = ("root.squashfs", "kernel", "initrd", "disk.img", "sbom.cdx.json", "sizes.json")
 
 _LOG = get_logger()
 

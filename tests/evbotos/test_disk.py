@@ -79,9 +79,10 @@ def test_a_small_drive_starts_the_main_drives_system_and_says_which_drive_it_is(
 
 @needs_tools
 def test_two_disks_of_the_same_contents_are_the_same_bytes(tmp_path: Path) -> None:
-    for name in ("one", "two"):
-        write_disk(tmp_path / name, LAYOUT, contents(tmp_path))
-    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+    for write in (write_disk, write_boot_drive):
+        for name in ("one", "two"):
+            write(tmp_path / name, LAYOUT, contents(tmp_path))
+        assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
 
 
 @needs_tools
