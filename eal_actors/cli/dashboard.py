@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
 from rich.text import Text
 
 from eal_actors.bundled import bundled_path
@@ -19,6 +20,9 @@ from eal_actors.errors import UnsupportedError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.lock_step import MAX
 from eal_actors.managers.fleet_model import FleetConfig
+
+if TYPE_CHECKING:
+    from eal_actors.dashboard import Dashboard
 
 
 def show_dashboard(
@@ -60,14 +64,18 @@ def show_dashboard(
         page = Dashboard(opened, access, port=port, scenarios=scenarios or _scenarios(), runs_dir=runs_dir)
         with page:
             out = stdout()
-            out.print(Text.assemble((config.name, "bold"), f": {page.link}"), soft_wrap=True)
-            if access.refusal(access.token) is not None:
-                out.print("read-only: --token lets those command who have the link", soft_wrap=True)
-            out.print(Text("Ctrl-C ends it and halts the robots.", style="dim"), soft_wrap=True)
             try:
+                _announce(page, config.name, out)
                 REAL_TIME.wait(new_waiter(), None)
             except KeyboardInterrupt:
                 out.print("halting the robots")
+
+
+def _announce(page: Dashboard, fleet: str, out: Console) -> None:
+    out.print(Text.assemble((fleet, "bold"), f": {page.link}"), soft_wrap=True)
+    if page.access.refusal(page.access.token) is not None:
+        out.print("read-only: --token lets those command who have the link", soft_wrap=True)
+    out.print(Text("Ctrl-C ends it and halts the robots.", style="dim"), soft_wrap=True)
 
 
 def _in_real_time(config: FleetConfig) -> FleetConfig:

@@ -51,8 +51,8 @@ def run_router(
     places = listen or [_default_endpoint(config)]
     settings = router_config(_checked(places, "--listen"), _checked(connect or [], "--connect"), config, name)
     with open_session(settings):
-        _tell(places, context.find_object(GlobalOptions) or GlobalOptions())
         try:
+            _tell(places, context.find_object(GlobalOptions) or GlobalOptions())
             REAL_TIME.wait(new_waiter(), None)
         except KeyboardInterrupt:  # as SIGTERM counts too
             signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -29,12 +29,12 @@ def serve_robot(
     heed_signals()
     out = stdout()
     with traces_to(trace, f"eal serve {robot}", out), RobotService(read_fleet(fleet, [robot]), robot) as service:
-        resources = ", ".join(service.robot)
-        out.print(Text.assemble((robot, "bold"), f" serves {resources}"), soft_wrap=True)
-        how = "dials out to" if service.is_behind_router else "listening at"
-        out.print(f"{how} {', '.join(service.endpoints)}", soft_wrap=True)
-        robots = {robot: service.robot}
         try:
+            resources = ", ".join(service.robot)
+            out.print(Text.assemble((robot, "bold"), f" serves {resources}"), soft_wrap=True)
+            how = "dials out to" if service.is_behind_router else "listening at"
+            out.print(f"{how} {', '.join(service.endpoints)}", soft_wrap=True)
+            robots = {robot: service.robot}
             with metrics_at(metrics_port, robots, service.robot.clock, out, service.dead_man_trips):
                 service.wait()
         except KeyboardInterrupt:
