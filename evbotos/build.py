@@ -6,13 +6,10 @@ import json
 import os
 import shutil
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import eal_actors
 from evbotos import (
-    board_boot,
     bytecode,
     compiled_wheels,
     disk,
@@ -21,24 +18,26 @@ from evbotos import (
     packaged_kernel,
     project,
     pruning,
-    sbom,
     sizes,
+    slots,
     squash,
     targets,
     tree,
+    u_boot,
 )
 from evbotos.apt_sources import sources_for
 from evbotos.errors import BuildError
 from evbotos.hashing import file_sha256, files_sha256, key_of
 from evbotos.hosttools import needed_for, require
 from evbotos.lock import FOLDER as LOCKS
-from evbotos.lock import Lock, lock_path, read_lock, require_match
+from evbotos.lock import Lock, LockedPackage, lock_path, read_lock, require_match
 from evbotos.locking import lock_present_versions
-from evbotos.model import Image, Kernel, Local, PackagedKernel, Platform
+from evbotos.model import EmulatorLoader, Image, Kernel, Local, PackagedKernel, Platform
+from evbotos.outputs import Built, Made, manifest_of, root_with_kernel_mb, write_outputs
 from evbotos.packages import Apt
 from evbotos.plan import layers_of
 from evbotos.robot_files import gather_robot_files
-from evbotos.steps import Runner, Step, owned, place
+from evbotos.steps import Runner, Step, owned
 from evbotos.wheels import fetch_wheels
 
 OUTPUT: Final = Path("build/evbotos")
@@ -61,19 +60,6 @@ _OWN: Final = f"{tree.SITE}/eal_actors"
 """Compiled like the rest, but for the plugins: they are found by their source files, so that those stay."""
 _PACKAGED: Final = Path(str(packaged_kernel.__file__))
 _OPTIONAL: Final[tuple[str, ...]] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Built:
-    """What a build made.
-
-    Attributes:
-        folder: with all of it.
-        report: sizes, hashes, steps and warnings, as plain data.
-    """
-
-    folder: Path
-    report: dict[str, Any]
 
 
 def cache_folder(local: Local) -> Path:
@@ -141,15 +127,29 @@ class Build:
             initrd = self._runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
             root = self._runner.run(self._root_step(lock, base))
             squashed = self._runner.run(self._squash_step(lock, root))
-            board = self._runner.run(self._board_step(lock, kernel_folder)) if self._platform.has_board_files else None
-            disks = self._runner.run(self._disk_step(lock, squashed, kernel_folder, board))
-            table = self._runner.run(self._sizes_step(root))
+            board = (
+                self._runner.run(self._board_step(lock, kernel_folder)) if self._platform.loader == "u-boot" else None
+            )
+            made = Made(
+                root=squashed,
+                kernel=kernel_folder,
+                disks=self._runner.run(self._disk_step(lock, squashed, kernel_folder, board)),
+                sizes=self._runner.run(self._sizes_step(root)),
+                initrd=initrd,
+                loader=self._emulator_loader(lock),
+            )
             folder = output / f"{self._platform.name}-{self._image.name}"
-            return self._write_outputs(lock, folder, squashed, kernel_folder, disks, table, initrd)
+            self._see_to_the_budget(root_with_kernel_mb(made, self._platform))
+            return write_outputs(self._platform, self._image, lock, made, self._runner.done, self._warnings, folder)
 
     def _warn(self, words: str) -> None:
         self._warnings.append(words)
         self._tell(f"warning: {words}")
+
+    def _see_to_the_budget(self, taken_mb: float) -> None:
+        budget_mb = self._image.budget_mb.root_with_kernel
+        if taken_mb > budget_mb:
+            self._warn(f"root and kernel have {taken_mb:.1f} MB, over the budget of {budget_mb:g} MB")
 
     def _apt(self, architecture: str) -> Apt:
         sources = sources_for(self._platform.suite, self._local.mirror, components=self._platform.components)
@@ -265,23 +265,9 @@ class Build:
         about.mkdir(parents=True, exist_ok=True)
         (about / "platform").write_text(f"{self._platform.name}\n")
         (about / "epoch").write_text(f"{lock.epoch}\n")
-        (about / "manifest.json").write_text(json.dumps(self._manifest(lock), indent=1) + "\n")
+        (about / "manifest.json").write_text(json.dumps(manifest_of(lock, self._image), indent=1) + "\n")
         tree.normalise(root)
         (root / "tmp").chmod(0o1777)
-
-    def _manifest(self, lock: Lock) -> dict[str, Any]:
-        left_out = set(self._image.drop_packages)
-        return {
-            "platform": lock.platform,
-            "image": lock.image,
-            "eal_actors": eal_actors.__version__,
-            "epoch": lock.epoch,
-            "kernel": lock.kernel.version,
-            "packages": {item.name: item.version for item in lock.packages if item.name not in left_out},
-            "left_out": sorted(left_out & {item.name for item in lock.packages}),
-            "wheels": {item.name: item.version for item in lock.wheels},
-            "compiled": {item.name: item.version for item in lock.compiled},
-        }
 
     def _squash_step(self, lock: Lock, root: Path) -> Step:
         compression = self._platform.compression
@@ -294,20 +280,34 @@ class Build:
     def _board_step(self, lock: Lock, kernel_folder: Path) -> Step:
         platform = self._platform
         wanted = [package for package in lock.build_packages if package.name in platform.boot_files]
-        told = [
-            platform.boot_files,
-            platform.loader,
-            platform.kernel.model_dump(mode="json"),
-            disk.kernel_line(platform),
-        ]
-        inputs = [kernel_folder.name, [one.sha256 for one in wanted], told]
+        trees = [Path(name).name for name in platform.kernel.device_trees]
+        inputs = [kernel_folder.name, [one.sha256 for one in wanted], platform.boot_files, platform.boot_texts, trees]
 
         def make(out: Path) -> None:
-            debs = self._apt(platform.architecture).fetch(wanted, self._cache / "debs")
-            packages = {package.name: deb for package, deb in zip(wanted, debs, strict=True)}
-            board_boot.write_board_boot(platform, packages, kernel_folder, out)
+            u_boot.write_board_files(platform, self._boot_packages(wanted), kernel_folder, out)
 
-        return Step("board", key_of(inputs, board_boot), make)
+        return Step("board", key_of(inputs, u_boot), make)
+
+    def _loader_step(self, lock: Lock, loader: EmulatorLoader) -> Step:
+        """What QEMU starts in place of a board's ROM."""
+        wanted = [package for package in lock.build_packages if package.name == loader.package]
+
+        def make(out: Path) -> None:
+            (package,) = self._boot_packages(wanted).values()
+            (content,) = u_boot.read_files(package, loader.package, [loader.file])
+            out.write_bytes(content[loader.skip :])
+
+        return Step("loader", key_of([[one.sha256 for one in wanted], loader.file, loader.skip], u_boot), make)
+
+    def _emulator_loader(self, lock: Lock) -> Path | None:
+        emulator = self._platform.emulator
+        if self._platform.loader == "none" or emulator is None or emulator.loader is None:
+            return None
+        return self._runner.run(self._loader_step(lock, emulator.loader))
+
+    def _boot_packages(self, wanted: list[LockedPackage]) -> dict[str, Path]:
+        debs = self._apt(self._platform.architecture).fetch(wanted, self._cache / "debs")
+        return {package.name: deb for package, deb in zip(wanted, debs, strict=True)}
 
     def _disk_step(self, lock: Lock, squashed: Path, kernel_folder: Path, board: Path | None) -> Step:
         gathered = gather_robot_files(self._local)
@@ -329,72 +329,20 @@ class Build:
             for name, (_, content) in gathered.items():
                 (boot_files / name).parent.mkdir(parents=True, exist_ok=True)
                 (boot_files / name).write_bytes(content)
-            what = disk.Contents(
-                root=squashed,
-                kernel=kernel_folder / platform.kernel.file if platform.loader == "grub" else None,
-                board=board,
-                boot_files=boot_files,
-                kernel_line=disk.kernel_line(platform),
-                has_grub=platform.loader == "grub",
-                epoch=lock.epoch,
-            )
+            kernel_file = kernel_folder / platform.kernel.file
+            what = disk.Contents(platform, squashed, kernel_file, board, boot_files, lock.epoch)
             out.mkdir()
             try:
                 disk.write_disk(out / "disk.img", layout, what)
-                if what.has_grub:
+                if platform.loader == "grub":
                     disk.write_boot_drive(out / "boot.img", layout, what)
             finally:
                 shutil.rmtree(boot_files)
 
-        return Step("disk", key_of([inputs, contents], disk, grub), make)
+        return Step("disk", key_of([inputs, contents], disk, grub, slots, u_boot), make)
 
     def _sizes_step(self, root: Path) -> Step:
         def make(out: Path) -> None:
             out.write_text(json.dumps(sizes.sizes_of(root), indent=1) + "\n")
 
         return Step("sizes", key_of(root.name, sizes), make)
-
-    def _write_outputs(
-        self,
-        lock: Lock,
-        folder: Path,
-        squashed: Path,
-        kernel_folder: Path,
-        disks: Path,
-        table: Path,
-        initrd: Path | None,
-    ) -> Built:
-        folder.mkdir(parents=True, exist_ok=True)
-        kernel_file = kernel_folder / self._platform.kernel.file
-        for source, name in (
-            (squashed, "root.squashfs"),
-            (kernel_file, "kernel"),
-            (disks / "disk.img", "disk.img"),
-            (table, "sizes.json"),
-        ):
-            place(source, folder / name)
-        extras: dict[str, Path | None] = {"boot.img": disks / "boot.img", "initrd": initrd}
-        for name, extra in extras.items():
-            (folder / name).unlink(missing_ok=True)
-            if extra is not None and extra.exists():
-                place(extra, folder / name)
-        for device_tree in self._platform.kernel.device_trees:
-            place(kernel_folder / Path(device_tree).name, folder / Path(device_tree).name)
-        bill = sbom.bill_of_materials(lock, set(self._image.drop_packages), self._platform.architecture)
-        (folder / "sbom.cdx.json").write_text(bill)
-        files = {name: folder / name for name in ("root.squashfs", "kernel", "disk.img")}
-        mb = {name: path.stat().st_size / 1e6 for name, path in files.items()}
-        total_mb = mb["root.squashfs"] + mb["kernel"]
-        budget_mb = self._image.budget_mb.root_with_kernel
-        if total_mb > budget_mb:
-            self._warn(f"root and kernel have {total_mb:.1f} MB, over the budget of {budget_mb:g} MB")
-        report = {
-            **self._manifest(lock),
-            "files": {name: {"mb": round(mb[name], 2), "sha256": file_sha256(path)} for name, path in files.items()},
-            "root_with_kernel_mb": round(total_mb, 2),
-            "budget_mb": budget_mb,
-            "steps": [asdict(step) for step in self._runner.done],
-            "warnings": self._warnings,
-        }
-        (folder / "manifest.json").write_text(json.dumps(report, indent=1) + "\n")
-        return Built(folder, report)

@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from evbotos import grub
+from evbotos import grub, slots, u_boot
 from evbotos.errors import BuildError
 from evbotos.hosttools import tool
 from evbotos.model import Layout, Platform
@@ -22,7 +22,7 @@ from evbotos.shell import run
 MIB: Final = 1 << 20
 START: Final = MIB
 """Of the first partition, in bytes."""
-KERNEL_ROOM: Final = 7 * MIB
+KERNEL_ROOM: Final = 6 * MIB
 """Each slot's kernel has that much on the boot partition, so that an update overwrites it in its place."""
 DISK_ID: Final = "45564f53"
 BOOT_DRIVE_ID: Final = "45564f54"
@@ -55,15 +55,10 @@ def parts_of(layout: Layout) -> Parts:
     return Parts(*places)
 
 
-def kernel_line(platform: Platform, console: str | None = None) -> str:
-    """Return what the kernel is told when it starts, but for where the root is.
-
-    Args:
-        platform: the board.
-        console: serial console; the board's for None.
-    """
-    serial = f"console={console or platform.console},115200"
-    own = ("ro", "rootwait", "init=/usr/lib/evbotos/init", serial, "panic=5", "quiet")
+def kernel_line(platform: Platform) -> str:
+    """Return what the kernel is told when it starts, but for where the root is."""
+    console = [f"console={platform.console},115200"] if platform.console is not None else []
+    own = ("ro", "rootwait", "init=/usr/lib/evbotos/init", *console, "panic=5", "quiet")
     return " ".join([*own, *platform.kernel_arguments])
 
 
@@ -72,21 +67,19 @@ class Contents:
     """What goes onto a disk.
 
     Attributes:
+        platform: the board.
         root: the squashed root, for slot A.
-        kernel: the kernel's file, for each of the slots; None where GRUB does not start it.
+        kernel: the kernel's file, for each of the slots, where a loader on the disk starts it.
         board: folder with what the board's ROM loads, laid on the boot partition, or None.
         boot_files: folder that is laid on the boot partition as `robot`, or None.
-        kernel_line: what the kernel is told, but for the root and the slot.
-        has_grub: whether GRUB starts it.
         epoch: the date of everything.
     """
 
+    platform: Platform
     root: Path
-    kernel: Path | None
+    kernel: Path
     board: Path | None
     boot_files: Path | None
-    kernel_line: str
-    has_grub: bool
     epoch: int
 
 
@@ -102,7 +95,7 @@ def write_disk(out: Path, layout: Layout, contents: Contents) -> None:
         file.truncate(parts.total)
     others = ((place, "83", "") for place in (parts.slot_a, parts.slot_b, parts.data))
     _write_table(out, DISK_ID, (parts.boot, "c", ", bootable"), *others)
-    _write_boot(out, DISK_ID, parts.boot, contents, contents.kernel_line)
+    _write_boot(out, DISK_ID, parts.boot, contents, kernel_line(contents.platform))
     with TemporaryDirectory() as folder:
         _write_at(out, contents.root, parts.slot_a[0])
         _write_at(out, _ext4(parts.data[1], Path(folder), contents.epoch), parts.data[0])
@@ -120,18 +113,16 @@ def write_boot_drive(out: Path, layout: Layout, contents: Contents) -> None:
     with out.open("wb") as file:
         file.truncate(sum(boot))
     _write_table(out, BOOT_DRIVE_ID, (boot, "c", ", bootable"))
-    _write_boot(out, BOOT_DRIVE_ID, boot, contents, f"{contents.kernel_line} evbotos.boot={BOOT_DRIVE_ID}")
+    _write_boot(out, BOOT_DRIVE_ID, boot, contents, f"{kernel_line(contents.platform)} evbotos.boot={BOOT_DRIVE_ID}")
 
 
 def _write_boot(out: Path, disk_id: str, place: tuple[int, int], contents: Contents, line: str) -> None:
     """Write the boot partition, and GRUB before it."""
-    if contents.kernel is not None:
-        _require_room("the kernel", contents.kernel, KERNEL_ROOM, "another kernel")
     with TemporaryDirectory() as folder:
         boot = Path(folder) / "boot"
         _fill_boot(boot, contents, line)
         _write_at(out, _fat(boot, disk_id, place[1], Path(folder), contents.epoch), place[0])
-    if contents.has_grub:
+    if contents.platform.loader == "grub":
         grub.install(out, grub.core_image(), place[0] // grub.SECTOR)
 
 
@@ -152,22 +143,31 @@ def _fill_boot(boot: Path, contents: Contents, line: str) -> None:
         shutil.copytree(contents.board, boot)
     else:
         boot.mkdir()
-    if contents.kernel is not None:
-        for slot in "ab":
-            kernel = boot / f"vmlinuz-{slot}"
-            shutil.copyfile(contents.kernel, kernel)
-            os.truncate(kernel, KERNEL_ROOM)
     robot = boot / "robot"
     if contents.boot_files is not None:
         shutil.copytree(contents.boot_files, robot)
     else:
         robot.mkdir()
-    if contents.has_grub:
-        (boot / "grub").mkdir()
-        (boot / "grub/grub.cfg").write_text(grub.menu(line, DISK_ID))
-        (boot / grub.ENVIRONMENT).write_bytes(grub.environment_block({"good": "a", "try": "", "starts": ""}))
+    if contents.platform.loader != "none":
+        _fill_slots(boot, contents, line)
     for path in boot.rglob("*"):
         os.utime(path, (contents.epoch, contents.epoch))
+
+
+def _fill_slots(boot: Path, contents: Contents, line: str) -> None:
+    """Lay out what starts one of two slots: their kernels, the loader's instructions, and the choice."""
+    _require_room("the kernel", contents.kernel, KERNEL_ROOM, "another kernel")
+    for slot in "ab":
+        kernel = boot / f"vmlinuz-{slot}"
+        shutil.copyfile(contents.kernel, kernel)
+        os.truncate(kernel, KERNEL_ROOM)
+    if contents.platform.loader == "grub":
+        (boot / "grub").mkdir()
+        (boot / "grub/grub.cfg").write_text(grub.menu(line, DISK_ID))
+    else:
+        text = u_boot.script(contents.platform, line, DISK_ID)
+        (boot / u_boot.SCRIPT).write_bytes(u_boot.compile_script(text, contents.epoch))
+    (boot / slots.FILE).write_bytes(slots.state_block(slots.FIRST))
 
 
 def _fat(tree: Path, volume_id: str, size: int, work: Path, epoch: int) -> Path:

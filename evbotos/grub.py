@@ -7,15 +7,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
+from evbotos import slots
 from evbotos.errors import BuildError
 from evbotos.hosttools import tool
 from evbotos.shell import run
 
 SECTOR: Final = 512
-ENVIRONMENT: Final = "grub/grubenv"
-"""On the boot partition: which slot starts."""
-_HEADER: Final = "# GRUB Environment Block\n"
-_ENVIRONMENT_SIZE: Final = 1024
 _MODULES: Final = (
     "biosdisk part_msdos fat normal configfile linux loadenv test echo serial terminal reboot sleep minicmd"
 )
@@ -27,27 +24,6 @@ _BLOCK_LIST: Final = 0x1F4
 _CORE_SEGMENT: Final = 0x820
 _CODE_SIZE: Final = 440
 """Of the first sector; then follow the disk's signature and the partitions."""
-
-
-def environment_block(values: dict[str, str]) -> bytes:
-    """Return GRUB's environment as it stands on the disk: 1024 bytes, always."""
-    text = _HEADER + "".join(f"{key}={value}\n" for key, value in values.items())
-    if len(text) > _ENVIRONMENT_SIZE:
-        raise BuildError("GRUB's environment holds 1024 bytes")
-    return text.ljust(_ENVIRONMENT_SIZE, "#").encode("ascii")
-
-
-def parse_environment(block: bytes) -> dict[str, str]:
-    """Return the values in GRUB's environment.
-
-    Raises:
-        BuildError: it is none.
-    """
-    text = block.decode("ascii", errors="replace")
-    if len(block) != _ENVIRONMENT_SIZE or not text.startswith(_HEADER):
-        raise BuildError("this is not GRUB's environment")
-    lines = text.removeprefix(_HEADER).splitlines()
-    return dict(line.split("=", 1) for line in lines if "=" in line and not line.startswith("#"))
 
 
 def menu(kernel_line: str, disk_id: str) -> str:
@@ -65,7 +41,7 @@ def menu(kernel_line: str, disk_id: str) -> str:
 terminal_input serial console
 terminal_output serial console
 set slot=a
-load_env --file ($root)/{ENVIRONMENT} good try starts
+load_env --file ($root)/{slots.FILE} good try starts
 if [ -n "$good" ]; then set slot=$good; fi
 if [ -n "$try" ]; then
   set slot=$try
@@ -77,7 +53,7 @@ elif [ "$starts" = xxx ]; then
 else
   set starts="${{starts}}x"
 fi
-save_env --file ($root)/{ENVIRONMENT} try starts
+save_env --file ($root)/{slots.FILE} try starts
 for turn in 1 2; do
   if [ "$slot" = b ]; then set part=03; else set part=02; fi
   echo "evbotos: slot $slot"

@@ -25,6 +25,7 @@ PACKAGES: Final = {
     "mcopy": "mtools",
     "mke2fs": "e2fsprogs",
     "grub-mkimage": "grub-common",
+    "mkimage": "u-boot-tools",
     "gcc": "gcc",
     "make": "make",
     "flex": "flex",
@@ -58,6 +59,7 @@ _KERNEL: Final = (
 )
 _DISK: Final = ("sfdisk", "mformat", "mcopy", "mke2fs")
 _GRUB: Final = ("grub-mkimage", "/usr/lib/grub/i386-pc/boot.img")
+_U_BOOT: Final = ("mkimage",)
 _ADMIN_FOLDERS: Final = ("/usr/sbin", "/sbin")
 
 
@@ -66,8 +68,7 @@ def needed_for(platform: Platform) -> list[str]:
     tools = [*_ROOT, *_DISK]
     if platform.compiled_wheels:
         tools.append(f"{TARGETS[platform.architecture].compiler}gcc")
-    if platform.loader == "grub":
-        tools += _GRUB
+    tools += {"grub": _GRUB, "u-boot": _U_BOOT, "none": ()}[platform.loader]
     if isinstance(platform.kernel, Kernel):
         tools += _KERNEL
         if platform.kernel.cross is not None:

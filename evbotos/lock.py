@@ -84,7 +84,7 @@ def asked_by(platform: Platform, image: Image) -> str:
         "kernel": platform.kernel.origin,
     }
     compiled = {name: list(by) for name, by in platform.compiled_wheels.items() if name in image.wheels}
-    further: dict[str, object] = {"compiled": compiled, "boot_files": sorted(platform.boot_files)}
+    further: dict[str, object] = {"compiled": compiled, "boot_files": list(platform.boot_packages)}
     wanted.update({key: value for key, value in further.items() if value})
     return hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()
 

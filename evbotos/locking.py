@@ -66,6 +66,6 @@ def _kernel_package(platform: Platform, apt: Apt) -> LockedPackage:
 def _build_packages(platform: Platform, apt: Apt, *, has_sysroot: bool) -> tuple[LockedPackage, ...]:
     """Return what the build reads and the root does not hold."""
     found = {package.name: package for package in apt.resolve(SYSROOT)} if has_sysroot else {}
-    for name in platform.boot_files:
+    for name in platform.boot_packages:
         found |= {package.name: package for package in apt.resolve([name]) if package.name == name}
     return tuple(found[name] for name in sorted(found))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import PurePath
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Discriminator, Field, PositiveFloat, PositiveInt, Tag
+from pydantic import Discriminator, Field, NonNegativeInt, PositiveFloat, PositiveInt, Tag
 
 from eal_actors.strict_model import NAMES_ONLY, Name, StrictModel, Version1
 
@@ -79,23 +79,38 @@ AnyKernel = Annotated[
 ]
 
 
+class EmulatorLoader(StrictModel):
+    """The boot loader as QEMU starts it: what a board's ROM does before that, QEMU does not."""
+
+    package: PackageName
+    """The Debian package that has it."""
+    file: Text
+    skip: NonNegativeInt = 0
+    """How many bytes of the file come before it, such as a stage that sets up a memory which QEMU has anyway."""
+    arguments: Texts
+    """QEMU's; `{loader}` is the loader's file, `{folder}` where the device trees are."""
+
+
 class Emulator(StrictModel):
     """How QEMU stands in for the board."""
 
     program: Text
     machine: Text
     cpu: Text | None = None
+    cpus: PositiveInt = 1
     memory_mb: PositiveInt = 128
     network: Text = "virtio-net-pci"
     """The network card, as `-device` names it; of a board that has it soldered on, as `-net nic,model=` does."""
     network_on_board: bool = False
     """Whether the network card is part of the machine."""
-    disk: Literal["virtio-blk-pci", "virtio-blk-device", "ide-hd"] = "virtio-blk-pci"
-    """The disk, as `-device` names it."""
+    disk: Literal["virtio-blk-pci", "ide-hd", "sd"] = "virtio-blk-pci"
+    """The disk, as `-device` names it, or `sd` for a card in the board's own slot."""
     device_tree: Text | None = None
     """Of the kernel's, that which describes this machine; None where QEMU makes one, or none is needed."""
-    console: Text | None = None
-    """Serial console, as the kernel names it, where it is not the board's."""
+    serial: NonNegativeInt = 0
+    """Which of QEMU's serial ports the console is."""
+    loader: EmulatorLoader | None = None
+    """The boot loader, where it does not start from the disk; None where QEMU has a BIOS."""
     watchdog: Text | None = None
     """The watchdog, as `-device` names it."""
     has_pci: bool = True
@@ -116,10 +131,10 @@ class Platform(StrictModel):
     floor: Text
     """The least that a board must have, plainly."""
     kernel: AnyKernel
-    boot: Literal["grub", "u-boot", "raspberry-pi", "none"]
-    """What loads the kernel from the disk; `none` where QEMU loads it itself."""
-    console: Text
-    """Serial console, as the kernel names it."""
+    boot: Literal["grub", "u-boot"]
+    """What loads the kernel from the disk."""
+    console: Text | None = None
+    """Serial console, as the kernel names it; None where the board's device tree says which it is."""
     kernel_arguments: Texts = ()
     """What else the kernel is told when it starts."""
     compression: Literal["zstd", "xz"] = "zstd"
@@ -128,6 +143,8 @@ class Platform(StrictModel):
     """Python packages of which there is no wheel for it, so that they are compiled, and by what."""
     boot_files: dict[PackageName, dict[Text, Text]] = Field(default={})
     """What the board's ROM loads first: by Debian package, its files and their names on the boot partition."""
+    boot_texts: dict[Text, Text] = Field(default={})
+    """What that reads: text files on the boot partition, by name."""
     components: Texts = ()
     """Of the archive, besides `main`: firmware that is not free lies in `non-free-firmware`."""
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
@@ -135,14 +152,15 @@ class Platform(StrictModel):
     emulator: Emulator | None = None
 
     @property
-    def loader(self) -> str:
+    def loader(self) -> Literal["grub", "u-boot", "none"]:
         """What loads the kernel: `boot`, but that QEMU itself loads a packaged one."""
         return self.boot if isinstance(self.kernel, Kernel) else "none"
 
     @property
-    def has_board_files(self) -> bool:
-        """Whether the boot partition holds what the board's ROM reads."""
-        return self.loader in ("u-boot", "raspberry-pi")
+    def boot_packages(self) -> tuple[str, ...]:
+        """Debian packages whose files start the board or its emulator."""
+        loader = self.emulator and self.emulator.loader
+        return tuple(sorted({*self.boot_files, *([loader.package] if loader else [])}))
 
 
 class PlatformOverride(StrictModel):
@@ -163,7 +181,7 @@ class Layout(StrictModel):
 
     boot: PositiveInt = 16
     slot: PositiveInt = 48
-    data: PositiveInt = 14
+    data: PositiveInt = 15
 
 
 class Image(StrictModel):

@@ -85,8 +85,7 @@ def make_plan(platform: Platform, image: Image, lock: Lock | None) -> dict[str, 
 def _steps(platform: Platform, image: Image) -> list[str]:
     boot = {
         "grub": "GRUB before the first partition",
-        "u-boot": "U-Boot, its menu, the kernel and its device trees",
-        "raspberry-pi": "the board's firmware, the kernel and its device trees",
+        "u-boot": "what the board's ROM reads first, U-Boot, its script, device trees",
         "none": "nothing: the kernel is loaded from outside",
     }[platform.loader]
     kernel = platform.kernel

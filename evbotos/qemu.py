@@ -117,7 +117,7 @@ def arguments_for(
     Args:
         platform: with an emulator.
         disk: its disk.
-        folder: with the kernel, for platforms whose kernel QEMU loads itself.
+        folder: of what was built.
         memory_mb: RAM.
         control: socket for the machine protocol.
         console: file for what the serial console says.
@@ -128,8 +128,9 @@ def arguments_for(
     assert emulator is not None  # noqa: S101  # the callers have seen to it
     forwards = ",".join(f"hostfwd=tcp:127.0.0.1:0-:{port}" for port in PORTS.values())
     arguments = ["-machine", emulator.machine, "-accel", f"tcg,tb-size={_CODE_CACHE_MB}", "-m", str(memory_mb)]
-    arguments += ["-smp", "1", "-nodefaults", "-no-user-config", "-display", "none"]
-    arguments += ["-serial", f"file:{console}", "-qmp", f"unix:{control},server=on,wait=on"]
+    arguments += ["-smp", str(emulator.cpus), "-nodefaults", "-no-user-config", "-display", "none"]
+    arguments += [*["-serial", "null"] * emulator.serial, "-serial", f"file:{console}"]
+    arguments += ["-qmp", f"unix:{control},server=on,wait=on"]
     arguments += ["-netdev", f"{network or f'user,restrict=on,{forwards}'},id=net"]
     if emulator.cpu is not None:
         arguments += ["-cpu", emulator.cpu]
@@ -140,14 +141,19 @@ def arguments_for(
         arguments += ["-device", emulator.watchdog, "-action", "watchdog=reset"]
     if emulator.has_pci:
         arguments += ["-device", "virtio-rng-pci", "-device", "qemu-xhci,id=usb"]
-    if platform.loader != "grub":
+    if platform.loader == "none":
         arguments += _direct_boot(platform, folder)
+    elif emulator.loader is not None:
+        places = {"loader": folder / "loader", "folder": folder}
+        arguments += [word.format(**places) for word in emulator.loader.arguments]
     return [tool(emulator.program), *arguments]
 
 
 def _drive(emulator: Emulator, file: Path, name: str) -> list[str]:
-    drive = f"file={file},format=raw,if=none,id={name},cache=unsafe"
-    return ["-drive", drive, "-device", f"{emulator.disk},drive={name}"]
+    drive = f"file={file},format=raw,id={name},cache=unsafe"
+    if emulator.disk == "sd":
+        return ["-drive", f"{drive},if=sd"]
+    return ["-drive", f"{drive},if=none", "-device", f"{emulator.disk},drive={name}"]
 
 
 def _network_card(emulator: Emulator) -> list[str]:
@@ -159,7 +165,7 @@ def _network_card(emulator: Emulator) -> list[str]:
 def _direct_boot(platform: Platform, folder: Path) -> list[str]:
     emulator, initial = platform.emulator, folder / "initrd"
     assert emulator is not None  # noqa: S101  # as above
-    words = f"root=PARTUUID={DISK_ID}-02 {kernel_line(platform, emulator.console)}"
+    words = f"root=PARTUUID={DISK_ID}-02 {kernel_line(platform)}"
     more = ["-initrd", str(initial)] if initial.is_file() else []
     if emulator.device_tree is not None:
         more += ["-dtb", str(folder / emulator.device_tree)]

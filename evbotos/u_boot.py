@@ -1,29 +1,99 @@
-"""What boards without GRUB start by: their ROM's first files, out of Debian's packages, and what those read."""
+"""U-Boot, by which boards without a BIOS start: its script, and what their ROMs load before it."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from evbotos.disk import DISK_ID, kernel_line
+from evbotos import slots
 from evbotos.errors import BuildError
 from evbotos.hosttools import tool
-from evbotos.model import Platform
+from evbotos.model import Kernel, Platform
 from evbotos.shell import run
 
-KERNEL: Final = "vmlinuz"
+SCRIPT: Final = "boot.scr"
+"""U-Boot looks for it on every drive's bootable partition."""
+_START: Final = {
+    "arm": ("${kernel_addr_r}", "bootz ${kernel_addr_r} - ${tree}"),
+    # The kernel of 64 bits does not unpack itself.
+    "arm64": ("${ramdisk_addr_r}", "unzip ${ramdisk_addr_r} ${kernel_addr_r} && booti ${kernel_addr_r} - ${tree}"),
+}
+"""By the kernel's architecture: where its file is loaded, and what starts it then."""
 
 
-def write_board_boot(platform: Platform, packages: Mapping[str, Path], kernel_folder: Path, out: Path) -> None:
-    """Fill a folder with what the boot partition of a board holds.
+def script(platform: Platform, kernel_line: str, disk_id: str) -> str:
+    """Return what U-Boot is to do, which is what GRUB's menu does on PCs.
 
     Args:
-        platform: with `u-boot` or `raspberry-pi` as its loader.
+        platform: with a compiled kernel for ARM.
+        kernel_line: what the kernel is told, but for the root and the slot.
+        disk_id: the disk's signature, eight hex digits.
+    """
+    assert isinstance(platform.kernel, Kernel)  # noqa: S101  # another one is never started by U-Boot
+    place, start = _START[platform.kernel.architecture]
+    return f"""setenv part "${{devtype}} ${{devnum}}:${{distro_bootpart}}"
+setenv good
+setenv try
+setenv starts
+if load ${{part}} ${{ramdisk_addr_r}} {slots.FILE}; then
+  env import -t ${{ramdisk_addr_r}} ${{filesize}} good try starts
+fi
+if test -z "${{good}}"; then setenv good a; fi
+setenv slot ${{good}}
+if test -n "${{try}}"; then
+  setenv slot ${{try}}
+  setenv try
+elif test "${{starts}}" = xxx; then
+  echo "evbotos: slot ${{slot}} did not come up three times"
+  setenv starts x
+  if test "${{slot}}" = a; then setenv slot b; else setenv slot a; fi
+else
+  setenv starts ${{starts}}x
+fi
+env export -t -s {slots.SIZE:#x} ${{ramdisk_addr_r}} good try starts
+fatwrite ${{part}} ${{ramdisk_addr_r}} {slots.FILE} {slots.SIZE:#x}
+setenv tree ${{fdt_addr}}
+if test -n "${{fdtfile}}"; then
+  if test -e ${{part}} ${{fdtfile}}; then
+    load ${{part}} ${{fdt_addr_r}} ${{fdtfile}}
+    setenv tree ${{fdt_addr_r}}
+  fi
+fi
+for turn in 1 2; do
+  if test "${{slot}}" = b; then setenv number 03; else setenv number 02; fi
+  echo "evbotos: slot ${{slot}}"
+  setenv bootargs "root=PARTUUID={disk_id}-${{number}} {kernel_line} evbotos.slot=${{slot}}"
+  if load ${{part}} {place} vmlinuz-${{slot}}; then {start}; fi
+  if test "${{slot}}" = a; then setenv slot b; else setenv slot a; fi
+done
+reset
+"""
+
+
+def compile_script(text: str, epoch: int) -> bytes:
+    """Return a script in the form that U-Boot carries out.
+
+    Raises:
+        BuildError: mkimage failed.
+    """
+    with TemporaryDirectory() as folder:
+        source, out = Path(folder) / "boot.cmd", Path(folder) / SCRIPT
+        source.write_text(text)
+        options: list[str | Path] = ["-A", "arm", "-T", "script", "-C", "none", "-n", "evbotos", "-d", source, out]
+        run([tool("mkimage"), *options], env={"SOURCE_DATE_EPOCH": str(epoch)})
+        return out.read_bytes()
+
+
+def write_board_files(platform: Platform, packages: Mapping[str, Path], kernel_folder: Path, out: Path) -> None:
+    """Fill a folder with what a board's boot partition holds besides kernels: U-Boot, what starts it, device trees.
+
+    Args:
+        platform: which `boot_files` and `boot_texts` it has.
         packages: by name, the files of the packages that `boot_files` names.
-        kernel_folder: with the kernel and its device trees.
+        kernel_folder: with the kernel's device trees.
         out: the folder, which is made.
 
     Raises:
@@ -31,42 +101,29 @@ def write_board_boot(platform: Platform, packages: Mapping[str, Path], kernel_fo
     """
     out.mkdir(parents=True)
     for name, files in platform.boot_files.items():
-        with TemporaryDirectory(dir=out.parent, prefix=".part-boot-") as folder:
-            run([tool("dpkg-deb"), "-x", packages[name], folder])
-            for source, target in files.items():
-                if not (Path(folder) / source).is_file():
-                    raise BuildError(f"{name} has no file {source}")
-                shutil.copy(Path(folder) / source, out / target)
-    shutil.copy(kernel_folder / platform.kernel.file, out / KERNEL)
+        for target, content in zip(files.values(), read_files(packages[name], name, files), strict=True):
+            (out / target).write_bytes(content)
+    for target, text in platform.boot_texts.items():
+        (out / target).write_text(text)
     for tree in platform.kernel.device_trees:
         shutil.copy(kernel_folder / Path(tree).name, out / Path(tree).name)
-    words = f"root=PARTUUID={DISK_ID}-02 {kernel_line(platform)}"
-    if platform.loader == "u-boot":
-        (out / "extlinux").mkdir()
-        (out / "extlinux/extlinux.conf").write_text(extlinux(words))
-    else:
-        (out / "config.txt").write_text(_CONFIG)
-        (out / "cmdline.txt").write_text(f"{words}\n")
 
 
-def extlinux(words: str) -> str:
-    """Return the menu that U-Boot reads; it chooses the board's device tree itself.
+def read_files(package: Path, name: str, sources: Iterable[str]) -> list[bytes]:
+    """Return files of a Debian package.
 
     Args:
-        words: what the kernel is told.
+        package: the package's file.
+        name: the package's name, for the message.
+        sources: the paths in it.
+
+    Raises:
+        BuildError: it lacks one.
     """
-    return f"default evbotos\ntimeout 1\nlabel evbotos\n  kernel /{KERNEL}\n  fdtdir /\n  append {words}\n"
-
-
-_CONFIG: Final = f"""# Read by the Raspberry Pi's firmware.
-arm_64bit=1
-enable_uart=1
-gpu_mem=16
-kernel={KERNEL}
-upstream_kernel=1
-start_file=start_cd.elf
-fixup_file=fixup_cd.dat
-[pi4]
-start_file=start4cd.elf
-fixup_file=fixup4cd.dat
-"""
+    with TemporaryDirectory() as folder:
+        run([tool("dpkg-deb"), "-x", package, folder])
+        files = [Path(folder) / source for source in sources]
+        for source, file in zip(sources, files, strict=True):
+            if not file.is_file():
+                raise BuildError(f"{name} has no file {source}")
+        return [file.read_bytes() for file in files]

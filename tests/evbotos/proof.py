@@ -18,8 +18,9 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from eal_actors import Fleet
 from eal_actors.clock import REAL_TIME
 from eal_actors.errors import EALError
-from evbotos.build import Built
+from evbotos import slots
 from evbotos.model import Image, Local, Platform
+from evbotos.outputs import Built
 from evbotos.qemu import Machine, running
 
 ROBOT = "evbot"
@@ -112,6 +113,13 @@ def started(
     console.write_bytes(b"")
     with running(proof.platform, proof.built.folder, disk, console, memory_mb, network, boot_drive) as machine:
         yield machine
+
+
+def parse_choice(block: bytes) -> dict[str, str]:
+    """Return what boot loader and system have told each other: U-Boot leaves out what is empty, and ends with zeros."""
+    assert len(block) == slots.SIZE
+    lines = block.decode("ascii").splitlines()
+    return dict(line.split("=", 1) for line in lines if "=" in line and not line.startswith("#"))
 
 
 def said(machine: Machine) -> str:

@@ -11,24 +11,32 @@ import pytest
 
 from eal_actors.clock import REAL_TIME
 from eal_actors.log import get_logger
+from evbotos import slots
 from evbotos.disk import MIB, parts_of
-from evbotos.grub import ENVIRONMENT, parse_environment
 from evbotos.qemu import Machine
 from evbotos.shell import run as run_tool
 from evbotos.shell import run_binary
-from evbotos.update import write_update
 from tests.evbotos.proof import (
     SERVES,
     Proof,
     answer,
-    eal,
     first_answer_s,
-    said,
+    parse_choice,
     ssh,
     ssh_words,
     started,
     wait_for_words,
     wait_until,
+)
+from tests.evbotos.proofs import (
+    plug_in,
+    prove_square,
+    prove_stick,
+    prove_updates,
+    status,
+    stick_with,
+    update_of,
+    wait_for_good,
 )
 
 _LOG = get_logger()
@@ -43,13 +51,8 @@ def test_a_robot_that_boots_drives_the_square_for_a_controller_outside(
     _LOG.warning(
         f"power-on to the first answered call: {took_s:.1f} s, of which QEMU computed {machine.computed_s():.1f} s"
     )
-    scenario = Path("scenarios/square.yaml").resolve()
-    runs = proof.fleet.with_name("runs")
-    port = str(machine.ports["eal"])
     _LOG.warning(f"memory of {proof.platform.emulator}: {answer(proof, machine, 'free -k')}")
-    told = eal("run", scenario, "--fleet", proof.fleet, "--runs-dir", runs, EVBOT_PORT=port)
-    assert "done" in told
-    assert "failed" not in told
+    prove_square(proof, machine)
 
 
 def test_what_the_image_promises_of_itself_holds(proof: Proof, machine: Machine) -> None:
@@ -62,39 +65,10 @@ def test_what_the_image_promises_of_itself_holds(proof: Proof, machine: Machine)
     assert answer(proof, machine, "cat /etc/shadow").startswith("root:*:")  # no password fits
 
 
-def stick_with(files: Path, out: Path) -> Path:
-    """Make a USB stick, FAT without partitions, with the files of a folder."""
-    with out.open("wb") as file:
-        file.truncate(16 << 20)
-    quiet = {"MTOOLS_SKIP_CHECK": "1"}
-    run_tool(["mformat", "-i", out, "-v", "STICK", "-T", str((16 << 20) // 512), "::"], env=quiet)
-    run_tool(["mcopy", "-i", out, "-s", "-Q", *sorted(files.iterdir()), "::/"], env=quiet)
-    return out
-
-
 def test_a_stick_with_a_fleet_file_makes_another_robot_of_the_machine(
     proof: Proof, machine: Machine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    files = tmp_path / "files"
-    shutil.copytree(proof.robot_files, files)
-    fleet = files / "fleet.yaml"
-    fleet.write_text(fleet.read_text().replace("model: evbot3", "model: evbot2"))
-    stick = stick_with(files, tmp_path / "stick.img")
-    wait_for_words(machine, f"/boot/robot/fleet.yaml {SERVES}")
-    first_answer_s(proof, machine, monkeypatch)
-    plug_in(machine, stick)
-    wait_for_words(machine, f"/media/sda/fleet.yaml {SERVES}")
-    first_answer_s(proof, machine, monkeypatch)
-    assert "/media/sda" in answer(proof, machine, "cat /run/evbotos/robot.up")
-    machine.ask("device_del", id="stick")
-    wait_for_words(machine, f"/boot/robot/fleet.yaml {SERVES}", times=2)
-    first_answer_s(proof, machine, monkeypatch)
-
-
-def plug_in(machine: Machine, stick: Path) -> None:
-    """Plug a USB stick in."""
-    machine.ask("blockdev-add", driver="raw", **{"node-name": "stick"}, file={"driver": "file", "filename": str(stick)})
-    machine.ask("device_add", driver="usb-storage", bus="usb.0", id="stick", drive="stick")
+    prove_stick(proof, machine, tmp_path, monkeypatch)
 
 
 LET_NO_DRIVER_NEAR = "for bus in /sys/bus/usb/devices/usb*; do echo 0 >$bus/interface_authorized_default; done"
@@ -115,80 +89,8 @@ def test_a_stick_that_the_kernel_gave_up_on_is_tried_again(proof: Proof, machine
     answer(proof, machine, "test -e /tmp/given-up")
 
 
-def update_of(proof: Proof, folder: Path, **changes: str) -> Path:
-    """Make a signed update of the built image, with changes of what its manifest says."""
-    built = folder / "built"
-    built.mkdir(exist_ok=True)
-    for name in ("kernel", "root.squashfs", "manifest.json"):
-        shutil.copyfile(proof.built.folder / name, built / name)
-    manifest = built / "manifest.json"
-    for name, value in changes.items():
-        text = manifest.read_text()
-        assert f'"{name}": "{proof.built.report[name]}"' in text
-        manifest.write_text(text.replace(f'"{name}": "{proof.built.report[name]}"', f'"{name}": "{value}"'))
-    out = folder / "update.tar"
-    write_update(built, proof.update_key, out)
-    return out
-
-
-def status(proof: Proof, machine: Machine) -> str:
-    return answer(proof, machine, "evbotos-update status").strip()
-
-
-def wait_for_good(proof: Proof, machine: Machine, slot: str) -> None:
-    wait_until(
-        machine, f"slot {slot} is good", lambda: f"running {slot}; good {slot}" in ssh_status(proof, machine), 120
-    )
-
-
-def ssh_status(proof: Proof, machine: Machine) -> str:
-    return ssh(proof, machine, "evbotos-update status").stdout
-
-
 def test_updates_are_refused_tried_and_fallen_back_from(proof: Proof, machine: Machine, tmp_path: Path) -> None:
-    wait_for_words(machine, SERVES)
-    before = status(proof, machine)
-    assert before == "running a; good a; to be tried none"
-    good = update_of(proof, tmp_path).read_bytes()
-    tampered = bytearray(good)
-    tampered[-len(good) // 3] ^= 1  # in the root
-    other = update_of(proof, tmp_path, platform="qemu-arm64").read_bytes()
-    for update, words in (
-        (bytes(tampered), "is not what was signed"),
-        (other, "it is for qemu-arm64, this is qemu-amd64"),
-        (good[: len(good) // 2], "refused"),
-    ):
-        refused = ssh(proof, machine, "evbotos-update install -", update)
-        assert refused.returncode == 1, refused.stdout
-        assert words in refused.stderr
-        assert status(proof, machine) == before
-
-    # Signed, but it never comes up: it is tried once.
-    broken = tmp_path / "built/root.squashfs"
-    broken.write_bytes(b"no file system" * 10_000)
-    update_of_broken = tmp_path / "broken.tar"
-    shutil.copyfile(proof.built.folder / "manifest.json", tmp_path / "built/manifest.json")
-    write_update(tmp_path / "built", proof.update_key, update_of_broken)
-    answer(proof, machine, "evbotos-update install -", update_of_broken.read_bytes())
-    assert status(proof, machine).endswith("to be tried b")
-    ssh(proof, machine, "reboot")
-    wait_for_words(machine, "evbotos: slot b")
-    wait_for_words(machine, SERVES, times=2)
-    wait_for_good(proof, machine, "a")
-
-    # A good one starts, serves, and stays.
-    assert "slot b; the next start tries it" in answer(proof, machine, "evbotos-update install -", good)
-    ssh(proof, machine, "reboot")
-    wait_for_words(machine, SERVES, times=3)
-    wait_for_good(proof, machine, "b")
-
-    # It breaks: after three starts in vain the other one takes over.
-    answer(proof, machine, "dd if=/dev/zero of=$(cat /run/evbotos/slot-b) bs=1M count=8 && sync")
-    machine.ask("system_reset")
-    wait_for_words(machine, "evbotos: slot b did not come up three times")
-    wait_for_words(machine, SERVES, times=4)
-    wait_for_good(proof, machine, "a")
-    assert said(machine).count("Kernel panic") >= 4  # the signed garbage once, the broken slot three times
+    prove_updates(proof, machine, tmp_path)
 
 
 def test_a_slot_whose_kernel_cannot_be_loaded_makes_way_at_once(proof: Proof, disk: Path) -> None:
@@ -204,9 +106,9 @@ def test_a_slot_whose_kernel_cannot_be_loaded_makes_way_at_once(proof: Proof, di
         wait_for_good(proof, machine, "a")
 
 
-def environment(disk: Path) -> dict[str, str]:
-    """Return GRUB's environment on a disk's boot partition."""
-    return parse_environment(run_binary(["mtype", "-i", f"{disk}@@{MIB}", f"::/{ENVIRONMENT}"]))
+def choice(disk: Path) -> dict[str, str]:
+    """Return what boot loader and system have told each other on a disk's boot partition."""
+    return parse_choice(run_binary(["mtype", "-i", f"{disk}@@{MIB}", f"::/{slots.FILE}"]))
 
 
 def test_a_small_drive_starts_the_system_on_the_main_one(proof: Proof, disk: Path, tmp_path: Path) -> None:
@@ -217,8 +119,8 @@ def test_a_small_drive_starts_the_system_on_the_main_one(proof: Proof, disk: Pat
         wait_for_words(machine, SERVES)
         assert "/dev/vda1 on /boot " in answer(proof, machine, "mount")
         assert answer(proof, machine, "cat /run/evbotos/slot-a").strip() == "/dev/vdb2"
-        wait_until(machine, "the slot is good", lambda: environment(small)["starts"] == "")
-    assert environment(disk)["starts"] == ""  # nobody has touched it
+        wait_until(machine, "the slot is good", lambda: choice(small)["starts"] == "")
+    assert choice(disk)["starts"] == ""  # nobody has touched it
 
 
 @pytest.mark.parametrize("seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 20))])

@@ -12,12 +12,13 @@ import pytest
 from eal_actors.log import get_logger
 from evbotos import bytecode
 from evbotos.apt_sources import sources_for
-from evbotos.build import Build, Built
+from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
 from evbotos.hashing import files_sha256
 from evbotos.hosttools import find_tool, needed_for
 from evbotos.model import Local, PackagedKernel
+from evbotos.outputs import Built
 from evbotos.packages import Apt
 from evbotos.project import project_files
 from tests.evbotos.proof import Proof, first_answer_s, give_keys, started

@@ -7,11 +7,13 @@ from pathlib import Path
 import pytest
 
 from evbotos import grub
+from evbotos.definitions import load_definitions
 from evbotos.disk import BOOT_DRIVE_ID, DISK_ID, KERNEL_ROOM, MIB, Contents, parts_of, write_boot_drive, write_disk
 from evbotos.disk_image import check_image
 from evbotos.errors import BuildError
 from evbotos.hosttools import find_tool
 from evbotos.model import Layout
+from evbotos.slots import state_block
 
 LAYOUT = Layout(boot=16, slot=2, data=3)
 TOOLS = ("sfdisk", "mformat", "mcopy", "mke2fs", "grub-mkimage", "/usr/lib/grub/i386-pc/boot.img")
@@ -19,13 +21,14 @@ MISSING = [name for name in TOOLS if find_tool(name) is None]
 needs_tools = pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)} (make evbotos-setup)")
 
 
-def contents(tmp_path: Path, root_size: int = 1000, *, has_grub: bool = True) -> Contents:
+def contents(tmp_path: Path, root_size: int = 1000) -> Contents:
     (tmp_path / "root").write_bytes(b"R" * root_size)
     (tmp_path / "kernel").write_bytes(b"K" * 1000)
     robot = tmp_path / "robot"
     robot.mkdir(exist_ok=True)
     (robot / "fleet.yaml").write_text("version: 1\n")
-    return Contents(tmp_path / "root", tmp_path / "kernel", None, robot, "quiet", has_grub, 1_700_000_000)
+    platform = load_definitions().platform("qemu-amd64")
+    return Contents(platform, tmp_path / "root", tmp_path / "kernel", None, robot, 1_700_000_000)
 
 
 def test_the_parts_follow_one_another() -> None:
@@ -36,8 +39,8 @@ def test_the_parts_follow_one_another() -> None:
     assert parts.total == 24 * MIB
 
 
-def test_the_shipped_layout_of_a_robot_fits_128_mib() -> None:
-    assert parts_of(Layout()).total <= 128 * MIB
+def test_the_shipped_layout_of_a_robot_is_128_mib() -> None:
+    assert parts_of(Layout()).total == 128 * MIB  # a power of two, as a card is
 
 
 @needs_tools
@@ -61,7 +64,7 @@ def test_a_disk_has_its_parts_where_its_table_says(tmp_path: Path) -> None:
     listed = subprocess.run(
         ["mdir", "-b", "-/", "-i", f"{out}@@{MIB}", "::"], capture_output=True, check=True, text=True
     ).stdout.split()
-    assert {"::/vmlinuz-a", "::/vmlinuz-b", "::/grub/grub.cfg", "::/grub/grubenv", "::/robot/fleet.yaml"} <= set(listed)
+    assert {"::/vmlinuz-a", "::/vmlinuz-b", "::/grub/grub.cfg", "::/slots.env", "::/robot/fleet.yaml"} <= set(listed)
 
 
 @needs_tools
@@ -74,7 +77,8 @@ def test_a_small_drive_starts_the_main_drives_system_and_says_which_drive_it_is(
     menu = subprocess.run(
         ["mtype", "-i", f"{out}@@{MIB}", "::/grub/grub.cfg"], capture_output=True, check=True, text=True
     ).stdout
-    assert f"root=PARTUUID={DISK_ID}-$part quiet evbotos.boot={BOOT_DRIVE_ID} evbotos.slot=$slot" in menu
+    assert f"root=PARTUUID={DISK_ID}-$part ro " in menu
+    assert f" evbotos.boot={BOOT_DRIVE_ID} evbotos.slot=$slot" in menu
 
 
 @needs_tools
@@ -95,20 +99,12 @@ def test_what_does_not_fit_is_refused_with_a_remedy(tmp_path: Path) -> None:
         write_disk(tmp_path / "disk", LAYOUT, big)
 
 
-def test_grubs_environment_is_always_as_large() -> None:
-    values = {"good": "a", "try": ""}
-    block = grub.environment_block(values)
+def test_the_choice_of_the_slot_is_always_as_large() -> None:
+    block = state_block({"good": "a", "try": ""})
     assert len(block) == 1024
     assert block.startswith(b"# GRUB Environment Block\ngood=a\ntry=\n###")
-    assert grub.parse_environment(block) == values
-
-
-def test_what_is_no_environment_is_refused() -> None:
-    for block in (b"", bytes(1024), grub.environment_block({})[:-1]):
-        with pytest.raises(BuildError, match="not GRUB's environment"):
-            grub.parse_environment(block)
     with pytest.raises(BuildError, match="1024 bytes"):
-        grub.environment_block({"a": "x" * 1024})
+        state_block({"a": "x" * 1024})
 
 
 def test_grub_leaves_the_partition_table_and_the_first_partition_alone(tmp_path: Path) -> None:

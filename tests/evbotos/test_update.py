@@ -16,10 +16,11 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
 from evbotos.errors import BuildError, UpdateError
-from evbotos.grub import environment_block, parse_environment
 from evbotos.plan import ROOTFS
 from evbotos.slot_command import slot
+from evbotos.slots import state_block
 from evbotos.update import write_update
+from tests.evbotos.proof import parse_choice
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 PUBLIC = KEY.public_key().public_bytes(Encoding.Raw, PublicFormat.Raw)
@@ -48,7 +49,7 @@ def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     spec.loader.exec_module(module)
     for name in ("STATE", "BOOT"):
         monkeypatch.setattr(module, name, tmp_path)
-    monkeypatch.setattr(module, "ENVIRONMENT", tmp_path / "grubenv")
+    monkeypatch.setattr(module, "CHOICE", tmp_path / "slots.env")
     monkeypatch.setattr(module, "KEY", tmp_path / "update_key")
     monkeypatch.setattr(module, "PLATFORM", tmp_path / "platform")
     monkeypatch.setattr(module, "writable_boot", nullcontext)
@@ -56,7 +57,7 @@ def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     (tmp_path / "slot-b").write_text(f"{tmp_path}/device-b\n")
     (tmp_path / "device-b").write_bytes(b"o" * 5000)
     (tmp_path / "vmlinuz-b").write_bytes(b"o" * 3000)
-    (tmp_path / "grubenv").write_bytes(environment_block({"good": "a", "try": "", "starts": "x"}))
+    (tmp_path / "slots.env").write_bytes(state_block({"good": "a", "try": "", "starts": "x"}))
     (tmp_path / "update_key").write_text(PUBLIC.hex())
     (tmp_path / "platform").write_text("board\n")
     return module
@@ -80,15 +81,15 @@ def bundle(
     return io.BytesIO(bytes(content))
 
 
-def environment(folder: Path) -> dict[str, str]:
-    return parse_environment((folder / "grubenv").read_bytes())
+def choice(folder: Path) -> dict[str, str]:
+    return parse_choice((folder / "slots.env").read_bytes())
 
 
 def test_a_signed_update_is_written_and_tried_once(robot: Any, tmp_path: Path) -> None:
     robot.install(bundle())
     assert (tmp_path / "device-b").read_bytes() == b"R" * 4000 + b"o" * 1000
     assert (tmp_path / "vmlinuz-b").read_bytes() == b"K" * 2000 + b"o" * 1000
-    assert environment(tmp_path) == {"good": "a", "try": "b", "starts": "x"}
+    assert choice(tmp_path) == {"good": "a", "try": "b", "starts": "x"}
 
 
 def test_a_good_slot_that_came_up_is_counted_from_nought_again_and_an_update_stays_due(
@@ -96,7 +97,7 @@ def test_a_good_slot_that_came_up_is_counted_from_nought_again_and_an_update_sta
 ) -> None:
     robot.install(bundle())
     robot.mark_good()
-    assert environment(tmp_path) == {"good": "a", "try": "b", "starts": ""}
+    assert choice(tmp_path) == {"good": "a", "try": "b", "starts": ""}
 
 
 def test_a_slot_is_good_once_the_system_in_it_says_so(robot: Any, tmp_path: Path) -> None:
@@ -105,7 +106,7 @@ def test_a_slot_is_good_once_the_system_in_it_says_so(robot: Any, tmp_path: Path
     assert not robot.is_good()
     robot.mark_good()
     assert robot.is_good()
-    assert environment(tmp_path) == {"good": "b", "try": "", "starts": ""}
+    assert choice(tmp_path) == {"good": "b", "try": "", "starts": ""}
 
 
 @pytest.mark.parametrize(
@@ -122,20 +123,20 @@ def test_what_is_refused_by_its_manifest_writes_nothing(robot: Any, tmp_path: Pa
         robot.install(update())
     assert (tmp_path / "device-b").read_bytes() == b"o" * 5000
     assert (tmp_path / "vmlinuz-b").read_bytes() == b"o" * 3000
-    assert environment(tmp_path) == {"good": "a", "try": "", "starts": "x"}
+    assert choice(tmp_path) == {"good": "a", "try": "", "starts": "x"}
 
 
 def test_a_tampered_root_is_not_tried(robot: Any, tmp_path: Path) -> None:
     with pytest.raises(robot.RefusedError, match="is not what was signed; it will not be tried"):
         robot.install(bundle(flip_at=3999))
-    assert environment(tmp_path) == {"good": "a", "try": "", "starts": "x"}
+    assert choice(tmp_path) == {"good": "a", "try": "", "starts": "x"}
 
 
 @pytest.mark.parametrize("size", [700, 2000, 4000, 6000, 8000])
 def test_an_update_that_ends_too_early_is_not_tried(robot: Any, tmp_path: Path, size: int) -> None:
     with pytest.raises((robot.RefusedError, tarfile.TarError)):
         robot.install(io.BytesIO(bundle().getvalue()[:size]))
-    assert environment(tmp_path) == {"good": "a", "try": "", "starts": "x"}
+    assert choice(tmp_path) == {"good": "a", "try": "", "starts": "x"}
 
 
 def test_a_robot_without_a_key_takes_no_update(robot: Any, tmp_path: Path) -> None:

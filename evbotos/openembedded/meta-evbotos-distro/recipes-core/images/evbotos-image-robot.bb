@@ -10,4 +10,4 @@ IMAGE_INSTALL = "packagegroup-evbotos-robot"
 # MiB, of the disk's parts.
 EVBOTOS_BOOT_MIB = "16"
 EVBOTOS_SLOT_MIB = "48"
-EVBOTOS_DATA_MIB = "14"
+EVBOTOS_DATA_MIB = "15"

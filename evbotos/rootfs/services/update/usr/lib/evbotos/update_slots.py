@@ -22,7 +22,8 @@ from typing import IO, Any, Final
 
 STATE: Final = Path("/run/evbotos")
 BOOT: Final = Path("/boot")
-ENVIRONMENT: Final = BOOT / "grub/grubenv"
+CHOICE: Final = BOOT / "slots.env"
+"""Which slot starts, for the boot loader: GRUB's environment block, which U-Boot reads as lines of text."""
 KEY: Final = BOOT / "robot/update_key"
 """The public key in 64 hex digits."""
 PLATFORM: Final = Path("/etc/evbotos/platform")
@@ -51,17 +52,17 @@ def verify(public_key: bytes, signature: bytes, message: bytes) -> bool:
     return bool(crypto.EVP_DigestVerify(ctypes.c_void_p(context), signature, sizes[0], message, sizes[1]) == 1)
 
 
-def read_environment() -> dict[str, str]:
-    """Return GRUB's environment."""
-    lines = ENVIRONMENT.read_text().removeprefix(_HEADER).splitlines()
-    return dict(line.split("=", 1) for line in lines if "=" in line)
+def read_choice() -> dict[str, str]:
+    """Return what boot loader and system have told each other."""
+    lines = CHOICE.read_text().splitlines()
+    return dict(line.split("=", 1) for line in lines if "=" in line and not line.startswith("#"))
 
 
-def write_environment(values: dict[str, str]) -> None:
-    """Overwrite GRUB's environment in its place: 1024 bytes, two sectors of one cluster."""
+def write_choice(values: dict[str, str]) -> None:
+    """Overwrite it in its place: 1024 bytes, two sectors of one cluster."""
     text = _HEADER + "".join(f"{key}={value}\n" for key, value in values.items())
     with writable_boot():
-        overwrite(ENVIRONMENT, text.ljust(1024, "#").encode())
+        overwrite(CHOICE, text.ljust(1024, "#").encode())
 
 
 def overwrite(file: Path, content: bytes) -> None:
@@ -97,16 +98,16 @@ def running_slot() -> str:
 
 def is_good() -> bool:
     """Return whether the running slot is the one that starts from now on."""
-    return read_environment().get("good") == running_slot()
+    return read_choice().get("good") == running_slot()
 
 
 def mark_good() -> None:
-    """Have the running slot start from now on, and tell GRUB that it came up."""
-    values = read_environment()
+    """Have the running slot start from now on, and tell the boot loader that it came up."""
+    values = read_choice()
     slot = running_slot()
     if values.get("good") != slot or values.get("starts"):
         due = "" if values.get("try") == slot else values.get("try", "")
-        write_environment({"good": slot, "try": due, "starts": ""})
+        write_choice({"good": slot, "try": due, "starts": ""})
         sys.stdout.write(f"slot {slot} is good\n")
 
 
@@ -132,7 +133,7 @@ def install(stream: IO[bytes]) -> None:
         with writable_boot():
             _write(_next(archive, members, "kernel"), kernel, manifest["kernel"])
         _write(_next(archive, members, "root"), slot, manifest["root"])
-    write_environment({**read_environment(), "try": other})
+    write_choice({**read_choice(), "try": other})
     sys.stdout.write(f"{manifest['image']} {manifest['version']} is in slot {other}; the next start tries it\n")
 
 
@@ -183,7 +184,7 @@ def _write(source: IO[bytes], target: Path, wanted: dict[str, Any]) -> None:
 
 def show_status() -> None:
     """Write which slot runs, and which is to start."""
-    values = read_environment()
+    values = read_choice()
     sys.stdout.write(
         f"running {running_slot()}; good {values.get('good')}; to be tried {values.get('try') or 'none'}\n"
     )

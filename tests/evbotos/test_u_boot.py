@@ -1,4 +1,4 @@
-"""What boards without GRUB start by, as it lies in the disk image."""
+"""What boards with U-Boot start by, as it lies in the disk image."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from evbotos.board_boot import write_board_boot
 from evbotos.definitions import load_definitions
 from evbotos.disk import DISK_ID, Contents, parts_of, write_disk
 from evbotos.errors import BuildError
 from evbotos.hosttools import find_tool
 from evbotos.lock import lock_path, read_lock
 from evbotos.model import Layout, Platform
+from evbotos.u_boot import SCRIPT, write_board_files
 
-TOOLS = ("sfdisk", "mformat", "mcopy", "mdir", "mtype", "mke2fs", "dpkg-deb")
+TOOLS = ("sfdisk", "mformat", "mcopy", "mdir", "mtype", "mke2fs", "dpkg-deb", "mkimage")
 LAYOUT = Layout(boot=16, slot=2, data=4)
 
 pytestmark = pytest.mark.skipif(any(find_tool(name) is None for name in TOOLS), reason="make evbotos-setup")
@@ -42,23 +42,16 @@ def disk_of(platform: Platform, folder: Path) -> Path:
     for name in (platform.kernel.file, *(Path(tree).name for tree in platform.kernel.device_trees)):
         (kernel / name).write_text(name)
     (folder / "root").write_text("root")
-    write_board_boot(platform, packages, kernel, folder / "board")
-    contents = Contents(
-        root=folder / "root",
-        kernel=None,
-        board=folder / "board",
-        boot_files=None,
-        kernel_line="",
-        has_grub=False,
-        epoch=1_700_000_000,
-    )
+    write_board_files(platform, packages, kernel, folder / "board")
+    kernel_file = kernel / platform.kernel.file
+    contents = Contents(platform, folder / "root", kernel_file, folder / "board", None, 1_700_000_000)
     write_disk(folder / "disk.img", LAYOUT, contents)
     return folder / "disk.img"
 
 
-def mtools(program: str, disk: Path, *words: str) -> str:
+def mtools(program: str, disk: Path, *words: str, errors: str = "strict") -> str:
     place = f"{disk}@@{parts_of(LAYOUT).boot[0]}"
-    return subprocess.run([program, "-i", place, *words], capture_output=True, text=True, check=True).stdout
+    return subprocess.run([program, "-i", place, *words], capture_output=True, check=True).stdout.decode(errors=errors)
 
 
 def test_the_beagleboards_rom_finds_its_loader_first(tmp_path: Path) -> None:
@@ -68,36 +61,47 @@ def test_the_beagleboards_rom_finds_its_loader_first(tmp_path: Path) -> None:
     assert "type=c, bootable" in first  # the ROM looks for a FAT there
     names = mtools("mdir", disk, "-b", "::/").split()
     assert names[0] == "::/MLO"
-    assert {"::/u-boot.img", "::/vmlinuz", "::/omap3-beagle.dtb"} <= set(names)
+    assert {"::/u-boot.img", "::/vmlinuz-a", "::/vmlinuz-b", "::/omap3-beagle.dtb"} <= set(names)
     assert mtools("mtype", disk, "::/MLO") == "usr/lib/u-boot/omap3_beagle/MLO"
-    menu = mtools("mtype", disk, "::/extlinux/extlinux.conf")
-    assert f"append root=PARTUUID={DISK_ID}-02" in menu
-    assert "console=ttyS2,115200" in menu
-    assert "kernel /vmlinuz\n" in menu
+
+
+@pytest.mark.parametrize(
+    ("name", "starts"),
+    [
+        ("beagle-armhf", "bootz ${kernel_addr_r} - ${tree}"),
+        ("qemu-arm64", "booti ${kernel_addr_r} - ${tree}"),
+        ("raspberry-pi", "booti ${kernel_addr_r} - ${tree}"),
+    ],
+)
+def test_the_script_starts_the_slot_that_is_chosen(tmp_path: Path, name: str, starts: str) -> None:
+    script = mtools("mtype", disk_of(load_definitions().platform(name), tmp_path), f"::/{SCRIPT}", errors="replace")
+    assert f'setenv bootargs "root=PARTUUID={DISK_ID}-${{number}} ro ' in script
+    assert 'evbotos.slot=${slot}"' in script
+    assert starts in script
+    assert "console=" not in script  # the device tree says it
 
 
 def test_the_raspberry_pis_firmware_finds_all_that_its_settings_name(tmp_path: Path) -> None:
     disk = disk_of(load_definitions().platform("raspberry-pi"), tmp_path)
     names = {name.removeprefix("::/") for name in mtools("mdir", disk, "-b", "::/").split()}
-    assert {"bootcode.bin", "cmdline.txt", "bcm2837-rpi-3-b.dtb", "bcm2711-rpi-4-b.dtb"} <= names
+    assert {"bootcode.bin", "bcm2837-rpi-3-b.dtb", "bcm2711-rpi-4-b.dtb"} <= names
     settings = mtools("mtype", disk, "::/config.txt").splitlines()
     named = {line.partition("=")[2] for line in settings if line.startswith(("kernel=", "start_file=", "fixup_file="))}
     assert len(named) == 5
     assert named <= names
-    assert f"root=PARTUUID={DISK_ID}-02" in mtools("mtype", disk, "::/cmdline.txt")
 
 
 def test_a_package_without_its_file_is_told(tmp_path: Path) -> None:
     platform = load_definitions().platform("beagle-armhf")
     empty = package(tmp_path, "u-boot-omap", [])
     with pytest.raises(BuildError, match="u-boot-omap has no file usr/lib/u-boot/omap3_beagle/MLO"):
-        write_board_boot(platform, {"u-boot-omap": empty}, tmp_path, tmp_path / "board")
+        write_board_files(platform, {"u-boot-omap": empty}, tmp_path, tmp_path / "board")
 
 
-@pytest.mark.parametrize("name", ["beagle-armhf", "raspberry-pi"])
-def test_the_lock_pins_the_first_stages(name: str) -> None:
+@pytest.mark.parametrize("name", ["beagle-armhf", "qemu-arm64", "raspberry-pi"])
+def test_the_lock_pins_what_starts_a_board(name: str) -> None:
     found = load_definitions()
     platform = found.platform(name)
     lock = read_lock(lock_path(platform, found.image("robot")))
     assert lock is not None
-    assert set(platform.boot_files) <= {package.name for package in lock.build_packages}
+    assert set(platform.boot_packages) <= {package.name for package in lock.build_packages}

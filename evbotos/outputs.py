@@ -1,0 +1,124 @@
+"""What a build leaves in its folder: disk images, root and kernel, a manifest, a bill of materials."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import eal_actors
+from evbotos import sbom
+from evbotos.hashing import file_sha256
+from evbotos.lock import Lock
+from evbotos.model import Image, Platform
+from evbotos.steps import StepDone, place
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """What a build made.
+
+    Attributes:
+        folder: with all of it.
+        report: sizes, hashes, steps and warnings, as plain data.
+    """
+
+    folder: Path
+    report: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """Where the outcomes of the steps are.
+
+    Attributes:
+        root: the squashed root.
+        kernel: folder with the kernel and its device trees.
+        disks: folder with `disk.img`, and `boot.img` where GRUB starts the board.
+        sizes: what the megabytes are made of.
+        initrd: initial RAM disk of a packaged kernel, or None.
+        loader: what QEMU starts in place of a board's ROM, or None.
+    """
+
+    root: Path
+    kernel: Path
+    disks: Path
+    sizes: Path
+    initrd: Path | None
+    loader: Path | None
+
+
+def manifest_of(lock: Lock, image: Image) -> dict[str, Any]:
+    """Return what an image carries of itself: what it is made of, with versions."""
+    left_out = set(image.drop_packages)
+    return {
+        "platform": lock.platform,
+        "image": lock.image,
+        "eal_actors": eal_actors.__version__,
+        "epoch": lock.epoch,
+        "kernel": lock.kernel.version,
+        "packages": {item.name: item.version for item in lock.packages if item.name not in left_out},
+        "left_out": sorted(left_out & {item.name for item in lock.packages}),
+        "wheels": {item.name: item.version for item in lock.wheels},
+        "compiled": {item.name: item.version for item in lock.compiled},
+    }
+
+
+def write_outputs(
+    platform: Platform,
+    image: Image,
+    lock: Lock,
+    made: Made,
+    steps: Sequence[StepDone],
+    warnings: list[str],
+    folder: Path,
+) -> Built:
+    """Put what was made in its place, and write what there is to say of it.
+
+    Args:
+        platform: the board.
+        image: what goes onto it.
+        lock: what it is made of.
+        made: the outcomes.
+        steps: how they went.
+        warnings: what the user was told, but does not stop a build.
+        folder: gets all of it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    trees = [Path(name).name for name in platform.kernel.device_trees]
+    sources: dict[str, Path | None] = {
+        "root.squashfs": made.root,
+        "kernel": made.kernel / platform.kernel.file,
+        "disk.img": made.disks / "disk.img",
+        "boot.img": made.disks / "boot.img",
+        "sizes.json": made.sizes,
+        "initrd": made.initrd,
+        "loader": made.loader,
+        **{name: made.kernel / name for name in trees},
+    }
+    for name, source in sources.items():
+        (folder / name).unlink(missing_ok=True)
+        if source is not None and source.exists():
+            place(source, folder / name)
+    (folder / "sbom.cdx.json").write_text(sbom.bill_of_materials(lock, set(image.drop_packages), platform.architecture))
+    files = {name: folder / name for name in ("root.squashfs", "kernel", "disk.img")}
+    report = {
+        **manifest_of(lock, image),
+        "files": {
+            name: {"mb": round(path.stat().st_size / 1e6, 2), "sha256": file_sha256(path)}
+            for name, path in files.items()
+        },
+        "root_with_kernel_mb": round(root_with_kernel_mb(made, platform), 2),
+        "budget_mb": image.budget_mb.root_with_kernel,
+        "steps": [asdict(step) for step in steps],
+        "warnings": warnings,
+    }
+    (folder / "manifest.json").write_text(json.dumps(report, indent=1) + "\n")
+    return Built(folder, report)
+
+
+def root_with_kernel_mb(made: Made, platform: Platform) -> float:
+    """Return what a system takes on its disk, in MB of 10^6 bytes."""
+    return (made.root.stat().st_size + (made.kernel / platform.kernel.file).stat().st_size) / 1e6
