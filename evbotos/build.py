@@ -18,6 +18,7 @@ from evbotos import (
     packaged_kernel,
     project,
     pruning,
+    qemu,
     sizes,
     slots,
     squash,
@@ -32,7 +33,7 @@ from evbotos.hosttools import needed_for, require
 from evbotos.lock import FOLDER as LOCKS
 from evbotos.lock import Lock, LockedPackage, lock_path, read_lock, require_match
 from evbotos.locking import lock_present_versions
-from evbotos.model import EmulatorLoader, Image, Kernel, Local, PackagedKernel, Platform
+from evbotos.model import Image, Kernel, Local, PackagedKernel, Platform
 from evbotos.outputs import Built, Made, manifest_of, root_with_kernel_mb, write_outputs
 from evbotos.packages import Apt
 from evbotos.plan import layers_of
@@ -136,7 +137,7 @@ class Build:
                 disks=self._runner.run(self._disk_step(lock, squashed, kernel_folder, board)),
                 sizes=self._runner.run(self._sizes_step(root)),
                 initrd=initrd,
-                loader=self._emulator_loader(lock),
+                emulator=self._runner.run(self._emulator_step(lock, kernel_folder)),
             )
             folder = output / f"{self._platform.name}-{self._image.name}"
             self._see_to_the_budget(root_with_kernel_mb(made, self._platform))
@@ -288,22 +289,21 @@ class Build:
 
         return Step("board", key_of(inputs, u_boot), make)
 
-    def _loader_step(self, lock: Lock, loader: EmulatorLoader) -> Step:
-        """What QEMU starts in place of a board's ROM."""
-        wanted = [package for package in lock.build_packages if package.name == loader.package]
+    def _emulator_step(self, lock: Lock, kernel_folder: Path) -> Step:
+        emulator, loader = self._platform.emulator, self._platform.emulator_loader
+        wanted = [package for package in lock.build_packages if loader is not None and package.name == loader.package]
+        told = emulator and emulator.model_dump(mode="json")
 
         def make(out: Path) -> None:
-            (package,) = self._boot_packages(wanted).values()
-            (content,) = u_boot.read_files(package, loader.package, [loader.file])
-            out.write_bytes(content[loader.skip :])
+            out.mkdir()
+            if loader is not None:
+                (package,) = self._boot_packages(wanted).values()
+                (content,) = u_boot.read_files(package, loader.package, [loader.file])
+                (out / qemu.LOADER).write_bytes(qemu.loader_of(content, loader))
+            if emulator is not None and emulator.device_tree is not None:
+                qemu.write_device_tree(kernel_folder / emulator.device_tree, emulator.lacks, out / qemu.DEVICE_TREE)
 
-        return Step("loader", key_of([[one.sha256 for one in wanted], loader.file, loader.skip], u_boot), make)
-
-    def _emulator_loader(self, lock: Lock) -> Path | None:
-        emulator = self._platform.emulator
-        if self._platform.loader == "none" or emulator is None or emulator.loader is None:
-            return None
-        return self._runner.run(self._loader_step(lock, emulator.loader))
+        return Step("emulator", key_of([kernel_folder.name, [one.sha256 for one in wanted], told], qemu, u_boot), make)
 
     def _boot_packages(self, wanted: list[LockedPackage]) -> dict[str, Path]:
         debs = self._apt(self._platform.architecture).fetch(wanted, self._cache / "debs")

@@ -26,6 +26,7 @@ PACKAGES: Final = {
     "mke2fs": "e2fsprogs",
     "grub-mkimage": "grub-common",
     "mkimage": "u-boot-tools",
+    "fdtput": "device-tree-compiler",
     "gcc": "gcc",
     "make": "make",
     "flex": "flex",
@@ -69,6 +70,8 @@ def needed_for(platform: Platform) -> list[str]:
     if platform.compiled_wheels:
         tools.append(f"{TARGETS[platform.architecture].compiler}gcc")
     tools += {"grub": _GRUB, "u-boot": _U_BOOT, "none": ()}[platform.loader]
+    if platform.emulator is not None and platform.emulator.lacks:
+        tools.append("fdtput")
     if isinstance(platform.kernel, Kernel):
         tools += _KERNEL
         if platform.kernel.cross is not None:

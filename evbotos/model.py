@@ -87,8 +87,10 @@ class EmulatorLoader(StrictModel):
     file: Text
     skip: NonNegativeInt = 0
     """How many bytes of the file come before it, such as a stage that sets up a memory which QEMU has anyway."""
+    blank: Texts = ()
+    """Words of it that QEMU's machine does not bear, to be overwritten with spaces."""
     arguments: Texts
-    """QEMU's; `{loader}` is the loader's file, `{folder}` where the device trees are."""
+    """QEMU's; `{loader}` is the loader's file, `{device_tree}` the emulator's device tree."""
 
 
 class Emulator(StrictModel):
@@ -107,6 +109,8 @@ class Emulator(StrictModel):
     """The disk, as `-device` names it, or `sd` for a card in the board's own slot."""
     device_tree: Text | None = None
     """Of the kernel's, that which describes this machine; None where QEMU makes one, or none is needed."""
+    lacks: Texts = ()
+    """Nodes of the device tree that QEMU's machine does not have, or not as the board does."""
     serial: NonNegativeInt = 0
     """Which of QEMU's serial ports the console is."""
     loader: EmulatorLoader | None = None
@@ -155,6 +159,11 @@ class Platform(StrictModel):
     def loader(self) -> Literal["grub", "u-boot", "none"]:
         """What loads the kernel: `boot`, but that QEMU itself loads a packaged one."""
         return self.boot if isinstance(self.kernel, Kernel) else "none"
+
+    @property
+    def emulator_loader(self) -> EmulatorLoader | None:
+        """What QEMU starts in place of a board's ROM, if it does not load the kernel itself."""
+        return self.emulator.loader if self.emulator is not None and self.loader != "none" else None
 
     @property
     def boot_packages(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from evbotos import sbom
 from evbotos.hashing import file_sha256
 from evbotos.lock import Lock
 from evbotos.model import Image, Platform
+from evbotos.qemu import DEVICE_TREE, LOADER
 from evbotos.steps import StepDone, place
 
 
@@ -39,7 +40,7 @@ class Made:
         disks: folder with `disk.img`, and `boot.img` where GRUB starts the board.
         sizes: what the megabytes are made of.
         initrd: initial RAM disk of a packaged kernel, or None.
-        loader: what QEMU starts in place of a board's ROM, or None.
+        emulator: folder with what QEMU starts in place of a board's ROM, and with its device tree, if it needs them.
     """
 
     root: Path
@@ -47,7 +48,7 @@ class Made:
     disks: Path
     sizes: Path
     initrd: Path | None
-    loader: Path | None
+    emulator: Path
 
 
 def manifest_of(lock: Lock, image: Image) -> dict[str, Any]:
@@ -87,7 +88,6 @@ def write_outputs(
         folder: gets all of it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    trees = [Path(name).name for name in platform.kernel.device_trees]
     sources: dict[str, Path | None] = {
         "root.squashfs": made.root,
         "kernel": made.kernel / platform.kernel.file,
@@ -95,8 +95,7 @@ def write_outputs(
         "boot.img": made.disks / "boot.img",
         "sizes.json": made.sizes,
         "initrd": made.initrd,
-        "loader": made.loader,
-        **{name: made.kernel / name for name in trees},
+        **{name: made.emulator / name for name in (LOADER, DEVICE_TREE)},
     }
     for name, source in sources.items():
         (folder / name).unlink(missing_ok=True)

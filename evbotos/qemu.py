@@ -8,7 +8,7 @@ import re
 import shutil
 import socket
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,10 +20,15 @@ from eal_actors.clock import REAL_TIME
 from evbotos.disk import DISK_ID, kernel_line
 from evbotos.errors import BuildError
 from evbotos.hosttools import tool
-from evbotos.model import Emulator, Platform
+from evbotos.model import Emulator, EmulatorLoader, Platform
+from evbotos.shell import run
 
 PORTS: Final = {"ssh": 22, "eal": 50000}
 """Ports inside that are forwarded."""
+LOADER: Final = "loader"
+"""In the folder of what was built: what QEMU starts in place of a board's ROM."""
+DEVICE_TREE: Final = "emulator.dtb"
+"""There, too: the device tree of QEMU's machine."""
 _ANSWER_S: Final = 20.0
 _END_S: Final = 10.0
 _CODE_CACHE_MB: Final = 128
@@ -144,7 +149,7 @@ def arguments_for(
     if platform.loader == "none":
         arguments += _direct_boot(platform, folder)
     elif emulator.loader is not None:
-        places = {"loader": folder / "loader", "folder": folder}
+        places = {"loader": folder / LOADER, "device_tree": folder / DEVICE_TREE}
         arguments += [word.format(**places) for word in emulator.loader.arguments]
     return [tool(emulator.program), *arguments]
 
@@ -168,8 +173,38 @@ def _direct_boot(platform: Platform, folder: Path) -> list[str]:
     words = f"root=PARTUUID={DISK_ID}-02 {kernel_line(platform)}"
     more = ["-initrd", str(initial)] if initial.is_file() else []
     if emulator.device_tree is not None:
-        more += ["-dtb", str(folder / emulator.device_tree)]
+        more += ["-dtb", str(folder / DEVICE_TREE)]
     return ["-kernel", str(folder / "kernel"), *more, "-append", words]
+
+
+def loader_of(file: bytes, loader: EmulatorLoader) -> bytes:
+    """Return the boot loader as QEMU starts it, out of its file.
+
+    Raises:
+        BuildError: words that are to be blanked are not in it.
+    """
+    content = file[loader.skip :]
+    for words in loader.blank:
+        if words.encode() not in content:
+            raise BuildError(f"{loader.file} does not say {words!r}")
+        content = content.replace(words.encode(), b" " * len(words))
+    return content
+
+
+def write_device_tree(tree: Path, lacks: Iterable[str], out: Path) -> None:
+    """Write the device tree of QEMU's machine.
+
+    Args:
+        tree: that of the board.
+        lacks: nodes of it that QEMU's machine does not have.
+        out: the file.
+
+    Raises:
+        BuildError: there is no such node.
+    """
+    shutil.copyfile(tree, out)
+    for node in lacks:
+        run([tool("fdtput"), "-t", "s", out, node, "status", "disabled"])
 
 
 @contextmanager

@@ -12,7 +12,8 @@ from evbotos.disk import DISK_ID, Contents, parts_of, write_disk
 from evbotos.errors import BuildError
 from evbotos.hosttools import find_tool
 from evbotos.lock import lock_path, read_lock
-from evbotos.model import Layout, Platform
+from evbotos.model import EmulatorLoader, Layout, Platform
+from evbotos.qemu import loader_of, write_device_tree
 from evbotos.u_boot import SCRIPT, write_board_files
 
 TOOLS = ("sfdisk", "mformat", "mcopy", "mdir", "mtype", "mke2fs", "dpkg-deb", "mkimage")
@@ -105,3 +106,25 @@ def test_the_lock_pins_what_starts_a_board(name: str) -> None:
     lock = read_lock(lock_path(platform, found.image("robot")))
     assert lock is not None
     assert set(platform.boot_packages) <= {package.name for package in lock.build_packages}
+
+
+def test_what_the_emulator_does_not_bear_is_blanked_in_its_loader() -> None:
+    loader = EmulatorLoader(
+        package="u-boot-rpi", file="u-boot.bin", skip=2, blank=("usb start;",), arguments=("-kernel",)
+    )
+    assert loader_of(b"..preboot=usb start;\0", loader) == b"preboot=          \0"
+    with pytest.raises(BuildError, match=r"u-boot\.bin does not say 'usb start;'"):
+        loader_of(b"..preboot=\0", loader)
+
+
+def test_a_node_that_the_emulator_lacks_is_disabled_in_its_device_tree(tmp_path: Path) -> None:
+    if find_tool("fdtput") is None or find_tool("dtc") is None:
+        pytest.skip("not installed: fdtput (make evbotos-setup)")
+    source, tree, out = tmp_path / "tree.dts", tmp_path / "tree.dtb", tmp_path / "emulator.dtb"
+    source.write_text('/dts-v1/; / { soc { watchdog@7e100000 { status = "okay"; }; }; };')
+    subprocess.run(["dtc", "-q", "-O", "dtb", "-o", tree, source], check=True)
+    write_device_tree(tree, ["/soc/watchdog@7e100000"], out)
+    status = ["fdtget", str(out), "/soc/watchdog@7e100000", "status"]
+    assert subprocess.run(status, capture_output=True, text=True, check=True).stdout == "disabled\n"
+    with pytest.raises(BuildError, match="FDT_ERR_NOTFOUND"):
+        write_device_tree(tree, ["/soc/wifi"], out)
