@@ -21,6 +21,7 @@ PACKAGES: Final = {
     "unsquashfs": "squashfs-tools",
     "sfdisk": "fdisk",
     "blkid": "util-linux",
+    "setpriv": "util-linux",
     "mformat": "mtools",
     "mcopy": "mtools",
     "mke2fs": "e2fsprogs",

@@ -239,6 +239,7 @@ def running(
         said = Path(work) / "said"
         with said.open("wb") as errors:
             argv = arguments_for(platform, disk, folder, memory_mb, control, console, network, boot_drive)
+            argv = [tool("setpriv"), "--pdeathsig", "KILL", *argv]  # so that it does not outlive a killed program
             process = subprocess.Popen(argv, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors)  # noqa: S603
         try:
             machine = Machine(process, _connect(process, control, said), console)
