@@ -32,14 +32,16 @@ def script(platform: Platform, kernel_line: str, disk_id: str) -> str:
         kernel_line: what the kernel is told, but for the root and the slot.
         disk_id: the disk's signature, eight hex digits.
     """
+    # OMAP's `fdt_addr_r` and `ramdisk_addr_r` lie beyond 128 MB; and its tree stays where it is loaded, which must not be
+    # where the kernel unpacks itself.
     assert isinstance(platform.kernel, Kernel)  # noqa: S101  # another one is never started by U-Boot
-    place, start = _START[platform.kernel.architecture]
+    address, start = _START[platform.kernel.architecture]
     return f"""setenv part "${{devtype}} ${{devnum}}:${{distro_bootpart}}"
 setenv good
 setenv try
 setenv starts
-if load ${{part}} ${{ramdisk_addr_r}} {slots.FILE}; then
-  env import -t ${{ramdisk_addr_r}} ${{filesize}} good try starts
+if load ${{part}} ${{pxefile_addr_r}} {slots.FILE}; then
+  env import -t ${{pxefile_addr_r}} ${{filesize}} good try starts
 fi
 if test -z "${{good}}"; then setenv good a; fi
 setenv slot ${{good}}
@@ -53,20 +55,20 @@ elif test "${{starts}}" = xxx; then
 else
   setenv starts ${{starts}}x
 fi
-env export -t -s {slots.SIZE:#x} ${{ramdisk_addr_r}} good try starts
-fatwrite ${{part}} ${{ramdisk_addr_r}} {slots.FILE} {slots.SIZE:#x}
+env export -t -s {slots.SIZE:#x} ${{pxefile_addr_r}} good try starts
+fatwrite ${{part}} ${{pxefile_addr_r}} {slots.FILE} {slots.SIZE:#x}
 setenv tree ${{fdt_addr}}
 if test -n "${{fdtfile}}"; then
   if test -e ${{part}} ${{fdtfile}}; then
-    load ${{part}} ${{fdt_addr_r}} ${{fdtfile}}
-    setenv tree ${{fdt_addr_r}}
+    setexpr tree ${{kernel_addr_r}} + 0x1000000
+    load ${{part}} ${{tree}} ${{fdtfile}}
   fi
 fi
 for turn in 1 2; do
   if test "${{slot}}" = b; then setenv number 03; else setenv number 02; fi
   echo "evbotos: slot ${{slot}}"
   setenv bootargs "root=PARTUUID={disk_id}-${{number}} {kernel_line} evbotos.slot=${{slot}}"
-  if load ${{part}} {place} vmlinuz-${{slot}}; then {start}; fi
+  if load ${{part}} {address} vmlinuz-${{slot}}; then {start}; fi
   if test "${{slot}}" = a; then setenv slot b; else setenv slot a; fi
 done
 reset

@@ -54,12 +54,20 @@ def prove_stick(proof: Proof, machine: Machine, folder: Path, monkeypatch: pytes
     wait_for_words(machine, f"/boot/robot/fleet.yaml {SERVES}")
     first_answer_s(proof, machine, monkeypatch)
     plug_in(machine, stick)
-    wait_for_words(machine, f"/media/sda/fleet.yaml {SERVES}")
+    place = f"/media/{stick_name(proof)}"
+    wait_for_words(machine, f"{place}/fleet.yaml {SERVES}")
     first_answer_s(proof, machine, monkeypatch)
-    assert "/media/sda" in answer(proof, machine, "cat /run/evbotos/robot.up")
+    assert place in answer(proof, machine, "cat /run/evbotos/robot.up")
     machine.ask("device_del", id="stick")
     wait_for_words(machine, f"/boot/robot/fleet.yaml {SERVES}", times=2)
     first_answer_s(proof, machine, monkeypatch)
+
+
+def stick_name(proof: Proof) -> str:
+    """Return what the kernel calls the first stick."""
+    emulator = proof.platform.emulator
+    assert emulator is not None
+    return "sdb" if emulator.disk == "ide-hd" else "sda"  # the disk itself is sda then
 
 
 def plug_in(machine: Machine, stick: Path) -> None:
