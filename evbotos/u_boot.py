@@ -32,7 +32,7 @@ def script(platform: Platform, kernel_line: str, disk_id: str) -> str:
         kernel_line: what the kernel is told, but for the root and the slot.
         disk_id: the disk's signature, eight hex digits.
     """
-    # OMAP's `fdt_addr_r` and `ramdisk_addr_r` lie beyond 128 MB; and its tree stays where it is loaded, which must not be
+    # OMAP's `fdt_addr_r` and `ramdisk_addr_r` lie beyond 128 MB. Its tree stays where it is loaded, which must not be
     # where the kernel unpacks itself.
     assert isinstance(platform.kernel, Kernel)  # noqa: S101  # another one is never started by U-Boot
     address, start = _START[platform.kernel.architecture]
