@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Final
+from typing import Final, TypeAlias
 
 import pymunk
 
 from eal_actors.plugin import WorldModel
 
-from .robot import Pose
+Pose: TypeAlias = tuple[float, float, float]
+"""x and y in metres, yaw in radians, unwrapped."""
 
 WALL_RADIUS_M: Final = 0.1
 """Of the walls' rounding: they are thick, so that nothing passes them in one tick."""

@@ -5,25 +5,20 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import pymunk
 
 from eal_actors.plugin import UnavailableError, WheelCalibration
 
+from .arena import Pose
 from .battery import Battery
 from .faults import HEALTHY, FaultSet
 from .models import Make
 from .motion import Drive, Motion
 from .turret import Turret
+from .view import View
 from .wheels import DeadReckoning, Wheels, moved
-
-if TYPE_CHECKING:
-    from .view import View
-
-Pose: TypeAlias = tuple[float, float, float]
-"""x and y in metres, yaw in radians, unwrapped."""
 
 
 class SimRobot:

@@ -15,8 +15,8 @@ import pymunk
 
 from eal_actors.plugin import WorldModel
 
-from .arena import add_solids, corners
-from .robot import Pose, SimRobot
+from .arena import Pose, add_solids, corners
+from .robot import SimRobot
 
 _Part: TypeAlias = pymunk.Body | pymunk.Shape | pymunk.Constraint
 

@@ -5,18 +5,21 @@ What drives and what touches is worked out elsewhere, so that no look can change
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import pymunk
 
 from eal_actors.plugin import WorldModel
 
-from .arena import add_solids, corners
+from .arena import Pose, add_solids, corners
 
-if TYPE_CHECKING:
-    from .robot import Pose, SimRobot
-    from .touching import SimBox
+
+class Placed(Protocol):
+    """What stands somewhere."""
+
+    @property
+    def pose(self) -> Pose:
+        """Where."""
 
 
 class View:
@@ -24,7 +27,6 @@ class View:
 
     Args:
         model: the world.
-        boxes: its movable boxes.
 
     Attributes:
         is_stale: whether something may have moved since the last look.
@@ -33,21 +35,23 @@ class View:
     Thread: every member is for the holder of the world's lock.
     """
 
-    def __init__(self, model: WorldModel, boxes: Sequence[SimBox]) -> None:
+    def __init__(self, model: WorldModel) -> None:
         self.is_stale = False
         self._space = pymunk.Space()
         self.names = add_solids(self._space, model)
-        self._shown: dict[SimRobot | SimBox, tuple[pymunk.Body, Pose]] = {}
-        for box in boxes:
-            body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-            self._add(box, body, pymunk.Poly(body, corners(box.model.size_m)), f"box {box.name}")
+        self._shown: dict[Placed, tuple[pymunk.Body, Pose]] = {}
 
-    def add(self, robot: SimRobot) -> None:
+    def add_disc(self, thing: Placed, name: str, radius_m: float, shape_filter: pymunk.ShapeFilter) -> None:
         """Show a robot that has got its place."""
         body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-        disc = pymunk.Circle(body, robot.make.radius_m)
-        disc.filter = robot.filter
-        self._add(robot, body, disc, robot.name)
+        disc = pymunk.Circle(body, radius_m)
+        disc.filter = shape_filter
+        self._add(thing, body, disc, name)
+
+    def add_box(self, thing: Placed, name: str, size_m: tuple[float, float]) -> None:
+        """Show a movable box."""
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        self._add(thing, body, pymunk.Poly(body, corners(size_m)), name)
 
     @property
     def space(self) -> pymunk.Space:
@@ -59,13 +63,13 @@ class View:
                     self._show(thing, body)
         return self._space
 
-    def _add(self, thing: SimRobot | SimBox, body: pymunk.Body, shape: pymunk.Shape, name: str) -> None:
+    def _add(self, thing: Placed, body: pymunk.Body, shape: pymunk.Shape, name: str) -> None:
         self.names[shape] = name
         body.position, body.angle = thing.pose[:2], thing.pose[2]
         self._space.add(body, shape)
         self._shown[thing] = body, thing.pose
 
-    def _show(self, thing: SimRobot | SimBox, body: pymunk.Body) -> None:
+    def _show(self, thing: Placed, body: pymunk.Body) -> None:
         body.position, body.angle = thing.pose[:2], thing.pose[2]
         self._space.reindex_shapes_for_body(body)
         self._shown[thing] = body, thing.pose

@@ -24,12 +24,12 @@ from eal_actors.plugin import (
     WorldModel,
 )
 
-from .arena import is_on_floor, places
+from .arena import Pose, is_on_floor, places
 from .clearance import Clearance
 from .models import Make
 from .motion import NOMINAL, Drive, Motion
 from .nearness import Nearness
-from .robot import Pose, SimRobot
+from .robot import SimRobot
 from .touching import SimBox, Touching
 from .view import View
 
@@ -86,7 +86,9 @@ class SimWorld:
         self._groups = count(1)
         self._touching = Touching(self.model, self.tick_s)
         self._nearness = Nearness(self._touching, self.tick_s)
-        self._view = View(self.model, self._touching.boxes)
+        self._view = View(self.model)
+        for box in self._touching.boxes:
+            self._view.add_box(box, f"box {box.name}", box.model.size_m)
         self._clearance = Clearance(self.model, self._view, onlooker, self.tick_s) if onlooker is not None else None
 
     @property
@@ -325,7 +327,7 @@ class SimWorld:
         if robot in self._placed:
             self._view.is_stale = True
         else:
-            self._view.add(robot)
+            self._view.add_disc(robot, robot.name, robot.make.radius_m, robot.filter)
             self._placed += (robot,)
         self._touching.settle(robot)
         for known in self._robots.values():

@@ -9,9 +9,10 @@ import pytest
 from eal_actors.clock import ManualClock
 from eal_actors.errors import ArgumentError
 from eal_actors.plugin import EALData
+from plugins.sim.arena import Pose
 from plugins.sim.models import MAKES, MakeName
 from plugins.sim.motion import Move
-from plugins.sim.robot import Pose, SimRobot
+from plugins.sim.robot import SimRobot
 from plugins.sim.world import SimWorld
 from tests.unit.sim.rig import TICK_S, Fleet, arena
 
