@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final, TypeAlias
 
+from eal_actors.actors.robot_view import RobotConnection, RobotView
 from eal_actors.clock import REAL_TIME
 from eal_actors.errors import UnavailableError, WaitTimeoutError
 from eal_actors.log import get_logger
 
-if TYPE_CHECKING:
-    from eal_actors.actors.handles import RobotHandle
-
 CLOSE_TIMEOUT_S: Final = 5.0
 """How long (real time) a robot has to stop by itself before what is stuck is abandoned."""
 
+Robot: TypeAlias = tuple[RobotConnection, RobotView]
 
-def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT_S) -> None:
+
+def close_all(robots: Sequence[Robot], timeout_s: float = CLOSE_TIMEOUT_S) -> None:
     """Halt every resource, disconnect the plugins, end every thread, of all robots at once.
 
     What is stuck is abandoned, and named in the log.
@@ -29,34 +29,34 @@ def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT
     Thread: blocks the caller, at most about twice `timeout_s` however many robots there are. In a thread of one of the
     robots, such as a done-callback's, it does not wait for that robot.
     """
-    for robot in robots:  # before time may go on without this thread, or motions would end that are to be stopped
-        robot.begin_close()
+    for actor, _ in robots:  # before time may go on without this thread, or motions would end that are to be stopped
+        actor.shut_down()
     with contextlib.ExitStack() as stack:
-        for clock in dict.fromkeys(robot._actor.clock for robot in robots):
+        for clock in dict.fromkeys(view.clock for _, view in robots):
             stack.enter_context(clock.outside())
-        _close_robots(robots, timeout_s)
+        _close_all(robots, timeout_s)
 
 
-def _close_robots(robots: Sequence[RobotHandle], timeout_s: float) -> None:
-    waiting = [robot for robot in robots if not robot._actor.is_at_work()]
+def _close_all(robots: Sequence[Robot], timeout_s: float) -> None:
+    waiting = [(actor, view) for actor, view in robots if not actor.is_at_work()]
     late = _not_stopped(waiting, timeout_s)
-    for robot in late:
-        robot._actor.force_down()
-    for robot in _not_stopped(late, timeout_s / 2):
-        robot._actor.abandon(UnavailableError("the robot was stuck while it was closed"))
+    for actor, _ in late:
+        actor.force_down()
+    for actor, _ in _not_stopped(late, timeout_s / 2):
+        actor.abandon(UnavailableError("the robot was stuck while it was closed"))
     end_s = REAL_TIME.now() + timeout_s / 2
-    for robot in waiting:
-        if alive := robot._actor.join(end_s - REAL_TIME.now()):
-            get_logger(robot=robot.name).error("threads are stuck and were left behind", threads=alive)
+    for actor, view in waiting:
+        if alive := actor.join(end_s - REAL_TIME.now()):
+            get_logger(robot=view.name).error("threads are stuck and were left behind", threads=alive)
 
 
-def _not_stopped(robots: Sequence[RobotHandle], timeout_s: float) -> list[RobotHandle]:
+def _not_stopped(robots: Sequence[Robot], timeout_s: float) -> list[Robot]:
     """Wait for robots to stop; return those that have not."""
     end_s = REAL_TIME.now() + timeout_s
     late = []
-    for robot in robots:
+    for actor, view in robots:
         try:
-            robot._view.stopped.get(timeout=max(0.0, end_s - REAL_TIME.now()))
+            view.stopped.get(timeout=max(0.0, end_s - REAL_TIME.now()))
         except WaitTimeoutError:
-            late.append(robot)
+            late.append((actor, view))
     return late

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from eal_actors.actors.closing import CLOSE_TIMEOUT_S, close_robots
+from eal_actors.actors.closing import CLOSE_TIMEOUT_S, close_all
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.resource_handle import ResourceHandle
@@ -238,10 +238,11 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         message = self.problems[-1].message if self.problems else "has failed"
         return RobotFailedError(message, robot=self.name)
 
-    def begin_close(self) -> None:
-        """Start to stop the robot. Thread: any; does not block."""
-        self._actor.shut_down()
-
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
-        """Halt every resource, disconnect the plugins, end every thread; see close_robots."""
+        """Halt every resource, disconnect the plugins, end every thread; see close_all."""
         close_robots([self], timeout_s)
+
+
+def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT_S) -> None:
+    """Halt every resource, disconnect the plugins, end every thread, of all robots at once; see close_all."""
+    close_all([(robot._actor, robot._view) for robot in robots], timeout_s)

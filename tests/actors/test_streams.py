@@ -178,7 +178,7 @@ def test_a_robot_that_is_closed_ends_its_streams_at_once() -> None:
     with running_robot({"Counter": lambda: Counter(clock)}, clock=clock) as robot:
         stream = robot["Counter"].stream(1, timeout_s=1000.0)
         assert next(stream).value == 1
-        robot.begin_close()
+        robot._actor.shut_down()
         with pytest.raises(UnavailableError, match="robot/Counter: the robot is disconnected"):
             next(stream)
         assert clock.now() < 1.0
