@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,10 +15,21 @@ from evbotos.definitions import load_definitions
 from evbotos.hosttools import find_tool, needed_for
 from evbotos.qemu import Machine
 from tests.evbotos.odometer import built_module
-from tests.evbotos.proof import Proof, answer, first_answer_s, give_keys, started
-from tests.evbotos.proofs import prove_square, prove_stick, prove_updates
+from tests.evbotos.proof import (
+    SERVES,
+    Proof,
+    answer,
+    first_answer_s,
+    give_keys,
+    started,
+    wait_for_words,
+    wait_until,
+)
+from tests.evbotos.proofs import RESETS_NOT, prove_square, prove_stick, prove_updates, wait_for_good
 
 BOARDS = ("beagle-armhf", "pc104-i686", "qemu-arm64", "raspberry-pi")
+SEED = 7
+CUTS = 12
 _LOG = get_logger()
 
 pytestmark = [pytest.mark.evbotos, pytest.mark.slow, pytest.mark.timeout(3600)]
@@ -81,3 +93,18 @@ def test_updates_of_the_board_are_refused_tried_and_fallen_back_from(proof: Proo
     disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
     with started(proof, disk) as machine:
         prove_updates(proof, machine, tmp_path)
+
+
+def test_the_power_may_go_at_any_instant_of_a_start(proof: Proof, tmp_path: Path) -> None:
+    if proof.platform.name in RESETS_NOT:
+        pytest.skip("QEMU does not start this board anew by itself")
+    disk = Path(shutil.copyfile(proof.built.folder / "disk.img", tmp_path / "disk.img"))
+    generator = random.Random(SEED)  # noqa: S311  # instants
+    for number in range(CUTS):
+        cut_s = generator.uniform(0.2, 5.0)
+        with started(proof, disk) as machine:
+            wait_until(machine, f"cut {number} after {cut_s:.2f} s", lambda: machine.computed_s() > cut_s)  # noqa: B023
+            machine.kill()
+    with started(proof, disk) as machine:
+        wait_for_words(machine, SERVES)
+        wait_for_good(proof, machine, "a")
