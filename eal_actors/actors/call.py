@@ -6,9 +6,10 @@ import itertools
 import threading
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
+from typing import Any, Final, Protocol, TypeAlias, TypeVar
 
 from eal_actors import spans
+from eal_actors.actors.feeds import Feed, Sink, StreamSpec
 from eal_actors.actors.future import Future, Later
 from eal_actors.actors.inbox import Envelope, Inbox
 from eal_actors.clock import Clock
@@ -25,10 +26,6 @@ from eal_actors.info import ResourceInfo
 from eal_actors.link import Link
 from eal_actors.log import get_logger
 from eal_actors.resource import Progress, Resource
-
-if TYPE_CHECKING:
-    from eal_actors.actors.feeds import OpenFeed
-    from eal_actors.actors.streams import Stream
 
 T = TypeVar("T")
 
@@ -240,6 +237,14 @@ class StopLatch:
         return True
 
 
+class Follower(Protocol):
+    """Who must know when a resource is gone for good: a stream."""
+
+    def end(self, error: EALError) -> None:
+        """Nothing comes any more. Thread: any; does not block."""
+        ...
+
+
 class ResourceCell:
     """The named slot of a resource on its robot: handles and callers keep it, restarts change what is in it.
 
@@ -275,7 +280,7 @@ class ResourceCell:
         self.info: ResourceInfo | None = None
         self.error: EALError = UnavailableError("it has not started yet")
         self.open_feed: OpenFeed | None = None
-        self._streams: set[Stream] = set()
+        self._streams: set[Follower] = set()
         self._is_closed = False
 
     def close(self, error: EALError) -> None:
@@ -286,13 +291,13 @@ class ResourceCell:
         for stream in list(self._streams):
             stream.end(error)
 
-    def join_stream(self, stream: Stream) -> None:
+    def join_stream(self, stream: Follower) -> None:
         """Tell a stream when everything is over. Thread: any."""
         self._streams.add(stream)
         if self._is_closed:
             stream.end(self.error)
 
-    def leave_stream(self, stream: Stream) -> None:
+    def leave_stream(self, stream: Follower) -> None:
         """Tell it no more. Thread: any."""
         self._streams.discard(stream)
 
@@ -376,3 +381,7 @@ class ResourceCell:
     def unavailable(self) -> EALError:
         """Return why calls fail now. Thread: any."""
         return self.error.copy().at(self.robot, self.name)
+
+
+OpenFeed: TypeAlias = Callable[[ResourceCell, StreamSpec, Sink], Feed]
+"""Opens a feed of a resource. Thread: any; does not block."""

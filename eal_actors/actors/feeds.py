@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, Protocol, TypeAlias, get_args
+from typing import Final, Literal, Protocol, TypeAlias, get_args
 
 from eal_actors.data import EALData
 from eal_actors.data.forms import DataType
 from eal_actors.errors import ArgumentError, EALError, UnsupportedError
 from eal_actors.info import ResourceInfo, ValueInfo
-
-if TYPE_CHECKING:
-    from eal_actors.actors.call import ResourceCell
 
 Encoding: TypeAlias = Literal["raw", "jpeg", "png"]
 """How a frame travels; JPEG loses a little, the others nothing. The reader gets an image again."""
@@ -96,7 +93,3 @@ class Feed(Protocol):
     def close(self) -> None:
         """Bring nothing more. Calling it twice is harmless. Thread: any; does not block."""
         ...
-
-
-OpenFeed: TypeAlias = Callable[["ResourceCell", StreamSpec, Sink], Feed]
-"""Opens a feed of a resource. Thread: any; does not block."""

@@ -5,16 +5,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
+from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.feeds import Item, StreamSpec
 from eal_actors.actors.polling import PolledFeed
 from eal_actors.clock import new_waiter
 from eal_actors.data import EALData
 from eal_actors.errors import BusyError, DeadlineError, EALError, UnavailableError
-
-if TYPE_CHECKING:
-    from eal_actors.actors.call import ResourceCell
 
 _PASSING: Final = (UnavailableError, BusyError, DeadlineError)
 """What keeps values away for a while: a reader waits over it."""
