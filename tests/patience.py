@@ -6,13 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from eal_actors import Fleet
+from eal_actors.lock_step import Rate
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Scenario, load_scenario
 
 LONG_S = 10_000.0
 
 
-def patient_fleet(path: Path, rate: float, seed: int | None = None) -> Fleet:
+def patient_fleet(path: Path, rate: Rate, seed: int | None = None) -> Fleet:
     """Return a fleet, faster than its file says."""
     config = EALConfigManager.load(path).fleet
     robots = {name: replace(robot, timeout_s=LONG_S) for name, robot in config.robots.items()}

@@ -12,6 +12,7 @@ import pytest
 from eal_actors.bundled import bundled_path
 from eal_actors.clock import ScaledClock
 from eal_actors.facade.fleet import Fleet
+from eal_actors.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import PoseRecorder, PoseSample, RunRecorder, draw_trajectory
 from eal_actors.recording.picture import tick_quarter_turns
@@ -148,7 +149,7 @@ def test_a_table_counts_from_the_runs_start(tmp_path: Path) -> None:
         "version: 1\nname: s\ndescription: d\nroles: {all: {}}\n"
         "steps: [{wait_s: 1}, {on: all, do: [{send_cmd: {resource: Base, cmd: g}}]}]\n"
     )
-    with patient_fleet(bundled_path("fleets/sim.yaml"), rate=20) as fleet:
+    with patient_fleet(bundled_path("fleets/sim.yaml"), rate=MAX) as fleet:
         recorder = RunRecorder(fleet, fleet, tmp_path)
         run = Run(make_plan(load_scenario(tmp_path / "s.yaml"), fleet), fleet, listeners=[recorder.hear])
         with recorder:
