@@ -128,16 +128,15 @@ class Build:
             initrd = self._runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
             root = self._runner.run(self._root_step(lock, base))
             squashed = self._runner.run(self._squash_step(lock, root))
-            board = (
-                self._runner.run(self._board_step(lock, kernel_folder)) if self._platform.loader == "u-boot" else None
-            )
+            has_u_boot, needs_stand_ins = self._platform.loader == "u-boot", self._platform.needs_stand_ins
+            board = self._runner.run(self._board_step(lock, kernel_folder)) if has_u_boot else None
             made = Made(
                 root=squashed,
                 kernel=kernel_folder,
                 disks=self._runner.run(self._disk_step(lock, squashed, kernel_folder, board)),
                 sizes=self._runner.run(self._sizes_step(root)),
                 initrd=initrd,
-                emulator=self._runner.run(self._emulator_step(lock, kernel_folder)),
+                emulator=self._runner.run(self._emulator_step(lock, kernel_folder)) if needs_stand_ins else None,
             )
             folder = output / f"{self._platform.name}-{self._image.name}"
             self._see_to_the_budget(root_with_kernel_mb(made, self._platform))
@@ -290,6 +289,7 @@ class Build:
         return Step("board", key_of(inputs, u_boot), make)
 
     def _emulator_step(self, lock: Lock, kernel_folder: Path) -> Step:
+        """What QEMU has in place of a board's ROM and device tree."""
         emulator, loader = self._platform.emulator, self._platform.emulator_loader
         wanted = [package for package in lock.build_packages if loader is not None and package.name == loader.package]
         told = emulator and emulator.model_dump(mode="json")

@@ -166,6 +166,11 @@ class Platform(StrictModel):
         return self.emulator.loader if self.emulator is not None and self.loader != "none" else None
 
     @property
+    def needs_stand_ins(self) -> bool:
+        """Whether QEMU must be given a boot loader or a device tree in place of the board's."""
+        return self.emulator_loader is not None or (self.emulator is not None and self.emulator.device_tree is not None)
+
+    @property
     def boot_packages(self) -> tuple[str, ...]:
         """Debian packages whose files start the board or its emulator."""
         loader = self.emulator and self.emulator.loader

@@ -40,7 +40,7 @@ class Made:
         disks: folder with `disk.img`, and `boot.img` where GRUB starts the board.
         sizes: what the megabytes are made of.
         initrd: initial RAM disk of a packaged kernel, or None.
-        emulator: folder with what QEMU starts in place of a board's ROM, and with its device tree, if it needs them.
+        emulator: folder with what QEMU starts in place of a board's ROM, and with its device tree; None for a PC.
     """
 
     root: Path
@@ -48,7 +48,7 @@ class Made:
     disks: Path
     sizes: Path
     initrd: Path | None
-    emulator: Path
+    emulator: Path | None
 
 
 def manifest_of(lock: Lock, image: Image) -> dict[str, Any]:
@@ -95,13 +95,16 @@ def write_outputs(
         "boot.img": made.disks / "boot.img",
         "sizes.json": made.sizes,
         "initrd": made.initrd,
-        **{name: made.emulator / name for name in (LOADER, DEVICE_TREE)},
+        **{name: made.emulator and made.emulator / name for name in (LOADER, DEVICE_TREE)},
     }
     for name, source in sources.items():
-        (folder / name).unlink(missing_ok=True)
         if source is not None and source.exists():
             place(source, folder / name)
-    (folder / "sbom.cdx.json").write_text(sbom.bill_of_materials(lock, set(image.drop_packages), platform.architecture))
+        else:  # an earlier build may have had it
+            (folder / name).unlink(missing_ok=True)
+    on_boot_partition = set(platform.boot_files) if platform.loader == "u-boot" else set()
+    bill = sbom.bill_of_materials(lock, set(image.drop_packages), on_boot_partition, platform.architecture)
+    (folder / "sbom.cdx.json").write_text(bill)
     files = {name: folder / name for name in ("root.squashfs", "kernel", "disk.img")}
     report = {
         **manifest_of(lock, image),

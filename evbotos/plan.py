@@ -95,6 +95,9 @@ def _steps(platform: Platform, image: Image) -> list[str]:
         kernel_step = f"kernel: unpack {kernel.package}, with an initial RAM disk of {', '.join(kernel.modules)}"
     compiled = compiled_of(platform, image)
     cross = [f"compiled: compile wheels of {', '.join(compiled)} from source"] if compiled else []
+    stand_ins = (
+        ["emulator: what QEMU has in place of the board's ROM and device tree"] if platform.needs_stand_ins else []
+    )
     return [
         f"packages: fetch {platform.architecture} packages of {platform.suite}, by their locked hashes",
         "wheels: fetch Python packages, by their locked hashes",
@@ -104,5 +107,6 @@ def _steps(platform: Platform, image: Image) -> list[str]:
         f"root: lay {', '.join(image.services)} over it" + (", and this project" if image.project else ""),
         f"squash: compress with {platform.compression}",
         f"disk: boot partition, slots A and B, data; to start it: {boot}",
+        *stand_ins,
         "outputs: manifest, bill of materials, sizes",
     ]

@@ -200,8 +200,10 @@ def write_device_tree(tree: Path, lacks: Iterable[str], out: Path) -> None:
         out: the file.
 
     Raises:
-        BuildError: there is no such node.
+        BuildError: the kernel has not brought the tree, or there is no such node.
     """
+    if not tree.is_file():
+        raise BuildError(f"QEMU's machine needs {tree.name}: name it under the kernel's `device_trees`")
     shutil.copyfile(tree, out)
     for node in lacks:
         run([tool("fdtput"), "-t", "s", out, node, "status", "disabled"])

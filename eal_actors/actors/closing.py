@@ -14,10 +14,10 @@ from eal_actors.log import get_logger
 CLOSE_TIMEOUT_S: Final = 5.0
 """How long (real time) a robot has to stop by itself before what is stuck is abandoned."""
 
-Robot: TypeAlias = tuple[RobotConnection, RobotView]
+Connected: TypeAlias = tuple[RobotConnection, RobotView]
 
 
-def close_all(robots: Sequence[Robot], timeout_s: float = CLOSE_TIMEOUT_S) -> None:
+def close_all(robots: Sequence[Connected], timeout_s: float = CLOSE_TIMEOUT_S) -> None:
     """Halt every resource, disconnect the plugins, end every thread, of all robots at once.
 
     What is stuck is abandoned, and named in the log.
@@ -37,7 +37,7 @@ def close_all(robots: Sequence[Robot], timeout_s: float = CLOSE_TIMEOUT_S) -> No
         _close_all(robots, timeout_s)
 
 
-def _close_all(robots: Sequence[Robot], timeout_s: float) -> None:
+def _close_all(robots: Sequence[Connected], timeout_s: float) -> None:
     waiting = [(actor, view) for actor, view in robots if not actor.is_at_work()]
     late = _not_stopped(waiting, timeout_s)
     for actor, _ in late:
@@ -50,7 +50,7 @@ def _close_all(robots: Sequence[Robot], timeout_s: float) -> None:
             get_logger(robot=view.name).error("threads are stuck and were left behind", threads=alive)
 
 
-def _not_stopped(robots: Sequence[Robot], timeout_s: float) -> list[Robot]:
+def _not_stopped(robots: Sequence[Connected], timeout_s: float) -> list[Connected]:
     """Wait for robots to stop; return those that have not."""
     end_s = REAL_TIME.now() + timeout_s
     late = []

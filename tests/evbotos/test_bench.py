@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import sys
 from pathlib import Path
 
 import pytest
 
+from eal_actors.log import get_logger
 from evbotos.bench import BOARDS, OPERATIONS, Benchmark, read_results, run_by, run_here
 from evbotos.bench_chart import draw_chart
 from evbotos.bench_command import bench, times
-from evbotos.build import OUTPUT
+from evbotos.build import Build
+from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
-from evbotos.hosttools import find_tool
+from evbotos.hosttools import find_tool, needed_for
+from evbotos.model import Local
 
 LINES: list[dict[str, object]] = [
     {"engine": "Octave 7.3.0"},
@@ -148,11 +150,12 @@ def test_build_times_stand_beside_the_thesis(tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.evbotos
 @pytest.mark.timeout(1200)
 def test_the_octave_image_runs_the_benchmark(tmp_path: Path) -> None:
-    if not (OUTPUT / "qemu-amd64-octave/disk.img").is_file():
-        pytest.skip("evbotos build qemu-amd64 octave has not been run")
-    if find_tool("qemu-system-x86_64") is None or shutil.which("ssh") is None:
-        pytest.skip("qemu-system-x86 or ssh is not installed")
-    shutil.copytree(OUTPUT / "qemu-amd64-octave", tmp_path / "qemu-amd64-octave")
+    found = load_definitions()
+    platform = found.platform("qemu-amd64")
+    missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
+    if missing:
+        pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
+    Build(platform, found.image("octave"), Local(version=1), get_logger().info).run(tmp_path)
     bench(engine="octave", n=100, in_image=True, output=tmp_path)
     kept = json.loads((tmp_path / "bench-octave-100-qemu-amd64.json").read_text())
     assert kept["engine"].startswith("Octave ")

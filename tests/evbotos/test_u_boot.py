@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from evbotos.hosttools import find_tool
 from evbotos.lock import lock_path, read_lock
 from evbotos.model import EmulatorLoader, Layout, Platform
 from evbotos.qemu import loader_of, write_device_tree
+from evbotos.sbom import bill_of_materials
 from evbotos.u_boot import SCRIPT, write_board_files
 
 TOOLS = ("sfdisk", "mformat", "mcopy", "mdir", "mtype", "mke2fs", "dpkg-deb", "mkimage")
@@ -92,11 +94,31 @@ def test_the_raspberry_pis_firmware_finds_all_that_its_settings_name(tmp_path: P
     assert named <= names
 
 
+@pytest.mark.parametrize("name", ["beagle-armhf", "raspberry-pi"])
+def test_two_disks_of_the_same_contents_are_the_same_bytes(tmp_path: Path, name: str) -> None:
+    platform = load_definitions().platform(name)
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+    one, two = (disk_of(platform, tmp_path / folder) for folder in ("one", "two"))
+    assert one.read_bytes() == two.read_bytes()
+
+
 def test_a_package_without_its_file_is_told(tmp_path: Path) -> None:
     platform = load_definitions().platform("beagle-armhf")
     empty = package(tmp_path, "u-boot-omap", [])
     with pytest.raises(BuildError, match="u-boot-omap has no file usr/lib/u-boot/omap3_beagle/MLO"):
         write_board_files(platform, {"u-boot-omap": empty}, tmp_path, tmp_path / "board")
+
+
+def test_the_bill_of_materials_names_what_starts_the_board_but_nothing_of_its_emulator() -> None:
+    found = load_definitions()
+    platform = found.platform("beagle-armhf")
+    lock = read_lock(lock_path(platform, found.image("robot")))
+    assert lock is not None
+    bill = json.loads(bill_of_materials(lock, set(), set(platform.boot_files), platform.architecture))
+    names = {component["name"] for component in bill["components"]}
+    assert "u-boot-omap" in names
+    assert not {"u-boot-sunxi", "dpkg-dev"} & names
 
 
 @pytest.mark.parametrize("name", ["beagle-armhf", "qemu-arm64", "raspberry-pi"])
@@ -126,5 +148,7 @@ def test_a_node_that_the_emulator_lacks_is_disabled_in_its_device_tree(tmp_path:
     write_device_tree(tree, ["/soc/watchdog@7e100000"], out)
     status = ["fdtget", str(out), "/soc/watchdog@7e100000", "status"]
     assert subprocess.run(status, capture_output=True, text=True, check=True).stdout == "disabled\n"
+    with pytest.raises(BuildError, match=r"QEMU's machine needs other\.dtb: name it under the kernel's `device_trees`"):
+        write_device_tree(tmp_path / "other.dtb", [], out)
     with pytest.raises(BuildError, match="FDT_ERR_NOTFOUND"):
         write_device_tree(tree, ["/soc/wifi"], out)
