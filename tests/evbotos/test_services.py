@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from evbotos.qemu import Machine
 from tests.evbotos.proof import Proof, answer, said, ssh, started, wait_until
+from tests.evbotos.usb_camera import NAME, UsbCamera
 
 KEPT_MOST = 200_000 + 1_200
 """Bytes that are kept of a log: two files that end with the line that makes them larger than the half of it."""
@@ -74,3 +76,15 @@ def test_what_is_kept_of_logs_is_bounded(proof: Proof, running: Machine) -> None
     assert 100_000 < int(kept) < KEPT_MOST
     assert answer(proof, running, "tail -n 1 /data/log/trial.log").endswith(f" {line}\n")
     assert "syslogd -n -C128" in answer(proof, running, "ps")  # the rest is in RAM alone
+
+
+def test_a_usb_camera_comes_up_by_itself(proof: Proof, running: Machine, tmp_path: Path) -> None:
+    wait_for_robot(proof, running)
+    with UsbCamera(tmp_path / "usb"):
+        line = {"type": "unix", "data": {"path": str(tmp_path / "usb")}}
+        running.ask("chardev-add", id="camera", backend={"type": "socket", "data": {"addr": line, "server": False}})
+        running.ask("device_add", driver="usb-redir", bus="usb.0", id="camera", chardev="camera")
+        look = "cat /sys/class/video4linux/video0/name && test -c /dev/video0"
+        wait_until(running, "a camera is there", lambda: NAME in ssh(proof, running, look).stdout)
+        running.ask("device_del", id="camera")
+        wait_until(running, "it is gone", lambda: ssh(proof, running, "test -e /dev/video0").returncode == 1)
