@@ -13,7 +13,7 @@ INSTALL_VENV := { echo "Installing python3-venv, which $(PYTHON) -m venv needs";
 
 # What `evbotos build` and `evbotos run` call; evbotos/hosttools.py names each where one is missing.
 EVBOTOS_TOOLS := apt bc binutils bison device-tree-compiler dosfstools dpkg e2fsprogs fdisk flex gcc gcc-aarch64-linux-gnu gcc-arm-linux-gnueabihf \
-	grub-common grub-pc-bin libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
+	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
 .PHONY: demo demo-network lab test test-slow check docs bench bench-peers bench-scale soak fuzz figures format evbotos-setup test-evbotos clean help

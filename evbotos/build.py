@@ -33,7 +33,7 @@ from evbotos.hosttools import needed_for, require
 from evbotos.lock import FOLDER as LOCKS
 from evbotos.lock import Lock, LockedPackage, lock_path, read_lock, require_match
 from evbotos.locking import lock_present_versions
-from evbotos.model import Image, Kernel, Local, PackagedKernel, Platform
+from evbotos.model import GRUB_PACKAGE, Image, Kernel, Local, PackagedKernel, Platform
 from evbotos.outputs import Built, Made, manifest_of, root_with_kernel_mb, write_outputs
 from evbotos.packages import Apt
 from evbotos.plan import layers_of
@@ -128,12 +128,13 @@ class Build:
             initrd = self._runner.run(self._initrd_step(lock, kernel_folder, base)) if self._is_packaged else None
             root = self._runner.run(self._root_step(lock, base))
             squashed = self._runner.run(self._squash_step(lock, root))
-            has_u_boot, needs_stand_ins = self._platform.loader == "u-boot", self._platform.needs_stand_ins
-            board = self._runner.run(self._board_step(lock, kernel_folder)) if has_u_boot else None
+            loader, needs_stand_ins = self._platform.loader, self._platform.needs_stand_ins
+            board = self._runner.run(self._board_step(lock, kernel_folder)) if loader == "u-boot" else None
+            images = self._runner.run(self._grub_step(lock)) if loader == "grub" else None
             made = Made(
                 root=squashed,
                 kernel=kernel_folder,
-                disks=self._runner.run(self._disk_step(lock, squashed, kernel_folder, board)),
+                disks=self._runner.run(self._disk_step(lock, squashed, kernel_folder, board, images)),
                 sizes=self._runner.run(self._sizes_step(root)),
                 initrd=initrd,
                 emulator=self._runner.run(self._emulator_step(lock, kernel_folder)) if needs_stand_ins else None,
@@ -288,6 +289,14 @@ class Build:
 
         return Step("board", key_of(inputs, u_boot), make)
 
+    def _grub_step(self, lock: Lock) -> Step:
+        wanted = [package for package in lock.build_packages if package.name == GRUB_PACKAGE]
+
+        def make(out: Path) -> None:
+            grub.write_images(self._boot_packages(wanted)[GRUB_PACKAGE], out)
+
+        return Step("grub", key_of([one.sha256 for one in wanted], grub), make)
+
     def _emulator_step(self, lock: Lock, kernel_folder: Path) -> Step:
         """What QEMU has in place of a board's ROM and device tree."""
         emulator, loader = self._platform.emulator, self._platform.emulator_loader
@@ -309,13 +318,16 @@ class Build:
         debs = self._apt(self._platform.architecture).fetch(wanted, self._cache / "debs")
         return {package.name: deb for package, deb in zip(wanted, debs, strict=True)}
 
-    def _disk_step(self, lock: Lock, squashed: Path, kernel_folder: Path, board: Path | None) -> Step:
+    def _disk_step(
+        self, lock: Lock, squashed: Path, kernel_folder: Path, board: Path | None, images: Path | None
+    ) -> Step:
         gathered = gather_robot_files(self._local)
         layout, platform = self._image.layout, self._platform
         inputs = [
             squashed.name,
             kernel_folder.name,
             board and board.name,
+            images and images.name,
             layout.model_dump(),
             platform.loader,
             disk.kernel_line(platform),
@@ -330,11 +342,11 @@ class Build:
                 (boot_files / name).parent.mkdir(parents=True, exist_ok=True)
                 (boot_files / name).write_bytes(content)
             kernel_file = kernel_folder / platform.kernel.file
-            what = disk.Contents(platform, squashed, kernel_file, board, boot_files, lock.epoch)
+            what = disk.Contents(platform, squashed, kernel_file, board, images, boot_files, lock.epoch)
             out.mkdir()
             try:
                 disk.write_disk(out / "disk.img", layout, what)
-                if platform.loader == "grub":
+                if images is not None:
                     disk.write_boot_drive(out / "boot.img", layout, what)
             finally:
                 shutil.rmtree(boot_files)

@@ -71,6 +71,7 @@ class Contents:
         root: the squashed root, for slot A.
         kernel: the kernel's file, for each of the slots, where a loader on the disk starts it.
         board: folder with what the board's ROM loads, laid on the boot partition, or None.
+        grub: folder with GRUB's images, which are written before it, or None.
         boot_files: folder that is laid on the boot partition as `robot`, or None.
         epoch: the date of everything.
     """
@@ -79,6 +80,7 @@ class Contents:
     root: Path
     kernel: Path
     board: Path | None
+    grub: Path | None
     boot_files: Path | None
     epoch: int
 
@@ -122,8 +124,8 @@ def _write_boot(out: Path, disk_id: str, place: tuple[int, int], contents: Conte
         boot = Path(folder) / "boot"
         _fill_boot(boot, contents, line)
         _write_at(out, _fat(boot, disk_id, place[1], Path(folder), contents.epoch), place[0])
-    if contents.platform.loader == "grub":
-        grub.install(out, grub.core_image(), place[0] // grub.SECTOR)
+    if contents.grub is not None:
+        grub.install(out, contents.grub, place[0] // grub.SECTOR)
 
 
 def _require_room(what: str, path: Path, room: int, remedy: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,13 +11,16 @@ from typing import Final
 from evbotos import slots
 from evbotos.errors import BuildError
 from evbotos.hosttools import tool
+from evbotos.model import GRUB_PACKAGE
 from evbotos.shell import run
 
 SECTOR: Final = 512
 _MODULES: Final = (
     "biosdisk part_msdos fat normal configfile linux loadenv test echo serial terminal reboot sleep minicmd"
 )
-_FOLDER: Final = Path("/usr/lib/grub/i386-pc")
+_FOLDER: Final = "usr/lib/grub/i386-pc"
+_BOOT: Final = "boot.img"
+_CORE: Final = "core.img"
 _KERNEL_SECTOR: Final = 0x5C
 """In boot.img: the sector where the core image begins."""
 _BLOCK_LIST: Final = 0x1F4
@@ -64,36 +68,45 @@ reboot
 """
 
 
-def core_image() -> bytes:
-    """Return GRUB's core image, which finds the menu on the first partition of the disk that it was started from.
+def write_images(package: Path, out: Path) -> None:
+    """Write the two images of GRUB that start a disk: they find the menu on the first partition of that same disk.
+
+    Args:
+        package: the file of Debian's package.
+        out: folder for them, which is made.
 
     Raises:
-        BuildError: grub-mkimage failed.
+        BuildError: the package or grub-mkimage is not what this needs.
     """
     with TemporaryDirectory() as folder:
+        run([tool("dpkg-deb"), "-x", package, folder])
+        parts = Path(folder) / _FOLDER
+        if not (parts / _BOOT).is_file():
+            raise BuildError(f"{GRUB_PACKAGE} has no file {_FOLDER}/{_BOOT}")
         early = Path(folder) / "early.cfg"
         early.write_text("set root=(hd0,msdos1)\nset prefix=($root)/grub\nconfigfile $prefix/grub.cfg\n")
-        out = Path(folder) / "core.img"
-        options: list[str | Path] = ["-O", "i386-pc", "-p", "(hd0,msdos1)/grub", "-c", early, "-o", out]
-        run([tool("grub-mkimage"), *options, *_MODULES.split()])
-        return out.read_bytes()
+        out.mkdir(parents=True)
+        shutil.copyfile(parts / _BOOT, out / _BOOT)
+        place: list[str | Path] = ["-d", parts, "-p", "(hd0,msdos1)/grub", "-c", early, "-o", out / _CORE]
+        run([tool("grub-mkimage"), "-O", "i386-pc", *place, *_MODULES.split()])
 
 
-def install(image: Path, core: bytes, first_partition: int) -> None:
+def install(image: Path, images: Path, first_partition: int) -> None:
     """Write GRUB before the first partition of a disk image.
 
     Args:
         image: the disk image, with its partitions.
-        core: what `core_image` returns.
+        images: folder that `write_images` has made.
         first_partition: in sectors.
 
     Raises:
         BuildError: there is no room for it.
     """
+    core = (images / _CORE).read_bytes()
     sectors = -(-len(core) // SECTOR)
     if 1 + sectors > first_partition:
         raise BuildError(f"GRUB needs {sectors} sectors, but only {first_partition - 1} lie before the first partition")
-    boot = bytearray((_FOLDER / "boot.img").read_bytes())
+    boot = bytearray((images / _BOOT).read_bytes())
     struct.pack_into("<Q", boot, _KERNEL_SECTOR, 1)
     first = bytearray(core.ljust(sectors * SECTOR, b"\0"))
     struct.pack_into("<QHH", first, _BLOCK_LIST, 2, sectors - 1, _CORE_SEGMENT)

@@ -41,7 +41,6 @@ PACKAGES: Final = {
     "qemu-system-aarch64": "qemu-system-arm",
     "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu",
     "arm-linux-gnueabihf-gcc": "gcc-arm-linux-gnueabihf",
-    "/usr/lib/grub/i386-pc/boot.img": "grub-pc-bin",
     "/usr/include/gelf.h": "libelf-dev",
     "/usr/include/openssl/opensslv.h": "libssl-dev",
 }
@@ -60,7 +59,7 @@ _KERNEL: Final = (
     "/usr/include/openssl/opensslv.h",
 )
 _DISK: Final = ("sfdisk", "mformat", "mcopy", "mke2fs")
-_GRUB: Final = ("grub-mkimage", "/usr/lib/grub/i386-pc/boot.img")
+_GRUB: Final = ("grub-mkimage",)
 _U_BOOT: Final = ("mkimage",)
 _ADMIN_FOLDERS: Final = ("/usr/sbin", "/sbin")
 

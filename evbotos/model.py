@@ -9,6 +9,9 @@ from pydantic import Discriminator, Field, NonNegativeInt, PositiveFloat, Positi
 
 from eal_actors.strict_model import NAMES_ONLY, Name, StrictModel, Version1
 
+GRUB_PACKAGE: Final = "grub-pc-bin"
+"""Debian's, with what starts a PC."""
+
 Architecture = Literal["amd64", "arm64", "armhf", "i386"]
 """As Debian names it."""
 
@@ -171,10 +174,15 @@ class Platform(StrictModel):
         return self.emulator_loader is not None or (self.emulator is not None and self.emulator.device_tree is not None)
 
     @property
+    def disk_packages(self) -> tuple[str, ...]:
+        """Debian packages whose files lie on the disk before any system does: GRUB, or U-Boot and what starts it."""
+        return {"grub": (GRUB_PACKAGE,), "u-boot": tuple(self.boot_files), "none": ()}[self.loader]
+
+    @property
     def boot_packages(self) -> tuple[str, ...]:
         """Debian packages whose files start the board or its emulator."""
-        loader = self.emulator and self.emulator.loader
-        return tuple(sorted({*self.boot_files, *([loader.package] if loader else [])}))
+        stand_in = self.emulator_loader
+        return tuple(sorted({*self.disk_packages, *([stand_in.package] if stand_in else [])}))
 
 
 class PlatformOverride(StrictModel):

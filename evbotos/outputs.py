@@ -102,8 +102,7 @@ def write_outputs(
             place(source, folder / name)
         else:  # an earlier build may have had it
             (folder / name).unlink(missing_ok=True)
-    on_boot_partition = set(platform.boot_files) if platform.loader == "u-boot" else set()
-    bill = sbom.bill_of_materials(lock, set(image.drop_packages), on_boot_partition, platform.architecture)
+    bill = sbom.bill_of_materials(lock, set(image.drop_packages), set(platform.disk_packages), platform.architecture)
     (folder / "sbom.cdx.json").write_text(bill)
     files = {name: folder / name for name in ("root.squashfs", "kernel", "disk.img")}
     report = {

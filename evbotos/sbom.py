@@ -16,13 +16,13 @@ import eal_actors
 from evbotos.lock import Lock, LockedPackage, LockedSource, LockedWheel
 
 
-def bill_of_materials(lock: Lock, left_out: set[str], on_boot_partition: set[str], architecture: str) -> str:
+def bill_of_materials(lock: Lock, left_out: set[str], on_disk: set[str], architecture: str) -> str:
     """Return what an image is made of.
 
     Args:
         lock: of the image.
         left_out: packages that were not unpacked.
-        on_boot_partition: packages that the build reads for what starts the board, such as U-Boot.
+        on_disk: packages that the build reads for what starts the board, such as U-Boot.
         architecture: as Debian names it.
     """
     name = f"evbotos-{lock.platform}-{lock.image}"
@@ -30,7 +30,7 @@ def bill_of_materials(lock: Lock, left_out: set[str], on_boot_partition: set[str
     this = Component(name=name, version=str(lock.epoch), type=ComponentType.OPERATING_SYSTEM, bom_ref=name)
     bom.metadata = BomMetaData(component=this, timestamp=datetime.fromtimestamp(lock.epoch, UTC))
     bom.components.add(Component(name="eal-actors", version=eal_actors.__version__, bom_ref="eal-actors"))
-    loaders = [package for package in lock.build_packages if package.name in on_boot_partition]
+    loaders = [package for package in lock.build_packages if package.name in on_disk]
     for package in (lock.kernel, *lock.packages, *loaders):
         if package.name not in left_out:
             bom.components.add(_debian(package, architecture))

@@ -7,18 +7,30 @@ from pathlib import Path
 import pytest
 
 from evbotos import grub
+from evbotos.apt_sources import sources_for
 from evbotos.definitions import load_definitions
 from evbotos.disk import BOOT_DRIVE_ID, DISK_ID, KERNEL_ROOM, MIB, Contents, parts_of, write_boot_drive, write_disk
 from evbotos.disk_image import check_image
 from evbotos.errors import BuildError
 from evbotos.hosttools import find_tool
-from evbotos.model import Layout
+from evbotos.lock import lock_path, read_lock
+from evbotos.model import GRUB_PACKAGE, Layout
+from evbotos.packages import Apt
 from evbotos.slots import state_block
 
 LAYOUT = Layout(boot=16, slot=2, data=3)
-TOOLS = ("sfdisk", "mformat", "mcopy", "mke2fs", "grub-mkimage", "/usr/lib/grub/i386-pc/boot.img")
+TOOLS = ("sfdisk", "mformat", "mcopy", "mke2fs")
 MISSING = [name for name in TOOLS if find_tool(name) is None]
 needs_tools = pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)} (make evbotos-setup)")
+
+
+def grub_images(folder: Path, core_size: int = 1000) -> Path:
+    """Make a folder with files in the place of GRUB's images."""
+    images = folder / "grub-images"
+    images.mkdir(exist_ok=True)
+    (images / "boot.img").write_bytes(b"B" * 512)
+    (images / "core.img").write_bytes(b"C" * core_size)
+    return images
 
 
 def contents(tmp_path: Path, root_size: int = 1000) -> Contents:
@@ -28,7 +40,7 @@ def contents(tmp_path: Path, root_size: int = 1000) -> Contents:
     robot.mkdir(exist_ok=True)
     (robot / "fleet.yaml").write_text("version: 1\n")
     platform = load_definitions().platform("qemu-amd64")
-    return Contents(platform, tmp_path / "root", tmp_path / "kernel", None, robot, 1_700_000_000)
+    return Contents(platform, tmp_path / "root", tmp_path / "kernel", None, grub_images(tmp_path), robot, 1_700_000_000)
 
 
 def test_the_parts_follow_one_another() -> None:
@@ -108,13 +120,33 @@ def test_the_choice_of_the_slot_is_always_as_large() -> None:
 
 
 def test_grub_leaves_the_partition_table_and_the_first_partition_alone(tmp_path: Path) -> None:
-    if find_tool(TOOLS[-1]) is None:
-        pytest.skip(f"not installed: {TOOLS[-1]}")
     image = tmp_path / "disk"
     image.write_bytes(b"\xee" * 4 * 512 * 8)
-    grub.install(image, b"C" * 1000, first_partition=8)
+    grub.install(image, grub_images(tmp_path), first_partition=8)
     disk = image.read_bytes()
     assert disk[440:512] == b"\xee" * 72
     assert disk[8 * 512 :] == b"\xee" * (len(disk) - 8 * 512)
     with pytest.raises(BuildError, match="GRUB needs"):
-        grub.install(image, b"C" * 512 * 8, first_partition=8)
+        grub.install(image, grub_images(tmp_path, 512 * 8), first_partition=8)
+
+
+@pytest.mark.skipif(find_tool("grub-mkimage") is None, reason="not installed: grub-mkimage (make evbotos-setup)")
+def test_the_locked_grub_is_made_of_its_package_alone_and_has_room(tmp_path: Path) -> None:
+    found = load_definitions()
+    platform = found.platform("qemu-amd64")
+    lock = read_lock(lock_path(platform, found.image("robot")))
+    assert lock is not None
+    locked = [package for package in lock.build_packages if package.name == GRUB_PACKAGE]
+    apt = Apt(tmp_path / "apt", platform.architecture, sources_for(platform.suite, None), pytest.fail)
+    try:
+        (package,) = apt.fetch(locked, tmp_path / "debs")
+    except BuildError as error:
+        pytest.skip(f"the package cannot be had here: {error}")
+    for name in ("one", "two"):
+        grub.write_images(package, tmp_path / name)
+        (tmp_path / f"{name}.img").write_bytes(bytes(MIB))
+        grub.install(tmp_path / f"{name}.img", tmp_path / name, first_partition=MIB // grub.SECTOR)
+    one = (tmp_path / "one.img").read_bytes()
+    assert one == (tmp_path / "two.img").read_bytes()
+    assert b"GRUB " in one[:512]
+    assert one[512:1024].strip(b"\0")

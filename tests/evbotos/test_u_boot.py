@@ -47,7 +47,7 @@ def disk_of(platform: Platform, folder: Path) -> Path:
     (folder / "root").write_text("root")
     write_board_files(platform, packages, kernel, folder / "board")
     kernel_file = kernel / platform.kernel.file
-    contents = Contents(platform, folder / "root", kernel_file, folder / "board", None, 1_700_000_000)
+    contents = Contents(platform, folder / "root", kernel_file, folder / "board", None, None, 1_700_000_000)
     write_disk(folder / "disk.img", LAYOUT, contents)
     return folder / "disk.img"
 
@@ -110,23 +110,25 @@ def test_a_package_without_its_file_is_told(tmp_path: Path) -> None:
         write_board_files(platform, {"u-boot-omap": empty}, tmp_path, tmp_path / "board")
 
 
-def test_the_bill_of_materials_names_what_starts_the_board_but_nothing_of_its_emulator() -> None:
+@pytest.mark.parametrize(("name", "loader"), [("beagle-armhf", "u-boot-omap"), ("qemu-amd64", "grub-pc-bin")])
+def test_the_bill_of_materials_names_what_starts_the_board_but_nothing_of_its_emulator(name: str, loader: str) -> None:
     found = load_definitions()
-    platform = found.platform("beagle-armhf")
+    platform = found.platform(name)
     lock = read_lock(lock_path(platform, found.image("robot")))
     assert lock is not None
-    bill = json.loads(bill_of_materials(lock, set(), set(platform.boot_files), platform.architecture))
+    bill = json.loads(bill_of_materials(lock, set(), set(platform.disk_packages), platform.architecture))
     names = {component["name"] for component in bill["components"]}
-    assert "u-boot-omap" in names
+    assert loader in names
     assert not {"u-boot-sunxi", "dpkg-dev"} & names
 
 
-@pytest.mark.parametrize("name", ["beagle-armhf", "qemu-arm64", "raspberry-pi"])
+@pytest.mark.parametrize("name", ["beagle-armhf", "pc104-i686", "qemu-amd64", "qemu-arm64", "raspberry-pi"])
 def test_the_lock_pins_what_starts_a_board(name: str) -> None:
     found = load_definitions()
     platform = found.platform(name)
     lock = read_lock(lock_path(platform, found.image("robot")))
     assert lock is not None
+    assert platform.boot_packages
     assert set(platform.boot_packages) <= {package.name for package in lock.build_packages}
 
 
