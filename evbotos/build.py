@@ -30,8 +30,7 @@ from evbotos.apt_sources import sources_for
 from evbotos.errors import BuildError
 from evbotos.hashing import file_sha256, files_sha256, key_of
 from evbotos.hosttools import needed_for, require
-from evbotos.lock import FOLDER as LOCKS
-from evbotos.lock import Lock, LockedPackage, lock_path, read_lock, require_match
+from evbotos.lock import Lock, LockedPackage, lock_path, read_lock, require_lock
 from evbotos.locking import lock_present_versions
 from evbotos.model import GRUB_PACKAGE, Image, Kernel, Local, PackagedKernel, Platform
 from evbotos.outputs import Built, Made, manifest_of, root_with_kernel_mb, write_outputs
@@ -91,12 +90,12 @@ class Build:
         platform: the board.
         image: what goes onto it.
         local: the user's settings.
+        lock_file: what pins all that is taken.
         tell: told of each step that is made, and of warnings.
-        locks: folder of the lock files.
     """
 
     def __init__(
-        self, platform: Platform, image: Image, local: Local, tell: Callable[[str], None], locks: Path = LOCKS
+        self, platform: Platform, image: Image, local: Local, lock_file: Path, tell: Callable[[str], None]
     ) -> None:
         self._platform = platform
         self._image = image
@@ -105,7 +104,7 @@ class Build:
         self._cache = cache_folder(local)
         self._runner = Runner(self._cache, tell)
         self._warnings: list[str] = []
-        self._lock_path = lock_path(platform, image, locks)
+        self._lock_file = lock_file
 
     def run(self, output: Path, *, update_lock: bool = False) -> Built:
         """Build, or find built what is there already.
@@ -158,15 +157,11 @@ class Build:
         return Apt(folder, architecture, sources, self._warn)
 
     def _lock(self, update: bool) -> Lock:
-        lock = read_lock(self._lock_path)
-        if lock is not None and not update:
-            require_match(lock, self._platform, self._image, self._lock_path)
-            return lock
-        if lock is None and not update:
-            raise BuildError(f"there is no {self._lock_path.name}; `evbotos build --update-lock` writes it")
+        if not update:
+            return require_lock(self._lock_file, self._platform, self._image)
         self._tell("lock: asking for the present versions")
-        apt = self._apt(self._platform.architecture)
-        return lock_present_versions(self._platform, self._image, apt, lock, self._lock_path)
+        apt, old = self._apt(self._platform.architecture), read_lock(self._lock_file)
+        return lock_present_versions(self._platform, self._image, apt, old, self._lock_file)
 
     @property
     def _is_packaged(self) -> bool:

@@ -18,7 +18,7 @@ from evbotos.disk import parts_of
 from evbotos.errors import BuildError
 from evbotos.flash_command import flash
 from evbotos.hosttools import require
-from evbotos.lock import lock_path, read_lock
+from evbotos.lock import read_lock
 from evbotos.model import Image, Platform
 from evbotos.plan import make_plan
 from evbotos.qemu import run_emulator
@@ -97,7 +97,7 @@ def check_definitions(local: _LocalOption = None, as_json: _JsonOption = False) 
     for platform in found.platforms.values():
         for image in found.images.values():
             try:
-                plan = make_plan(platform, image, read_lock(lock_path(platform, image)))
+                plan = make_plan(platform, image, read_lock(found.lock_path(platform, image)))
             except ConfigError as error:
                 problems += error.problems
                 continue
@@ -107,7 +107,7 @@ def check_definitions(local: _LocalOption = None, as_json: _JsonOption = False) 
             plans += 1
             if plan["locked_packages"] is not None and not plan["lock_is_current"]:
                 message = "is older than the definitions; `evbotos build --update-lock` writes it anew"
-                problems.append(Problem(lock_path(platform, image).name, 0, 0, "", message))
+                problems.append(Problem(found.lock_path(platform, image).name, 0, 0, "", message))
     if problems:
         raise ConfigError(sorted(set(problems)))
     counts = {"platforms": len(found.platforms), "images": len(found.images), "plans": plans}
@@ -125,8 +125,8 @@ def show_plan(
     as_json: _JsonOption = False,
 ) -> None:
     """Show every step, package, file and budget of a build, without building."""
-    _, board, what = _chosen(platform, image, local)
-    plan = make_plan(board, what, read_lock(lock_path(board, what)))
+    found, board, what = _chosen(platform, image, local)
+    plan = make_plan(board, what, read_lock(found.lock_path(board, what)))
     if as_json:
         write_json(plan)
         return
@@ -166,7 +166,7 @@ def build_image(
     def tell(words: str) -> None:
         progress.print(f"{REAL_TIME.now() - start_s:7.1f} s  {words}", soft_wrap=True)
 
-    built = Build(board, what, found.local, tell).run(output, update_lock=update_lock)
+    built = Build(board, what, found.local, found.lock_path(board, what), tell).run(output, update_lock=update_lock)
     if as_json:
         write_json({"folder": str(built.folder), **built.report})
         return

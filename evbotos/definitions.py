@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from eal_actors.errors import ConfigError, Problem
 from eal_actors.strict_model import StrictModel, did_you_mean, problems_from
 from eal_actors.yaml_source import load_yaml
+from evbotos import lock
 from evbotos.model import LISTS, Image, Local, Platform
 
 FOLDER: Final = Path(__file__).parent
@@ -28,11 +29,15 @@ class Definitions:
         platforms: by name.
         images: by name, each with what it includes and with what the user changes.
         local: the user's own settings.
+        own_locks: folder of the user's own lock files, beside `local.yaml`.
+        changed: platforms and images for which the user asks for other packages, wheels or kernels.
     """
 
     platforms: dict[str, Platform]
     images: dict[str, Image]
     local: Local
+    own_locks: Path
+    changed: frozenset[tuple[str, str]]
 
     def platform(self, name: str) -> Platform:
         """Return a platform; raises ConfigError for an unknown one."""
@@ -41,6 +46,11 @@ class Definitions:
     def image(self, name: str) -> Image:
         """Return an image; raises ConfigError for an unknown one."""
         return _known("image", name, self.images)
+
+    def lock_path(self, platform: Platform, image: Image) -> Path:
+        """Return where the lock file of an image is: the user's own, where `local.yaml` changes what is asked for."""
+        is_own = (platform.name, image.name) in self.changed
+        return lock.lock_path(platform, image, self.own_locks if is_own else lock.FOLDER)
 
 
 def load_definitions(local: Path | None = None, folder: Path = FOLDER) -> Definitions:
@@ -65,9 +75,15 @@ def load_definitions(local: Path | None = None, folder: Path = FOLDER) -> Defini
     images = {name: _with_includes(name, raw, folder, problems, ()) for name in raw}
     if problems:
         raise ConfigError(sorted(set(problems)))
-    for name, over in settings.platforms.items():
-        platforms[name] = platforms[name].model_copy(update={"kernel": over.kernel})
-    return Definitions(platforms, {name: _overridden(image, settings) for name, image in images.items()}, settings)
+    own_platforms = {name: _with_own_kernel(platform, settings) for name, platform in platforms.items()}
+    own_images = {name: _overridden(image, settings) for name, image in images.items()}
+    changed = {
+        (platform.name, image.name)
+        for platform in platforms.values()
+        for image in images.values()
+        if lock.asked_by(platform, image) != lock.asked_by(own_platforms[platform.name], own_images[image.name])
+    }
+    return Definitions(own_platforms, own_images, settings, own.parent / "locks", frozenset(changed))
 
 
 def _known(kind: str, name: str, found: dict[str, _M]) -> _M:
@@ -126,6 +142,11 @@ def _with_includes(
     return image.model_copy(update=joined)
 
 
+def _with_own_kernel(platform: Platform, local: Local) -> Platform:
+    over = local.platforms.get(platform.name)
+    return platform if over is None else platform.model_copy(update={"kernel": over.kernel})
+
+
 def _overridden(image: Image, local: Local) -> Image:
     over = local.images.get(image.name)
     if over is None:
@@ -134,6 +155,7 @@ def _overridden(image: Image, local: Local) -> Image:
         key: tuple(dict.fromkeys([*getattr(image, key), *getattr(over, key)]))
         for key in ("packages", "wheels", "services")
     }
+    joined["drop_packages"] = tuple(name for name in image.drop_packages if name not in over.packages)
     replaced = {key: value for key in ("budget_mb", "layout") if (value := getattr(over, key)) is not None}
     return image.model_copy(update={**joined, **replaced})
 

@@ -131,14 +131,20 @@ def _flow(value: object) -> str:
     return str(yaml.safe_dump(value, default_flow_style=True, width=10_000, sort_keys=False)).strip()
 
 
-def require_match(lock: Lock, platform: Platform, image: Image, path: Path) -> None:
-    """See that a lock file was written for these definitions.
+def require_lock(path: Path, platform: Platform, image: Image) -> Lock:
+    """Return what a lock file says, which was written for these definitions.
 
     Raises:
-        BuildError: they have changed since.
+        BuildError: there is none, or the definitions have changed since.
+        ConfigError: what is wrong with it.
     """
+    lock = read_lock(path)
+    remedy = f"`evbotos build {platform.name} {image.name} --update-lock` writes it"
+    if lock is None:
+        raise BuildError(f"there is no {path.parent.name}/{path.name}; {remedy}")
     if lock.asked != asked_by(platform, image):
         raise BuildError(
             f"{path.name} was written for other packages, wheels or tags than {platform.name} and {image.name} ask for "
-            "now; `evbotos build --update-lock` writes it anew"
+            f"now; {remedy} anew"
         )
+    return lock

@@ -13,10 +13,9 @@ from eal_actors.clock import REAL_TIME
 from evbotos.apt_sources import sources_for
 from evbotos.build import OUTPUT, cache_folder
 from evbotos.definitions import load_definitions
-from evbotos.errors import BuildError
 from evbotos.hashing import file_sha256
 from evbotos.hosttools import require
-from evbotos.lock import lock_path, read_lock, require_match
+from evbotos.lock import require_lock
 from evbotos.packages import Apt
 from evbotos.sdk import (
     ENVIRONMENT,
@@ -43,11 +42,7 @@ def sdk(
     """Make the SDK of a platform: the sysroot of its development image, and a script that sets CC and its like."""
     found = load_definitions(local)
     board, image = found.platform(platform), found.image(IMAGE)
-    file = lock_path(board, image)
-    lock = read_lock(file)
-    if lock is None:
-        raise BuildError(f"there is no {file.name}; `evbotos build {platform} {IMAGE} --update-lock` writes it")
-    require_match(lock, board, image, file)
+    lock = require_lock(found.lock_path(board, image), board, image)
     require(["dpkg-deb", "apt-get"])
     progress, start_s = console(error=True), REAL_TIME.now()
     cache = cache_folder(found.local)

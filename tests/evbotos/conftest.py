@@ -29,7 +29,7 @@ def proof(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     if not (has_kernel(platform, image, Local(version=1)) or "evbotos" in request.config.getoption("markexpr")):
         pytest.skip("no kernel in the cache yet; compiling it takes minutes: `make test-evbotos`")
     fleet, local = give_keys(folder)
-    built = Build(platform, image, local, _LOG.info).run(folder / "out")
+    built = Build(platform, image, local, found.lock_path(platform, image), _LOG.info).run(folder / "out")
     _LOG.info(f"root and kernel: {built.report['root_with_kernel_mb']} MB")
     return Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
 

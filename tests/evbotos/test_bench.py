@@ -151,11 +151,11 @@ def test_build_times_stand_beside_the_thesis(tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.timeout(1200)
 def test_the_octave_image_runs_the_benchmark(tmp_path: Path) -> None:
     found = load_definitions()
-    platform = found.platform("qemu-amd64")
+    platform, image = found.platform("qemu-amd64"), found.image("octave")
     missing = [name for name in (*needed_for(platform), "qemu-system-x86_64", "ssh") if find_tool(name) is None]
     if missing:
         pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
-    Build(platform, found.image("octave"), Local(version=1), get_logger().info).run(tmp_path)
+    Build(platform, image, Local(version=1), found.lock_path(platform, image), get_logger().info).run(tmp_path)
     bench(engine="octave", n=100, in_image=True, output=tmp_path)
     kept = json.loads((tmp_path / "bench-octave-100-qemu-amd64.json").read_text())
     assert kept["engine"].startswith("Octave ")

@@ -46,7 +46,7 @@ def proof(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         pytest.skip(f"not installed: {', '.join(missing)} (make evbotos-setup)")
     folder = tmp_path_factory.mktemp(platform.name)
     fleet, local = give_keys(folder)
-    built = Build(platform, image, local, _LOG.info).run(folder / "out")
+    built = Build(platform, image, local, found.lock_path(platform, image), _LOG.info).run(folder / "out")
     _LOG.warning(f"{platform.name}: root and kernel {built.report['root_with_kernel_mb']} MB")
     return Proof(platform, image, built, fleet, folder / "robot", folder / "ssh", folder / "update.pem")
 

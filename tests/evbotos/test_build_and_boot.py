@@ -17,6 +17,7 @@ from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
 from evbotos.hashing import files_sha256
 from evbotos.hosttools import find_tool, needed_for
+from evbotos.lock import lock_path
 from evbotos.model import Local, PackagedKernel
 from evbotos.outputs import Built
 from evbotos.packages import Apt
@@ -55,7 +56,8 @@ def sources() -> str:
 def built_in(folder: Path, local: Local, locks: Path, *, update_lock: bool) -> Built:
     """Build with a cache of its own."""
     settings = local.model_copy(update={"cache": str(folder / "cache")})
-    return Build(PLATFORM, IMAGE, settings, _LOG.info, locks).run(folder / "out", update_lock=update_lock)
+    lock_file = lock_path(PLATFORM, IMAGE, locks)
+    return Build(PLATFORM, IMAGE, settings, lock_file, _LOG.info).run(folder / "out", update_lock=update_lock)
 
 
 @pytest.fixture(scope="module")

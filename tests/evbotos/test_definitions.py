@@ -6,6 +6,7 @@ import pytest
 
 from eal_actors.errors import ConfigError
 from evbotos.definitions import load_definitions
+from evbotos.lock import FOLDER
 
 PLATFORM = """
 version: 1
@@ -72,6 +73,23 @@ def test_local_yaml_wins_over_the_image(folder: Path) -> None:
     assert found.image("large").budget_mb.root_with_kernel == 99
     assert found.image("large").layout.slot == 64
     assert found.image("small").layout.slot == 48
+
+
+def test_what_a_user_asks_for_is_not_left_out(folder: Path) -> None:
+    small = folder / "images/small.yaml"
+    small.write_text(f"{small.read_text()}drop_packages: [libstdc++6, perl]\n")
+    (folder / "local.yaml").write_text("version: 1\nimages: {small: {packages: [libstdc++6]}}\n")
+    assert load_definitions(folder=folder).image("small").drop_packages == ("perl",)
+
+
+def test_what_a_user_asks_for_besides_is_locked_beside_local_yaml_and_not_among_ours(tmp_path: Path) -> None:
+    local = tmp_path / "local.yaml"
+    local.write_text("version: 1\nimages: {robot: {packages: [strace]}, dev: {layout: {slot: 256}}}\n")
+    found = load_definitions(local)
+    board = found.platform("qemu-amd64")
+    assert found.lock_path(board, found.image("robot")) == tmp_path / "locks/qemu-amd64-robot.lock.yaml"
+    for name in ("dev", "minimal"):
+        assert found.lock_path(board, found.image(name)) == FOLDER / f"qemu-amd64-{name}.lock.yaml"
 
 
 def test_what_builds_on_an_image_gets_what_the_user_adds_only_if_it_says_so_itself(folder: Path) -> None:

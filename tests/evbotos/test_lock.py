@@ -7,7 +7,7 @@ import pytest
 from eal_actors.errors import ConfigError
 from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
-from evbotos.lock import Lock, LockedPackage, LockedWheel, asked_by, read_lock, require_match, write_lock
+from evbotos.lock import Lock, LockedPackage, LockedWheel, asked_by, read_lock, require_lock, write_lock
 
 FOUND = load_definitions()
 PLATFORM, IMAGE = FOUND.platform("qemu-amd64"), FOUND.image("robot")
@@ -58,10 +58,14 @@ def test_a_lock_with_another_hash_format_or_a_host_is_refused(lock: Lock, tmp_pa
 
 
 def test_a_definition_that_asks_for_more_than_was_locked_is_refused(lock: Lock, tmp_path: Path) -> None:
-    require_match(lock, PLATFORM, IMAGE, tmp_path / "a.lock.yaml")
+    path = tmp_path / "locks/a.lock.yaml"
+    with pytest.raises(BuildError, match=r"no locks/a\.lock\.yaml; `evbotos build qemu-amd64 robot --update-lock`"):
+        require_lock(path, PLATFORM, IMAGE)
+    write_lock(lock, path)
+    assert require_lock(path, PLATFORM, IMAGE) == lock
     more = IMAGE.model_copy(update={"packages": (*IMAGE.packages, "gdb")})
     with pytest.raises(BuildError, match=r"a\.lock\.yaml was written for other packages.*--update-lock"):
-        require_match(lock, PLATFORM, more, tmp_path / "a.lock.yaml")
+        require_lock(path, PLATFORM, more)
 
 
 def test_pruning_and_services_do_not_need_a_new_lock() -> None:

@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -91,7 +92,7 @@ def test_every_package_exists_somewhere(definitions: Definitions) -> None:
 def test_a_new_package_and_a_forgotten_one_are_told(definitions: Definitions) -> None:
     agreement = load_agreement()
     robot = definitions.images["robot"].model_copy(update={"packages": ("strace",)})
-    changed = type(definitions)({**definitions.platforms}, {"robot": robot}, definitions.local)
+    changed = replace(definitions, images={"robot": robot})
     told = [str(problem) for problem in disagreements(changed, agreement)]
     assert "agreement.yaml: packages.strace: has no counterpart" in told
     assert "agreement.yaml: packages.dropbear-bin: is in no definition any more" in told
