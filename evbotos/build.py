@@ -219,7 +219,10 @@ class Build:
             tree.unpack_wheels(wheels, out)
             tree.settle(out)
             pruning.prune_tree(out, image.prune, image.keep)
-            bytecode.compile_tree(out, ["usr/lib/python3.11", tree.SITE], sourceless=image.sourceless)
+            bytecode.compile_tree(
+                out, ["usr/lib/python3.11", tree.SITE], sourceless=image.sourceless, skip=f"/{bytecode.OPENCV}/"
+            )
+            bytecode.compile_tree(out, [f"{tree.SITE}/{bytecode.OPENCV}"], sourceless=False)
             missing = tree.missing_libraries(out, _OPTIONAL)
             if missing:
                 told = "; ".join(f"{name} for {', '.join(sorted(users)[:3])}" for name, users in missing.items())

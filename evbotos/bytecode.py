@@ -13,6 +13,8 @@ from evbotos.shell import run
 
 MAGIC: Final = b"\xa7\r\r\n"
 """Of the compiled files of Python 3.11, any architecture."""
+OPENCV: Final = "cv2"
+"""A package that reads files of its own as source, so that these stay."""
 _ASK: Final = "import importlib.util, sys; sys.stdout.buffer.write(importlib.util.MAGIC_NUMBER)"
 _CANDIDATES: Final = (sys.executable, "python3.11", "/usr/bin/python3.11", "/usr/bin/python3")
 

@@ -79,10 +79,10 @@ def eal(*words: str | Path, **env: str) -> str:
     return run(sys.executable, "-m", "eal_actors", *words, **env)
 
 
-def give_keys(folder: Path) -> tuple[Path, Local]:
+def give_keys(folder: Path, text: str = FLEET) -> tuple[Path, Local]:
     """Make a fleet and every key that a robot needs; returns the controller's fleet file and the builder's settings."""
     fleet = folder / "fleet.yaml"
-    fleet.write_text(FLEET)
+    fleet.write_text(text)
     eal("keys", "init", "--fleet", fleet)
     eal("keys", "robot", ROBOT, "--fleet", fleet)
     eal("keys", "controller", "controller", "--fleet", fleet)

@@ -10,7 +10,7 @@ import pytest
 
 from evbotos.qemu import Machine
 from tests.evbotos.proof import Proof, answer, said, ssh, started, wait_until
-from tests.evbotos.usb_camera import NAME, UsbCamera
+from tests.evbotos.usb_camera import UsbCamera
 
 KEPT_MOST = 200_000 + 1_200
 """Bytes that are kept of a log: two files that end with the line that makes them larger than the half of it."""
@@ -62,7 +62,7 @@ def test_a_usb_serial_adapter_has_a_name_that_stays(proof: Proof, running: Machi
     running.ask("device_add", driver="usb-serial", bus="usb.0", id="adapter", chardev="line", serial="A1", **plugged)
     wait_until(running, "the adapter has its name", lambda: "/dev/ttyUSB0" in ssh(proof, running, look).stdout)
     name, device = answer(proof, running, look).split()
-    assert name.endswith("_A1")
+    assert name == "/dev/serial/by-id/usb-QEMU_QEMU_USB_SERIAL_A1-if00-port0"  # as udev names it
     assert device == "/dev/ttyUSB0"
     running.ask("device_del", id="adapter")
     wait_until(running, "its name is gone", lambda: name not in ssh(proof, running, look).stdout)
@@ -80,11 +80,9 @@ def test_what_is_kept_of_logs_is_bounded(proof: Proof, running: Machine) -> None
 
 def test_a_usb_camera_comes_up_by_itself(proof: Proof, running: Machine, tmp_path: Path) -> None:
     wait_for_robot(proof, running)
-    with UsbCamera(tmp_path / "usb"):
-        line = {"type": "unix", "data": {"path": str(tmp_path / "usb")}}
-        running.ask("chardev-add", id="camera", backend={"type": "socket", "data": {"addr": line, "server": False}})
-        running.ask("device_add", driver="usb-redir", bus="usb.0", id="camera", chardev="camera")
-        look = "cat /sys/class/video4linux/video0/name && test -c /dev/video0"
-        wait_until(running, "a camera is there", lambda: NAME in ssh(proof, running, look).stdout)
-        running.ask("device_del", id="camera")
-        wait_until(running, "it is gone", lambda: ssh(proof, running, "test -e /dev/video0").returncode == 1)
+    look = "readlink -f /dev/v4l/by-id/usb-1d6b_Emulated_Camera-video-index0"
+    with UsbCamera(tmp_path / "usb") as camera:
+        camera.plug_into(running)
+        wait_until(running, "the camera has its name", lambda: "/dev/video0" in ssh(proof, running, look).stdout)
+        camera.unplug_from(running)
+        wait_until(running, "it is gone", lambda: ssh(proof, running, "ls /dev/video0 /dev/v4l/by-id").stdout == "")

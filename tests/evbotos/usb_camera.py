@@ -1,8 +1,8 @@
 """A USB camera (USB Video Class 1.0) at the other end of QEMU's `usb-redir`, which has no camera of its own.
 
 The protocol is that of usbredir (`usbredirproto.h`), with the three extensions without which QEMU plugs nothing into an
-xHCI: packets of a type, a length and a number, each with a body of its own. The camera says what it is, and what it
-could send; it sends no pictures.
+xHCI: packets of type, length and number, each with a body of its own. What is sent is a grey picture in YUY2, black
+at its left edge and white at its right; every tenth line of it wanders, so that no two pictures are the same.
 """
 
 from __future__ import annotations
@@ -14,16 +14,20 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final, Self
 
+from evbotos.qemu import Machine
+
 HELLO, CONNECT, INTERFACES, ENDPOINTS = 0, 1, 4, 5
 SET_CONFIGURATION, GET_CONFIGURATION, CONFIGURATION = 6, 7, 8
 SET_ALTERNATIVE, GET_ALTERNATIVE, ALTERNATIVE = 9, 10, 11
-CONTROL: Final = 100
+CONTROL, BULK = 100, 101
 SUCCESS, STALL = 0, 4
 HIGH_SPEED: Final = 2
 VIDEO, VIDEO_CONTROL, VIDEO_STREAMING = 14, 1, 2
 CONTROL_TYPE, BULK_TYPE, NONE_TYPE = 0, 2, 255
 STREAM_ENDPOINT: Final = 0x81
-FRAME_BYTES: Final = 160 * 120 * 2
+WIDTH, HEIGHT = 160, 120
+FRAME_BYTES: Final = WIDTH * HEIGHT * 2
+PAYLOAD_HEADER: Final = 2
 INTERVAL: Final = 333_333
 """Of pictures, in 100 ns."""
 NAME: Final = "Emulated Camera"
@@ -34,6 +38,7 @@ PACKET_SIZES, LONG_NUMBERS, LONG_BULK = 1 << 4, 1 << 5, 1 << 6
 _HELLO_HEADER: Final = struct.Struct("<III")
 _HEADER: Final = struct.Struct("<IIQ")
 _REQUEST: Final = struct.Struct("<BBBBHHH")
+_TRANSFER: Final = struct.Struct("<BBHIH")
 
 
 def _described(kind: int, body: bytes) -> bytes:
@@ -57,7 +62,7 @@ def _configuration() -> bytes:
     yuy2 = bytes.fromhex("5955593200001000800000aa00389b71")
     format_ = _own(4, bytes([1, 1]) + yuy2 + bytes([16, 1, 0, 0, 0, 0]))
     rate = FRAME_BYTES * 8 * 30
-    frame = _own(5, struct.pack("<BBHHIIIIBI", 1, 0, 160, 120, rate, rate, FRAME_BYTES, INTERVAL, 1, INTERVAL))
+    frame = _own(5, struct.pack("<BBHHIIIIBI", 1, 0, WIDTH, HEIGHT, rate, rate, FRAME_BYTES, INTERVAL, 1, INTERVAL))
     formats = format_ + frame
     stream_header = _own(1, struct.pack("<BHBBBBBBBB", 1, 14 + len(formats), STREAM_ENDPOINT, 0, 2, 0, 0, 0, 1, 0))
     body = b"".join(
@@ -77,7 +82,16 @@ def _configuration() -> bytes:
 
 def _probe() -> bytes:
     """Return what the camera would send: the one format that it has."""
-    return struct.pack("<HBBIHHHHHII", 0, 1, 1, INTERVAL, 0, 0, 0, 0, 0, FRAME_BYTES, FRAME_BYTES + 2)
+    return struct.pack("<HBBIHHHHHII", 0, 1, 1, INTERVAL, 0, 0, 0, 0, 0, FRAME_BYTES, FRAME_BYTES + PAYLOAD_HEADER)
+
+
+def _payload(number: int) -> bytes:
+    """Return a picture as the camera sends it: its header says that it is whole, and which of two in turn it is."""
+    lines = []
+    for line in range(HEIGHT):
+        shift = number if line % 10 == 0 else 0
+        lines += [bytes((255 * ((column + shift) % WIDTH) // (WIDTH - 1), 128)) for column in range(WIDTH)]
+    return bytes([PAYLOAD_HEADER, 0x82 | number & 1]) + b"".join(lines)
 
 
 class UsbCamera:
@@ -88,10 +102,12 @@ class UsbCamera:
     """
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.bind(str(path))
         self._listener.listen(1)
         self._line = socket.socket(socket.AF_UNIX)
+        self._sent, self._left = 0, b""
         self._thread = threading.Thread(target=self._serve, name="usb-camera")
 
     def __enter__(self) -> Self:
@@ -106,6 +122,15 @@ class UsbCamera:
         assert not self._thread.is_alive()
         self._line.close()
         self._listener.close()
+
+    def plug_into(self, machine: Machine) -> None:
+        address = {"type": "unix", "data": {"path": str(self._path)}}
+        machine.ask("chardev-add", id="camera", backend={"type": "socket", "data": {"addr": address, "server": False}})
+        machine.ask("device_add", driver="usb-redir", bus="usb.0", id="camera", chardev="camera")
+
+    @staticmethod
+    def unplug_from(machine: Machine) -> None:
+        machine.ask("device_del", id="camera")
 
     def _serve(self) -> None:
         try:
@@ -146,6 +171,18 @@ class UsbCamera:
             taken = len(said) if request_type & 0x80 else length
             head = _REQUEST.pack(endpoint, request, request_type, status, value, index, taken)
             self._send(CONTROL, number, head + said)
+        elif kind == BULK:
+            endpoint, _, low, stream, high = _TRANSFER.unpack_from(body)
+            part = self._next_part(high << 16 | low)
+            self._send(BULK, number, _TRANSFER.pack(endpoint, SUCCESS, len(part), stream, 0) + part)
+
+    def _next_part(self, most: int) -> bytes:
+        """Return what comes next of the pictures, each of which ends with a transfer that is not full."""
+        if not self._left:
+            self._left = _payload(self._sent)
+            self._sent += 1
+        part, self._left = self._left[:most], self._left[most:]
+        return part
 
     def _send(self, kind: int, number: int, body: bytes) -> None:
         self._line.sendall(_HEADER.pack(kind, len(body), number) + body)
