@@ -139,7 +139,7 @@ class UsbCamera:
             return
         self._line.close()
         self._line = line
-        with line.makefile("rb") as packets:
+        with suppress(ConnectionError), line.makefile("rb") as packets:  # unplugged in the middle of a picture
             self._introduce()
             _, length, _ = _HELLO_HEADER.unpack(packets.read(_HELLO_HEADER.size))
             packets.read(length)
