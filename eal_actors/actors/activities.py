@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.answers import seconds_of, status_of
-from eal_actors.actors.call import MOTION_METHODS, Call
+from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
+from eal_actors.actors.inbox import Inbox
+from eal_actors.clock import Clock
 from eal_actors.errors import EALError, PreemptedError, ReturnTypeError
 from eal_actors.log import set_call
-from eal_actors.resource import Activity, Progress
+from eal_actors.resource import Activity, Progress, Resource
 from eal_actors.timers import Timer
-
-if TYPE_CHECKING:
-    from eal_actors.actors.resource_actor import ResourceActor
 
 
 @dataclass(eq=False)
@@ -30,6 +29,41 @@ class _Running:
     timer: Timer | None = None
 
 
+class ActivityHost(Protocol):
+    """The actor whose thread the activities are stepped in. Thread: the actor's own.
+
+    Attributes:
+        clock: what its time is told by.
+        actor_inbox: where its timers are.
+        cell: the slot through which calls arrive.
+        resource: what is stepped; None once it has ended.
+        busy_until_s: when what runs now must be over; None while nothing runs.
+    """
+
+    clock: Clock
+    actor_inbox: Inbox
+    cell: ResourceCell
+    resource: Resource | None
+    busy_until_s: float | None
+
+    @property
+    def opened(self) -> Resource:
+        """The resource; raises ResourceFaultError once it is closed."""
+        ...
+
+    def busy(self, until_s: float) -> None:
+        """Note when what begins now must be over."""
+        ...
+
+    def guarded(self, step: Callable[[], object]) -> bool:
+        """Run a clean-up step; whatever it raises is logged, and False returned."""
+        ...
+
+    def explained(self, call: Call[Any], error: BaseException) -> EALError:
+        """Return an error as the call's caller is given it."""
+        ...
+
+
 class Activities:
     """Steps the activities of a resource, one step at a time.
 
@@ -42,7 +76,7 @@ class Activities:
     Thread: the actor's.
     """
 
-    def __init__(self, host: ResourceActor) -> None:
+    def __init__(self, host: ActivityHost) -> None:
         self._host = host
         self._motion: _Running | None = None
         self._exchanges: list[_Running] = []
@@ -86,13 +120,13 @@ class Activities:
         if call not in self.calls():
             return
         reason = PreemptedError("nobody waits for it any more")
-        self._host._busy(self._host.clock.now())  # it is over its time already
+        self._host.busy(self._host.clock.now())  # it is over its time already
         try:
             if self._motion is not None and self._motion.call is call:
                 self.close_motion(reason)
             self.close_exchanges(reason, lambda other: other is call)
             if call.method in MOTION_METHODS:
-                self._host._guarded(self._host._opened.halt)
+                self._host.guarded(self._host.opened.halt)
         finally:
             self._host.busy_until_s = None
 
@@ -134,9 +168,9 @@ class Activities:
             self.give_up(call)
             return
         until_s = now_s + self._host.cell.timeout_s
-        self._host._busy(min(until_s, call.deadline_s) if call is not None and call.deadline_s is not None else until_s)
+        self._host.busy(min(until_s, call.deadline_s) if call is not None and call.deadline_s is not None else until_s)
         set_call(call.call_id if call is not None else None)
-        resource = self._host._opened
+        resource = self._host.opened
         resource._told_progress = None  # what an earlier call told is not about this one
         try:
             delay_s = seconds_of(next(running.activity))
@@ -166,7 +200,7 @@ class Activities:
             try:
                 running.call.set(running.answer(result))
             except ReturnTypeError as error:
-                running.call.fail(self._host._explained(running.call, error))
+                running.call.fail(self._host.explained(running.call, error))
 
     def _failed(self, running: _Running, error: BaseException) -> None:
         if running.call is None:
@@ -174,8 +208,8 @@ class Activities:
         self._forget(running)
         self._close(running)
         if running.call.method in MOTION_METHODS:
-            self._host._guarded(self._host._opened.halt)
-        running.call.fail(self._host._explained(running.call, error))
+            self._host.guarded(self._host.opened.halt)
+        running.call.fail(self._host.explained(running.call, error))
         if not isinstance(error, Exception):
             raise error
 
@@ -188,5 +222,5 @@ class Activities:
     def _close(self, running: _Running) -> None:
         if running.timer is not None:
             running.timer.cancel()
-        if not self._host._guarded(lambda: running.activity.close()) and self._host.resource is not None:
-            self._host._guarded(self._host.resource.halt)  # its own `finally` did not do it
+        if not self._host.guarded(lambda: running.activity.close()) and self._host.resource is not None:
+            self._host.guarded(self._host.resource.halt)  # its own `finally` did not do it

@@ -6,14 +6,14 @@ import contextlib
 import math
 import types
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from eal_actors.actors.activities import Activities
 from eal_actors.actors.actor import AbandonedThread, EALActor
 from eal_actors.actors.answers import comm_data_of, data_of, explained, status_of
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.readiness import Readiness
-from eal_actors.actors.resource_roles import ResourceFactory, ResourceObserver
+from eal_actors.actors.resource_factory import ResourceFactory
 from eal_actors.actors.running import Running, command_of, process_name
 from eal_actors.actors.starts import PendingStart
 from eal_actors.data import EALData
@@ -42,6 +42,26 @@ class _Later(NamedTuple):
 def _now_or_later(result: Any, answer: Callable[[Any], Any]) -> Any:
     """Make the answer of a result, unless it is an activity, which gives the result later."""
     return _Later(result, answer) if type(result) is types.GeneratorType else answer(result)
+
+
+class ResourceObserver(Protocol):
+    """Whom a resource actor tells of its life: its robot. Thread: the resource's actor; none may block."""
+
+    def resource_up(self, actor: ResourceActor, info: ResourceInfo) -> None:
+        """The resource is open and serves calls."""
+        ...
+
+    def resource_ready(self, actor: ResourceActor, reason: str | None) -> None:
+        """Its device can be used, or cannot for a reason."""
+        ...
+
+    def resource_down(self, actor: ResourceActor, error: BaseException | None) -> None:
+        """The resource has ended: crashed with an error, or normally with None."""
+        ...
+
+    def watch(self, actor: ResourceActor, until_s: float) -> None:
+        """Look at that time whether the actor is stuck in what it is doing now."""
+        ...
 
 
 class ResourceActor(EALActor):
@@ -76,7 +96,7 @@ class ResourceActor(EALActor):
     def on_start(self) -> None:
         """Make and open the resource. Thread: the actor's own."""
         bind_work_place(self.cell.robot, self.cell.name)
-        self._busy(self.clock.now() + self.cell.timeout_s)
+        self.busy(self.clock.now() + self.cell.timeout_s)
         try:
             self.resource = resource = self._factory.create()
             resource.name = self.cell.name
@@ -159,12 +179,12 @@ class ResourceActor(EALActor):
         resource, self.resource = self.resource, None
         if resource is not None:
             if self._is_open:
-                self._guarded(resource.halt)
-                self._guarded(resource.close)
-            self._guarded(lambda: self._factory.destroy(resource))
+                self.guarded(resource.halt)
+                self.guarded(resource.close)
+            self.guarded(lambda: self._factory.destroy(resource))
 
-    def _guarded(self, step: Callable[[], object]) -> bool:
-        """Run a clean-up step; whatever it raises is logged, because the next step must run too."""
+    def guarded(self, step: Callable[[], object]) -> bool:
+        """Run a clean-up step; whatever it raises is logged, as the next must run too. Thread: the actor's own."""
         try:
             step()
         except AbandonedThread:
@@ -175,8 +195,11 @@ class ResourceActor(EALActor):
             return False
         return True
 
-    def _busy(self, until_s: float) -> None:
-        """Note when what begins now must be over, and see that the robot looks then: once, not for every call."""
+    def busy(self, until_s: float) -> None:
+        """Note when what begins now must be over, and see that the robot looks then: once, not for every call.
+
+        Thread: the actor's own.
+        """
         self.busy_until_s = until_s
         if until_s < self.watched_until_s:
             self.watched_until_s = until_s
@@ -211,7 +234,7 @@ class ResourceActor(EALActor):
                 return
             call.began_s = self.clock.now()
         self._current = call
-        self._busy(deadline_s)
+        self.busy(deadline_s)
         set_call(call.call_id)
         if is_debugging():
             self._log.debug("call", method=call.shown())
@@ -225,21 +248,22 @@ class ResourceActor(EALActor):
             if type(result) is _Later:
                 self._activities.begin(call, *result)
             elif not call._finish(result, None) and call.method in MOTION_METHODS and not call.stops:
-                self._guarded(self._opened.halt)  # it was given up while it ran
+                self.guarded(self.opened.halt)  # it was given up while it ran
         except AbandonedThread:
             raise
         except Exception as error:  # noqa: BLE001  # a plugin may raise anything; the caller gets it
             if call.method in MOTION_METHODS and not isinstance(error, EALError):
-                self._guarded(self._opened.halt)  # it may have set something off before it failed
-            call.fail(self._explained(call, error))
+                self.guarded(self.opened.halt)  # it may have set something off before it failed
+            call.fail(self.explained(call, error))
         except BaseException as error:
-            call.fail(self._explained(call, error))
+            call.fail(self.explained(call, error))
             raise
         finally:
             self.busy_until_s = self._current = None
             set_call(None)
 
-    def _explained(self, call: Call[Any], error: BaseException) -> EALError:
+    def explained(self, call: Call[Any], error: BaseException) -> EALError:
+        """Return an error as the call's caller is given it. Thread: the actor's own."""
         self._log.debug("call failed", call=call.call_id, method=call.shown(), error=shown(error))
         return explained(call, error)
 
@@ -270,34 +294,35 @@ class ResourceActor(EALActor):
             if self._activities.is_moving or self._pending.call is not None:
                 self._check_command(cmd, data)  # nor must a command that is refused
             self._take_over(PreemptedError(f"a newer command took over: {cmd!r}"))
-        return self._started(self._opened.send_cmd(cmd, data))
+        return self._started(self.opened.send_cmd(cmd, data))
 
     def _set_value(self, data: EALData) -> Any:
         if "set_value" in self._info.methods:  # else it raises UnsupportedError, and must not stop what runs
             self._check_new_value(data)
             self._take_over(PreemptedError("a newer set_value took over"))
-        return self._started(self._opened.set_value(data))
+        return self._started(self.opened.set_value(data))
 
     def _started(self, result: Any) -> Any:
         return _now_or_later(result, status_of)
 
     def _send_req(self, req: str) -> Any:
         returns = self._info.parse_request(req)[0].returns if self._info.requests else None
-        return _now_or_later(self._opened.send_req(req), lambda result: data_of(result, returns))
+        return _now_or_later(self.opened.send_req(req), lambda result: data_of(result, returns))
 
     def _get_config(self, key: str) -> Any:
         value = self._info.config(key).value if self._info.configs else None
-        return _now_or_later(self._opened.get_config(key), lambda result: data_of(result, value))
+        return _now_or_later(self.opened.get_config(key), lambda result: data_of(result, value))
 
     def _halt(self) -> int:
         reason = PreemptedError("halted")
         self._take_over(reason)
         self._activities.close_exchanges(reason, lambda call: call.method in MOTION_METHODS)
-        self._opened.halt()
+        self.opened.halt()
         return 1
 
     @property
-    def _opened(self) -> Resource:
+    def opened(self) -> Resource:
+        """The resource; raises ResourceFaultError once it is closed. Thread: the actor's own."""
         if self.resource is None:
             raise ResourceFaultError("is closed")
         return self.resource

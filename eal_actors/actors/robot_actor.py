@@ -14,7 +14,7 @@ from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.resource_actor import ResourceActor
-from eal_actors.actors.resource_roles import ResourceFactory
+from eal_actors.actors.resource_factory import ResourceFactory
 from eal_actors.actors.robot_spec import OpenPlugins, RobotSpec
 from eal_actors.actors.robot_view import Ping, RobotState, RobotView, release
 from eal_actors.actors.running import Running

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from eal_actors.actors.resource_roles import ResourceFactory
+from eal_actors.actors.resource_factory import ResourceFactory
 from eal_actors.actors.supervision import Restart
 from eal_actors.clock import Clock
 from eal_actors.errors import EALError
