@@ -85,4 +85,4 @@ def test_a_usb_camera_comes_up_by_itself(proof: Proof, running: Machine, tmp_pat
         camera.plug_into(running)
         wait_until(running, "the camera has its name", lambda: "/dev/video0" in ssh(proof, running, look).stdout)
         camera.unplug_from(running)
-        wait_until(running, "it is gone", lambda: ssh(proof, running, "ls /dev/video0 /dev/v4l/by-id").stdout == "")
+        wait_until(running, "it is gone", lambda: ssh(proof, running, "ls -d /dev/video0 /dev/v4l/by-id/*").stdout == "")
