@@ -231,12 +231,14 @@ class RobotHandle(Mapping[str, ResourceHandle]):
             raise self._unreached()
 
     def _unreached(self) -> UnavailableError:
-        message = self.problems[-1].message if self.problems else "has not started yet"
-        return UnavailableError(message, robot=self.name)
+        return UnavailableError(self._last_problem("has not started yet"), robot=self.name)
 
     def _failed(self) -> RobotFailedError:
-        message = self.problems[-1].message if self.problems else "has failed"
-        return RobotFailedError(message, robot=self.name)
+        return RobotFailedError(self._last_problem("has failed"), robot=self.name)
+
+    def _last_problem(self, otherwise: str) -> str:
+        problems = self.problems  # read once: a robot that comes back has none
+        return problems[-1].message if problems else otherwise
 
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
         """Halt every resource, disconnect the plugins, end every thread; see close_all."""

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .models import MAKES
 from .robot import SimRobot
 from .touching import Touching
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _LOOK_M: Final = 1.0  # how far round a robot is searched
 _RECEDES_M: Final = 1e-9  # what comes no nearer than this is not run into

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import threading
+from typing import cast
 
 import pytest
 
 from eal_actors.actors.future import Future
-from eal_actors.actors.robot_view import RobotState
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.robot_view import RobotConnection, RobotState, RobotView
 from eal_actors.clock import ManualClock
-from eal_actors.errors import DeadlineError, UnavailableError
+from eal_actors.errors import DeadlineError, EALError, UnavailableError
 from eal_actors.resource import Resource
 from tests.robots import WAIT_S, running_robot
 
@@ -84,3 +86,23 @@ def test_waiting_ends_where_the_state_can_never_come(gate: threading.Event) -> N
     error = waits[0].exception(timeout=WAIT_S)
     assert isinstance(error, UnavailableError)
     assert "it is stopped, and cannot become lost any more" in str(error)
+
+
+def test_a_robot_that_comes_back_as_it_is_asked_why_it_is_out_of_reach_is_only_out_of_reach() -> None:
+    class View:
+        """Of a robot that comes back once somebody has read its problems."""
+
+        def __init__(self) -> None:
+            self.cells: dict[str, object] = {}
+            self.state = RobotState.LOST
+            self.readings = iter([(UnavailableError("does not answer"),)])
+
+        @property
+        def problems(self) -> tuple[EALError, ...]:
+            return next(self.readings, ())
+
+    view = cast("RobotView", View())
+    robot = RobotHandle(lambda: (cast("RobotConnection", None), view), "evbot")
+    for message in ("does not answer", "has not started yet"):
+        with pytest.raises(UnavailableError, match=message):
+            robot["Base"]

@@ -80,9 +80,11 @@ def test_what_is_kept_of_logs_is_bounded(proof: Proof, running: Machine) -> None
 
 def test_a_usb_camera_comes_up_by_itself(proof: Proof, running: Machine, tmp_path: Path) -> None:
     wait_for_robot(proof, running)
-    look = "readlink -f /dev/v4l/by-id/usb-1d6b_Emulated_Camera-video-index0"
+    find = "readlink -f /dev/v4l/by-id/usb-1d6b_Emulated_Camera-video-index0"
     with UsbCamera(tmp_path / "usb") as camera:
         camera.plug_into(running)
-        wait_until(running, "the camera has its name", lambda: "/dev/video0" in ssh(proof, running, look).stdout)
+        wait_until(running, "the camera has its name", lambda: "/dev/video0" in ssh(proof, running, find).stdout)
         camera.unplug_from(running)
-        wait_until(running, "it is gone", lambda: ssh(proof, running, "ls -d /dev/video0 /dev/v4l/by-id/*").stdout == "")
+        wait_until(
+            running, "it is gone", lambda: ssh(proof, running, "ls -d /dev/video0 /dev/v4l/by-id/*").stdout == ""
+        )

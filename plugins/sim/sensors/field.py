@@ -7,15 +7,18 @@ sight; robots and beacons hide nothing.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..robot import SimRobot
 from ..world import SimWorld
 from .geometry import Array, wrapped_rad
 from .scene import Scene
 from .shared import shared
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 
 def compass_rad(robot: SimRobot, noise_rad: float) -> float:

@@ -8,12 +8,14 @@ and leaves, negative behind the origin; where the line misses, the entry comes a
 from __future__ import annotations
 
 import math
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Array: TypeAlias = "NDArray[np.float64]"
 Span: TypeAlias = tuple[Array, Array]
 
 _LEAST: Final = 1e-12

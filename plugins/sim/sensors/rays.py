@@ -8,10 +8,9 @@ robot is told does not depend on who was cast together.
 from __future__ import annotations
 
 import math
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..robot import SimRobot
 from ..world import SimWorld
@@ -19,12 +18,15 @@ from .geometry import Array, rectangle_span_m
 from .scene import Scene
 from .shared import shared
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 RAYS: Final = 16
 MAX_RANGE_M: Final = 4.0
 _PITCH_RAD: Final = 2 * math.pi / RAYS
 RAY_ANGLES_RAD: Final = np.arange(RAYS, dtype=np.float64) * _PITCH_RAD
 
-_Indices: TypeAlias = NDArray[np.intp]
+_Indices: TypeAlias = "NDArray[np.intp]"
 _COS: Final = np.cos(RAY_ANGLES_RAD)
 _SIN: Final = np.sin(RAY_ANGLES_RAD)
 _UPRIGHT: Final = (np.array(1.0), np.array(0.0))

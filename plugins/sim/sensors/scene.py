@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eal_actors.plugin import UnavailableError, WorldModel
 
@@ -14,10 +13,13 @@ from ..robot import SimRobot
 from ..world import SimBox, SimWorld
 from .geometry import Array, Span, disc_span_m, rectangle_span_m
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 _Row: TypeAlias = tuple[float, float, float, float, float, float, float]
 """x, y, yaw, radius, half x, half y, height."""
 
-Columns: TypeAlias = NDArray[np.intp] | slice
+Columns: TypeAlias = "NDArray[np.intp] | slice"
 
 
 class Scene:
