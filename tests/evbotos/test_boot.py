@@ -51,7 +51,7 @@ def test_a_robot_that_boots_drives_the_square_for_a_controller_outside(
     _LOG.warning(
         f"power-on to the first answered call: {took_s:.1f} s, of which QEMU computed {machine.computed_s():.1f} s"
     )
-    _LOG.warning(f"memory of {proof.platform.emulator}: {answer(proof, machine, 'free -k')}")
+    _LOG.warning(f"memory of {proof.platform.name}: {answer(proof, machine, 'free -k')}")
     prove_square(proof, machine)
 
 
