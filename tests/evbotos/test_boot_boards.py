@@ -68,6 +68,7 @@ def test_a_robot_on_the_board_drives_the_square_for_a_controller_outside(
 
 
 def test_who_has_the_key_may_log_in_and_finds_what_the_image_promises(proof: Proof, machine: Machine) -> None:
+    wait_for_words(machine, SERVES)
     _LOG.warning(f"{proof.platform.name}: {answer(proof, machine, 'uname -a; free -k; cat /run/evbotos/robot.up')}")
     assert "/dev/" in answer(proof, machine, "grep ' /data ext4' /proc/mounts")
     for command in proof.image.check:
@@ -77,6 +78,7 @@ def test_who_has_the_key_may_log_in_and_finds_what_the_image_promises(proof: Pro
 def test_a_module_of_the_sdk_is_loaded_on_the_board(proof: Proof, machine: Machine, tmp_path: Path) -> None:
     if proof.platform.name != "beagle-armhf":
         pytest.skip("the module is compiled for the BeagleBoard")
+    wait_for_words(machine, SERVES)
     module = built_module(tmp_path)
     answer(proof, machine, f"cat > /run/{module.name}", module.read_bytes())
     program = "import platform, odometer; print(platform.machine(), odometer.distance(3, 4))"
