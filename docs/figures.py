@@ -15,16 +15,16 @@ import cv2
 import numpy as np
 
 from eal_actors import Fleet, RobotHandle
-from eal_actors.calibration.drive import GroundTruth, calibrate_base, drive_squares, wheelbase_of
-from eal_actors.calibration.fit import fit_squares
-from eal_actors.calibration.square import WAYS
-from eal_actors.calibration.umbmark import SquareEnds
+from eal_actors.device.world import load_world
+from eal_actors.lab.calibration.drive import GroundTruth, calibrate_base, drive_squares, wheelbase_of
+from eal_actors.lab.calibration.fit import fit_squares
+from eal_actors.lab.calibration.square import WAYS
+from eal_actors.lab.calibration.umbmark import SquareEnds
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import PoseRecorder, draw_trajectory, draw_world
 from eal_actors.recording.figure import draw_grid, new_figure
 from eal_actors.scenario import run_scenario
 from eal_actors.testing import Simulation
-from eal_actors.world import load_world
 
 ROOT: Final = Path(__file__).parents[1]
 IMAGES: Final = ROOT / "docs/images"
@@ -155,7 +155,7 @@ def draw_dashboard(images: Path) -> None:
         return
     from playwright.sync_api import sync_playwright
 
-    from eal_actors.dashboard import Dashboard
+    from eal_actors.operate.dashboard import Dashboard
 
     lab = load_world(ROOT / "fleets/worlds/lab.yaml")
     config = replace(EALConfigManager.load(ROOT / "fleets/sim.yaml").fleet, world=lab)

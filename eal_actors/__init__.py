@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from eal_actors.actors.combine import as_completed, first, gather
     from eal_actors.actors.future import Future
     from eal_actors.actors.handles import ResourceHandle, RobotHandle
-    from eal_actors.data import DataType, EALData
-    from eal_actors.errors import EALError
+    from eal_actors.device.data import DataType, EALData
+    from eal_actors.device.info import ResourceInfo, ResourceType
     from eal_actors.facade.eal import EAL, connect
     from eal_actors.facade.fleet import Fleet
-    from eal_actors.info import ResourceInfo, ResourceType
+    from eal_actors.kernel.errors import EALError
 
 __version__ = "0.1.0"
 
@@ -38,15 +38,15 @@ __all__ = [
 ]
 
 _HOMES: Final = {
-    "DataType": "eal_actors.data",
+    "DataType": "eal_actors.device.data",
     "EAL": "eal_actors.facade.eal",
-    "EALData": "eal_actors.data",
-    "EALError": "eal_actors.errors",
+    "EALData": "eal_actors.device.data",
+    "EALError": "eal_actors.kernel.errors",
     "Fleet": "eal_actors.facade.fleet",
     "Future": "eal_actors.actors.future",
     "ResourceHandle": "eal_actors.actors.handles",
-    "ResourceInfo": "eal_actors.info",
-    "ResourceType": "eal_actors.info",
+    "ResourceInfo": "eal_actors.device.info",
+    "ResourceType": "eal_actors.device.info",
     "RobotHandle": "eal_actors.actors.handles",
     "as_completed": "eal_actors.actors.combine",
     "connect": "eal_actors.facade.eal",

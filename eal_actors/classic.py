@@ -13,12 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
-from eal_actors.data import DataType, EALData
-from eal_actors.errors import EALError
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceInfo, ResourceType
+from eal_actors.device.resource import Resource
 from eal_actors.facade import eal as facade
-from eal_actors.info import ResourceInfo, ResourceType
-from eal_actors.log import get_logger
-from eal_actors.resource import Resource
+from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.log import get_logger
 
 __all__ = [
     "ACTUATOR",

@@ -13,17 +13,18 @@ against it and arrive as `context.settings` (Source: thesis §4.2.2, B.3).
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar
-
 from pydantic import Field
 
-from eal_actors.clock import Clock
-from eal_actors.data import DataType, EALData
-from eal_actors.differential_base import DifferentialBase, Drivetrain
-from eal_actors.errors import (
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.differential_base import DifferentialBase, Drivetrain
+from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
+from eal_actors.device.link import Link
+from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
+from eal_actors.device.ports import BytePort, ReopeningPort, TcpPort, open_serial, open_tcp
+from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
+from eal_actors.device.wheels import WheelCalibration
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import (
     ArgumentError,
     DataError,
     EALError,
@@ -33,15 +34,7 @@ from eal_actors.errors import (
     UnavailableError,
     UnsupportedError,
 )
-from eal_actors.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
-from eal_actors.link import Link
-from eal_actors.log import get_logger
-from eal_actors.ports import BytePort, ReopeningPort, TcpPort, open_serial, open_tcp
-from eal_actors.record.recorded_run import RecordedCall, RecordedRun
-from eal_actors.resource import Activity, Resource, command, config, config_setter, request
-from eal_actors.strict_model import StrictModel
-from eal_actors.wheels import WheelCalibration
-from eal_actors.world import WorldModel
+from eal_actors.kernel.log import get_logger
 
 __all__ = [
     "Activity",
@@ -61,12 +54,9 @@ __all__ = [
     "FleetServices",
     "Link",
     "NotReadyError",
-    "Onlooker",
     "PluginContext",
     "PluginError",
     "PluginSettingsModel",
-    "RecordedCall",
-    "RecordedRun",
     "ReopeningPort",
     "Resource",
     "ResourceFaultError",
@@ -77,7 +67,6 @@ __all__ = [
     "UnsupportedError",
     "ValueInfo",
     "WheelCalibration",
-    "WorldModel",
     "command",
     "config",
     "config_setter",
@@ -86,158 +75,3 @@ __all__ = [
     "open_tcp",
     "request",
 ]
-
-_T = TypeVar("_T")
-
-
-class PluginSettingsModel(StrictModel):
-    """Base of a plugin's `Settings`: strict types, unknown keys refused, immutable."""
-
-
-class EALPlugin:
-    """What `connect` returns: the names of the resources that the plugin offers (Source: thesis B.3.2).
-
-    Either `EALPlugin("A", "B")`, or with the count first, `EALPlugin(2, "A", "B")`, where names beyond the count are
-    ignored and too few are an error. Subclass it to keep what the resources share, such as an open port.
-
-    Raises:
-        PluginError: no name, a name twice, or fewer names than the count.
-    """
-
-    def __init__(self, *names: str | int) -> None:
-        count, named = len(names), list(names)
-        if named and isinstance(named[0], int):
-            count = int(named.pop(0))
-            if count > len(named):
-                raise PluginError(f"EALPlugin was promised {count} resources, but only {len(named)} are named")
-        resources = [str(name) for name in named[:count]]
-        if not resources:
-            raise PluginError("EALPlugin names no resource")
-        twice = sorted({name for name in resources if resources.count(name) > 1})
-        if twice:
-            raise PluginError(f"EALPlugin names {', '.join(twice)} twice")
-        self._resources = tuple(resources)
-
-    def list_resources(self) -> tuple[str, ...]:
-        """Return the resources' names (Source: thesis §4.2.2.1, listResources)."""
-        try:
-            return self._resources
-        except AttributeError:
-            raise PluginError(
-                f"{type(self).__name__} does not call super().__init__ with its resources' names"
-            ) from None
-
-
-class PortMaker(Protocol):
-    """Makes simulated ports: what `open_port` of a plugin such as sim is."""
-
-    def __call__(self, context: PluginContext, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
-        """Return an open port; see PluginContext.simulated_port."""
-        ...
-
-
-class Onlooker(Protocol):
-    """Watches how near the robots of a simulated world come to each other and to what stands in it.
-
-    Attributes:
-        reach_m: what is farther away does not matter.
-    """
-
-    reach_m: float
-
-    def see(self, time_s: float, robot: str, place_m: tuple[float, float], gaps_m: Mapping[str, float]) -> float:
-        """Take notice of what is near a robot at the end of a step of the simulation.
-
-        Args:
-            time_s: in seconds of the fleet's clock.
-            robot: the robot's name.
-            place_m: x and y of its middle, in the world's frame.
-            gaps_m: from its outline to the outline of everything within reach, by name; below 0 where they overlap.
-
-        Returns:
-            The gap in metres from which on nothing must be missed: this robot is seen again at the first step at whose
-            end something may be nearer to it.
-
-        Thread: whichever moves the world; must not block, and must not ask robots.
-        """
-        ...
-
-
-class FleetServices:
-    """What the plugins of one fleet share: its clock, its world, and objects made once, such as a simulation.
-
-    Args:
-        clock: the fleet's clock.
-        seed: the fleet's seed, from which every random generator of a plugin must come.
-        world: the fleet file's world, or None.
-        open_port: makes simulated ports; None where there are none.
-
-    Attributes:
-        onlooker: is told by simulations how near robots come to things, if it was set before they connect.
-    """
-
-    def __init__(
-        self, clock: Clock, seed: int = 0, world: WorldModel | None = None, open_port: PortMaker | None = None
-    ) -> None:
-        self.clock = clock
-        self.seed = seed
-        self.world = world
-        self.open_port = open_port
-        self.onlooker: Onlooker | None = None
-        self._lock = threading.RLock()
-        self._shared: dict[Hashable, Any] = {}
-        self._links: dict[str, Link] = {}
-
-    def link(self, robot: str) -> Link:
-        """Return the link to a robot, for plugins that make faults on purpose. Thread: any."""
-        with self._lock:
-            if robot not in self._links:
-                self._links[robot] = Link(robot, self.seed)
-            return self._links[robot]
-
-    def shared(self, key: Hashable, make: Callable[[], _T]) -> _T:
-        """Return the fleet's one object under the key, made by the first who asks. Thread: any."""
-        with self._lock:
-            if key not in self._shared:
-                self._shared[key] = make()
-            found: _T = self._shared[key]
-            return found
-
-
-@dataclass(frozen=True)
-class PluginContext:
-    """What a plugin may know of where it runs.
-
-    Attributes:
-        robot: the robot's name.
-        instance: the plugin's instance name on that robot.
-        settings: the plugin's checked `Settings`, or None if it has no such class.
-        services: what the fleet's plugins share.
-        plugin: what `connect` returned; None while `connect` itself runs.
-    """
-
-    robot: str
-    instance: str
-    settings: Any
-    services: FleetServices
-    plugin: Any = field(default=None)
-
-    @property
-    def clock(self) -> Clock:
-        """The fleet's clock."""
-        return self.services.clock
-
-    def simulated_port(self, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
-        """Open a port to an emulator whose body is a robot of a simulated world.
-
-        Args:
-            url: `<plugin>://...`, where the plugin is the one that simulates, such as `sim://world/roomba-1`.
-            model: what the robot must be, in that plugin's words.
-            emulate: makes the driver's emulator for a body: an object with `feed(data, now_s) -> bytes`.
-
-        Raises:
-            PluginError: there is no such plugin or robot, or it makes no ports.
-        """
-        if self.services.open_port is None:
-            raise PluginError(f"port {url!r}: there are no simulated ports here")
-        return self.services.open_port(self, url, model, emulate)

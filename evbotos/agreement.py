@@ -13,9 +13,9 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, ValidationError
 
-from eal_actors.errors import ConfigError, Problem
-from eal_actors.strict_model import NAMES_ONLY, StrictModel, Version1, problems_from
-from eal_actors.yaml_source import load_yaml
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.strict_model import NAMES_ONLY, StrictModel, Version1, problems_from
+from eal_actors.kernel.yaml_source import load_yaml
 from evbotos.definitions import Definitions, load_definitions
 from evbotos.model import Image
 from evbotos.plan import ROOTFS

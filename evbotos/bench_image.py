@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from evbotos.bench import Benchmark, Engine, run_by, script_of
 from evbotos.disk import START
 from evbotos.errors import BuildError

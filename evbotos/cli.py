@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from eal_actors.clock import REAL_TIME
-from eal_actors.errors import ConfigError, EALError, Problem
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import ConfigError, EALError, Problem
 from evbotos.bench_command import bench, times
 from evbotos.build import OUTPUT, Build
 from evbotos.definitions import Definitions, load_definitions

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eal_actors.errors import EALError
+from eal_actors.kernel.errors import EALError
 
 
 class BuildError(EALError, RuntimeError):

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal, Protocol
 
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from evbotos.block_devices import SECTOR, Target
 from evbotos.disk_image import DiskImage
 from evbotos.errors import BuildError, FlashError

@@ -10,9 +10,9 @@ from typing import Annotated, Any, Final, Literal
 import yaml
 from pydantic import Field, NonNegativeInt, PositiveInt, ValidationError
 
-from eal_actors.errors import ConfigError
-from eal_actors.strict_model import StrictModel, Version1, problems_from
-from eal_actors.yaml_source import load_yaml
+from eal_actors.kernel.errors import ConfigError
+from eal_actors.kernel.strict_model import StrictModel, Version1, problems_from
+from eal_actors.kernel.yaml_source import load_yaml
 from evbotos.errors import BuildError
 from evbotos.model import Image, Kernel, Platform
 

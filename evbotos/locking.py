@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-from eal_actors.clock import wall_time
+from eal_actors.kernel.clock import wall_time
 from evbotos.compiled_wheels import SYSROOT, resolve_sources
 from evbotos.errors import BuildError
 from evbotos.lock import Lock, LockedPackage, asked_by, write_lock

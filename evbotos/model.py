@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Discriminator, Field, NonNegativeInt, PositiveFloat, PositiveInt, Tag
 
-from eal_actors.strict_model import NAMES_ONLY, Name, StrictModel, Version1
+from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
 
 GRUB_PACKAGE: Final = "grub-pc-bin"
 """Debian's, with what starts a PC."""

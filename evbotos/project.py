@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import eal_actors
-from eal_actors.bundled import bundled_path
+from eal_actors.kernel.bundled import bundled_path
 from evbotos.tree import SITE
 
 _BUNDLED: Final = ("plugins", "fleets", "scenarios")

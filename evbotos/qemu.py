@@ -16,7 +16,7 @@ from typing import IO, Any, Final
 
 from rich.console import Console
 
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from evbotos.disk import DISK_ID, kernel_line
 from evbotos.errors import BuildError
 from evbotos.hosttools import tool

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from evbotos.apt_sources import sources_for
 from evbotos.build import OUTPUT, cache_folder
 from evbotos.definitions import load_definitions

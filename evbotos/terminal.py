@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from eal_actors.errors import ConfigError, EALError
+from eal_actors.kernel.errors import ConfigError, EALError
 from evbotos.errors import BuildError, FlashError, MissingToolsError, UpdateError
 
 

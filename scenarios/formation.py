@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from eal_actors import Fleet, RobotHandle, gather
-from eal_actors.choreography.aiming import leg_commands, turn_command
-from eal_actors.choreography.shapes import plan_shape
-from eal_actors.choreography.step import clearance_m
-from eal_actors.errors import UnavailableError
-from eal_actors.world.formation import Formation
+from eal_actors.device.world.formation import Formation
+from eal_actors.kernel.errors import UnavailableError
+from eal_actors.lab.choreography.aiming import leg_commands, turn_command
+from eal_actors.lab.choreography.shapes import plan_shape
+from eal_actors.lab.choreography.step import clearance_m
 
 NEAR_M = 0.03
 MOST_LEGS = 100

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from eal_actors import EALData, Fleet, Future, RobotHandle, gather
-from eal_actors.errors import ArgumentError
-from eal_actors.panorama import stitch
-from eal_actors.panorama.folder import save_panorama
+from eal_actors.kernel.errors import ArgumentError
+from eal_actors.lab.panorama import stitch
+from eal_actors.lab.panorama.folder import save_panorama
 
 PICTURES = 8
 

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from eal_actors import EALData, EALError, Fleet, Future, RobotHandle, gather
-from eal_actors.choreography.aiming import leg_commands, turn_command
-from eal_actors.choreography.changes import find_changes
-from eal_actors.clock import Clock
-from eal_actors.errors import UnavailableError
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import UnavailableError
+from eal_actors.lab.choreography.aiming import leg_commands, turn_command
+from eal_actors.lab.choreography.changes import find_changes
 
 PLACES = (
     (-1.2, 1.8, 205),

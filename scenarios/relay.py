@@ -5,8 +5,8 @@ import math
 from collections.abc import Sequence
 
 from eal_actors import Fleet, RobotHandle
-from eal_actors.choreography.aiming import leg_commands
-from eal_actors.errors import UnavailableError
+from eal_actors.kernel.errors import UnavailableError
+from eal_actors.lab.choreography.aiming import leg_commands
 
 RADIUS_M, MIDDLE = 2.5, (0.0, 0.4)
 MARKS = 12

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from eal_actors import EALError, Fleet, Future, RobotHandle, first
-from eal_actors.choreography.aiming import leg_commands
-from eal_actors.clock import Clock
-from eal_actors.errors import UnavailableError
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import UnavailableError
+from eal_actors.lab.choreography.aiming import leg_commands
 
 LENGTH_M, WIDTH_M, LANE_M = 9.0, 7.2, 1.2
 NEAR_M, LONGEST_M, MOST_LEGS = 0.1, 1.0, 200

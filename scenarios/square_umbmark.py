@@ -4,7 +4,9 @@ import argparse
 from typing import NamedTuple
 
 from eal_actors import Fleet, RobotHandle
-from eal_actors.calibration.drive import (
+from eal_actors.device.wheels import NOMINAL
+from eal_actors.kernel.errors import UnsupportedError
+from eal_actors.lab.calibration.drive import (
     GroundTruth,
     calibrate_base,
     calibration_of_base,
@@ -12,9 +14,7 @@ from eal_actors.calibration.drive import (
     has_ground_truth,
     wheelbase_of,
 )
-from eal_actors.calibration.fit import Fit, fit_squares
-from eal_actors.errors import UnsupportedError
-from eal_actors.wheels import NOMINAL
+from eal_actors.lab.calibration.fit import Fit, fit_squares
 
 SIDE_M, SQUARES = 1.0, 5
 

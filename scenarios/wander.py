@@ -7,7 +7,7 @@ import argparse
 import threading
 
 from eal_actors import EALError, Fleet, RobotHandle
-from eal_actors.clock import Clock
+from eal_actors.kernel.clock import Clock
 
 CLEARANCE_M = 0.5
 LOOK_S = 0.05  # from one look at a sensor to the next, on the fleet's clock

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from random import Random
 from typing import Any, Generic, Protocol, TypeVar
 
-from eal_actors.clock import REAL_TIME
-from eal_actors.conformance.wires import TICK_S, WIRES
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.testing.conformance.wires import TICK_S, WIRES
 from plugins.evbot2.device import Device
 from plugins.evbot2.emulator import evbot2, free_body
 from plugins.evbot2.faults import FaultyWire

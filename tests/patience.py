@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from eal_actors import Fleet
-from eal_actors.lock_step import Rate
+from eal_actors.kernel.lock_step import Rate
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Scenario, load_scenario
 

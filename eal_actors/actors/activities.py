@@ -10,11 +10,11 @@ from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.answers import seconds_of, status_of
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.inbox import Inbox
-from eal_actors.clock import Clock
-from eal_actors.errors import EALError, PreemptedError, ReturnTypeError
-from eal_actors.log import set_call
-from eal_actors.resource import Activity, Progress, Resource
-from eal_actors.timers import Timer
+from eal_actors.device.resource import Activity, Progress, Resource
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import EALError, PreemptedError, ReturnTypeError
+from eal_actors.kernel.log import set_call
+from eal_actors.kernel.timers import Timer
 
 
 @dataclass(eq=False)

@@ -13,9 +13,9 @@ from pykka.messages import _ActorStop
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Action, Inbox
-from eal_actors.clock import Clock
-from eal_actors.errors import EALError, UnavailableError, shown
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import EALError, UnavailableError, shown
+from eal_actors.kernel.log import get_logger
 
 
 class AbandonedThread(BaseException):

@@ -7,9 +7,9 @@ import numbers
 from typing import Any
 
 from eal_actors.actors.call import Call
-from eal_actors.data import EALData
-from eal_actors.errors import EALError, ResourceFaultError, ReturnTypeError, shown
-from eal_actors.info import ValueInfo
+from eal_actors.device.data import EALData
+from eal_actors.device.info import ValueInfo
+from eal_actors.kernel.errors import EALError, ResourceFaultError, ReturnTypeError, shown
 
 
 def status_of(result: Any) -> int:

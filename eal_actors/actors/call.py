@@ -8,12 +8,15 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, Protocol, TypeAlias, TypeVar
 
-from eal_actors import spans
 from eal_actors.actors.feeds import Feed, Sink, StreamSpec
 from eal_actors.actors.future import Future, Later
 from eal_actors.actors.inbox import Envelope, Inbox
-from eal_actors.clock import Clock
-from eal_actors.errors import (
+from eal_actors.device.info import ResourceInfo
+from eal_actors.device.link import Link
+from eal_actors.device.resource import Progress, Resource
+from eal_actors.kernel import spans
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import (
     ArgumentError,
     CallCancelledError,
     DeadlineError,
@@ -22,10 +25,7 @@ from eal_actors.errors import (
     StoppedError,
     UnavailableError,
 )
-from eal_actors.info import ResourceInfo
-from eal_actors.link import Link
-from eal_actors.log import get_logger
-from eal_actors.resource import Progress, Resource
+from eal_actors.kernel.log import get_logger
 
 T = TypeVar("T")
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Final, TypeAlias
 
 from eal_actors.actors.robot_view import RobotConnection, RobotView
-from eal_actors.clock import REAL_TIME
-from eal_actors.errors import UnavailableError, WaitTimeoutError
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import UnavailableError, WaitTimeoutError
+from eal_actors.kernel.log import get_logger
 
 CLOSE_TIMEOUT_S: Final = 5.0
 """How long (real time) a robot has to stop by itself before what is stuck is abandoned."""

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
 from eal_actors.actors.future import Future, Later, Relay
-from eal_actors.clock import REAL_TIME, new_waiter
-from eal_actors.errors import CallError
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.errors import CallError
 
 T = TypeVar("T")
 

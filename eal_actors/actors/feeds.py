@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, Protocol, TypeAlias, get_args
 
-from eal_actors.data import EALData
-from eal_actors.data.forms import DataType
-from eal_actors.errors import ArgumentError, EALError, UnsupportedError
-from eal_actors.info import ResourceInfo, ValueInfo
+from eal_actors.device.data import EALData
+from eal_actors.device.data.forms import DataType
+from eal_actors.device.info import ResourceInfo, ValueInfo
+from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError
 
 Encoding: TypeAlias = Literal["raw", "jpeg", "png"]
 """How a frame travels; JPEG loses a little, the others nothing. The reader gets an image again."""

@@ -13,9 +13,9 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 
 import pykka
 
-from eal_actors.clock import REAL_TIME, Clock, new_waiter
-from eal_actors.errors import CallCancelledError, DeadlineError, EALError, WaitTimeoutError
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter
+from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError, WaitTimeoutError
+from eal_actors.kernel.log import get_logger
 
 T = TypeVar("T")
 M = TypeVar("M")

@@ -11,15 +11,15 @@ from eal_actors.actors.resource_handle import ResourceHandle
 from eal_actors.actors.robot_view import Ping, RobotConnection, RobotState, RobotView
 from eal_actors.actors.running import Running
 from eal_actors.actors.state_wait import StateWait
-from eal_actors.clock import Clock
-from eal_actors.errors import (
+from eal_actors.device.info import unknown_name
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import (
     EALError,
     ResourceNotFoundError,
     RobotFailedError,
     UnavailableError,
     WaitTimeoutError,
 )
-from eal_actors.info import unknown_name
 
 __all__ = ["CLOSE_TIMEOUT_S", "ResourceHandle", "RobotHandle", "close_robots"]
 

@@ -9,9 +9,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from eal_actors.clock import Clock, new_waiter
-from eal_actors.errors import BusyError, EALError
-from eal_actors.timers import ROUNDING_S, Timer, TimerHeap
+from eal_actors.kernel.clock import Clock, new_waiter
+from eal_actors.kernel.errors import BusyError, EALError
+from eal_actors.kernel.timers import ROUNDING_S, Timer, TimerHeap
 
 
 class Envelope(Protocol):

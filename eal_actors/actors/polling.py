@@ -8,8 +8,8 @@ from typing import Final
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.feeds import Sink, StreamSpec
 from eal_actors.actors.future import Future
-from eal_actors.data import EALData
-from eal_actors.errors import EALError, ResourceFaultError, shown
+from eal_actors.device.data import EALData
+from eal_actors.kernel.errors import EALError, ResourceFaultError, shown
 
 _PATIENCE_S: Final = 30.0
 """Real seconds that a value may take: nobody waits for a single one, so only a resource that hangs is to be restarted

@@ -8,8 +8,8 @@ from typing import Final
 import structlog
 
 from eal_actors.actors.inbox import Inbox
-from eal_actors.errors import NotReadyError
-from eal_actors.resource import Resource
+from eal_actors.device.resource import Resource
+from eal_actors.kernel.errors import NotReadyError
 
 LOOK_S: Final = 0.5
 """How often (fleet time) a resource is asked while nobody calls it."""

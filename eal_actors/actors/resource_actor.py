@@ -16,8 +16,10 @@ from eal_actors.actors.readiness import Readiness
 from eal_actors.actors.resource_factory import ResourceFactory
 from eal_actors.actors.running import Running, command_of, process_name
 from eal_actors.actors.starts import PendingStart
-from eal_actors.data import EALData
-from eal_actors.errors import (
+from eal_actors.device.data import EALData
+from eal_actors.device.info import ResourceInfo
+from eal_actors.device.resource import Activity, Resource
+from eal_actors.kernel.errors import (
     DeadlineError,
     EALError,
     PreemptedError,
@@ -27,9 +29,7 @@ from eal_actors.errors import (
     UnavailableError,
     shown,
 )
-from eal_actors.info import ResourceInfo
-from eal_actors.log import bind_work_place, get_logger, is_debugging, set_call
-from eal_actors.resource import Activity, Resource
+from eal_actors.kernel.log import bind_work_place, get_logger, is_debugging, set_call
 
 
 class _Later(NamedTuple):

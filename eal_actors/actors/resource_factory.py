@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from eal_actors.resource import Resource
+from eal_actors.device.resource import Resource
 
 
 class ResourceFactory(Protocol):

@@ -11,11 +11,11 @@ from eal_actors.actors.feeds import Encoding, Feed, Sink, StreamSpec
 from eal_actors.actors.polling import PolledFeed
 from eal_actors.actors.streams import Stream
 from eal_actors.actors.waiting import Waiting, waiting_in
-from eal_actors.data import EALData
-from eal_actors.errors import ArgumentError
-from eal_actors.info import ResourceInfo
-from eal_actors.link import Link
-from eal_actors.resource import Resource
+from eal_actors.device.data import EALData
+from eal_actors.device.info import ResourceInfo
+from eal_actors.device.link import Link
+from eal_actors.device.resource import Resource
+from eal_actors.kernel.errors import ArgumentError
 
 
 def _as_data(value: Any) -> EALData | None:

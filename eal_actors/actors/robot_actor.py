@@ -19,10 +19,10 @@ from eal_actors.actors.robot_spec import OpenPlugins, RobotSpec
 from eal_actors.actors.robot_view import Ping, RobotState, RobotView, release
 from eal_actors.actors.running import Running
 from eal_actors.actors.supervision import ChildSpec, RestartIntensity, wants_restart
-from eal_actors.clock import REAL_TIME
-from eal_actors.errors import EALError, PluginError, RobotFailedError, UnavailableError, shown
-from eal_actors.info import ResourceInfo
-from eal_actors.log import get_logger
+from eal_actors.device.info import ResourceInfo
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError, PluginError, RobotFailedError, UnavailableError, shown
+from eal_actors.kernel.log import get_logger
 
 HANG_GRACE_S: Final = 1.0
 """How long after its deadline a call may still run before its resource counts as stuck, in fleet time."""

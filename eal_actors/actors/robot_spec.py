@@ -8,9 +8,9 @@ from typing import Protocol
 
 from eal_actors.actors.resource_factory import ResourceFactory
 from eal_actors.actors.supervision import Restart
-from eal_actors.clock import Clock
-from eal_actors.errors import EALError
-from eal_actors.link import Link
+from eal_actors.device.link import Link
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import EALError
 
 
 class OpenPlugins(Protocol):

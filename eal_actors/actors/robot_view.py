@@ -15,9 +15,9 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Inbox
 from eal_actors.actors.running import Running
 from eal_actors.actors.waiting import Waiting
-from eal_actors.clock import REAL_TIME, Clock
-from eal_actors.errors import EALError
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import REAL_TIME, Clock
+from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.log import get_logger
 
 
 @cache

@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any
 
 from eal_actors.actors.call import Call
-from eal_actors.resource import Progress
+from eal_actors.device.resource import Progress
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from typing import Any
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.inbox import Inbox
-from eal_actors.errors import DeadlineError, EALError
-from eal_actors.timers import ROUNDING_S, Timer
+from eal_actors.kernel.errors import DeadlineError, EALError
+from eal_actors.kernel.timers import ROUNDING_S, Timer
 
 
 class PendingStart:

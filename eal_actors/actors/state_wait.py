@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from eal_actors.actors.future import Future, Timekeeper
 from eal_actors.actors.robot_view import RobotState, RobotView
-from eal_actors.errors import DeadlineError, EALError, UnavailableError
+from eal_actors.kernel.errors import DeadlineError, EALError, UnavailableError
 
 
 class StateWait(Future[RobotState]):

@@ -10,9 +10,9 @@ from typing import Final, Self
 from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.feeds import Item, StreamSpec
 from eal_actors.actors.polling import PolledFeed
-from eal_actors.clock import new_waiter
-from eal_actors.data import EALData
-from eal_actors.errors import BusyError, DeadlineError, EALError, UnavailableError
+from eal_actors.device.data import EALData
+from eal_actors.kernel.clock import new_waiter
+from eal_actors.kernel.errors import BusyError, DeadlineError, EALError, UnavailableError
 
 _PASSING: Final = (UnavailableError, BusyError, DeadlineError)
 """What keeps values away for a while: a reader waits over it."""

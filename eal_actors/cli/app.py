@@ -38,8 +38,8 @@ from eal_actors.cli.help import Command, Group
 from eal_actors.cli.interrupts import heed_signals
 from eal_actors.cli.lasting import lasting_output
 from eal_actors.cli.options import GlobalOptions, LogLevel
-from eal_actors.errors import EALError
-from eal_actors.log import LogFormat, configure_logging
+from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.log import LogFormat, configure_logging
 
 
 class _Program(Group):

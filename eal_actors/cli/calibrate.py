@@ -12,8 +12,17 @@ from rich.console import Console
 from rich.text import Text
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.calibration.calibration_file import Written, require_own, write_calibration
-from eal_actors.calibration.drive import (
+from eal_actors.cli.exit_codes import ExitCode
+from eal_actors.cli.opening import advice_on_plugins, find_resource, read_fleet
+from eal_actors.cli.options import FleetOption, JsonOption
+from eal_actors.cli.output import counted, new_table, short_path, stderr, stdout, write_json
+from eal_actors.cli.tape_measure import Person
+from eal_actors.device.wheels import NOMINAL, WheelCalibration
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ArgumentError
+from eal_actors.kernel.lock_step import MAX
+from eal_actors.lab.calibration.calibration_file import Written, require_own, write_calibration
+from eal_actors.lab.calibration.drive import (
     GroundTruth,
     Measurer,
     calibrate_base,
@@ -22,20 +31,11 @@ from eal_actors.calibration.drive import (
     has_ground_truth,
     wheelbase_of,
 )
-from eal_actors.calibration.ends_file import read_ends
-from eal_actors.calibration.fit import Fit, fit_squares
-from eal_actors.calibration.square import WAYS, Way
-from eal_actors.calibration.umbmark import Point, SquareEnds
-from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.opening import advice_on_plugins, find_resource, read_fleet
-from eal_actors.cli.options import FleetOption, JsonOption
-from eal_actors.cli.output import counted, new_table, short_path, stderr, stdout, write_json
-from eal_actors.cli.tape_measure import Person
-from eal_actors.errors import ArgumentError
-from eal_actors.facade.fleet import Fleet
-from eal_actors.lock_step import MAX
+from eal_actors.lab.calibration.ends_file import read_ends
+from eal_actors.lab.calibration.fit import Fit, fit_squares
+from eal_actors.lab.calibration.square import WAYS, Way
+from eal_actors.lab.calibration.umbmark import Point, SquareEnds
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.wheels import NOMINAL, WheelCalibration
 
 
 @dataclass(frozen=True, slots=True)

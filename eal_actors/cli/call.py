@@ -13,12 +13,12 @@ from eal_actors.cli.exit_codes import SEE_BLOCKING
 from eal_actors.cli.opening import advice_on_plugins, find_resource, read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import plain, shown_value, write_json
-from eal_actors.clock import Clock
-from eal_actors.data import EALData
-from eal_actors.errors import DeadlineError
+from eal_actors.device.data import EALData
+from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
-from eal_actors.info import unknown_name
-from eal_actors.yaml_source import plain_value
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import DeadlineError
+from eal_actors.kernel.yaml_source import plain_value
 
 _Call = Callable[[ResourceHandle, list[str], float | None], Future[Any]]
 

@@ -15,11 +15,11 @@ from eal_actors.cli.opening import check_plugins
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, stderr, stdout, write_json
 from eal_actors.cli.world import contents
-from eal_actors.errors import ConfigError, Problem
+from eal_actors.device.world import load_world
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import load_scenario
-from eal_actors.world import load_world
-from eal_actors.yaml_source import load_yaml
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,19 +10,19 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from eal_actors.bundled import bundled_path
 from eal_actors.cli.interrupts import heed_signals
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import stderr, stdout
-from eal_actors.clock import REAL_TIME, new_waiter
-from eal_actors.errors import UnsupportedError
 from eal_actors.facade.fleet import Fleet
-from eal_actors.lock_step import MAX
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.errors import UnsupportedError
+from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.fleet_model import FleetConfig
 
 if TYPE_CHECKING:
-    from eal_actors.dashboard import Dashboard
+    from eal_actors.operate.dashboard import Dashboard
 
 
 def show_dashboard(
@@ -51,8 +51,8 @@ def show_dashboard(
     ends, everything that moves is halted.
     """
     try:
-        from eal_actors.dashboard import Access, Dashboard
-        from eal_actors.dashboard.access import new_token
+        from eal_actors.operate.dashboard import Access, Dashboard
+        from eal_actors.operate.dashboard.access import new_token
     except ModuleNotFoundError as error:
         raise UnsupportedError(
             f"the dashboard needs {error.name}, which is not installed: pip install 'eal-actors[dashboard]'"

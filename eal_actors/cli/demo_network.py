@@ -14,7 +14,7 @@ from rich.text import Text
 
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.output import stderr
-from eal_actors.errors import UnavailableError
+from eal_actors.kernel.errors import UnavailableError
 
 _STOP_S: Final = 5.0
 """Real seconds that a server has to end by itself."""

@@ -14,8 +14,8 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 import eal_actors.cli.leash
-from eal_actors.bundled import bundled_path
-from eal_actors.errors import UnavailableError
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.errors import UnavailableError
 from eal_actors.managers.config import EALConfigManager
 
 _PREFIX: Final = "LAB_"

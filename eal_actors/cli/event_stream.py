@@ -11,9 +11,9 @@ from typing import IO, Final
 
 import typer
 
-from eal_actors.log import get_logger
-from eal_actors.record.strict_json import as_json
+from eal_actors.kernel.log import get_logger
 from eal_actors.scenario import Event, Listener
+from eal_actors.scenario.strict_json import as_json
 
 STDOUT: Final = "-"
 

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from eal_actors.cli.options import GlobalOptions
 from eal_actors.cli.output import stderr
-from eal_actors.errors import (
+from eal_actors.kernel.errors import (
     ArgumentError,
     BusyError,
     ConfigError,
@@ -25,7 +25,7 @@ from eal_actors.errors import (
     UnavailableError,
     UnsupportedError,
 )
-from eal_actors.log import get_logger
+from eal_actors.kernel.log import get_logger
 
 
 class ExitCode(enum.IntEnum):

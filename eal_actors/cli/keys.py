@@ -13,7 +13,9 @@ from rich.text import Text
 from eal_actors.cli.help import Command, Group
 from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import new_table, short_path, stderr, stdout, write_json
-from eal_actors.errors import ConfigError, Problem, RobotNotFoundError
+from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
+from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_loader import load_fleet
 from eal_actors.managers.fleet_model import FleetConfig
@@ -27,8 +29,6 @@ from eal_actors.net.certificates import (
     make_authority,
     make_certificate,
 )
-from eal_actors.strict_model import did_you_mean
-from eal_actors.yaml_source import load_yaml
 
 app = typer.Typer(cls=Group, help="Make the certificates that secure a fleet's network.", no_args_is_help=True)
 

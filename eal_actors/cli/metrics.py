@@ -10,8 +10,8 @@ import typer
 from rich.console import Console
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.clock import Clock
-from eal_actors.errors import UnsupportedError
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import UnsupportedError
 
 MetricsPortOption = Annotated[
     int | None,
@@ -43,7 +43,7 @@ def metrics_at(
         yield
         return
     try:
-        from eal_actors.metrics.fleet_metrics import FleetMetrics
+        from eal_actors.operate.metrics.fleet_metrics import FleetMetrics
     except ModuleNotFoundError as error:
         raise UnsupportedError(
             f"metrics need {error.name}, which is not installed: pip install 'eal-actors[metrics]'"

@@ -9,7 +9,7 @@ from string import Template
 from typing import Final
 
 from eal_actors import plugin as plugin_api
-from eal_actors.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, Problem
 
 _TEMPLATES: Final = Path(__file__).with_name("plugin_template")
 _NAME: Final = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")

@@ -10,9 +10,9 @@ from pathlib import Path
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.cli.exit_codes import SEE_DEVICE
 from eal_actors.cli.output import short_path
-from eal_actors.errors import PluginError, Problem, RobotFailedError
 from eal_actors.facade.fleet import Fleet
-from eal_actors.lock_step import Rate
+from eal_actors.kernel.errors import PluginError, Problem, RobotFailedError
+from eal_actors.kernel.lock_step import Rate
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.plugins import EALPluginManager

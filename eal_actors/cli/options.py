@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from eal_actors.facade.elsewhere import FLEET_VARIABLE
-from eal_actors.log import LogFormat
+from eal_actors.kernel.log import LogFormat
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 

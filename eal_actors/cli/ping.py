@@ -18,8 +18,8 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption, RobotsArgument
 from eal_actors.cli.output import new_table, stdout, write_json
-from eal_actors.errors import EALError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import EALError
 
 
 @dataclass

@@ -14,10 +14,10 @@ from eal_actors.cli.help import Command, Group
 from eal_actors.cli.new_plugin import write_plugin
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, new_table, short_path, stderr, stdout, write_json
-from eal_actors.conformance import Bench, CheckResult, run_checks, settings_of
-from eal_actors.errors import ConfigError
+from eal_actors.kernel.errors import ConfigError
+from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.managers.plugins import EALPluginManager
-from eal_actors.yaml_source import parse_yaml
+from eal_actors.testing.conformance import Bench, CheckResult, run_checks, settings_of
 
 app = typer.Typer(cls=Group, help="List, begin and check plugins.", no_args_is_help=True)
 

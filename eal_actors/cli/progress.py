@@ -17,9 +17,9 @@ from rich.text import Text
 from eal_actors.cli.options import GlobalOptions
 from eal_actors.cli.output import counted, new_table
 from eal_actors.cli.run_keys import LEGEND, keys_work
-from eal_actors.clock import Clock
 from eal_actors.facade.fleet import Fleet
-from eal_actors.log import configure_logging
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.log import configure_logging
 from eal_actors.scenario import (
     Event,
     LogLine,

@@ -17,12 +17,12 @@ from eal_actors.cli.interrupts import heed_signals
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import new_table, stdout, write_json
-from eal_actors.clock import REAL_TIME, new_waiter
-from eal_actors.errors import ConfigError, Problem, ScenarioError
 from eal_actors.facade.service import RobotService
-from eal_actors.record.mcap_file import RECORD_FILE
-from eal_actors.record.recorded_run import RecordedRun
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
 from eal_actors.recording import Difference, RunFolder, differences, kept_world, render_report
+from eal_actors.recording.mcap_file import RECORD_FILE
+from eal_actors.recording.recorded_run import RecordedRun
 
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.", show_default=False)]
 

@@ -16,10 +16,12 @@ from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import counted, new_table, stderr, stdout, write_json
 from eal_actors.cli.progress import STYLES
 from eal_actors.cli.run_options import Order, Wanted, read_order
-from eal_actors.rehearsal import Incident, Nearest, Rehearsal, Simulated, rehearse, simulated, step_place
-from eal_actors.rehearsal.approaches import TOUCH_M
+from eal_actors.lab.rehearsal import Incident, Nearest, Rehearsal, rehearse
+from eal_actors.lab.rehearsal.approaches import TOUCH_M
+from eal_actors.managers.twins import Simulated, simulated
 from eal_actors.scenario import Scenario
 from eal_actors.scenario.plan import bind_roles
+from eal_actors.scenario.step_places import step_place
 
 _SEEDS = 3
 

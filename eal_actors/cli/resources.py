@@ -15,9 +15,9 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import counted, new_table, stdout, write_json
-from eal_actors.errors import EALError
+from eal_actors.device.info import METHODS, CommandInfo, ResourceInfo
 from eal_actors.facade.fleet import Fleet
-from eal_actors.info import METHODS, CommandInfo, ResourceInfo
+from eal_actors.kernel.errors import EALError
 
 _NAMES_SHOWN = 4
 

@@ -11,8 +11,8 @@ from rich.text import Text
 
 from eal_actors.cli.options import GlobalOptions
 from eal_actors.cli.output import stderr
-from eal_actors.clock import REAL_TIME, new_waiter
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import SECURE_PROTOCOLS, parse_endpoint

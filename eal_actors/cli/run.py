@@ -41,8 +41,8 @@ from eal_actors.cli.run_options import Order, Wanted, read_order
 from eal_actors.cli.run_plan import plan_as_json, print_plan
 from eal_actors.cli.run_summary import print_summary
 from eal_actors.cli.trace import TraceOption, traces_to
-from eal_actors.errors import ConfigError, PluginError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ConfigError, PluginError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.recording import Extent, RunFolder, RunRecorder, keep_provenance, mend_record
 from eal_actors.recording.new_run import draw_run, new_run_folder, writing_into

@@ -10,7 +10,7 @@ import threading
 from types import ModuleType, TracebackType
 from typing import Any, Final, Protocol, Self
 
-from eal_actors.log import get_logger
+from eal_actors.kernel.log import get_logger
 
 termios: ModuleType | None
 tty: ModuleType | None

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 import typer
 
 from eal_actors.cli.opening import check_plugins, read_fleet
-from eal_actors.errors import ConfigError, Problem, ScenarioError
-from eal_actors.lock_step import MAX, Rate
+from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
+from eal_actors.kernel.lock_step import MAX, Rate
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario import Resumption, Scenario, load_scenario, read_run
 from eal_actors.scenario.loading import with_parameters

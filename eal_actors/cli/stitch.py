@@ -12,11 +12,11 @@ from rich.text import Text
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, new_table, short_path, stdout, write_json
-from eal_actors.errors import ArgumentError, ConfigError, Problem, UnsupportedError
+from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnsupportedError
 
 if TYPE_CHECKING:
-    from eal_actors.panorama import Panorama
-    from eal_actors.panorama.folder import Shots
+    from eal_actors.lab.panorama import Panorama
+    from eal_actors.lab.panorama.folder import Shots
 
 _STYLES: Final = {"features": "green", "gradients": "green", "odometry only": "yellow"}
 _MUCH_DEG: Final = 5.0
@@ -53,7 +53,7 @@ def stitch_frames(
     The exit code is 1 if a frame had to be left out.
     """
     try:
-        from eal_actors.panorama.folder import PANORAMA, PICTURES, describe, read_shots, save_panorama
+        from eal_actors.lab.panorama.folder import PANORAMA, PICTURES, describe, read_shots, save_panorama
     except ImportError as error:
         raise UnsupportedError(f"stitching needs OpenCV ({error}): pip install 'eal-actors[vision]'") from None
     file = out or folder / PANORAMA
@@ -72,7 +72,7 @@ def stitch_frames(
 
 
 def _stitched(folder: Path, shots: Shots, field_of_view_deg: float) -> Panorama:
-    from eal_actors.panorama import stitch
+    from eal_actors.lab.panorama import stitch
 
     try:
         return stitch(shots.frames, shots.yaws_rad, math.radians(field_of_view_deg), names=shots.names)

@@ -11,7 +11,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption, RobotsArgument
 from eal_actors.cli.output import stdout, write_json
-from eal_actors.errors import EALError, UnavailableError
+from eal_actors.kernel.errors import EALError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net import keys
 from eal_actors.net.errand import ask_robots

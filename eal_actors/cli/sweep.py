@@ -19,11 +19,8 @@ from eal_actors.cli.output import counted, short_path, stderr, stdout, write_jso
 from eal_actors.cli.progress import STYLES
 from eal_actors.cli.rehearse import KeepOption
 from eal_actors.cli.run_options import Wanted, read_order
-from eal_actors.errors import ConfigError
-from eal_actors.rehearsal import simulated
-from eal_actors.scenario.parameters import missing_parameters
-from eal_actors.scenario.plan import bind_roles
-from eal_actors.sweeping import (
+from eal_actors.kernel.errors import ConfigError
+from eal_actors.lab.sweeping import (
     Job,
     Result,
     Sweep,
@@ -34,10 +31,13 @@ from eal_actors.sweeping import (
     write_csv,
     write_junit,
 )
-from eal_actors.sweeping.folder import LOG
-from eal_actors.sweeping.picture import draw_sweep
-from eal_actors.sweeping.results import CRASHED, REFUSED
-from eal_actors.sweeping.worker import Task, Workplace
+from eal_actors.lab.sweeping.folder import LOG
+from eal_actors.lab.sweeping.picture import draw_sweep
+from eal_actors.lab.sweeping.results import CRASHED, REFUSED
+from eal_actors.lab.sweeping.worker import Task, Workplace
+from eal_actors.managers.twins import simulated
+from eal_actors.scenario.parameters import missing_parameters
+from eal_actors.scenario.plan import bind_roles
 
 T = TypeVar("T")
 _LIMIT = 1000

@@ -7,10 +7,10 @@ import sys
 
 import typer
 
-from eal_actors.calibration.square import Way
-from eal_actors.calibration.umbmark import Point
-from eal_actors.clock import Clock
-from eal_actors.errors import ArgumentError
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import ArgumentError
+from eal_actors.lab.calibration.square import Way
+from eal_actors.lab.calibration.umbmark import Point
 
 _WAYS = {"cw": "clockwise", "ccw": "counter-clockwise"}
 

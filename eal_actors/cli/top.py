@@ -11,11 +11,11 @@ import typer
 from eal_actors.cli.interrupts import heed_signals
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import FleetOption, GlobalOptions, RobotsArgument
-from eal_actors.errors import UnsupportedError
 from eal_actors.facade.fleet import Fleet
-from eal_actors.lock_step import MAX
-from eal_actors.log import configure_logging
-from eal_actors.metrics.tally import CallWatch
+from eal_actors.kernel.errors import UnsupportedError
+from eal_actors.kernel.lock_step import MAX
+from eal_actors.kernel.log import configure_logging
+from eal_actors.operate.metrics.tally import CallWatch
 
 
 def show_top(
@@ -31,8 +31,8 @@ def show_top(
     tells the rest.
     """
     try:
-        from eal_actors.top.figures import Recent
-        from eal_actors.top.screen import LastLines, TopApp
+        from eal_actors.operate.top.figures import Recent
+        from eal_actors.operate.top.screen import LastLines, TopApp
     except ModuleNotFoundError as error:
         raise UnsupportedError(
             f"eal top needs {error.name}, which is not installed: pip install 'eal-actors[top]'"

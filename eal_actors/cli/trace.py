@@ -9,7 +9,7 @@ from typing import Annotated, Final
 import typer
 from rich.console import Console
 
-from eal_actors.errors import ArgumentError, UnsupportedError
+from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 
 TraceOption = Annotated[
     str | None,
@@ -43,7 +43,7 @@ def traces_to(where: str | None, service: str, console: Console) -> Iterator[Non
         yield
         return
     try:
-        from eal_actors.tracing import Tracing
+        from eal_actors.operate.tracing import Tracing
     except ModuleNotFoundError as error:
         raise UnsupportedError(
             f"traces need {error.name}, which is not installed: pip install 'eal-actors[otel]'"

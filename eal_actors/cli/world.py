@@ -12,9 +12,9 @@ from rich.text import Text
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import new_table, stdout, write_json
-from eal_actors.errors import ConfigError, Problem
+from eal_actors.device.world import CircleObstacle, Formation, WorldModel, load_world
+from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.recording import draw_world
-from eal_actors.world import CircleObstacle, Formation, WorldModel, load_world
 
 _FORMATS: Final = (".pdf", ".png", ".svg")
 

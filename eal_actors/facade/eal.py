@@ -11,16 +11,16 @@ from typing import Any, Final, Self, TypeVar
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.bundled import bundled_path, find_file
-from eal_actors.data import EALData
-from eal_actors.errors import RemoteError, RobotNotFoundError, UnavailableError
+from eal_actors.device.data import EALData
+from eal_actors.device.info import ResourceInfo
+from eal_actors.device.resource import Resource
 from eal_actors.facade.elsewhere import FLEET_VARIABLE, endpoint_of, fleet_at, robot_at, unknown_robot
 from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.shared import acquire_fleet, acquire_fleet_at, occupy, release_fleet, vacate
-from eal_actors.info import ResourceInfo
+from eal_actors.kernel.bundled import bundled_path, find_file
+from eal_actors.kernel.errors import RemoteError, RobotNotFoundError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.resources import EALResourceManager
-from eal_actors.resource import Resource
 
 T = TypeVar("T")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import socket
 from typing import Any, Final
 
-from eal_actors.errors import ConfigError, Problem, RobotNotFoundError, UnavailableError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, SECURE_PROTOCOLS, Endpoint, parse_endpoint

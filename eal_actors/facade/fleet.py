@@ -17,8 +17,12 @@ from eal_actors.actors.robot_actor import start_robot
 from eal_actors.actors.robot_spec import RobotSpec
 from eal_actors.actors.robot_view import RobotState, RobotView
 from eal_actors.actors.supervision import Restart
-from eal_actors.clock import Clock
-from eal_actors.errors import (
+from eal_actors.device.info import unknown_name
+from eal_actors.device.plugin_context import FleetServices
+from eal_actors.facade.endings import end_as_before, end_in_good_order
+from eal_actors.facade.together import Command, Together, start_together
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import (
     ConfigError,
     EALError,
     Problem,
@@ -26,18 +30,14 @@ from eal_actors.errors import (
     RobotNotFoundError,
     UnavailableError,
 )
-from eal_actors.facade.endings import end_as_before, end_in_good_order
-from eal_actors.facade.together import Command, Together, start_together
-from eal_actors.info import unknown_name
-from eal_actors.lock_step import MAX, clock_of
-from eal_actors.log import get_logger
+from eal_actors.kernel.lock_step import MAX, clock_of
+from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_check import no_lock_step
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.net.client import RemoteRobot, RemoteSpec
 from eal_actors.net.controller import Controller
-from eal_actors.plugin import FleetServices
 
 START_TIMEOUT_S: Final = 30.0
 """How long (real time) `connect` waits for the robots to start."""

@@ -9,9 +9,9 @@ from types import TracebackType
 from typing import Final, Self
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.errors import ConfigError, EALError, Problem
+from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
-from eal_actors.info import unknown_name
+from eal_actors.kernel.errors import ConfigError, EALError, Problem
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER

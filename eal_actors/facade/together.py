@@ -12,8 +12,8 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState
-from eal_actors.clock import REAL_TIME, Clock
-from eal_actors.errors import ArgumentError, WaitTimeoutError
+from eal_actors.kernel.clock import REAL_TIME, Clock
+from eal_actors.kernel.errors import ArgumentError, WaitTimeoutError
 
 Command: TypeAlias = str | tuple[str, Any]
 """A command, or a command and its argument."""

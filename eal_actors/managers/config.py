@@ -9,13 +9,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from eal_actors.errors import ConfigError, Problem, RobotNotFoundError
+from eal_actors.device.world import WorldModel, load_world
+from eal_actors.device.world.contradictions import contradictions
+from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
+from eal_actors.kernel.strict_model import StrictModel, did_you_mean, problems_from
 from eal_actors.managers.fleet_loader import fleet_of, load_fleet
 from eal_actors.managers.fleet_model import FleetConfig, FleetFile, RobotConfig
 from eal_actors.managers.in_memory import tree_of
-from eal_actors.strict_model import StrictModel, did_you_mean, problems_from
-from eal_actors.world import WorldModel, load_world
-from eal_actors.world.contradictions import contradictions
 
 
 class EALConfigManager:

@@ -7,8 +7,12 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from eal_actors.bundled import Kind, find_file
-from eal_actors.errors import ConfigError, Problem
+from eal_actors.device.world import WorldModel, load_world
+from eal_actors.kernel.bundled import Kind, find_file
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.strict_model import did_you_mean, problems_from
+from eal_actors.kernel.yaml_source import load_yaml
+from eal_actors.kernel.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, YamlTree, merge, plain, replace_text
 from eal_actors.managers.fleet_model import (
     MAX_ROBOTS_OF_ONE_ENTRY,
     FleetConfig,
@@ -18,10 +22,6 @@ from eal_actors.managers.fleet_model import (
 from eal_actors.managers.in_memory import tree_of
 from eal_actors.managers.network_check import network_problems
 from eal_actors.managers.network_model import network_config
-from eal_actors.strict_model import did_you_mean, problems_from
-from eal_actors.world import WorldModel, load_world
-from eal_actors.yaml_source import load_yaml
-from eal_actors.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, YamlTree, merge, plain, replace_text
 
 
 def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:

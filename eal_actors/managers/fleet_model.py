@@ -18,8 +18,11 @@ from pydantic import (
     ValidationError,
 )
 
-from eal_actors.errors import Problem
-from eal_actors.lock_step import Rate
+from eal_actors.device.world import WorldModel
+from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.lock_step import Rate
+from eal_actors.kernel.strict_model import NAMES_ONLY, Name, NameTemplate, StrictModel, Version1, problems_from
+from eal_actors.kernel.yaml_tree import MarkedDict, YamlPath, YamlTree
 from eal_actors.managers.network_model import (
     DEFAULT_NETWORK,
     AddressText,
@@ -27,9 +30,6 @@ from eal_actors.managers.network_model import (
     NetworkConfig,
     NetworkSection,
 )
-from eal_actors.strict_model import NAMES_ONLY, Name, NameTemplate, StrictModel, Version1, problems_from
-from eal_actors.world import WorldModel
-from eal_actors.yaml_tree import MarkedDict, YamlPath, YamlTree
 
 MAX_ROBOTS_OF_ONE_ENTRY = 10_000
 

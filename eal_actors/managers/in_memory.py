@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 
-from eal_actors.errors import ConfigError, Problem
-from eal_actors.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, YamlTree, format_path, show
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, YamlTree, format_path, show
 
 
 def tree_of(content: Mapping[str, object], name: str) -> YamlTree:

@@ -11,11 +11,11 @@ from typing import Annotated, Final
 
 from pydantic import Field, ValidationError
 
-from eal_actors.bundled import bundled_path
-from eal_actors.errors import ConfigError, EALError, PluginError
-from eal_actors.info import unknown_name
-from eal_actors.strict_model import Name, StrictModel, Version1, problems_from
-from eal_actors.yaml_source import load_yaml
+from eal_actors.device.info import unknown_name
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.errors import ConfigError, EALError, PluginError
+from eal_actors.kernel.strict_model import Name, StrictModel, Version1, problems_from
+from eal_actors.kernel.yaml_source import load_yaml
 
 ENTRY_POINTS: Final = "eal_actors.plugins"
 """The entry-point group of installed packages: a name, and the package whose folder holds the plugin."""

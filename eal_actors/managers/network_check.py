@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from eal_actors.errors import Problem
-from eal_actors.lock_step import MAX
+from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.lock_step import MAX
+from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree
 from eal_actors.managers.network_model import BEHIND_ROUTER, SECURE_PROTOCOLS, check_address, parse_endpoint
-from eal_actors.strict_model import did_you_mean
-from eal_actors.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree
 
 _NEEDS_KEYS = "needs keys: make them with `eal keys init`, and name them under network.security"
 

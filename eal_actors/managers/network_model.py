@@ -11,7 +11,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field
 
-from eal_actors.strict_model import Name, StrictModel, did_you_mean
+from eal_actors.kernel.strict_model import Name, StrictModel, did_you_mean
 
 PROTOCOLS: Final = ("tcp", "tls", "quic", "udp")
 SECURE_PROTOCOLS: Final = ("tls", "quic")

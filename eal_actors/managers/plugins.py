@@ -15,11 +15,13 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from eal_actors.errors import ConfigError, EALError, PluginError, Problem, shown
-from eal_actors.info import unknown_name
+from eal_actors.device.info import unknown_name
+from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
+from eal_actors.device.ports import BytePort
+from eal_actors.device.resource import Resource
+from eal_actors.kernel.errors import ConfigError, EALError, PluginError, Problem, shown
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, discover
-from eal_actors.plugin import BytePort, EALPlugin, FleetServices, PluginContext, PluginSettingsModel, Resource
 
 _PACKAGE: Final = "eal_plugins"
 _import_lock = threading.RLock()

@@ -8,8 +8,8 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Generic, TypeVar
 
-from eal_actors.errors import ResourceInUseError, ResourceNotFoundError
-from eal_actors.info import unknown_name
+from eal_actors.device.info import unknown_name
+from eal_actors.kernel.errors import ResourceInUseError, ResourceNotFoundError
 
 T = TypeVar("T")
 

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from eal_actors.actors.call import MOTION_METHODS
-from eal_actors.clock import REAL_TIME, Clock
-from eal_actors.errors import EALError, StaleCommandError
+from eal_actors.kernel.clock import REAL_TIME, Clock
+from eal_actors.kernel.errors import EALError, StaleCommandError
 from eal_actors.net.deadman import DeadMan, Silence
 from eal_actors.net.leases import Leases
 from eal_actors.net.names import Names

@@ -6,8 +6,8 @@ from typing import Any, Final
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.data import EALData
-from eal_actors.errors import ProtocolError
+from eal_actors.device.data import EALData
+from eal_actors.kernel.errors import ProtocolError
 
 READS: Final = frozenset({"get_status", "get_value", "get_config", "send_req"})
 """Methods that change nothing, so that asking again does no harm. Reading a stream takes bytes out of it."""

@@ -16,9 +16,9 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from eal_actors.clock import wall_time
-from eal_actors.errors import ConfigError, Problem
-from eal_actors.strict_model import NAME_PATTERN
+from eal_actors.kernel.clock import wall_time
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.strict_model import NAME_PATTERN
 
 if TYPE_CHECKING:
     from cryptography import x509

@@ -12,10 +12,10 @@ from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import Ping, RobotState, RobotView
 from eal_actors.actors.running import Running
-from eal_actors.clock import Clock
-from eal_actors.errors import EALError, ProtocolError, UnavailableError, shown
-from eal_actors.link import Link
-from eal_actors.log import get_logger
+from eal_actors.device.link import Link
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, shown
+from eal_actors.kernel.log import get_logger
 from eal_actors.net import keys
 from eal_actors.net.controller import Controller
 from eal_actors.net.lane import Lane

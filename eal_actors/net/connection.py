@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from eal_actors.actors.inbox import Inbox
-from eal_actors.clock import Clock
+from eal_actors.kernel.clock import Clock
 from eal_actors.net.pinging import Pinger
 from eal_actors.net.wire import Answer, Event, Reply
 

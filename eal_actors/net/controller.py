@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Final, Self
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.inbox import Inbox
 from eal_actors.actors.running import process_name
-from eal_actors.clock import REAL_TIME, Clock
-from eal_actors.data import Payload
-from eal_actors.errors import EALError, ProtocolError, shown
-from eal_actors.log import get_logger
+from eal_actors.device.data import Payload
+from eal_actors.kernel.clock import REAL_TIME, Clock
+from eal_actors.kernel.errors import EALError, ProtocolError, shown
+from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net import keys
 from eal_actors.net.connection import Reached

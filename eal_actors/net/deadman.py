@@ -21,7 +21,7 @@ from collections.abc import Container
 from dataclasses import dataclass
 from typing import Final
 
-from eal_actors.errors import ArgumentError
+from eal_actors.kernel.errors import ArgumentError
 
 MIN_DEAD_MAN_S: Final = 0.1
 MAX_DEAD_MAN_S: Final = 60.0

@@ -7,8 +7,8 @@ from typing import Any
 
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState, release
-from eal_actors.clock import REAL_TIME
-from eal_actors.errors import EALError, ProtocolError, UnavailableError, shown
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, shown
 from eal_actors.managers.network_model import SecurityConfig
 from eal_actors.net import keys
 from eal_actors.net.admission import Admission

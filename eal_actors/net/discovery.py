@@ -8,9 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from eal_actors.clock import REAL_TIME
-from eal_actors.errors import EALError, ProtocolError, UnavailableError
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
+from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import SECURE_PROTOCOLS, parse_endpoint
 from eal_actors.net import keys

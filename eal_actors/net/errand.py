@@ -9,9 +9,9 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Final
 
-from eal_actors.clock import REAL_TIME, new_waiter
-from eal_actors.errors import EALError, ProtocolError, UnavailableError, shown
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, shown
+from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net import keys
 from eal_actors.net.packing import check_version

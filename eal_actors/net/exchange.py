@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from eal_actors.actors.call import Call
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.net.controller import Controller
 from eal_actors.net.pacing import Pace
 from eal_actors.net.sender import UrgentMessage

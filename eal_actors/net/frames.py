@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Final, cast
 
 from eal_actors.actors.feeds import ENCODINGS, Encoding, StreamSpec
-from eal_actors.data import EALData, Payload
-from eal_actors.data.forms import shown
-from eal_actors.errors import DataError, EALError, ProtocolError
+from eal_actors.device.data import EALData, Payload
+from eal_actors.device.data.forms import shown
+from eal_actors.kernel.errors import DataError, EALError, ProtocolError
 from eal_actors.net.images import decode_image, encode_image
 from eal_actors.net.packing import (
     PROTOCOL_VERSION,

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final, Protocol, Self
 
 from eal_actors.actors.actor import EALActor
-from eal_actors.clock import REAL_TIME
-from eal_actors.errors import EALError, ProtocolError, shown
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError, ProtocolError, shown
+from eal_actors.kernel.log import get_logger
 from eal_actors.net import keys
 from eal_actors.net.keys import CallKey
 from eal_actors.net.outbox import Outbox

@@ -10,8 +10,8 @@ import struct
 from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.actors.feeds import Encoding
-from eal_actors.data import EALData, Payload
-from eal_actors.errors import ProtocolError, ResourceFaultError, UnsupportedError
+from eal_actors.device.data import EALData, Payload
+from eal_actors.kernel.errors import ProtocolError, ResourceFaultError, UnsupportedError
 
 if TYPE_CHECKING:
     import numpy as np

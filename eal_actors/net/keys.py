@@ -28,8 +28,8 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 from urllib.parse import quote, unquote
 
-from eal_actors.errors import ProtocolError
-from eal_actors.info import METHODS
+from eal_actors.device.info import METHODS
+from eal_actors.kernel.errors import ProtocolError
 from eal_actors.net.packing import PROTOCOL_VERSION
 
 ROOT: Final = "eal"

@@ -17,9 +17,10 @@ from typing import Any, Final, NoReturn
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.inbox import Envelope
-from eal_actors.clock import REAL_TIME
-from eal_actors.data import EALData
-from eal_actors.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
+from eal_actors.device.data import EALData
+from eal_actors.device.resource import Progress
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
 from eal_actors.net import keys
 from eal_actors.net.calling import READS, is_small, split_arguments
 from eal_actors.net.connection import Connection
@@ -31,7 +32,6 @@ from eal_actors.net.sender import UrgentMessage
 from eal_actors.net.stamps import translated
 from eal_actors.net.timing import fleet_time_of, real_time_of
 from eal_actors.net.wire import ACCEPTED, Answer, CallHeader, CallId, Event, Reply, RobotTime, encode_call
-from eal_actors.resource import Progress
 
 TTL_S: Final = 1.0
 """How old a command may be when a robot begins it, in real seconds."""

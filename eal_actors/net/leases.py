@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from eal_actors.errors import ResourceBusyError
+from eal_actors.kernel.errors import ResourceBusyError
 from eal_actors.net.deadman import DEFAULT_DEAD_MAN_S, checked_dead_man_s
 
 

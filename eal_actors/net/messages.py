@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, TypeAlias, final
 
-from eal_actors.data import EALData
-from eal_actors.errors import EALError
+from eal_actors.device.data import EALData
+from eal_actors.kernel.errors import EALError
 
 
 class CallId(NamedTuple):

@@ -23,7 +23,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
-from eal_actors.errors import ProtocolError, UnavailableError
+from eal_actors.kernel.errors import ProtocolError, UnavailableError
 
 MAX_DRIFT: Final = 500e-6
 """By how many seconds in a second two clocks may drift apart; quartz clocks stay well within it."""

@@ -10,10 +10,10 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Final
 
-from eal_actors.clock import REAL_TIME, new_waiter
-from eal_actors.data import Payload
-from eal_actors.errors import shown
-from eal_actors.log import get_logger
+from eal_actors.device.data import Payload
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.errors import shown
+from eal_actors.kernel.log import get_logger
 from eal_actors.net.sender import Message, Sender
 
 if TYPE_CHECKING:

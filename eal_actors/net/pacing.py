@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 from typing import Final
 
-from eal_actors.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
 
 WINDOW: Final = 256
 """Calls that may be unanswered before the sender waits."""

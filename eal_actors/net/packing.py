@@ -6,10 +6,10 @@ from typing import Any, Final
 
 import msgpack
 
-from eal_actors import errors
-from eal_actors.data import EALData
-from eal_actors.data.forms import FORMS, Form, shown
-from eal_actors.errors import ConfigError, DataError, EALError, ProtocolError
+from eal_actors.device.data import EALData
+from eal_actors.device.data.forms import FORMS, Form, shown
+from eal_actors.kernel import errors
+from eal_actors.kernel.errors import ConfigError, DataError, EALError, ProtocolError
 
 PROTOCOL_VERSION: Final = 2
 """Goes up when an older reader would misunderstand; see docs/network.md."""

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.actors.waiting import Waiting
-from eal_actors.errors import EALError, ProtocolError
+from eal_actors.kernel.errors import EALError, ProtocolError
 from eal_actors.net.offset import Offset, OffsetEstimator
 from eal_actors.net.wire import Answer, RobotTime
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Final
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.feeds import Item, StreamSpec
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.clock import REAL_TIME
-from eal_actors.data import EALData
-from eal_actors.errors import BusyError, EALError, shown
-from eal_actors.log import get_logger
+from eal_actors.device.data import EALData
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import BusyError, EALError, shown
+from eal_actors.kernel.log import get_logger
 from eal_actors.net import keys
 from eal_actors.net.frames import Frame, encode_frame, parse_request, rate_text
 from eal_actors.net.images import require_codec

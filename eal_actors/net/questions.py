@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Final, TypeVar
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import REAL_TIME
-from eal_actors.errors import AccessDeniedError, EALError, UnavailableError
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import AccessDeniedError, EALError, UnavailableError
 from eal_actors.net import keys
 from eal_actors.net.controller import Controller
 from eal_actors.net.exchange import Question

@@ -37,7 +37,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Final, Generic, NamedTuple, TypeVar
 
-from eal_actors.errors import StaleCommandError, UnavailableError
+from eal_actors.kernel.errors import StaleCommandError, UnavailableError
 from eal_actors.net.offset import MAX_DRIFT
 from eal_actors.net.wire import CallId
 

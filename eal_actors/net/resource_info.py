@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from eal_actors.errors import ProtocolError
-from eal_actors.info import METHODS, ResourceInfo
+from eal_actors.device.info import METHODS, ResourceInfo
+from eal_actors.kernel.errors import ProtocolError
 
 
 class _Fields(BaseModel):

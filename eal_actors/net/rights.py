@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-from eal_actors.errors import AccessDeniedError, ProtocolError
+from eal_actors.kernel.errors import AccessDeniedError, ProtocolError
 from eal_actors.managers.network_model import SecurityConfig
 from eal_actors.net.keys import ROBOT, STREAM
 from eal_actors.net.security import BASIC_ROBOT_METHODS, READING_METHODS, READING_ROBOT_METHODS

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from eal_actors.actors.running import Running
-from eal_actors.errors import ProtocolError
+from eal_actors.device.resource import Progress
+from eal_actors.kernel.errors import ProtocolError
 from eal_actors.net.wire import CallId
-from eal_actors.resource import Progress
 
 _REMEMBERED: Final = 256
 """Commands that have ended, of which a word that was late on its way may still come."""

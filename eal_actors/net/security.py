@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from eal_actors.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import Grant, SecurityConfig
 from eal_actors.net.certificates import AUTHORITY, certificate_file, key_file

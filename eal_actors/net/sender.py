@@ -9,9 +9,9 @@ from abc import ABC, abstractmethod
 from collections import deque
 
 from eal_actors.actors.actor import EALActor
-from eal_actors.clock import REAL_TIME
-from eal_actors.errors import EALError, shown
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError, shown
+from eal_actors.kernel.log import get_logger
 from eal_actors.net.pacing import Pace
 
 

@@ -11,14 +11,14 @@ import secrets
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from eal_actors import spans
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.clock import REAL_TIME, new_waiter
-from eal_actors.data import EALData
-from eal_actors.errors import DeadlineError, EALError, ProtocolError, ResourceFaultError, UnavailableError, shown
-from eal_actors.info import ResourceType
-from eal_actors.log import get_logger
+from eal_actors.device.data import EALData
+from eal_actors.device.info import ResourceType
+from eal_actors.kernel import spans
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.errors import DeadlineError, EALError, ProtocolError, ResourceFaultError, UnavailableError, shown
+from eal_actors.kernel.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.net import keys
 from eal_actors.net.admission import Admission

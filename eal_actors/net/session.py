@@ -18,9 +18,9 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
-from eal_actors.clock import REAL_TIME, new_waiter
-from eal_actors.errors import EALError, ProtocolError, UnavailableError
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
+from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
 from eal_actors.net.security import controller_access, robot_access, router_access, tls_config

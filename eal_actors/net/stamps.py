@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from eal_actors.clock import REAL_TIME, Clock
-from eal_actors.data import EALData
+from eal_actors.device.data import EALData
+from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.net.offset import MAX_DRIFT
 from eal_actors.net.pinging import Pinger
 from eal_actors.net.timing import fleet_time_of, real_time_of

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Final
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.feeds import Item, Sink, StreamSpec
-from eal_actors.clock import REAL_TIME
-from eal_actors.data import EALData
-from eal_actors.errors import EALError
+from eal_actors.device.data import EALData
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError
 from eal_actors.net import keys
 from eal_actors.net.controller import Controller
 from eal_actors.net.frames import LEASE_S, Frame, canonical, decode_frame, rate_text, stream_request

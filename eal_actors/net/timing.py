@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eal_actors.clock import REAL_TIME, Clock
+from eal_actors.kernel.clock import REAL_TIME, Clock
 
 
 def real_time_of(clock: Clock, fleet_s: float) -> float:

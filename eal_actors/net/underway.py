@@ -10,9 +10,9 @@ from typing import Any, Final
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.running import command_of
+from eal_actors.device.resource import Progress
 from eal_actors.net.messages import CallId, ReplyTo
 from eal_actors.net.timing import real_time_of
-from eal_actors.resource import Progress
 
 PROGRESS_EACH_S: Final = 0.25
 """Real seconds between two events of one command's progress, at least."""

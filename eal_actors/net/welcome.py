@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-from eal_actors.errors import EALError, ProtocolError, shown
-from eal_actors.info import ResourceInfo
+from eal_actors.device.info import ResourceInfo
+from eal_actors.kernel.errors import EALError, ProtocolError, shown
 from eal_actors.net.pinging import texts
 from eal_actors.net.resource_info import info_from
 from eal_actors.net.rights import Rights

@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from eal_actors.data import EALData, Payload
-from eal_actors.data.forms import shown
-from eal_actors.data.storage import as_bytes
-from eal_actors.errors import DataError, EALError, ProtocolError
+from eal_actors.device.data import EALData, Payload
+from eal_actors.device.data.forms import shown
+from eal_actors.device.data.storage import as_bytes
+from eal_actors.kernel.errors import DataError, EALError, ProtocolError
 from eal_actors.net.messages import (
     ACCEPTED,
     Accepted,

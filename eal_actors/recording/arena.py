@@ -6,8 +6,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
+from eal_actors.device.world import Beacon, BoxObstacle, CircleObstacle, Drop, MovableBox, Poster, WorldModel
 from eal_actors.recording.figure import draw_grid, new_figure
-from eal_actors.world import Beacon, BoxObstacle, CircleObstacle, Drop, MovableBox, Poster, WorldModel
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

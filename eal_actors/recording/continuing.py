@@ -6,9 +6,9 @@ import math
 from pathlib import Path
 from typing import Final
 
-from eal_actors.errors import UnsupportedError
-from eal_actors.log import get_logger
-from eal_actors.record.mcap_file import RECORD_FILE, McapFile
+from eal_actors.kernel.errors import UnsupportedError
+from eal_actors.kernel.log import get_logger
+from eal_actors.recording.mcap_file import RECORD_FILE, McapFile
 from eal_actors.recording.record_writer import ARENA_TOPIC, EVENTS_TOPIC, pose_topic, write_event, write_pose
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.scenario.journal import cut_half_line

@@ -8,7 +8,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final
 
-from eal_actors.record.pose_sample import PoseSample
+from eal_actors.recording.pose_sample import PoseSample
 from eal_actors.recording.run_folder import RunFolder
 
 _FREE: Final = ("wall_", "host_")

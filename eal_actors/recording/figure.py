@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from typing import TYPE_CHECKING
 
-from eal_actors.log import get_logger
+from eal_actors.kernel.log import get_logger
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

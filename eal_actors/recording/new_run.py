@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from eal_actors.clock import wall_time
-from eal_actors.errors import ConfigError, Problem, ScenarioError
+from eal_actors.device.world import WorldModel
+from eal_actors.kernel.clock import wall_time
+from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
 from eal_actors.recording.picture import draw_trajectory
 from eal_actors.recording.run_folder import RunFolder
 from eal_actors.scenario.report import Report
-from eal_actors.world import WorldModel
 
 PICTURE = "trajectory.png"
 

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias
 
-from eal_actors.record.pose_sample import PoseSample, stretches
+from eal_actors.device.world import WorldModel
 from eal_actors.recording.arena import draw_arena
 from eal_actors.recording.figure import draw_grid, new_figure
-from eal_actors.world import WorldModel
+from eal_actors.recording.pose_sample import PoseSample, stretches
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

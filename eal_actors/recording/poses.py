@@ -10,12 +10,12 @@ from types import TracebackType
 from typing import Final, Self
 
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.clock import Clock
-from eal_actors.data import DataType, EALData
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ValueInfo
 from eal_actors.facade.fleet import Fleet
-from eal_actors.info import ValueInfo
-from eal_actors.log import get_logger
-from eal_actors.record.pose_sample import PoseSample
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.log import get_logger
+from eal_actors.recording.pose_sample import PoseSample
 from eal_actors.recording.sampler import Sampler, Wish
 
 POSE_RESOURCE: Final = "Pose"

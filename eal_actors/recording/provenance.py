@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import yaml
 
+from eal_actors.device.world import WorldModel, load_world
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario import Scenario
-from eal_actors.world import WorldModel, load_world
 
 FLEET: Final = "fleet.yaml"
 WORLD: Final = "world.yaml"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from eal_actors.record import messages, schemas
-from eal_actors.record.mcap_file import McapFile
-from eal_actors.record.pose_sample import PoseSample
+from eal_actors.recording import messages, schemas
+from eal_actors.recording.mcap_file import McapFile
 from eal_actors.recording.notes import note_of
+from eal_actors.recording.pose_sample import PoseSample
 from eal_actors.recording.poses import POSE_RESOURCE
 
 EVENTS_TOPIC: Final = "/events"

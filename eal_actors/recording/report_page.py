@@ -11,13 +11,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from eal_actors.errors import UnsupportedError
-from eal_actors.record.pose_sample import PoseSample, stretches
+from eal_actors.device.world import WorldModel
+from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.recording.notes import OF_THE_RUN
 from eal_actors.recording.picture import trajectory_svg
+from eal_actors.recording.pose_sample import PoseSample, stretches
 from eal_actors.recording.run_folder import RunFolder
 from eal_actors.recording.timeline import TimeLine, time_lines
-from eal_actors.world import WorldModel
 
 _TEMPLATE: Final = "report.html.j2"
 _MOST_FRAMES: Final = 48

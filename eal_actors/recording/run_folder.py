@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from eal_actors.errors import ScenarioError, shown
-from eal_actors.record.mcap_file import RECORD_FILE, McapContent, read_mcap
-from eal_actors.record.pose_sample import PoseSample
+from eal_actors.kernel.errors import ScenarioError, shown
+from eal_actors.recording.mcap_file import RECORD_FILE, McapContent, read_mcap
+from eal_actors.recording.pose_sample import PoseSample
 from eal_actors.scenario.report import Report
 from eal_actors.scenario.resuming import EVENTS, SUMMARY
 

@@ -10,19 +10,19 @@ from types import TracebackType
 from typing import Final, Literal, Self, TypeAlias
 
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.data import DataType, EALData
-from eal_actors.errors import EALError, UnsupportedError
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceInfo, ResourceType
 from eal_actors.facade.fleet import Fleet
-from eal_actors.info import ResourceInfo, ResourceType
-from eal_actors.log import get_logger
+from eal_actors.kernel.errors import EALError, UnsupportedError
+from eal_actors.kernel.log import get_logger
 from eal_actors.net.images import encode_image
-from eal_actors.record import messages, schemas
-from eal_actors.record.mcap_file import RECORD_FILE, McapFile
-from eal_actors.record.pose_sample import PoseSample
-from eal_actors.record.recorded_run import INFOS
+from eal_actors.recording import messages, schemas
 from eal_actors.recording.continuing import PART_FILE, join_record
+from eal_actors.recording.mcap_file import RECORD_FILE, McapFile
+from eal_actors.recording.pose_sample import PoseSample
 from eal_actors.recording.poses import POSE_PERIOD_S, POSE_RESOURCE, pose_sample
 from eal_actors.recording.record_writer import ARENA_TOPIC, write_event, write_pose
+from eal_actors.recording.recorded_run import INFOS
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.recording.sampler import Sampler, Wish
 from eal_actors.recording.table import TrajectoryTable

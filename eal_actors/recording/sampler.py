@@ -9,8 +9,8 @@ from typing import Final, NamedTuple, Self, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.clock import Clock, new_waiter
-from eal_actors.data import EALData
+from eal_actors.device.data import EALData
+from eal_actors.kernel.clock import Clock, new_waiter
 
 _ANSWER_S: Final = 1.0
 """How long an answer may take, if that is longer than the period, in seconds of the fleet's clock."""

@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 from typing import IO
 
-from eal_actors.record.pose_sample import PoseSample
+from eal_actors.recording.pose_sample import PoseSample
 
 
 class TrajectoryTable:

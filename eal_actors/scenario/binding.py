@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from eal_actors.errors import ConfigError, Problem, RobotNotFoundError
-from eal_actors.info import ResourceInfo, unknown_name
+from eal_actors.device.info import ResourceInfo, unknown_name
+from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario.checks.facts import RobotFacts

@@ -8,11 +8,11 @@ from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Protocol
 
-from eal_actors.data import DataType, EALData
-from eal_actors.errors import ScenarioError
-from eal_actors.info import ValueInfo
-from eal_actors.record.strict_json import as_json
-from eal_actors.strict_model import did_you_mean
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ValueInfo
+from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.scenario.strict_json import as_json
 
 SUFFIXES: Final = (".csv", ".json", ".npy", ".png", ".txt")
 """How a file's name may end, and with it what the file holds."""

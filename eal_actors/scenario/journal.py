@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO
 
-from eal_actors.errors import ScenarioError
-from eal_actors.log import get_logger
-from eal_actors.record.strict_json import as_json
+from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.events import Event
 from eal_actors.scenario.report import Report
 from eal_actors.scenario.resuming import EVENTS, SUMMARY
+from eal_actors.scenario.strict_json import as_json
 
 Listener = Callable[[Event], None]
 

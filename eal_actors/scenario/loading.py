@@ -9,15 +9,15 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from eal_actors.bundled import find_file
-from eal_actors.errors import ConfigError, Problem
+from eal_actors.kernel.bundled import find_file
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.strict_model import problems_from
+from eal_actors.kernel.yaml_source import LARGE, parse_yaml, read_file
+from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.scenario.checks import check_scope
 from eal_actors.scenario.model import AnyStep, ScenarioFile, ScenarioStep, inner_steps
 from eal_actors.scenario.parameters import check_parameters, resolve_parameters
 from eal_actors.scenario.scenario import Scenario
-from eal_actors.strict_model import problems_from
-from eal_actors.yaml_source import LARGE, parse_yaml, read_file
-from eal_actors.yaml_tree import YamlPath, format_path
 
 MAX_PARTS_DEEP: Final = 8
 """How many scenarios may stand inside each other."""

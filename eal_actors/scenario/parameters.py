@@ -7,10 +7,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from eal_actors.errors import Problem
+from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.yaml_tree import YamlTree, show
 from eal_actors.scenario.model import ParameterSection, ScenarioFile
-from eal_actors.strict_model import did_you_mean
-from eal_actors.yaml_tree import YamlTree, show
 
 _TRUTHS: Final = {"true": True, "false": False}
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.errors import ConfigError, EALError, RobotFailedError, UnavailableError
+from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
-from eal_actors.info import ResourceInfo
+from eal_actors.kernel.errors import ConfigError, EALError, RobotFailedError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario.binding import Binding, Wishes, bind, find_candidates
 from eal_actors.scenario.checks.facts import RobotFacts

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.clock import Clock
-from eal_actors.errors import Problem, shown
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import Problem, shown
+from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario.model import AnyStep, PythonStep, inner_steps
 from eal_actors.scenario.scenario import Scenario
-from eal_actors.strict_model import did_you_mean
-from eal_actors.yaml_tree import YamlPath, format_path
 
 GROUP: Final = "eal_actors.steps"
 """The group of entry points that hold steps."""

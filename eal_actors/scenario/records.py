@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-from eal_actors.data import EALData
-from eal_actors.errors import DataError
-from eal_actors.record.strict_json import plain_json
+from eal_actors.device.data import EALData
+from eal_actors.kernel.errors import DataError
+from eal_actors.scenario.strict_json import plain_json
 
 MAX_ELEMENTS: Final = 10_000
 MAX_BITS: Final = 1024

@@ -44,9 +44,9 @@ from typing import Any, Literal, Self
 
 from pydantic import Field
 
-from eal_actors.errors import EALError
-from eal_actors.lock_step import Rate
-from eal_actors.strict_model import StrictModel
+from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.lock_step import Rate
+from eal_actors.kernel.strict_model import StrictModel
 
 StepOutcome = Literal["done", "failed", "dropped", "replaced", "skipped", "stopped", "aborted"]
 RobotOutcome = Literal["done", "failed", "dropped", "replaced", "aborted", "spare"]
@@ -57,7 +57,7 @@ class ErrorReport(StrictModel):
     """An error in a record."""
 
     code: str
-    """The stable name of its class, see `eal_actors.errors`."""
+    """The stable name of its class, see `eal_actors.kernel.errors`."""
     message: str
 
     @classmethod

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from eal_actors.errors import EALError, ScenarioError
+from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.scenario.model import ScenarioFile
 from eal_actors.scenario.report import ErrorReport, StartReport, StepRecord
 from eal_actors.scenario.scenario import Scenario

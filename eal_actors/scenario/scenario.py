@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from eal_actors.errors import Problem
+from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.yaml_tree import YamlPath, YamlTree
 from eal_actors.scenario.model import ScenarioFile
 from eal_actors.scenario.source import Source
-from eal_actors.yaml_tree import YamlPath, YamlTree
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from eal_actors.errors import Problem
-from eal_actors.yaml_tree import YamlPath, YamlTree, format_path
+from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.yaml_tree import YamlPath, YamlTree, format_path
 
 
 @dataclass(frozen=True, slots=True)

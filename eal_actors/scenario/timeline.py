@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from eal_actors.errors import EALError
+from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.scenario.checks.names import ROBOT_FACTS, RUN
 from eal_actors.scenario.expressions import Known, expressions_in, render
 from eal_actors.scenario.model import (
@@ -24,7 +25,6 @@ from eal_actors.scenario.model import (
 )
 from eal_actors.scenario.scenario import Scenario
 from eal_actors.scenario.wording import describe_step, step_expressions
-from eal_actors.yaml_tree import YamlPath, format_path
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
-from eal_actors.errors import EALError
+from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.expressions import Expression, Known, expressions_in, parse_bare, parse_template, render
 from eal_actors.scenario.model import (
     AnswerStep,
@@ -32,7 +33,6 @@ from eal_actors.scenario.model import (
     WhileStep,
     call_fields,
 )
-from eal_actors.yaml_tree import YamlPath
 
 _MOST_VALUES = 8
 

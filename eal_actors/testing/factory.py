@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.testing.making import Robots, World
 from eal_actors.testing.simulation import Simulation
 

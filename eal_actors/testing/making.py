@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeVar
 
-from eal_actors.bundled import bundled_path
-from eal_actors.errors import ConfigError, Problem
-from eal_actors.lock_step import MAX
+from eal_actors.device.world import WorldModel, load_world
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.lock_step import MAX
+from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.managers.config import EALConfigManager, world_of
 from eal_actors.managers.fleet_model import FleetConfig, RobotSection
-from eal_actors.strict_model import did_you_mean
-from eal_actors.world import WorldModel, load_world
 
 Robots: TypeAlias = Mapping[str, str | Mapping[str, Any]] | str | Path
 """Each robot's name to its model or to its settings; or a fleet file."""

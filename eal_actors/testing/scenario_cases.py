@@ -11,17 +11,18 @@ from typing import Any, Final
 
 import pytest
 
-from eal_actors.errors import ArgumentError, ConfigError, EALError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ArgumentError, ConfigError, EALError
+from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.rehearsal import simulated, step_place
+from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Report, Scenario, StepRecord, load_scenario, run_scenario
 from eal_actors.scenario.loading import with_parameters
 from eal_actors.scenario.model import AnyStep, ExpectStep, inner_steps
 from eal_actors.scenario.parameters import read_settings
 from eal_actors.scenario.plan import bind_roles
-from eal_actors.strict_model import did_you_mean
+from eal_actors.scenario.step_places import step_place
 
 _STEPS: Final = re.compile(r"""^(["']?)steps\1\s*:""", re.MULTILINE)
 _SECTION: Final = "eal_actors run"

@@ -10,11 +10,11 @@ from types import TracebackType
 from typing import NamedTuple, Self
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.clock import REAL_TIME
-from eal_actors.errors import ArgumentError, UnavailableError, WaitTimeoutError
+from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
-from eal_actors.info import unknown_name
-from eal_actors.lock_step import LockStepClock
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import ArgumentError, UnavailableError, WaitTimeoutError
+from eal_actors.kernel.lock_step import LockStepClock
 from eal_actors.scenario import Report, Scenario, run_scenario
 from eal_actors.testing.making import Robots, World, simulated_fleet
 from eal_actors.testing.scenario_text import read_scenario

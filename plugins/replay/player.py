@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from eal_actors.plugin import Clock, RecordedRun
+from eal_actors.plugin import Clock
+from eal_actors.recording.recorded_run import RecordedRun
 
 
 class Player:

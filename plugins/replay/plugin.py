@@ -6,16 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from eal_actors.plugin import (
-    EALError,
-    EALPlugin,
-    Field,
-    PluginContext,
-    PluginError,
-    PluginSettingsModel,
-    RecordedRun,
-    Resource,
-)
+from eal_actors.plugin import EALError, EALPlugin, Field, PluginContext, PluginError, PluginSettingsModel, Resource
+from eal_actors.recording.recorded_run import RecordedRun
 
 from .player import Player
 from .resource import Replayed

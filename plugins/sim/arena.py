@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 
 import pymunk
 
-from eal_actors.plugin import WorldModel
+from eal_actors.device.world import WorldModel
 
 Pose: TypeAlias = tuple[float, float, float]
 """x and y in metres, yaw in radians, unwrapped."""

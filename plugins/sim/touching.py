@@ -13,7 +13,7 @@ from typing import Final, TypeAlias
 
 import pymunk
 
-from eal_actors.plugin import WorldModel
+from eal_actors.device.world import WorldModel
 
 from .arena import Pose, add_solids, corners
 from .robot import SimRobot

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import pymunk
 
-from eal_actors.plugin import WorldModel
+from eal_actors.device.world import WorldModel
 
 from .arena import Pose, add_solids, corners
 

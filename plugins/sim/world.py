@@ -13,16 +13,9 @@ from typing import Final, TypeAlias
 
 import pymunk
 
-from eal_actors.plugin import (
-    ArgumentError,
-    Clock,
-    FleetServices,
-    Onlooker,
-    PluginError,
-    UnavailableError,
-    WheelCalibration,
-    WorldModel,
-)
+from eal_actors.device.proximity import ProximityObserver
+from eal_actors.device.world import WorldModel
+from eal_actors.plugin import ArgumentError, Clock, FleetServices, PluginError, UnavailableError, WheelCalibration
 
 from .arena import Pose, is_on_floor, places
 from .clearance import Clearance
@@ -57,7 +50,7 @@ class SimWorld:
         clock: the fleet's clock.
         seed: the fleet's seed.
         model: size, obstacles and tick rate; None for an empty room.
-        onlooker: is told how near the robots come to each other and to all else; None where nobody wants to know.
+        observer: is told how near the robots come to each other and to all else; None where nobody wants to know.
 
     Attributes:
         model: what it is made from.
@@ -67,7 +60,7 @@ class SimWorld:
     """
 
     def __init__(
-        self, clock: Clock, seed: int = 0, model: WorldModel | None = None, onlooker: Onlooker | None = None
+        self, clock: Clock, seed: int = 0, model: WorldModel | None = None, observer: ProximityObserver | None = None
     ) -> None:
         self.model: Final = model or EMPTY_ROOM
         self._clock = clock
@@ -89,7 +82,7 @@ class SimWorld:
         self._view = View(self.model)
         for box in self._touching.boxes:
             self._view.add_box(box, f"box {box.name}", box.model.size_m)
-        self._clearance = Clearance(self.model, self._view, onlooker, self.tick_s) if onlooker is not None else None
+        self._clearance = Clearance(self.model, self._view, observer, self.tick_s) if observer is not None else None
 
     @property
     def robots(self) -> tuple[SimRobot, ...]:
@@ -364,5 +357,5 @@ class _Hold:
 def world_of(services: FleetServices) -> SimWorld:
     """Return the one world of a fleet. Thread: any."""
     return services.shared(
-        "sim.world", lambda: SimWorld(services.clock, services.seed, services.world, services.onlooker)
+        "sim.world", lambda: SimWorld(services.clock, services.seed, services.world, services.proximity_observer)
     )

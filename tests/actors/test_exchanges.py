@@ -8,9 +8,11 @@ import pytest
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.resource_handle import ResourceHandle
-from eal_actors.clock import ManualClock
-from eal_actors.data import EALData
-from eal_actors.errors import (
+from eal_actors.device.data import EALData
+from eal_actors.device.info import ResourceType
+from eal_actors.device.resource import Activity, Resource, command
+from eal_actors.kernel.clock import ManualClock
+from eal_actors.kernel.errors import (
     CallCancelledError,
     DeadlineError,
     PreemptedError,
@@ -18,8 +20,6 @@ from eal_actors.errors import (
     ReturnTypeError,
     UnsupportedError,
 )
-from eal_actors.info import ResourceType
-from eal_actors.resource import Activity, Resource, command
 from tests.robots import advance_until_done, running_robot
 
 

@@ -11,8 +11,8 @@ import pytest
 from eal_actors.actors.combine import as_completed, first, gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.inbox import Inbox
-from eal_actors.clock import ManualClock, SystemClock
-from eal_actors.errors import CallCancelledError, CallError, DeadlineError, UnavailableError, WaitTimeoutError
+from eal_actors.kernel.clock import ManualClock, SystemClock
+from eal_actors.kernel.errors import CallCancelledError, CallError, DeadlineError, UnavailableError, WaitTimeoutError
 from tests.robots import WAIT_S
 
 

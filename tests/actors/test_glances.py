@@ -5,10 +5,10 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from eal_actors.data import DataType
-from eal_actors.info import ResourceType, ValueInfo
-from eal_actors.link import Link
-from eal_actors.resource import Resource
+from eal_actors.device.data import DataType
+from eal_actors.device.info import ResourceType, ValueInfo
+from eal_actors.device.link import Link
+from eal_actors.device.resource import Resource
 from tests.robots import WAIT_S, running_robot
 
 

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eal_actors.actors.inbox import Inbox
-from eal_actors.clock import ManualClock, SystemClock
-from eal_actors.errors import BusyError, UnavailableError
-from eal_actors.timers import Timer
+from eal_actors.kernel.clock import ManualClock, SystemClock
+from eal_actors.kernel.errors import BusyError, UnavailableError
+from eal_actors.kernel.timers import Timer
 from tests.robots import WAIT_S
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from eal_actors.errors import DeadlineError, EALError
-from eal_actors.link import Link
-from eal_actors.lock_step import LockStepClock
-from eal_actors.resource import Activity, Resource, command
+from eal_actors.device.link import Link
+from eal_actors.device.resource import Activity, Resource, command
+from eal_actors.kernel.errors import DeadlineError, EALError
+from eal_actors.kernel.lock_step import LockStepClock
 from tests.robots import running_robot
 
 

@@ -9,12 +9,12 @@ from collections.abc import Iterator
 import pytest
 
 from eal_actors.actors.readiness import LOOK_S
-from eal_actors.clock import ManualClock
-from eal_actors.data import EALData
-from eal_actors.errors import NotReadyError, PreemptedError, ResourceFaultError, UnavailableError
-from eal_actors.info import ResourceType
-from eal_actors.log import configure_logging
-from eal_actors.resource import Activity, Resource, command
+from eal_actors.device.data import EALData
+from eal_actors.device.info import ResourceType
+from eal_actors.device.resource import Activity, Resource, command
+from eal_actors.kernel.clock import ManualClock
+from eal_actors.kernel.errors import NotReadyError, PreemptedError, ResourceFaultError, UnavailableError
+from eal_actors.kernel.log import configure_logging
 from tests.robots import WAIT_S, running_robot
 
 

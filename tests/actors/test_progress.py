@@ -8,10 +8,10 @@ import pytest
 
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.running import Running, process_name
-from eal_actors.clock import ManualClock
-from eal_actors.errors import ArgumentError, PreemptedError
-from eal_actors.info import ResourceType
-from eal_actors.resource import Activity, Progress, Resource, command, request
+from eal_actors.device.info import ResourceType
+from eal_actors.device.resource import Activity, Progress, Resource, command, request
+from eal_actors.kernel.clock import ManualClock
+from eal_actors.kernel.errors import ArgumentError, PreemptedError
 from tests.robots import WAIT_S, advance_until_done, running_robot
 
 

@@ -6,9 +6,11 @@ from typing import Any
 
 import pytest
 
-from eal_actors.clock import ManualClock
-from eal_actors.data import DataType, EALData
-from eal_actors.errors import (
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceType, ValueInfo
+from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
+from eal_actors.kernel.clock import ManualClock
+from eal_actors.kernel.errors import (
     ArgumentError,
     BusyError,
     CallCancelledError,
@@ -19,8 +21,6 @@ from eal_actors.errors import (
     UnavailableError,
     UnsupportedError,
 )
-from eal_actors.info import ResourceType, ValueInfo
-from eal_actors.resource import Activity, Resource, command, config, config_setter, request
 from tests.robots import WAIT_S, advance_until_done, running_robot
 
 

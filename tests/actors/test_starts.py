@@ -10,8 +10,10 @@ import pytest
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.data import DataType, EALData
-from eal_actors.errors import (
+from eal_actors.device.data import DataType, EALData
+from eal_actors.device.info import ResourceType, ValueInfo
+from eal_actors.device.resource import Activity, Resource, command
+from eal_actors.kernel.errors import (
     ArgumentError,
     CallCancelledError,
     DeadlineError,
@@ -21,9 +23,7 @@ from eal_actors.errors import (
     StoppedError,
     UnsupportedError,
 )
-from eal_actors.info import ResourceType, ValueInfo
-from eal_actors.lock_step import LockStepClock
-from eal_actors.resource import Activity, Resource, command
+from eal_actors.kernel.lock_step import LockStepClock
 from tests.robots import running_robot
 
 Do = Callable[[RobotHandle], Future[Any]]

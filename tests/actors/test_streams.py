@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eal_actors.clock import Clock, SystemClock
-from eal_actors.errors import (
+from eal_actors.device.info import ResourceType
+from eal_actors.device.link import Link
+from eal_actors.device.resource import Activity, Resource, command
+from eal_actors.kernel.clock import Clock, SystemClock
+from eal_actors.kernel.errors import (
     ArgumentError,
     DeadlineError,
     EALError,
@@ -17,10 +20,7 @@ from eal_actors.errors import (
     UnavailableError,
     UnsupportedError,
 )
-from eal_actors.info import ResourceType
-from eal_actors.link import Link
-from eal_actors.lock_step import LockStepClock
-from eal_actors.resource import Activity, Resource, command
+from eal_actors.kernel.lock_step import LockStepClock
 from tests.robots import WAIT_S, running_robot
 
 

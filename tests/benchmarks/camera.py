@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from eal_actors.world import load_world
+from eal_actors.device.world import load_world
 from plugins.sim.camera.eye import Eye
 from plugins.sim.camera.movers import BoxAt, Look, Mover, RobotAt
 from plugins.sim.camera.render import render

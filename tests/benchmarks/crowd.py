@@ -10,7 +10,7 @@ from typing import Any
 import pykka
 
 from eal_actors import gather
-from eal_actors.resource import Resource, command
+from eal_actors.device.resource import Resource, command
 from tests.benchmarks.hop import Bare
 from tests.benchmarks.result import Result
 from tests.robots import running_robot

@@ -12,7 +12,7 @@ from typing import Final
 from playwright.sync_api import Page, sync_playwright
 
 from eal_actors import Fleet
-from eal_actors.dashboard import Dashboard
+from eal_actors.operate.dashboard import Dashboard
 from tests.benchmarks.result import Result, Skipped
 from tests.chromium import FLAGS, MISSING, find_chromium
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from eal_actors import Fleet, gather
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from tests.benchmarks.crowd import resident_bytes
 from tests.benchmarks.network_host import ENVELOPE, VIEW, bare_config, fleet_of
 from tests.benchmarks.result import Result

@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from eal_actors.clock import SystemClock
-from eal_actors.data import EALData
-from eal_actors.info import ResourceType
+from eal_actors.device.data import EALData
+from eal_actors.device.info import ResourceType
+from eal_actors.device.resource import Activity, Resource, command
+from eal_actors.kernel.clock import SystemClock
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.host import Host
 from eal_actors.net.server import RobotServer
 from eal_actors.net.session import open_session, robot_config
-from eal_actors.resource import Activity, Resource, command
 from tests.robots import running_robot
 
 if TYPE_CHECKING:

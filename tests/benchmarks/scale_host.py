@@ -23,7 +23,7 @@ from eal_actors import Fleet, gather
 from eal_actors.actors.call import Call
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.host import Host

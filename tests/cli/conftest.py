@@ -14,9 +14,9 @@ import pytest
 import structlog
 from typer.testing import CliRunner, Result
 
-from eal_actors.bundled import bundled_path
 from eal_actors.cli import app
 from eal_actors.cli.new_plugin import write_plugin
+from eal_actors.kernel.bundled import bundled_path
 
 Program = Callable[..., Result]
 Write = Callable[[str, str], Path]

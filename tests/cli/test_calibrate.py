@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from eal_actors.calibration.ends_file import write_ends
-from eal_actors.calibration.square import square_end
-from eal_actors.calibration.umbmark import SquareEnds
 from eal_actors.cli import app
+from eal_actors.device.wheels import WheelCalibration
+from eal_actors.lab.calibration.ends_file import write_ends
+from eal_actors.lab.calibration.square import square_end
+from eal_actors.lab.calibration.umbmark import SquareEnds
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.wheels import WheelCalibration
 from tests.cli.conftest import Program, Write
 
 FLEET = """\

@@ -7,8 +7,8 @@ from typing import Any
 import jsonschema
 import pytest
 
-from eal_actors.bundled import bundled_path
-from eal_actors.yaml_source import load_yaml
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.yaml_source import load_yaml
 
 
 def shipped(pattern: str) -> list[Path]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from eal_actors.bundled import bundled_path
+from eal_actors.kernel.bundled import bundled_path
 from eal_actors.managers.config import EALConfigManager
 from tests.net.links import free_port
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from eal_actors.doctor.plugins import check_plugins
 from eal_actors.facade.service import RobotService
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.net.certificates import make_authority, make_certificate
+from eal_actors.operate.doctor.plugins import check_plugins
 from tests.net.links import free_port
 
 

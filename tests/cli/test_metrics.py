@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from eal_actors import Fleet
-from tests.metrics.scraping import samples, scrape
 from tests.net.links import free_port
+from tests.operate.metrics.scraping import samples, scrape
 
 LISTENS = re.compile(r"^metrics at http://127\.0\.0\.1:(\d+)/metrics$")
 

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from eal_actors import Fleet
-from eal_actors.errors import NotReadyError
 from eal_actors.facade.service import RobotService
+from eal_actors.kernel.errors import NotReadyError
 from eal_actors.managers.config import EALConfigManager
 from tests.net.links import free_port
 

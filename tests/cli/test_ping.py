@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from eal_actors import Fleet
-from eal_actors.errors import StoppedError
 from eal_actors.facade.service import RobotService
+from eal_actors.kernel.errors import StoppedError
 from eal_actors.managers.config import EALConfigManager
 from tests.net.links import eventually, free_port
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from eal_actors.bundled import bundled_path
-from eal_actors.conformance import CHECKS
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.testing.conformance import CHECKS
 
 
 def test_list_shows_what_there_is_and_what_is_broken(eal: Any, slides: Path, write: Any) -> None:

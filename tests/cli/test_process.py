@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from eal_actors.bundled import bundled_path
+from eal_actors.kernel.bundled import bundled_path
 
 Start = Callable[..., subprocess.Popen[str]]
 

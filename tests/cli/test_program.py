@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 import eal_actors
-from eal_actors import errors
 from eal_actors.cli.exit_codes import ExitCode, exit_code, report
 from eal_actors.cli.options import GlobalOptions
-from eal_actors.errors import ConfigError, EALError, Problem
+from eal_actors.kernel import errors
+from eal_actors.kernel.errors import ConfigError, EALError, Problem
 
 
 def test_it_tells_its_version(eal: Any) -> None:

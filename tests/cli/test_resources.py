@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from eal_actors.bundled import bundled_path
-from eal_actors.info import ResourceInfo
+from eal_actors.device.info import ResourceInfo
+from eal_actors.kernel.bundled import bundled_path
 
 
 def test_it_shows_methods_commands_units_and_ranges(eal: Any, slides: Path) -> None:

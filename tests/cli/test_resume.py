@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from eal_actors.bundled import bundled_path
 from eal_actors.cli.options import GlobalOptions
 from eal_actors.cli.progress import LiveProgress
-from eal_actors.clock import ManualClock
-from eal_actors.record.mcap_file import McapContent, read_mcap
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.clock import ManualClock
 from eal_actors.recording import RunFolder
+from eal_actors.recording.mcap_file import McapContent, read_mcap
 from eal_actors.scenario import Report, RunContinued, StepStarted
 
 SCENARIO = """\

@@ -10,7 +10,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from eal_actors.bundled import bundled_path
+from eal_actors.kernel.bundled import bundled_path
 from eal_actors.scenario import summary_schema
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 
 WAIT_S = 30.0
 SCENARIO = """\

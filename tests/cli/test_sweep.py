@@ -15,11 +15,11 @@ from xml.etree import ElementTree as Xml
 
 import pytest
 
-from eal_actors.errors import ConfigError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ConfigError
+from eal_actors.lab.sweeping import read_seeds, read_variations
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import load_scenario, parse_scenario, run_scenario
-from eal_actors.sweeping import read_seeds, read_variations
 
 Start = Callable[..., subprocess.Popen[str]]
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from eal_actors.bundled import bundled_path
 from eal_actors.cli.world import contents
-from eal_actors.world import load_world
+from eal_actors.device.world import load_world
+from eal_actors.kernel.bundled import bundled_path
 
 LAB = bundled_path("fleets/worlds/lab.yaml")
 

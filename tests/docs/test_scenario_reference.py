@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.bundled import bundled_path
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import bundled_path
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import load_scenario, make_plan, scenario_schema
 

@@ -16,8 +16,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
 from eal_actors import Fleet
-from eal_actors.clock import REAL_TIME
-from eal_actors.errors import EALError
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError
 from evbotos import slots
 from evbotos.model import Image, Local, Platform
 from evbotos.outputs import Built

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.log import get_logger
+from eal_actors.kernel.log import get_logger
 from evbotos.bench import BOARDS, OPERATIONS, Benchmark, read_results, run_by, run_here
 from evbotos.bench_chart import draw_chart
 from evbotos.bench_command import bench, times

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.clock import REAL_TIME
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.log import get_logger
 from evbotos import slots
 from evbotos.disk import MIB, parts_of
 from evbotos.qemu import Machine

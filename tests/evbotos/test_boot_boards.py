@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.log import get_logger
+from eal_actors.kernel.log import get_logger
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.hosttools import find_tool, needed_for

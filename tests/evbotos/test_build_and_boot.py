@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.log import get_logger
+from eal_actors.kernel.log import get_logger
 from evbotos import bytecode
 from evbotos.apt_sources import sources_for
 from evbotos.build import Build

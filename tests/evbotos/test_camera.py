@@ -11,8 +11,8 @@ import numpy.typing as npt
 import pytest
 
 from eal_actors import Fleet
-from eal_actors.errors import EALError
-from eal_actors.log import get_logger
+from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.log import get_logger
 from evbotos.build import Build
 from evbotos.definitions import load_definitions
 from evbotos.hosttools import find_tool, needed_for

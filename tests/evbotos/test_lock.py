@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.errors import ConfigError
+from eal_actors.kernel.errors import ConfigError
 from evbotos.definitions import load_definitions
 from evbotos.errors import BuildError
 from evbotos.lock import Lock, LockedPackage, LockedWheel, asked_by, read_lock, require_lock, write_lock

@@ -13,7 +13,7 @@ from scapy.layers.l2 import ARP
 from scapy.layers.ntp import NTPHeader
 from scapy.packet import Packet
 
-from eal_actors.clock import wall_time
+from eal_actors.kernel.clock import wall_time
 from tests.evbotos.proof import LONGEST_BOOT_S, Proof, started
 from tests.evbotos.wire import OUR_IP, ROBOT_IP, Wire
 

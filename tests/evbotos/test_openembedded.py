@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from eal_actors.errors import ConfigError
+from eal_actors.kernel.errors import ConfigError
 from evbotos.agreement import FOLDER, disagreements, generated, installed_by, load_agreement
 from evbotos.definitions import Definitions, load_definitions
 from evbotos.plan import ROOTFS

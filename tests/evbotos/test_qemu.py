@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from evbotos.hosttools import find_tool
 
 PROGRAM = """

@@ -13,7 +13,7 @@ from scapy.layers.l2 import ARP, Ether
 from scapy.layers.ntp import NTPHeader
 from scapy.packet import Packet
 
-from eal_actors.clock import REAL_TIME, wall_time
+from eal_actors.kernel.clock import REAL_TIME, wall_time
 
 OUR_MAC = "52:54:00:00:00:01"
 OUR_IP = "192.0.2.1"

@@ -12,7 +12,8 @@ import pytest
 
 import eal_actors
 from eal_actors import EAL, EALData, Fleet, classic, connect
-from eal_actors.errors import (
+from eal_actors.device.resource import Resource
+from eal_actors.kernel.errors import (
     ArgumentError,
     ConfigError,
     PreemptedError,
@@ -22,7 +23,6 @@ from eal_actors.errors import (
     UnavailableError,
     UnsupportedError,
 )
-from eal_actors.resource import Resource
 
 SEVENTEEN = [
     # thesis name, our name, section

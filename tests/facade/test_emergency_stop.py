@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eal_actors.errors import PreemptedError, StoppedError
+from eal_actors.kernel.errors import PreemptedError, StoppedError
 from eal_actors.testing import Simulation
 
 ROBOTS = {"a": {"model": "roomba", "start": (-1, 0)}, "b": {"model": "evbot3", "start": (1, 0)}}

@@ -6,7 +6,7 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import Ping, RobotState
-from eal_actors.errors import UnavailableError
+from eal_actors.kernel.errors import UnavailableError
 from eal_actors.testing import Simulation
 from tests.net.links import fleet_of, free_port
 

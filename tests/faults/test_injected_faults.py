@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from eal_actors.errors import ArgumentError, ConfigError, DeadlineError, EALError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ArgumentError, ConfigError, DeadlineError, EALError
 from eal_actors.testing import Simulation
 
 ROOM = {"version": 1, "name": "room", "size_m": (8, 6)}

@@ -20,8 +20,8 @@ from typing import Any
 import pytest
 
 from eal_actors.actors.future import Future
-from eal_actors.bundled import bundled_path
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import bundled_path
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Event, Listener, Report, Run, Signalled, StepRetried, load_scenario, make_plan
 from plugins.mote_roomba.bodies import FullBattery

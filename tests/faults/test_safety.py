@@ -14,8 +14,10 @@ from eal_actors.actors.combine import as_completed, gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.actors.supervision import Restart
-from eal_actors.clock import REAL_TIME, ManualClock, ScaledClock
-from eal_actors.errors import (
+from eal_actors.device.info import ResourceType
+from eal_actors.device.resource import Activity, Resource, command
+from eal_actors.kernel.clock import REAL_TIME, ManualClock, ScaledClock
+from eal_actors.kernel.errors import (
     ArgumentError,
     DeadlineError,
     PreemptedError,
@@ -24,8 +26,6 @@ from eal_actors.errors import (
     ReturnTypeError,
     RobotFailedError,
 )
-from eal_actors.info import ResourceType
-from eal_actors.resource import Activity, Resource, command
 from tests.robots import WAIT_S, advance_until_done, running_robot
 
 

@@ -15,8 +15,9 @@ from eal_actors.actors.robot_actor import start_robot
 from eal_actors.actors.robot_spec import RobotSpec
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.actors.supervision import Restart
-from eal_actors.clock import REAL_TIME, ManualClock, ScaledClock
-from eal_actors.errors import (
+from eal_actors.device.resource import Activity, Resource, command
+from eal_actors.kernel.clock import REAL_TIME, ManualClock, ScaledClock
+from eal_actors.kernel.errors import (
     DeadlineError,
     PreemptedError,
     ResourceFaultError,
@@ -24,7 +25,6 @@ from eal_actors.errors import (
     RobotFailedError,
     UnavailableError,
 )
-from eal_actors.resource import Activity, Resource, command
 from tests.robots import WAIT_S, InlinePlugins, running_robot
 
 

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import traceback
 
-from eal_actors.clock import SystemClock
+from eal_actors.kernel.clock import SystemClock
 from tests.fuzz.corpus import TARGETS, keep, mutated, seeds
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from eal_actors.errors import DataError, ProtocolError
+from eal_actors.kernel.errors import DataError, ProtocolError
 from eal_actors.net import keys, wire
 from eal_actors.net.frames import decode_frame
 from plugins.evbot2 import protocol as evbot2_protocol

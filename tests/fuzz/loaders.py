@@ -7,13 +7,13 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from eal_actors.errors import ConfigError
+from eal_actors.device.world import load_world
+from eal_actors.kernel.errors import ConfigError
+from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import read_manifest
 from eal_actors.scenario.expressions.template import parse_bare, parse_template
 from eal_actors.scenario.loading import parse_scenario
-from eal_actors.world import load_world
-from eal_actors.yaml_source import parse_yaml
 
 ROOT = Path(__file__).parents[2]
 _REFERENCE = re.compile(r"(file|map|include|world|plugin_dirs|scenario)")

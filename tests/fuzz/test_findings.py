@@ -8,8 +8,8 @@ import zlib
 import numpy as np
 import pytest
 
-from eal_actors.data import EALData
-from eal_actors.errors import ProtocolError, UnavailableError
+from eal_actors.device.data import EALData
+from eal_actors.kernel.errors import ProtocolError, UnavailableError
 from eal_actors.net.frames import Frame, decode_frame, encode_frame
 from eal_actors.net.wire import RobotTime
 

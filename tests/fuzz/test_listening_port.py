@@ -17,8 +17,8 @@ import pytest
 from eal_actors import Fleet
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.clock import SystemClock
-from eal_actors.errors import EALError
+from eal_actors.kernel.clock import SystemClock
+from eal_actors.kernel.errors import EALError
 from eal_actors.net.session import open_session, visitor_config
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Process, Rig, ready, served

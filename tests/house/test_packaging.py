@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 HEAVY = ("numpy", "cv2", "pymunk", "matplotlib")
 USER_SCRIPT = """
 from eal_actors import EAL, Fleet, Future, connect
-from eal_actors.data import EALData
+from eal_actors.device.data import EALData
 
 
 def turn(name: str) -> Future[int]:

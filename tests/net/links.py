@@ -13,7 +13,7 @@ from pathlib import Path
 
 import zenoh
 
-from eal_actors.clock import SystemClock
+from eal_actors.kernel.clock import SystemClock
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 

@@ -17,9 +17,9 @@ from typing import Any, Self
 from eal_actors import Fleet
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.bundled import bundled_path
-from eal_actors.errors import DeadlineError, EALError, UnavailableError
 from eal_actors.facade.service import RobotService
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.errors import DeadlineError, EALError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from tests.net.links import eventually, free_port

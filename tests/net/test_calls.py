@@ -15,9 +15,9 @@ from eal_actors import Fleet, connect
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.clock import SystemClock
-from eal_actors.data import DataType, EALData
-from eal_actors.errors import (
+from eal_actors.device.data import DataType, EALData
+from eal_actors.kernel.clock import SystemClock
+from eal_actors.kernel.errors import (
     ArgumentError,
     BusyError,
     CallCancelledError,

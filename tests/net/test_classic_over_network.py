@@ -10,8 +10,8 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.bundled import bundled_path
 from eal_actors.facade import shared
+from eal_actors.kernel.bundled import bundled_path
 from scenarios.classic import camera, dance, square
 from tests.net.links import free_port
 from tests.net.rig import Servers, becomes, serving

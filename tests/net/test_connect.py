@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from eal_actors import Fleet, classic, connect
-from eal_actors.errors import ConfigError, RobotNotFoundError, UnavailableError
 from eal_actors.facade.elsewhere import robot_at
 from eal_actors.facade.service import RobotService
+from eal_actors.kernel.errors import ConfigError, RobotNotFoundError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.certificates import make_authority, make_certificate

@@ -15,7 +15,8 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.actors.running import process_name
-from eal_actors.errors import (
+from eal_actors.facade.service import RobotService
+from eal_actors.kernel.errors import (
     BusyError,
     CallCancelledError,
     ConfigError,
@@ -26,7 +27,6 @@ from eal_actors.errors import (
     StoppedError,
     UnavailableError,
 )
-from eal_actors.facade.service import RobotService
 from eal_actors.net.host import Host
 from eal_actors.net.lane import MOST_UNDER_WAY
 from tests.net.links import eventually

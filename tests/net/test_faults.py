@@ -12,8 +12,8 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.clock import SystemClock
-from eal_actors.errors import (
+from eal_actors.kernel.clock import SystemClock
+from eal_actors.kernel.errors import (
     BusyError,
     CallError,
     PreemptedError,
@@ -238,7 +238,7 @@ import sys
 import time
 real = time.monotonic
 time.monotonic = lambda: real() * {rate} + {shift}
-import eal_actors.clock as clock
+import eal_actors.kernel.clock as clock
 assert clock.SystemClock().rate == 1.0
 clock.REAL_TIME._start_s = -{shift}
 from eal_actors.cli import main

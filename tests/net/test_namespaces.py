@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from eal_actors.bundled import bundled_path
+from eal_actors.kernel.bundled import bundled_path
 from tests.net.links import eventually
 from tests.net.namespaces import Cabled, cabled, why_not
 from tests.net.rig import Process, Rig

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.bundled import bundled_path
-from eal_actors.clock import SystemClock
-from eal_actors.errors import ConfigError, ProtocolError, UnavailableError
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.clock import SystemClock
+from eal_actors.kernel.errors import ConfigError, ProtocolError, UnavailableError
 from eal_actors.net.session import controller_config, open_session, robot_config, router_config
 from tests.net.links import PATIENCE_S, answering, ask, eventually, fleet_of, free_port
 

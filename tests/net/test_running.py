@@ -13,10 +13,10 @@ from eal_actors.actors.call import Call
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.actors.running import Running, process_name
-from eal_actors.data import EALData
-from eal_actors.errors import PreemptedError, UnavailableError
+from eal_actors.device.data import EALData
+from eal_actors.device.resource import Progress
+from eal_actors.kernel.errors import PreemptedError, UnavailableError
 from eal_actors.net.messages import Event
-from eal_actors.resource import Progress
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served
 

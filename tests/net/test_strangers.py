@@ -17,8 +17,8 @@ import zenoh
 
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.clock import SystemClock
-from eal_actors.errors import (
+from eal_actors.kernel.clock import SystemClock
+from eal_actors.kernel.errors import (
     AccessDeniedError,
     DeadlineError,
     EALError,

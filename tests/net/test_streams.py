@@ -14,8 +14,8 @@ import zenoh
 from eal_actors import Fleet
 from eal_actors.actors.feeds import Encoding
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.clock import SystemClock
-from eal_actors.errors import ArgumentError, DeadlineError, EALError, UnavailableError, UnsupportedError
+from eal_actors.kernel.clock import SystemClock
+from eal_actors.kernel.errors import ArgumentError, DeadlineError, EALError, UnavailableError, UnsupportedError
 from eal_actors.net.frames import LEASE_S
 from eal_actors.net.session import controller_config, open_session
 from tests.net.links import eventually

@@ -13,8 +13,8 @@ from eal_actors import Fleet
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.errors import ArgumentError, DeadlineError, PreemptedError, RobotNotFoundError, StoppedError
 from eal_actors.facade.together import Begin
+from eal_actors.kernel.errors import ArgumentError, DeadlineError, PreemptedError, RobotNotFoundError, StoppedError
 from tests.net.rig import WAIT_S, Rig, failure
 
 NEAR_S = 0.15

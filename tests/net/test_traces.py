@@ -11,9 +11,9 @@ from opentelemetry.sdk.trace import ReadableSpan
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
 
 from eal_actors import Fleet, spans
-from eal_actors.errors import ArgumentError
+from eal_actors.kernel.errors import ArgumentError
+from eal_actors.operate.tracing import Tracing, exporter_to
 from eal_actors.scenario import run_scenario
-from eal_actors.tracing import Tracing, exporter_to
 from tests.net.rig import Rig
 
 SCENARIO = """\

@@ -1,6 +1,6 @@
 """Which commands a robot lets begin: receipts, leases and dead-man's switch together, against a model of the whole.
 
-The parts have machines of their own in tests/net/unit. Here controllers with clocks that differ speak through a network
+The parts have machines of their own in tests/unit/net. Here controllers with clocks that differ speak through a network
 that delays, repeats, reorders and swallows, to a robot that is frozen now and then; the model knows the true time.
 """
 
@@ -13,8 +13,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from eal_actors.clock import ManualClock
-from eal_actors.errors import ResourceBusyError, StaleCommandError, UnavailableError
+from eal_actors.kernel.clock import ManualClock
+from eal_actors.kernel.errors import ResourceBusyError, StaleCommandError, UnavailableError
 from eal_actors.net.admission import Admission
 from eal_actors.net.receipts import Receipt, Stamper
 from eal_actors.net.wire import CallHeader, CallId

@@ -17,9 +17,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import ManualClock
-from eal_actors.data import DataType
-from eal_actors.errors import (
+from eal_actors.device.data import DataType
+from eal_actors.device.info import ResourceType, ValueInfo
+from eal_actors.device.resource import Resource, command, request
+from eal_actors.kernel.clock import ManualClock
+from eal_actors.kernel.errors import (
     BusyError,
     CallCancelledError,
     DeadlineError,
@@ -27,8 +29,6 @@ from eal_actors.errors import (
     PreemptedError,
     StaleCommandError,
 )
-from eal_actors.info import ResourceType, ValueInfo
-from eal_actors.resource import Resource, command, request
 from tests.robots import WAIT_S, running_robot
 
 CAPACITY = 3

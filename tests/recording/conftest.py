@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.bundled import bundled_path
 from eal_actors.facade.fleet import Fleet
-from eal_actors.lock_step import MAX
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import Extent, RunRecorder, keep_provenance
 from eal_actors.scenario import Run, load_scenario, make_plan

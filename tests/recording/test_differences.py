@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from eal_actors.errors import ScenarioError
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.recording import Difference, RunFolder, differences
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from eal_actors.errors import NotReadyError, ResourceFaultError, RobotFailedError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import NotReadyError, ResourceFaultError, RobotFailedError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import RunFolder, differences
 from eal_actors.scenario import Run, load_scenario, make_plan

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.bundled import bundled_path
-from eal_actors.errors import ScenarioError
 from eal_actors.facade.fleet import Fleet
-from eal_actors.lock_step import MAX
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.record.mcap_file import read_mcap
-from eal_actors.record.recorded_run import RecordedRun
 from eal_actors.recording import RunRecorder
+from eal_actors.recording.mcap_file import read_mcap
+from eal_actors.recording.recorded_run import RecordedRun
 from eal_actors.scenario.events import RunContinued
 from tests.recording.conftest import record_run
 

@@ -14,9 +14,9 @@ import pytest
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.record.mcap_file import McapContent, read_mcap
-from eal_actors.record.recorded_run import RecordedRun
 from eal_actors.recording import RunRecorder
+from eal_actors.recording.mcap_file import McapContent, read_mcap
+from eal_actors.recording.recorded_run import RecordedRun
 from eal_actors.scenario import Run, load_scenario, make_plan, summary_schema
 
 MANIFEST = """\

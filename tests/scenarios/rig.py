@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from eal_actors.clock import Clock, ScaledClock
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import Clock, ScaledClock
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Scenario, load_scenario
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from eal_actors.bundled import bundled_path
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import bundled_path
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Report, run_scenario
 from tests.patience import LONG_S

@@ -7,9 +7,9 @@ import jsonschema
 import numpy as np
 import pytest
 
-from eal_actors.clock import ManualClock
-from eal_actors.errors import ScenarioError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import ManualClock
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario import (
     Event,
     LogLine,

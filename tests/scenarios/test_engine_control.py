@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.errors import ScenarioError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario import (
     Event,
     LogLine,

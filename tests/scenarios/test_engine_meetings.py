@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.lock_step import LockStepClock
+from eal_actors.kernel.lock_step import LockStepClock
 from eal_actors.scenario import LogLine, Report, Signalled, StartedTogether
 from tests.scenarios.rig import HEAD, rigs
 from tests.scenarios.running import ON, Watch, brief, outcomes, records, run

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.errors import ConfigError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ConfigError
 from eal_actors.scenario import LogLine, load_scenario, make_plan
 from tests.scenarios.rig import HEAD, ask, rigs, scenario
 from tests.scenarios.running import Watch, brief, run

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.errors import ConfigError, RobotFailedError, RobotNotFoundError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ConfigError, RobotFailedError, RobotNotFoundError
 from eal_actors.scenario import (
     RobotDropped,
     RunStarted,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.errors import ConfigError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ConfigError
 from eal_actors.scenario import LogLine, make_plan
 from tests.scenarios.rig import rigs, scenario
 from tests.scenarios.running import ON, WAIT_S, Watch, outcomes, run

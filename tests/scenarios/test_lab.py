@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.bundled import bundled_path
 from eal_actors.cli import emulators
 from eal_actors.cli.emulators import Emulators, Wire, open_wires
 from eal_actors.cli.lab import commands, destination
-from eal_actors.errors import PreemptedError, UnavailableError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.errors import PreemptedError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Report, load_scenario, run_scenario
 from plugins.camera.emulator import PICTURES, draw

@@ -14,14 +14,14 @@ from typing import Any
 import pytest
 
 from eal_actors import gather
-from eal_actors.bundled import bundled_path
-from eal_actors.choreography.aiming import leg_commands
-from eal_actors.errors import UnavailableError
-from eal_actors.record.pose_sample import PoseSample
+from eal_actors.device.world.formation import Formation, formation_poses
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.errors import UnavailableError
+from eal_actors.lab.choreography.aiming import leg_commands
 from eal_actors.recording import PoseRecorder
+from eal_actors.recording.pose_sample import PoseSample
 from eal_actors.scenario import Event, LogLine, Report, load_scenario, run_scenario
 from eal_actors.testing import Simulation
-from eal_actors.world.formation import Formation, formation_poses
 from scenarios import formation as formation_py
 from scenarios import patrol as patrol_py
 from scenarios import relay as relay_py

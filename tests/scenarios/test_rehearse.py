@@ -13,16 +13,17 @@ import pytest
 import structlog
 from typer.testing import CliRunner, Result
 
-from eal_actors.bundled import bundled_path
 from eal_actors.cli import app
-from eal_actors.clock import ManualClock
-from eal_actors.errors import ConfigError
+from eal_actors.device.world import load_world
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.clock import ManualClock
+from eal_actors.kernel.errors import ConfigError
+from eal_actors.lab.rehearsal import Approaches, Rehearsal, rehearse
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.twins import simulated
 from eal_actors.plugin import FleetServices, PluginContext
-from eal_actors.rehearsal import Approaches, Rehearsal, rehearse, simulated
 from eal_actors.scenario import Scenario, load_scenario, parse_scenario
-from eal_actors.world import load_world
 from plugins.sim import plugin as sim
 
 RADIUS_M = 0.17  # of a Roomba
@@ -186,22 +187,22 @@ def test_nothing_is_missed_between_two_looks() -> None:
     class Unresting(Approaches):
         looks = 0
 
-        def see(self, *arguments: Any) -> float:
+        def observe(self, *arguments: Any) -> float:
             self.looks += 1
-            super().see(*arguments)
+            super().observe(*arguments)
             return math.inf
 
     class Counting(Unresting):
-        def see(self, *arguments: Any) -> float:
+        def observe(self, *arguments: Any) -> float:
             self.looks += 1
-            return Approaches.see(self, *arguments)
+            return Approaches.observe(self, *arguments)
 
     world = load_world(bundled_path("fleets/worlds/lab.yaml"))
     seen: list[Unresting] = []
     for approaches in (Unresting(0.05), Counting(0.05)):
         clock = ManualClock()
         services = FleetServices(clock, 3, world)
-        services.onlooker = approaches
+        services.proximity_observer = approaches
         bases = []
         for number in range(6):
             settings = sim.Settings.model_validate({"model": ("evbot2", "evbot3", "roomba")[number % 3]})

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eal_actors.bundled import bundled_path
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import bundled_path
 from eal_actors.scenario import Report, run_scenario
 from tests.patience import patient_fleet, patient_scenario
 

@@ -11,20 +11,20 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from eal_actors.calibration.step import fit_umbmark
-from eal_actors.choreography.views import compare_views
 from eal_actors.cli.new_plugin import write_plugin
-from eal_actors.dashboard import Dashboard
-from eal_actors.errors import ConfigError, ScenarioError
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ConfigError, ScenarioError
+from eal_actors.lab.calibration.step import fit_umbmark
+from eal_actors.lab.choreography.views import compare_views
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import ManifestFile
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.net.certificates import make_authority, make_certificate
+from eal_actors.operate.dashboard import Dashboard
 from eal_actors.scenario import check_scenario, run_scenario
 from evbotos.definitions import load_definitions
 from evbotos.lock import LockedWheel
-from tests.dashboard.rig import open_dashboard, page_of
+from tests.operate.dashboard.rig import open_dashboard, page_of
 
 HOSTILE = ("../x", "..", ".", "a/../../x", "/etc/x", "a/b", "a\\b", "x\0y", "x\n", "", "~/x", "%2e%2e%2fx", "-x")
 """Names that, put into a path, would lead elsewhere, or nowhere."""

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.errors import UnavailableError
 from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.service import RobotService
+from eal_actors.kernel.errors import UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net import certificates

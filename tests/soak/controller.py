@@ -18,8 +18,8 @@ from typing import Any
 from eal_actors import Fleet
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.clock import REAL_TIME, acquire_alert, new_waiter
-from eal_actors.errors import EALError
+from eal_actors.kernel.clock import REAL_TIME, acquire_alert, new_waiter
+from eal_actors.kernel.errors import EALError
 from eal_actors.managers.config import EALConfigManager
 
 TIMEOUTS_S = (0.5, 2.0, 6.0)

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from eal_actors.clock import REAL_TIME, acquire_alert, new_waiter
+from eal_actors.kernel.clock import REAL_TIME, acquire_alert, new_waiter
 from tests.soak.history import Interval
 
 HUNGRY_S: Final = 0.25

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from eal_actors.bundled import bundled_path
+from eal_actors.kernel.bundled import bundled_path
 
 WAIT_S: Final = 60.0
 _ENGINE: Final = re.compile(r"(acc|app|net|rx|tx)-\d+")

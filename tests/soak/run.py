@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from tests.net.links import free_port
 from tests.soak.history import RELAYS, Fault, History
 from tests.soak.hunger import watching

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from tests.soak.hunger import HUNGRY_S, Hunger
 
 SPINNING = "while True: pass"

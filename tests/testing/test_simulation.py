@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.errors import (
+from eal_actors.kernel.errors import (
     ArgumentError,
     ConfigError,
     EALError,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from eal_actors.data import EALData
-from eal_actors.errors import ArgumentError
-from eal_actors.info import METHODS, ResourceInfo, ValueInfo
+from eal_actors.device.data import EALData
+from eal_actors.device.info import METHODS, ResourceInfo, ValueInfo
+from eal_actors.kernel.errors import ArgumentError
 
 
 def method_problem(method: str, info: ResourceInfo) -> str | None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from eal_actors.info import ResourceInfo
+from eal_actors.device.info import ResourceInfo
 
 _MOST_NAMED: Final = 3
 

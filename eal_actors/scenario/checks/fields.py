@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from eal_actors.errors import ScenarioError
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario.expressions.functions import as_text
 from eal_actors.scenario.model import (
     MAX_REPEATS,

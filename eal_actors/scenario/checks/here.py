@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.checks.statics import Statics
 from eal_actors.scenario.scenario import Scenario
-from eal_actors.yaml_tree import YamlPath
 
 
 class Place(NamedTuple):

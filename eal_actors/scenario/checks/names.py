@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
+from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.scenario.expressions.functions import CONSTANTS, FUNCTIONS
 from eal_actors.scenario.expressions.grammar import READINGS
-from eal_actors.strict_model import did_you_mean
 
 ROBOT_FACTS: Final = frozenset({"robot", "role", "index", "count"})
 """What every robot of an `on` knows of itself: its name, its role, its number in it from 0, and how many there are."""

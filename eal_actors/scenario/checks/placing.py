@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from eal_actors.errors import Problem
+from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.scenario.checks.names import Scope
 from eal_actors.scenario.model import (
     AnyStep,
@@ -23,8 +25,6 @@ from eal_actors.scenario.model import (
 )
 from eal_actors.scenario.parameters import parameter_problem
 from eal_actors.scenario.scenario import Scenario
-from eal_actors.strict_model import did_you_mean
-from eal_actors.yaml_tree import YamlPath, format_path
 
 
 class Placing:

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from eal_actors.errors import EALError, Problem
-from eal_actors.info import ResourceInfo, unknown_name
+from eal_actors.device.info import ResourceInfo, unknown_name
+from eal_actors.kernel.errors import EALError, Problem
+from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.scenario.checks.arguments import check_arguments, method_problem
 from eal_actors.scenario.checks.facts import RobotFacts, kinds_of, shown_robots
 from eal_actors.scenario.checks.fields import number_problem, static_numbers
@@ -53,7 +54,6 @@ from eal_actors.scenario.model import (
 from eal_actors.scenario.parameters import parameter_problem
 from eal_actors.scenario.scenario import Scenario
 from eal_actors.scenario.wording import Placed, step_expressions
-from eal_actors.yaml_tree import YamlPath, format_path
 
 
 def check_on_robots(

@@ -7,13 +7,13 @@ from collections.abc import Set as AbstractSet
 from pathlib import PurePosixPath
 from typing import Any
 
-from eal_actors.info import ResourceInfo
+from eal_actors.device.info import ResourceInfo
+from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.checks.arguments import answer_info
 from eal_actors.scenario.checks.names import Loop
 from eal_actors.scenario.checks.units import call_unit_problem
 from eal_actors.scenario.files import APPENDED, answer_problem, suffix_problem
 from eal_actors.scenario.model import AnswerStep, CallStep, ScenarioFile
-from eal_actors.yaml_tree import YamlPath
 
 
 def misfits(

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from eal_actors.errors import Problem
+from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.scenario.checks.names import Loop, Scope
 from eal_actors.scenario.checks.placing import Placing
 from eal_actors.scenario.checks.saving import save_problems
@@ -41,7 +42,6 @@ from eal_actors.scenario.model import (
     inner_steps,
 )
 from eal_actors.scenario.scenario import Scenario
-from eal_actors.yaml_tree import YamlPath, format_path
 
 
 def check_scope(scenario: Scenario) -> list[Problem]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from eal_actors.errors import Problem
+from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.scenario.checks.placing import roles_of
 from eal_actors.scenario.model import AnyStep, OnStep, ParallelStep, ScenarioStep, inner_steps
 from eal_actors.scenario.scenario import Scenario
-from eal_actors.yaml_tree import YamlPath, format_path
 
 
 def check_sharing(scenario: Scenario, roles: Mapping[str, Sequence[str]]) -> list[Problem]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from eal_actors.errors import ScenarioError
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario.checks.names import ROBOT_FACTS
 from eal_actors.scenario.expressions import Expression, Known, evaluate
 from eal_actors.scenario.expressions.evaluation import plain

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from eal_actors.errors import Problem
+from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.checks.names import RUN, Scope, name_problem, unknown_variable
 from eal_actors.scenario.expressions import Expression, expressions_in, parse_bare, parse_template
 from eal_actors.scenario.scenario import Scenario
-from eal_actors.yaml_tree import YamlPath
 
 
 class Texts:

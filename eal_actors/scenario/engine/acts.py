@@ -7,8 +7,8 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from eal_actors.data import EALData
-from eal_actors.errors import DeadlineError, ScenarioError
+from eal_actors.device.data import EALData
+from eal_actors.kernel.errors import DeadlineError, ScenarioError
 from eal_actors.scenario.checks.fields import checked_number
 from eal_actors.scenario.engine.cast import Context, RobotRun, Task, Unit
 from eal_actors.scenario.engine.groups import Group

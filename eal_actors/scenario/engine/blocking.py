@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from eal_actors.clock import Clock, new_waiter
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import Clock, new_waiter
 from eal_actors.scenario.binding import Wishes
 from eal_actors.scenario.engine.run import Run
 from eal_actors.scenario.journal import Listener

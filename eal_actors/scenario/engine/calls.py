@@ -8,7 +8,7 @@ from typing import Any
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
-from eal_actors.errors import EALError, ScenarioError
+from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.scenario.checks.fields import checked_number
 from eal_actors.scenario.engine.cast import Context, RobotRun
 from eal_actors.scenario.engine.loop import Branch

@@ -8,7 +8,7 @@ from typing import Any
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.errors import ScenarioError
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario.model import OnFailure
 from eal_actors.scenario.report import ErrorReport, RobotOutcome, RobotReport
 from eal_actors.scenario.scenario import Scenario

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from eal_actors.errors import ScenarioError
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario.engine.cast import RobotRun, Seat
 from eal_actors.scenario.engine.stage import Stage
 from eal_actors.scenario.events import Checkpoint, RobotReplaced

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from eal_actors.actors.future import Future
-from eal_actors.errors import CallCancelledError
+from eal_actors.kernel.errors import CallCancelledError
 from eal_actors.scenario.engine.cast import Context, RobotRun, Task
 from eal_actors.scenario.engine.loop import Branch
 from eal_actors.scenario.engine.stage import Stage

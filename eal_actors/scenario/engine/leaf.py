@@ -6,9 +6,9 @@ from collections.abc import Callable, Generator, Sequence
 from functools import partial
 from typing import Any, Protocol, TypeAlias
 
-from eal_actors import spans
 from eal_actors.actors.future import Future
-from eal_actors.errors import CallCancelledError, EALError
+from eal_actors.kernel import spans
+from eal_actors.kernel.errors import CallCancelledError, EALError
 from eal_actors.scenario.engine.cast import Context, RobotRun
 from eal_actors.scenario.engine.loop import Branch
 from eal_actors.scenario.engine.stage import Stage

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import Clock
+from eal_actors.kernel.clock import Clock
 from eal_actors.scenario.engine.cast import Task, Unit
 from eal_actors.scenario.model import AnyStep, BarrierStep, CallStep, inner_steps
 

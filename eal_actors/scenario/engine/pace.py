@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import Clock
+from eal_actors.kernel.clock import Clock
 from eal_actors.scenario.engine.cast import Task
 from eal_actors.scenario.events import Event, RunPaused, RunResumed
 

@@ -8,7 +8,8 @@ from functools import partial
 from typing import Any, Final
 
 from eal_actors.actors.future import Future
-from eal_actors.errors import ScenarioError
+from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.yaml_tree import format_path
 from eal_actors.scenario.checks.fields import checked_number
 from eal_actors.scenario.checks.placing import roles_of
 from eal_actors.scenario.engine.acts import (
@@ -61,7 +62,6 @@ from eal_actors.scenario.model import (
 )
 from eal_actors.scenario.parameters import parameter_problem
 from eal_actors.scenario.scenario import Scenario
-from eal_actors.yaml_tree import format_path
 
 _ACTS: Final[dict[type[AnyStep], Callable[[Stage, Context, Any], Act]]] = {
     WaitStep: WaitAct,

@@ -9,9 +9,9 @@ from functools import partial
 from typing import Any, Final
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import Clock
-from eal_actors.errors import EALError, ScenarioError, shown
-from eal_actors.log import get_logger
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import EALError, ScenarioError, shown
+from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine.calls import timeout_of
 from eal_actors.scenario.engine.cast import Context, RobotRun
 from eal_actors.scenario.engine.loop import Branch, Loop

@@ -11,13 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from eal_actors import spans
 from eal_actors.actors.future import Future
-from eal_actors.clock import REAL_TIME, ScaledClock, wall_time
-from eal_actors.errors import ScenarioError
 from eal_actors.facade.fleet import Fleet
-from eal_actors.lock_step import LockStepClock, Rate
-from eal_actors.log import get_logger
+from eal_actors.kernel import spans
+from eal_actors.kernel.clock import REAL_TIME, ScaledClock, wall_time
+from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.lock_step import LockStepClock, Rate
+from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine.cast import RobotRun
 from eal_actors.scenario.engine.checkpoints import checkpoint, restore, seat_robots, tell_lost
 from eal_actors.scenario.engine.loop import Branch, Loop

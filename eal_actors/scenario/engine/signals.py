@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import Clock
+from eal_actors.kernel.clock import Clock
 from eal_actors.scenario.engine.cast import Unit
 
 

@@ -9,10 +9,10 @@ from typing import Any, Final, TypeVar
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.clock import Clock
-from eal_actors.errors import UnavailableError
-from eal_actors.info import ResourceType
-from eal_actors.log import get_logger
+from eal_actors.device.info import ResourceType
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import UnavailableError
+from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine.cast import Context, RobotRun, Seat, Unit
 from eal_actors.scenario.engine.loop import Branch, Loop
 from eal_actors.scenario.engine.meetings import Meetings

@@ -8,7 +8,7 @@ from typing import Any, Final
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.errors import CallCancelledError
+from eal_actors.kernel.errors import CallCancelledError
 from eal_actors.scenario.engine.cast import Context, RobotRun, Task
 from eal_actors.scenario.engine.loop import Branch
 from eal_actors.scenario.engine.meetings import meeting_key

@@ -10,8 +10,8 @@ from typing import Any
 
 from simpleeval import InvalidExpression, SimpleEval
 
-from eal_actors.data import EALData
-from eal_actors.errors import ScenarioError
+from eal_actors.device.data import EALData
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario.expressions.functions import CONSTANTS, FUNCTIONS, MAX_ITEMS, OPERATORS, RefusalError
 from eal_actors.scenario.expressions.grammar import READINGS, Expression, Reading
 

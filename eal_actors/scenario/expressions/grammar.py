@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final, NamedTuple
 
-from eal_actors.info import unknown_name
+from eal_actors.device.info import unknown_name
 from eal_actors.scenario.expressions.functions import CONSTANTS, FUNCTIONS, OPERATORS
 
 MAX_LENGTH: Final = 1000

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
 
-from eal_actors.errors import ScenarioError
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario.expressions.evaluation import Known, evaluate, plain
 from eal_actors.scenario.expressions.functions import as_text
 from eal_actors.scenario.expressions.grammar import Expression, Flaw, parse_expression

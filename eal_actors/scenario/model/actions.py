@@ -6,9 +6,9 @@ from typing import Annotated, Any, Final
 
 from pydantic import BeforeValidator, Field, NonNegativeFloat
 
+from eal_actors.kernel.strict_model import NAMES_ONLY, Name
 from eal_actors.scenario.model.base import BlockStep, FallibleStep, TimedStep
 from eal_actors.scenario.model.values import ExpressionText, Text, Value, VariableName
-from eal_actors.strict_model import NAMES_ONLY, Name
 
 
 def _refuse_empty(value: object) -> object:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from eal_actors.kernel.strict_model import StrictModel
 from eal_actors.scenario.model.policies import OnFailure
 from eal_actors.scenario.model.values import Timeout
-from eal_actors.strict_model import StrictModel
 
 
 class Step(StrictModel):

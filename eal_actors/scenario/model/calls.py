@@ -6,10 +6,10 @@ from typing import Any, Final
 
 from pydantic import PositiveInt
 
+from eal_actors.kernel.strict_model import StrictModel
 from eal_actors.scenario.expressions import Known, render, render_text
 from eal_actors.scenario.model.base import TimedStep
 from eal_actors.scenario.model.values import Text, Value, VariableName
-from eal_actors.strict_model import StrictModel
 
 TEXT_FIELDS: Final = ("cmd", "req", "key")
 """What a method takes as text, even if it reads like a number."""

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 
+from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
 from eal_actors.scenario.model.policies import OnFailure
 from eal_actors.scenario.model.steps import MIN_ITEMS, NOT_EMPTY, AnyStep, Steps
 from eal_actors.scenario.model.values import Scalars, Text, Value, VariableName
-from eal_actors.strict_model import NAMES_ONLY, Name, StrictModel, Version1
 
 Words = Annotated[tuple[Text, ...], Field(strict=False, json_schema_extra=MIN_ITEMS), NOT_EMPTY]
 ParameterType = Literal["int", "double", "bool", "string", "list"]

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, NonNegativeFloat, PositiveInt, Tag
 
-from eal_actors.strict_model import StrictModel
+from eal_actors.kernel.strict_model import StrictModel
 
 Action = Literal["abort", "drop", "skip", "substitute"]
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
+from eal_actors.kernel.strict_model import NAMES_ONLY, Name, did_you_mean
 from eal_actors.scenario.model.actions import ExpectStep, LetStep, LogStep, PythonStep, ScenarioStep
 from eal_actors.scenario.model.base import BlockStep, Step
 from eal_actors.scenario.model.calls import (
@@ -24,7 +25,6 @@ from eal_actors.scenario.model.calls import (
 )
 from eal_actors.scenario.model.values import ExpressionText, Text, Value, VariableName, WholeExpression
 from eal_actors.scenario.model.waits import BarrierStep, SignalStep, WaitForStep, WaitStep, WaitUntilStep
-from eal_actors.strict_model import NAMES_ONLY, Name, did_you_mean
 
 INDEX: Final = "i"
 """The variable that counts a `repeat` or `while`, from 0."""

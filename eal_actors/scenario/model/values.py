@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 from pydantic import BeforeValidator, Discriminator, Field, NonNegativeFloat, PositiveFloat, PositiveInt, Tag
 
-from eal_actors.yaml_tree import show
+from eal_actors.kernel.yaml_tree import show
 
 VARIABLE_PATTERN: Final = r"^[A-Za-z_][A-Za-z0-9_]*$"
 _EXPRESSION: Final = re.compile(r"\$\{.*\}", re.DOTALL)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pydantic import PositiveFloat
 
+from eal_actors.kernel.strict_model import Name
 from eal_actors.scenario.model.base import FallibleStep, WaitingStep
 from eal_actors.scenario.model.values import Count, ExpressionText, Seconds, Value, VariableName
-from eal_actors.strict_model import Name
 
 POLL_S = 0.1
 

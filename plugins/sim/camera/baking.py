@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.plugin import WorldModel
+from eal_actors.device.world import WorldModel
 
 from .eye import Floats
 from .light import Light

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.plugin import WorldModel
+from eal_actors.device.world import WorldModel
 
 from .eye import Floats
 

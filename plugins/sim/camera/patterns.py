@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.plugin import WorldModel
+from eal_actors.device.world import WorldModel
 
 from .mosaic import mosaic
 from .poster import poster
 
-TextureModel: TypeAlias = Any  # eal_actors.world.Texture, which the plugin API does not name
+TextureModel: TypeAlias = Any  # eal_actors.device.world.Texture, which the plugin API does not name
 Colours: TypeAlias = NDArray[np.float32]
 """Rows from the top, shape (height, width, 3), 0..255."""
 

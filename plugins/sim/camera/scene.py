@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from eal_actors.plugin import WorldModel
+from eal_actors.device.world import WorldModel
 
 from . import baking
 from .baking import Bakery

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from eal_actors.plugin import WorldModel
+from eal_actors.device.world import WorldModel
 
 from ..robot import SimRobot
 from ..world import SimWorld

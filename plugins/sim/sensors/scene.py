@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from eal_actors.plugin import UnavailableError, WorldModel
+from eal_actors.device.world import WorldModel
+from eal_actors.plugin import UnavailableError
 
 from ..robot import SimRobot
 from ..world import SimBox, SimWorld

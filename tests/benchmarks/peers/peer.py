@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from eal_actors.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME
 from tests.net.links import free_port
 
 ROOT: Final = Path(__file__).parents[3]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.errors import ConfigError
+from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import load_scenario
 from eal_actors.scenario.binding import Binding, bind, find_candidates

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eal_actors.data import EALData
-from eal_actors.errors import ScenarioError
+from eal_actors.device.data import EALData
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario.expressions import (
     Known,
     Reading,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.errors import ConfigError
+from eal_actors.kernel.errors import ConfigError
 from eal_actors.scenario import Scenario, load_scenario
 from eal_actors.scenario.checks.facts import RobotFacts
 from eal_actors.scenario.checks.robots import check_on_robots

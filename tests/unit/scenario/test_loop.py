@@ -5,8 +5,8 @@ import signal
 import pytest
 
 from eal_actors.actors.future import Future
-from eal_actors.clock import ScaledClock
-from eal_actors.errors import DeadlineError
+from eal_actors.kernel.clock import ScaledClock
+from eal_actors.kernel.errors import DeadlineError
 from eal_actors.scenario.engine.loop import Branch, Loop
 
 

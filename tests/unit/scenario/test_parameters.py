@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.errors import ConfigError
+from eal_actors.kernel.errors import ConfigError
 from eal_actors.scenario import load_scenario
 from eal_actors.scenario.loading import with_parameters
 from eal_actors.scenario.parameters import missing_parameters, read_settings

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eal_actors.data import EALData
+from eal_actors.device.data import EALData
 from eal_actors.scenario.records import from_record, is_recordable, to_record, told
 
 NOT_JSON: list[Any] = [

@@ -15,9 +15,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Final, NoReturn
 
-from eal_actors.errors import ConfigError, EALError, Problem
 from eal_actors.facade.service import RobotService
-from eal_actors.log import configure_logging
+from eal_actors.kernel.errors import ConfigError, EALError, Problem
+from eal_actors.kernel.log import configure_logging
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 

@@ -1,7 +1,0 @@
-"""EALData: the one kind of value that crosses the framework."""
-
-from eal_actors.data.forms import DataType
-from eal_actors.data.storage import Payload
-from eal_actors.data.value import EALData
-
-__all__ = ["DataType", "EALData", "Payload"]

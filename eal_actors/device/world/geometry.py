@@ -1,0 +1,64 @@
+"""What covers what on the floor."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, TypeAlias
+
+from eal_actors.device.world.parts import Beacon, BoxObstacle, CircleObstacle, Drop, MovableBox
+
+Rectangle: TypeAlias = BoxObstacle | MovableBox | Drop
+Disc: TypeAlias = CircleObstacle | Beacon
+
+_TOUCHING_M: Final = 1e-6
+"""What overlaps by less than this merely touches."""
+
+
+def corners(rectangle: Rectangle) -> list[tuple[float, float]]:
+    """Return x and y of the four corners in metres, in the world's frame, counter-clockwise."""
+    cos, sin = _direction(rectangle)
+    half_x_m, half_y_m = (size_m / 2 for size_m in rectangle.size_m)
+    return [
+        (rectangle.x_m + cos * ahead_m - sin * left_m, rectangle.y_m + sin * ahead_m + cos * left_m)
+        for ahead_m, left_m in (
+            (half_x_m, half_y_m),
+            (-half_x_m, half_y_m),
+            (-half_x_m, -half_y_m),
+            (half_x_m, -half_y_m),
+        )
+    ]
+
+
+def covers(thing: Rectangle | Disc, x_m: float, y_m: float) -> bool:
+    """Return whether a point of the floor lies under a thing or at its edge."""
+    return _distance_m(thing, x_m, y_m) <= 0.0
+
+
+def overlap(rectangle: Rectangle, other: Rectangle | Disc) -> bool:
+    """Return whether two things share more than an edge or a corner."""
+    if isinstance(other, CircleObstacle | Beacon):
+        return _distance_m(rectangle, other.x_m, other.y_m) < other.radius_m - _TOUCHING_M
+    # By the separating axes: of two convex shapes that do not overlap, an edge of one has the other wholly beyond it.
+    for cos, sin in (_direction(rectangle), _direction(other)):
+        for axis_x, axis_y in ((cos, sin), (-sin, cos)):
+            ours = [x * axis_x + y * axis_y for x, y in corners(rectangle)]
+            theirs = [x * axis_x + y * axis_y for x, y in corners(other)]
+            if min(max(ours), max(theirs)) - max(min(ours), min(theirs)) < _TOUCHING_M:
+                return False
+    return True
+
+
+def _distance_m(thing: Rectangle | Disc, x_m: float, y_m: float) -> float:
+    """Return how far a point lies from a thing; 0 or less within it."""
+    east_m, north_m = x_m - thing.x_m, y_m - thing.y_m
+    if isinstance(thing, CircleObstacle | Beacon):
+        return math.hypot(east_m, north_m) - thing.radius_m
+    cos, sin = _direction(thing)
+    ahead_m, left_m = cos * east_m + sin * north_m, -sin * east_m + cos * north_m
+    beyond_m = (max(0.0, abs(ahead_m) - thing.size_m[0] / 2), max(0.0, abs(left_m) - thing.size_m[1] / 2))
+    return math.hypot(*beyond_m)
+
+
+def _direction(rectangle: Rectangle) -> tuple[float, float]:
+    yaw_rad = math.radians(rectangle.yaw_deg)
+    return math.cos(yaw_rad), math.sin(yaw_rad)

@@ -1,0 +1,33 @@
+"""Reading a world file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from eal_actors.device.world.contradictions import contradictions
+from eal_actors.device.world.model import WorldModel
+from eal_actors.kernel.bundled import find_file
+from eal_actors.kernel.errors import ConfigError
+from eal_actors.kernel.strict_model import problems_from
+from eal_actors.kernel.yaml_source import load_yaml
+
+
+def load_world(path: str | Path) -> WorldModel:
+    """Read a world file. The environment has no say in it: a world is the same on every machine.
+
+    Args:
+        path: the world file, or the name of one that comes with the framework, such as `lab`.
+
+    Raises:
+        ConfigError: with every problem of the file.
+    """
+    tree = load_yaml(find_file(path, "world"))
+    try:
+        world = WorldModel.model_validate(tree.root)
+    except ValidationError as error:
+        raise ConfigError(problems_from(error, tree, WorldModel)) from None
+    if problems := [tree.problem(path, message) for path, message in contradictions(world)]:
+        raise ConfigError(sorted(problems))
+    return world

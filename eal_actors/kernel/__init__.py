@@ -1,0 +1,1 @@
+"""Foundations: the error tree, clocks and timers, logging, spans, strict YAML and models of files."""

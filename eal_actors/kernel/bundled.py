@@ -1,0 +1,57 @@
+"""Find what comes with the framework, in a checkout and in a wheel: plugins, fleets, scenarios and worlds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, Literal
+
+from eal_actors.kernel.errors import ConfigError, Problem
+
+Kind = Literal["fleet", "scenario", "world"]
+
+_FOLDERS: Final[dict[Kind, str]] = {"fleet": "fleets", "scenario": "scenarios", "world": "fleets/worlds"}
+_SUFFIX: Final = ".yaml"
+_INSTALLED: Final = Path(__file__).parents[1] / "_bundled"
+"""Where a wheel has them; a checkout has them beside the package."""
+
+
+def bundled_path(name: str) -> Path:
+    """Return a shipped file or folder, such as `plugins` or `fleets/local.yaml`."""
+    return (_INSTALLED if _INSTALLED.is_dir() else _INSTALLED.parents[1]) / name
+
+
+def is_installed(file: Path) -> bool:
+    """Return whether a file was installed with the framework, and so is no user's to change."""
+    return file.resolve().is_relative_to(_INSTALLED.resolve())
+
+
+def bundled_names(kind: Kind) -> tuple[str, ...]:
+    """Return the names of the files of a kind that come with the framework."""
+    return tuple(sorted(file.stem for file in bundled_path(_FOLDERS[kind]).glob(f"*{_SUFFIX}")))
+
+
+def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
+    """Return the file that a path or a name means.
+
+    A path, which has a folder or a suffix, means itself. A name such as `dance` means the file `dance` or
+    `dance.yaml` of the folder, or else the one that comes with the framework.
+
+    Args:
+        name: what the user wrote.
+        kind: what it is to be.
+        folder: what relative paths are relative to; the working directory if None.
+
+    Raises:
+        ConfigError: no file has that name, here or in the framework.
+    """
+    path = Path(name) if folder is None else folder / name
+    if Path(name).suffix or len(Path(name).parts) != 1 or path.is_file():
+        return path
+    here = path.with_name(f"{path.name}{_SUFFIX}")
+    shipped = bundled_path(_FOLDERS[kind]) / here.name
+    for file in (here, shipped):
+        if file.is_file():
+            return file
+    known = ", ".join(bundled_names(kind))
+    message = f"no such file, and no {kind} of that name comes with the framework; there are: {known}"
+    raise ConfigError([Problem(str(name), 0, 0, "", message)])

@@ -1,0 +1,164 @@
+"""Values read from YAML that remember the file, line and column they stood at, also after files were merged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from eal_actors.kernel.errors import Problem
+
+YamlPath = tuple[str | int, ...]
+"""Keys and list indexes from the top of a file to a value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A place in a file; line and column count from 1."""
+
+    file: str
+    line: int
+    column: int
+
+
+class MarkedDict(dict[str, Any]):
+    """A mapping that remembers where each key and value stood."""
+
+    __slots__ = ("key_marks", "mark", "value_marks")
+
+    def __init__(self, mark: Mark) -> None:
+        super().__init__()
+        self.mark = mark
+        self.key_marks: dict[str, Mark] = {}
+        self.value_marks: dict[str, Mark] = {}
+
+    def put(self, key: str, value: object, key_mark: Mark, value_mark: Mark) -> None:
+        """Set a key together with the places of its name and its value."""
+        self[key] = value
+        self.key_marks[key] = key_mark
+        self.value_marks[key] = value_mark
+
+    def marked_items(self) -> Iterator[tuple[str, Any, Mark, Mark]]:
+        """Yield key, value, mark of the key and mark of the value."""
+        for key, value in self.items():
+            yield key, value, self.key_marks[key], self.value_marks[key]
+
+
+class MarkedList(list[Any]):
+    """A list that remembers where each item stood."""
+
+    __slots__ = ("mark", "marks")
+
+    def __init__(self, mark: Mark) -> None:
+        super().__init__()
+        self.mark = mark
+        self.marks: list[Mark] = []
+
+    def put(self, value: object, mark: Mark) -> None:
+        """Append an item together with its place."""
+        self.append(value)
+        self.marks.append(mark)
+
+
+def plain(value: Any) -> Any:
+    """Return a copy of a tree in which nothing remembers its place, as any writer of YAML or JSON takes it."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [plain(item) for item in value]
+    return value
+
+
+def merge(base: MarkedDict, over: MarkedDict) -> MarkedDict:
+    """Return a new mapping: mappings merge key by key, any other value of `over` replaces that of `base`.
+
+    Every key and value keeps the mark of the file it came from.
+    """
+    merged = MarkedDict(over.mark)
+    for key, value, key_mark, value_mark in base.marked_items():
+        merged.put(key, value, key_mark, value_mark)
+    for key, value, key_mark, value_mark in over.marked_items():
+        below = base.get(key)
+        if isinstance(below, MarkedDict) and isinstance(value, MarkedDict):
+            value = merge(below, value)
+        merged.put(key, value, key_mark, value_mark)
+    return merged
+
+
+def replace_text(value: Any, replace: Callable[[str], str]) -> Any:
+    """Return a copy of a marked value in which every text, but no key, went through `replace`."""
+    if isinstance(value, str):
+        return replace(value)
+    if isinstance(value, MarkedDict):
+        mapping = MarkedDict(value.mark)
+        for key, item, key_mark, value_mark in value.marked_items():
+            mapping.put(key, replace_text(item, replace), key_mark, value_mark)
+        return mapping
+    if isinstance(value, MarkedList):
+        items = MarkedList(value.mark)
+        for item, mark in zip(value, value.marks, strict=True):
+            items.put(replace_text(item, replace), mark)
+        return items
+    return value
+
+
+def format_path(path: YamlPath) -> str:
+    """Return a path as people write it: `robots.evbot1.tags[0]`."""
+    text = ""
+    for element in path:
+        text += f"[{element}]" if isinstance(element, int) else f".{element}" if text else element
+    return text
+
+
+@dataclass(frozen=True, slots=True)
+class YamlTree:
+    """A mapping read from YAML, whole file or part of one.
+
+    Attributes:
+        root: the mapping.
+        prefix: path of `root` in its file; paths in problems start with it.
+    """
+
+    root: MarkedDict
+    prefix: YamlPath = ()
+
+    def mark_at(self, path: YamlPath, *, key: bool = False) -> Mark:
+        """Return the place of the value at a path.
+
+        Elements that the file does not have (a missing key, the tag of a union) are skipped, which leaves the
+        nearest value around them.
+
+        Args:
+            path: from `root`, such as a pydantic `loc`.
+            key: give the place of the last key's name instead of its value.
+        """
+        node: object = self.root
+        mark = self.root.mark
+        for position, element in enumerate(path):
+            if isinstance(node, MarkedDict) and element in node:
+                name = str(element)
+                wants_key = key and position == len(path) - 1
+                mark = node.key_marks[name] if wants_key else node.value_marks[name]
+                node = node[name]
+            elif isinstance(node, MarkedList) and isinstance(element, int) and element < len(node):
+                mark, node = node.marks[element], node[element]
+        return mark
+
+    def problem(self, path: YamlPath, message: str, *, key: bool = False) -> Problem:
+        """Return a problem with the value, or the key, at a path from `root`."""
+        mark = self.mark_at(path, key=key)
+        return Problem(mark.file, mark.line, mark.column, format_path(self.prefix + path), message)
+
+
+def show(value: object) -> str:
+    """Return a value from a file in the words of messages: `'text'`, `5`, `true`, `a list`."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        return "a mapping"
+    if isinstance(value, list | tuple):
+        return "a list"
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,1 @@
+"""Experiments: calibration, choreography, panoramas, rehearsals and parameter sweeps."""

@@ -1,0 +1,57 @@
+"""Where a robot ends that was told to drive a square, by the kinematics of two wheels alone. Everything is pure."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, Literal, TypeAlias
+
+from eal_actors.device.wheels import NOMINAL, WheelCalibration
+
+Pose: TypeAlias = tuple[float, float, float]
+"""x and y in metres, yaw in radians, counter-clockwise and unwrapped."""
+Way: TypeAlias = Literal["cw", "ccw"]
+"""Whether a square is driven with turns to the right, clockwise, or to the left."""
+
+WAYS: Final[tuple[Way, Way]] = ("cw", "ccw")
+LEGS: Final = 4
+START: Final[Pose] = (0.0, 0.0, 0.0)
+
+
+def square_end(
+    way: Way, side_m: float, wheelbase_m: float, truth: WheelCalibration, applied: WheelCalibration = NOMINAL
+) -> Pose:
+    """Return the pose after four sides and four turns of a quarter, from (0, 0, 0), the first side along x.
+
+    Args:
+        way: which way round.
+        side_m: length of a side.
+        wheelbase_m: the nominal distance of the wheels.
+        truth: how the wheels are.
+        applied: how the base believes that they are.
+    """
+    arm_m = wheelbase_m / 2
+    quarter_m = math.pi / 2 * arm_m * (1.0 if way == "ccw" else -1.0)
+    side = truth.travelled(*applied.counted(side_m, 0.0))
+    turn = truth.travelled(*applied.counted(0.0, quarter_m))
+    pose = START
+    for _ in range(LEGS):
+        for ahead_m, arc_m in (side, turn):
+            pose = along_arc(pose, ahead_m, arc_m / arm_m)
+    return pose
+
+
+def along_arc(pose: Pose, ahead_m: float, turn_rad: float) -> Pose:
+    """Return a pose after an arc: so far ahead along it, while turning evenly by an angle."""
+    x_m, y_m, yaw_rad = pose
+    half_rad = turn_rad / 2
+    chord_m = ahead_m * math.sin(half_rad) / half_rad if half_rad else ahead_m
+    heading_rad = yaw_rad + half_rad
+    return x_m + chord_m * math.cos(heading_rad), y_m + chord_m * math.sin(heading_rad), yaw_rad + turn_rad
+
+
+def seen_from(start: Pose, pose: Pose) -> Pose:
+    """Return a pose in the frame of another one; yaw in (-pi, pi]."""
+    east_m, north_m = pose[0] - start[0], pose[1] - start[1]
+    cosine, sine = math.cos(start[2]), math.sin(start[2])
+    yaw_rad = math.pi - (math.pi - (pose[2] - start[2])) % math.tau
+    return east_m * cosine + north_m * sine, north_m * cosine - east_m * sine, yaw_rad

@@ -1,0 +1,117 @@
+"""Pairs of SIFT features, of which many agree on how far two frames are apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eal_actors.lab.panorama.cylinder import Patch
+from eal_actors.lab.panorama.shift import TILT_RAD, WINDOW_RAD, Shift
+
+_MOST: Final = 1500
+_CONTRAST: Final = 0.02  # half of what SIFT usually wants: walls of rooms are pale
+_RATIO: Final = 0.85
+_SAME_RAD: Final = 0.003
+"""Pairs agree that differ by no more than this."""
+_FEWEST: Final = 8
+_LEAST_SHARE: Final = 0.2
+_RIVAL_SHARE: Final = 0.6
+"""Two shifts of which one has this share of the other's pairs are both believable: a pattern that repeats."""
+_EDGE_PX: Final = 6
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """What is easily recognised in a frame.
+
+    Attributes:
+        places: how far to the right of the axis and how far below it, in pixels of the cylinder, (n, 2).
+        looks: descriptors of unit length, (n, 128).
+    """
+
+    places: Array
+    looks: Array
+
+
+def find_features(patch: Patch) -> Features:
+    """Return the features of a frame."""
+    kernel = np.ones((2 * _EDGE_PX + 1,) * 2, np.uint8)
+    padded = cv2.copyMakeBorder(patch.reaches.astype(np.uint8), *(1,) * 4, cv2.BORDER_CONSTANT, value=0)
+    inner = np.ascontiguousarray(cv2.erode(padded, kernel)[1:-1, 1:-1])
+    sift = cv2.SIFT.create(nfeatures=_MOST, contrastThreshold=_CONTRAST)
+    found, looks = sift.detectAndCompute(patch.grey, inner)
+    if looks is None:
+        return Features(np.empty((0, 2)), np.empty((0, 128), np.float32))
+    lengths = np.linalg.norm(looks, axis=1, keepdims=True)
+    places = np.array([point.pt for point in found]) - patch.centre_px
+    return Features(places, looks / np.maximum(lengths, 1e-6))
+
+
+def shift_by_features(
+    first: Features, second: Features, expected_px: float, px_per_rad: float, *, window_rad: float = WINDOW_RAD
+) -> Shift | None:
+    """Return how far two frames are apart, or None if too few pairs agree, or two shifts are as likely.
+
+    Args:
+        first: of one frame.
+        second: of another frame.
+        expected_px: how far odometry has the second to the right of the first.
+        px_per_rad: pixels of the cylinder in a radian.
+        window_rad: how far odometry may be wrong.
+    """
+    window_px = window_rad * px_per_rad
+    first = _within(first, second, expected_px, window_px)
+    second = _within(second, first, -expected_px, window_px)
+    pairs = _pairs(first, second, expected_px, window_px, TILT_RAD * px_per_rad)
+    if len(pairs) < _FEWEST:
+        return None
+    same_px = max(1.5, _SAME_RAD * px_per_rad)
+    agree = np.linalg.norm(pairs[:, np.newaxis] - pairs, axis=2) <= same_px
+    votes = agree.sum(axis=1)
+    best = int(np.argmax(votes))
+    is_far = np.linalg.norm(pairs - pairs[best], axis=1) > 3 * same_px
+    rival = int(votes[is_far].max(initial=0))
+    if votes[best] < max(_FEWEST, _LEAST_SHARE * len(pairs)) or rival > _RIVAL_SHARE * votes[best]:
+        return None
+    agreeing = pairs[agree[best]]
+    right_px, down_px = agreeing.mean(axis=0)
+    return Shift(float(right_px), float(down_px), "features", 1.0 / len(agreeing) ** 0.5)
+
+
+def _within(features: Features, others: Features, expected_px: float, window_px: float) -> Features:
+    """Return the features that some other one may be, if the others' axis is about so far to the right."""
+    if not len(features.places) or not len(others.places):
+        return features
+    right_px, others_px = features.places[:, 0], others.places[:, 0] + expected_px
+    kept = (right_px >= others_px.min() - window_px) & (right_px <= others_px.max() + window_px)
+    return Features(features.places[kept], features.looks[kept])
+
+
+def _pairs(first: Features, second: Features, expected_px: float, window_px: float, tilt_px: float) -> Array:
+    """Return the shift that each pair of features tells which look alike, (n, 2).
+
+    Only pairs are looked at that odometry allows; so the same tile a metre away does no harm.
+    """
+    if not len(first.places) or not len(second.places):
+        return np.empty((0, 2))
+    right_px = first.places[:, np.newaxis, 0] - second.places[:, 0]
+    down_px = first.places[:, np.newaxis, 1] - second.places[:, 1]
+    is_allowed = np.abs(right_px - expected_px) <= window_px
+    is_allowed &= np.abs(down_px) <= tilt_px
+    unlike = np.where(is_allowed, np.sqrt(np.maximum(2 - 2 * first.looks @ second.looks.T, 0)), np.inf)
+    partner = unlike.argmin(axis=1)
+    row = np.arange(len(unlike))
+    nearest = unlike[row, partner]
+    is_mutual = unlike.argmin(axis=0)[partner] == row
+    others = unlike.copy()
+    is_near = np.linalg.norm(second.places[partner][:, np.newaxis] - second.places, axis=2) < _EDGE_PX / 2
+    others[is_near] = np.inf  # one place may have several features, which turn differently
+    is_clear = nearest < _RATIO * np.minimum(others.min(axis=1), 1.2)
+    kept = np.flatnonzero(is_mutual & is_clear & np.isfinite(nearest))
+    return np.column_stack((right_px[kept, partner[kept]], down_px[kept, partner[kept]]))

@@ -1,0 +1,24 @@
+"""Sweeps: a scenario over ranges of its parameters and over seeds, in several processes, and one table of it all.
+
+sweep = Sweep.of(scenario, fleet, read_variations(scenario, ["side=0.5:1.5:0.5"], 1000), seeds=(1, 2, 3))
+"""
+
+from eal_actors.lab.sweeping.folder import SweepFolder
+from eal_actors.lab.sweeping.pool import run_all
+from eal_actors.lab.sweeping.results import Result, expectations, write_csv, write_junit
+from eal_actors.lab.sweeping.sweep import Job, Sweep
+from eal_actors.lab.sweeping.variations import Variation, read_seeds, read_variations
+
+__all__ = [
+    "Job",
+    "Result",
+    "Sweep",
+    "SweepFolder",
+    "Variation",
+    "expectations",
+    "read_seeds",
+    "read_variations",
+    "run_all",
+    "write_csv",
+    "write_junit",
+]

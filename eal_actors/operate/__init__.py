@@ -1,0 +1,1 @@
+"""Tools for operators: the dashboard, `eal top`, `eal doctor`, metrics and traces."""

@@ -1,0 +1,116 @@
+"""The web application: the page's files and reports of runs by GET, everything else through one websocket."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Final
+
+from starlette.applications import Starlette
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket
+
+from eal_actors.kernel.log import get_logger
+from eal_actors.operate.dashboard.access import Access
+from eal_actors.operate.dashboard.browser import Backstage, Browser
+from eal_actors.operate.dashboard.limits import MAX_BROWSERS
+from eal_actors.operate.dashboard.pages import INDEX, REPORT_HEADERS, SECURITY_HEADERS, read_pages
+from eal_actors.operate.dashboard.run_record import REPORT
+
+TRY_AGAIN_LATER: Final = 1013
+
+
+class _Guard:
+    """Refuses requests under a foreign name or from a foreign page, and puts the security headers on all answers."""
+
+    def __init__(self, app: ASGIApp, access: Access) -> None:
+        self._app = app
+        self._access = access
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        host = headers.get("host")
+        if not self._access.knows_host(host):
+            await self._refuse(scope, receive, send, "this is not the name of the dashboard")
+        elif scope["type"] == "websocket" and not self._access.knows_origin(headers.get("origin"), host):
+            await self._refuse(scope, receive, send, "only the dashboard's own page may connect")
+        else:
+            await self._app(scope, receive, _with_headers(send))
+
+    async def _refuse(self, scope: Scope, receive: Receive, send: Send, reason: str) -> None:
+        headers = Headers(scope=scope)
+        get_logger().warning("refused", reason=reason, host=headers.get("host"), origin=headers.get("origin"))
+        if scope["type"] == "websocket":
+            await WebSocket(scope, receive, send).close()
+        else:
+            await PlainTextResponse(reason, 403)(scope, receive, _with_headers(send))
+
+
+def _with_headers(send: Send) -> Send:
+    async def send_with(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in SECURITY_HEADERS.items():
+                headers.setdefault(name, value)
+        await send(message)
+
+    return send_with
+
+
+class App:
+    """The application of one dashboard.
+
+    Args:
+        backstage: what its browsers share.
+
+    Attributes:
+        browsers: those connected now.
+        asgi: the application itself.
+    """
+
+    def __init__(self, backstage: Backstage) -> None:
+        self._backstage = backstage
+        self._pages = read_pages()
+        self.browsers: set[Browser] = set()
+        routes = [
+            Route("/", self._file, methods=["GET"]),
+            Route("/static/{name:path}", self._file, methods=["GET"]),
+            Route(f"/runs/{{name}}/{REPORT}", self._report, methods=["GET"]),
+            WebSocketRoute("/ws", self._connect),
+        ]
+        self.asgi: ASGIApp = _Guard(Starlette(routes=routes), backstage.access)
+
+    async def _file(self, request: Request) -> Response:
+        page = self._pages.get(request.path_params.get("name", INDEX))
+        if page is None:
+            raise HTTPException(404)
+        return Response(page.content, media_type=page.media_type)
+
+    async def _report(self, request: Request) -> Response:
+        report = self._backstage.report(request.path_params["name"])
+        if report is None:
+            raise HTTPException(404)
+        try:
+            page = await asyncio.to_thread(report.read_bytes)
+        except OSError:  # somebody has moved or removed it
+            raise HTTPException(404) from None
+        return Response(page, media_type="text/html; charset=utf-8", headers=REPORT_HEADERS)
+
+    async def _connect(self, websocket: WebSocket) -> None:
+        if len(self.browsers) >= MAX_BROWSERS:
+            await websocket.accept()
+            await websocket.close(TRY_AGAIN_LATER, f"{MAX_BROWSERS} browsers are connected already")
+            return
+        browser = Browser(websocket, self._backstage)
+        self.browsers.add(browser)
+        try:
+            await browser.serve()
+        finally:
+            self.browsers.discard(browser)

@@ -1,0 +1,173 @@
+"""The certificates that this machine needs: present, secret, valid, of one authority, and for the right names."""
+
+from __future__ import annotations
+
+import importlib.util
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from eal_actors.kernel.clock import wall_time
+from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
+from eal_actors.managers.network_model import BEHIND_ROUTER, SecurityConfig, parse_endpoint
+from eal_actors.net.certificates import AUTHORITY, certificate_file, key_file
+from eal_actors.operate.doctor.finding import Finding, ok, problem, warning
+
+if TYPE_CHECKING:
+    from cryptography.x509 import Certificate
+
+_AREA: Final = "certificates"
+_SOON_DAYS: Final = 30
+_COPY: Final = "Make it with `eal keys` where the fleet's authority is, and copy it here."
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A certificate that this machine needs.
+
+    Attributes:
+        name: whom it is for.
+        command: what makes it anew, such as `eal keys robot one --force`.
+        host: where its owner is dialled; None for one that only dials out.
+    """
+
+    name: str
+    command: str
+    host: str | None = None
+
+
+_AUTHORITY: Final = Wanted(AUTHORITY, "eal keys init --force, which makes every other certificate worthless")
+
+
+def wanted_certificates(security: SecurityConfig, served_here: Iterable[RobotConfig]) -> list[Wanted]:
+    """Return what this machine needs: the certificates of the robots that it serves, and the controller's.
+
+    A machine that serves robots, and has no certificate of the controller, is none that commands.
+    """
+    wanted = [_of_robot(robot) for robot in served_here if robot.address is not None]
+    if not wanted or certificate_file(security.keys, security.controller).exists():
+        wanted.insert(0, Wanted(security.controller, f"eal keys controller {security.controller} --force"))
+    return wanted
+
+
+def _of_robot(robot: RobotConfig) -> Wanted:
+    address = robot.address or BEHIND_ROUTER
+    host = None if address == BEHIND_ROUTER else parse_endpoint(address).host
+    return Wanted(robot.name, f"eal keys robot {robot.name} --force", host)
+
+
+def check_certificates(config: FleetConfig, served_here: Iterable[RobotConfig]) -> Iterator[Finding]:
+    """Yield what is to be said of the keys of a fleet whose network is closed to strangers."""
+    security = config.network.security
+    if security is None:
+        return
+    if importlib.util.find_spec("cryptography") is None:
+        advice = "pip install 'eal-actors[keys]' on this machine, then ask again."
+        yield warning(_AREA, "cannot be read: the package cryptography is not installed", advice)
+        return
+    authority = _read(certificate_file(security.keys, AUTHORITY))
+    if isinstance(authority, Finding):
+        yield authority
+        return
+    yield from judge_validity(_AUTHORITY, authority.not_valid_before_utc, authority.not_valid_after_utc, wall_time())
+    for wanted in wanted_certificates(security, served_here):
+        yield from _check_one(security.keys, wanted, authority)
+
+
+def _check_one(folder: Path, wanted: Wanted, authority: Certificate) -> Iterator[Finding]:
+    certificate = _read(certificate_file(folder, wanted.name))
+    if isinstance(certificate, Finding):
+        yield certificate
+        return
+    before, after = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+    findings = [
+        *judge_validity(wanted, before, after, wall_time()),
+        *_chain(wanted.name, certificate, authority),
+        *_names(wanted, certificate),
+        *_key(key_file(folder, wanted.name), wanted.name, certificate),
+    ]
+    yield from findings
+    if not findings:
+        yield ok(_AREA, f"{wanted.name} is in order, until {after:%Y-%m-%d}")
+
+
+def judge_validity(wanted: Wanted, begins: datetime, ends: datetime, now: datetime) -> Iterator[Finding]:
+    """Yield that a certificate is not valid now, or not for long any more."""
+    name, advice = wanted.name, f"Where the authority is: {wanted.command}"
+    if now < begins:
+        yield problem(_AREA, f"{name} is valid from {begins:%Y-%m-%d} on only", "Set this machine's clock right.")
+    elif now >= ends:
+        yield problem(_AREA, f"{name} has expired on {ends:%Y-%m-%d}", advice)
+    elif (left := (ends - now).days) < _SOON_DAYS:
+        yield warning(_AREA, f"{name} expires on {ends:%Y-%m-%d}, in {left} days", advice)
+
+
+def judge_mode(file: Path, mode: int) -> Iterator[Finding]:
+    """Yield that a private key can be read, or replaced, by others than its owner."""
+    if mode & 0o077:
+        yield problem(_AREA, f"{file} has the mode {mode:o}: others can read or change it", f"chmod 600 {file}")
+
+
+def _read(file: Path) -> Certificate | Finding:
+    from cryptography import x509
+
+    try:
+        return x509.load_pem_x509_certificate(file.read_bytes())
+    except FileNotFoundError:
+        return problem(_AREA, f"{file} is missing", _COPY)
+    except (OSError, ValueError) as error:
+        return problem(_AREA, f"{file} cannot be read: {error}", _COPY)
+
+
+def _chain(name: str, certificate: Certificate, authority: Certificate) -> Iterator[Finding]:
+    from cryptography.exceptions import InvalidSignature
+
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (InvalidSignature, ValueError, TypeError):
+        advice = "Copy ca.pem, and this certificate with its key, from one and the same folder of keys."
+        yield problem(_AREA, f"{name} was not signed by the authority of ca.pem", advice)
+
+
+def _names(wanted: Wanted, certificate: Certificate) -> Iterator[Finding]:
+    from cryptography import x509
+    from cryptography.x509.oid import NameOID
+
+    names = [str(attribute.value) for attribute in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
+    if names != [wanted.name]:
+        shown = ", ".join(names) or "nobody"
+        yield problem(_AREA, f"{wanted.name}.pem is for {shown}, not for {wanted.name}", _COPY)
+    if wanted.host is None:
+        return
+    hosts: list[str] = []
+    with suppress(x509.ExtensionNotFound):
+        alternative = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        hosts = [str(name.value) for name in alternative]
+    if wanted.host not in hosts:
+        yield problem(
+            _AREA,
+            f"{wanted.name} is dialled at {wanted.host}, but its certificate is for {', '.join(hosts) or 'no host'}",
+            f"{wanted.command} --host {wanted.host}",
+        )
+
+
+def _key(file: Path, name: str, certificate: Certificate) -> Iterator[Finding]:
+    from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_private_key
+
+    try:
+        mode = stat.S_IMODE(file.stat().st_mode)
+        key = load_pem_private_key(file.read_bytes(), password=None)
+    except FileNotFoundError:
+        yield problem(_AREA, f"{file} is missing", _COPY)
+        return
+    except (OSError, ValueError, TypeError) as error:
+        yield problem(_AREA, f"{file} cannot be read as a private key: {error}", _COPY)
+        return
+    yield from judge_mode(file, mode)
+    form = (Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    if key.public_key().public_bytes(*form) != certificate.public_key().public_bytes(*form):
+        yield problem(_AREA, f"{file} is not the key of {name}.pem", "Copy both from one and the same folder of keys.")

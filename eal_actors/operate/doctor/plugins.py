@@ -1,0 +1,48 @@
+"""The plugins that a fleet names: whether they import, and take their settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from eal_actors.kernel.errors import Problem
+from eal_actors.managers.fleet_model import FleetConfig, PluginSettings, RobotConfig
+from eal_actors.managers.manifest import PluginManifest
+from eal_actors.managers.plugins import EALPluginManager
+from eal_actors.operate.doctor.finding import Finding, ok, problem, warning
+
+_AREA = "plugins"
+
+
+def check_plugins(config: FleetConfig, here: Iterable[RobotConfig]) -> Iterator[Finding]:
+    """Yield what is to be said of the plugins of the robots that run on this machine; they are imported for it."""
+    manager = EALPluginManager(config.plugin_dirs)
+    for unread in manager.errors:
+        yield warning(_AREA, str(unread), "Mend its plugin.yaml; fleets that do not name it run all the same.")
+    problems: dict[Problem, None] = {}
+    fine: set[str] = set()
+    findings: dict[Finding, None] = {}
+    for robot in here:
+        for instance, settings in robot.plugins.items():
+            wrong, broken = manager.check(replace(robot, plugins={instance: settings}))
+            problems.update(dict.fromkeys(wrong))
+            findings.update((_broken(manager.manifests[settings.plugin], error.message), None) for error in broken)
+            if not wrong and not broken:
+                fine.add(_with_version(manager, settings))
+    yield from findings
+    for wrong_place in problems:
+        yield problem("fleet file", str(wrong_place), "Correct the file there.")
+    if fine:
+        yield ok(_AREA, ", ".join(sorted(fine)))
+
+
+def _broken(manifest: PluginManifest, message: str) -> Finding:
+    if not manifest.missing_modules():
+        return problem(_AREA, message, f"eal plugin check {manifest.folder}")
+    what, _, remedy = message.partition(": pip install ")
+    return problem(_AREA, what, f"pip install {remedy}" if remedy else "Install what is missing.")
+
+
+def _with_version(manager: EALPluginManager, settings: PluginSettings) -> str:
+    manifest = manager.manifests[settings.plugin]
+    return f"{manifest.name} {manifest.file.plugin_version}"

@@ -1,0 +1,83 @@
+"""Network ports: which robots are served on this machine, and whether somebody else has their ports."""
+
+from __future__ import annotations
+
+import errno
+import socket
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from eal_actors.managers.fleet_model import RobotConfig
+from eal_actors.managers.network_model import BEHIND_ROUTER, Endpoint, parse_endpoint
+from eal_actors.operate.doctor.finding import Finding, ok, problem, warning
+
+_AREA: Final = "ports"
+_DATAGRAMS: Final = ("udp", "quic")
+
+
+def is_here(robot: RobotConfig) -> bool:
+    """Return whether a robot runs on this machine: in the controller's process, or at an address that is ours."""
+    if robot.address is None:
+        return True
+    return robot.address != BEHIND_ROUTER and _bind_error(parse_endpoint(robot.address), port=0) is None
+
+
+def check_ports(robots: Iterable[RobotConfig], answering: Iterable[str]) -> Iterator[Finding]:
+    """Yield what is to be said of the ports of robots that are served on this machine.
+
+    Args:
+        robots: those whose addresses are ours.
+        answering: the names of robots that are served now, and so have their ports themselves.
+    """
+    there = set(answering)
+    for robot in robots:
+        text = robot.listen or robot.address
+        if text is None:
+            continue
+        error = None if robot.name in there else _bind_error(parse_endpoint(text))
+        yield judge_port(robot.name, text, is_served=robot.name in there, error=error)
+
+
+def judge_port(robot: str, endpoint: str, *, is_served: bool, error: OSError | None) -> Finding:
+    """Return what it means that a port could be taken, or not.
+
+    Args:
+        robot: whose port it is.
+        endpoint: such as `tcp/0.0.0.0:50000`.
+        is_served: whether the robot answers, and so has its port.
+        error: why the port cannot be taken; None if it can, or if that was not tried.
+    """
+    if is_served:
+        return ok(_AREA, f"{robot} is served at {endpoint}")
+    if error is None:
+        return ok(_AREA, f"{endpoint} is free for {robot}")
+    port = endpoint.rpartition(":")[2]
+    if error.errno == errno.EADDRINUSE:
+        return problem(
+            _AREA,
+            f"{endpoint} of {robot} is in use by a program that does not answer as that robot",
+            f"Find it with: sudo ss -lnptu 'sport = :{port}'; end it, or give {robot} another port.",
+        )
+    if error.errno == errno.EACCES:
+        return problem(
+            _AREA, f"{endpoint} of {robot} is for the system's programs alone", f"Give {robot} a port of 1024 or more."
+        )
+    return warning(
+        _AREA, f"{endpoint} of {robot} cannot be listened at: {error.strerror}", "Correct the address under 'listen'."
+    )
+
+
+def _bind_error(endpoint: Endpoint, port: int | None = None) -> OSError | None:
+    """Return why one cannot listen at an endpoint; None if one can. A port of 0 asks only whether the host is ours."""
+    kind = socket.SOCK_DGRAM if port == 0 or endpoint.protocol in _DATAGRAMS else socket.SOCK_STREAM
+    try:
+        family, _, _, _, place = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
+        with socket.socket(family, kind) as taken:
+            if kind == socket.SOCK_STREAM:  # as servers do, who come back while old connections fade
+                taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            taken.bind((place[0], place[1] if port is None else port, *place[2:]))
+            if kind == socket.SOCK_STREAM:
+                taken.listen(1)
+    except OSError as error:
+        return error
+    return None

@@ -1,0 +1,160 @@
+"""FleetMetrics: what Prometheus may ask of robots that run, or are commanded, in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Final, Self
+
+from prometheus_client import CollectorRegistry, Counter, Histogram, start_http_server
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from eal_actors.actors.call import Call
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.robot_view import RobotState
+from eal_actors.device.data import DataType, EALData
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import UnavailableError
+from eal_actors.operate.metrics.tally import DONE, CallWatch
+
+LOOPBACK: Final = "127.0.0.1"
+_BUCKETS_S: Final = (0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+"""From a call within the process to a command that drives."""
+_CLOSE_S: Final = 2.0
+
+
+class FleetMetrics:
+    """Counts the calls of robots, and serves what it knows of them on loopback, for the length of a `with` block.
+
+    Args:
+        robots: by name; they may come and go.
+        clock: the fleet's clock.
+        port: where to listen; 0 for any port that is free.
+        dead_man_trips: by resource, how often a silent controller made it halt, of the one robot that is served.
+
+    Attributes:
+        port: where it listens.
+
+    Raises:
+        UnavailableError: the port is in use.
+    """
+
+    def __init__(
+        self,
+        robots: Mapping[str, RobotHandle],
+        clock: Clock,
+        port: int,
+        dead_man_trips: Mapping[str, int] | None = None,
+    ) -> None:
+        self.port = port
+        self._registry = CollectorRegistry()
+        self._calls = Counter(
+            "eal_calls", "Calls that ended.", ("robot", "resource", "method", "outcome"), registry=self._registry
+        )
+        self._seconds = Histogram(
+            "eal_call_seconds",
+            "From the making of a call to its end, in seconds of the fleet's clock.",
+            ("robot", "resource", "method"),
+            buckets=_BUCKETS_S,
+            registry=self._registry,
+        )
+        self._frames = Counter("eal_frames", "Pictures read.", ("robot", "resource"), registry=self._registry)
+        self._registry.register(_Standing(robots, dead_man_trips))
+        self._watch = CallWatch(clock, self._count)
+        self._stack = ExitStack()
+
+    @property
+    def url(self) -> str:
+        """Where Prometheus scrapes."""
+        return f"http://{LOOPBACK}:{self.port}/metrics"
+
+    def _count(self, call: Call[Any], outcome: str, seconds: float) -> None:
+        robot, resource = call.cell.robot, call.cell.name
+        self._calls.labels(robot, resource, call.method, outcome).inc()
+        self._seconds.labels(robot, resource, call.method).observe(seconds)
+        if call.method == "get_value" and outcome == DONE and _is_picture(call.get()):
+            self._frames.labels(robot, resource).inc()
+
+    def __enter__(self) -> Self:
+        try:
+            server, thread = start_http_server(self.port, LOOPBACK, self._registry)
+        except OSError as error:
+            raise UnavailableError(f"metrics cannot be served at port {self.port}: {error.strerror}") from error
+        self.port = server.server_port
+        self._stack.callback(thread.join, _CLOSE_S)
+        self._stack.callback(server.server_close)
+        self._stack.callback(server.shutdown)
+        self._stack.enter_context(self._watch)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+
+def _is_picture(value: Any) -> bool:
+    return isinstance(value, EALData) and value.type is DataType.CHAR and len(value.shape or ()) == 3
+
+
+class _Standing(Collector):
+    """How things stand, read at the moment of the scrape. Thread: the server's; asks no robot."""
+
+    def __init__(self, robots: Mapping[str, RobotHandle], dead_man_trips: Mapping[str, int] | None) -> None:
+        self._robots = robots
+        self._trips = dead_man_trips
+
+    def collect(self) -> Iterable[Metric]:
+        """See Collector."""
+        robots = list(self._robots.values())
+        yield from _of_robots(robots)
+        yield from _of_resources(robots)
+        if self._trips is not None:
+            trips = CounterMetricFamily(
+                "eal_dead_man_trips", "Halts because a controller was silent.", labels=("robot", "resource")
+            )
+            for robot in robots:
+                for name in robot:
+                    trips.add_metric((robot.name, name), self._trips.get(name, 0))
+            yield trips
+
+    def describe(self) -> Iterable[Metric]:
+        """See Collector: nothing is looked at before the first scrape."""
+        return ()
+
+
+def _of_robots(robots: Iterable[RobotHandle]) -> Iterator[Metric]:
+    state = GaugeMetricFamily(
+        "eal_robot_state", "1 for the state that the robot, or the link to it, is in.", labels=("robot", "state")
+    )
+    stopped = GaugeMetricFamily("eal_emergency_stop", "1 while an emergency stop holds the robot.", labels=("robot",))
+    running = GaugeMetricFamily("eal_commands_running", "Commands under way.", labels=("robot",))
+    for robot in robots:
+        now = robot.state
+        for each in RobotState:
+            state.add_metric((robot.name, each.value), float(each is now))
+        stopped.add_metric((robot.name,), float(robot.stopped_because is not None))
+        running.add_metric((robot.name,), len(robot.running))
+    yield from (state, stopped, running)
+
+
+def _of_resources(robots: Iterable[RobotHandle]) -> Iterator[Metric]:
+    labels = ("robot", "resource")
+    depth = GaugeMetricFamily("eal_mailbox_depth", "Calls that wait, of robots of this process.", labels=labels)
+    oldest = GaugeMetricFamily(
+        "eal_mailbox_oldest_seconds", "How long the oldest call waits, of the fleet's clock.", labels=labels
+    )
+    restarts = CounterMetricFamily("eal_restarts", "Restarts of the resource's actor.", labels=labels)
+    not_ready = GaugeMetricFamily("eal_not_ready", "1 while the resource's device cannot be used.", labels=labels)
+    for robot in robots:
+        restarted, absent = robot.restarts, robot.not_ready
+        for name, handle in robot.items():
+            restarts.add_metric((robot.name, name), restarted.get(name, 0))
+            not_ready.add_metric((robot.name, name), float(name in absent))
+            waiting = handle.waiting
+            if waiting is not None:
+                depth.add_metric((robot.name, name), waiting.count)
+                oldest.add_metric((robot.name, name), waiting.oldest_s)
+    yield from (depth, oldest, restarts, not_ready)

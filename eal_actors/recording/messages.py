@@ -1,0 +1,233 @@
+"""What a record says of poses, values, pictures and arenas: plain data after the schemas of `schemas`."""
+
+from __future__ import annotations
+
+import base64
+import math
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any, Final, TypeAlias
+
+from eal_actors.device.data import EALData
+from eal_actors.device.world import BoxObstacle, Drop, MovableBox, WorldModel
+from eal_actors.recording.pose_sample import PoseSample
+from eal_actors.recording.schemas import UNUSED_SHAPES
+
+Message: TypeAlias = dict[str, Any]
+
+WORLD_FRAME: Final = "world"
+MODIFIERS: Final = ("is_ptr", "is_unsigned", "is_short", "is_long")
+_NS: Final = 1_000_000_000
+_STILL: Final[Message] = {"x": 0.0, "y": 0.0, "z": 0.0}
+_LEVELS: Final = {"debug": 1, "info": 2, "warning": 3, "error": 4}
+_GREY: Final = (0.72, 0.72, 0.72, 1.0)
+_WOOD: Final = (0.86, 0.74, 0.52, 1.0)
+_HOLE: Final = (0.08, 0.08, 0.08, 1.0)
+_INK: Final = (0.1, 0.1, 0.1, 1.0)
+_FLOOR_M: Final = 0.005
+_LABEL_M: Final = 0.15
+FARTHEST_M: Final = sys.float_info.max
+"""Stands for a range without end, which JSON has no number for."""
+
+
+def nanoseconds(time_s: float) -> int:
+    """Return a time in whole nanoseconds; one before the start counts as the start."""
+    return max(0, round(time_s * _NS))
+
+
+def base_frame(robot: str) -> str:
+    """Return the name of a robot's own frame: x ahead, y to the left, z up, the origin between its wheels."""
+    return f"{robot}/base"
+
+
+def _stamp(time_s: float) -> Message:
+    sec, nsec = divmod(nanoseconds(time_s), _NS)
+    return {"sec": sec, "nsec": nsec}
+
+
+def stamped(time_s: float) -> Message:
+    """Return just the time that a message carries."""
+    return {"timestamp": _stamp(time_s)}
+
+
+def seconds(message: Message) -> float:
+    """Return the time that a message carries, in seconds since the run's start."""
+    stamp = message["timestamp"]
+    return float(stamp["sec"]) + float(stamp["nsec"]) / _NS
+
+
+def _vector(x: float, y: float, z: float = 0.0) -> Message:
+    return {"x": x, "y": y, "z": z}
+
+
+def _turn(yaw_rad: float) -> Message:
+    return {"x": 0.0, "y": 0.0, "z": math.sin(yaw_rad / 2), "w": math.cos(yaw_rad / 2)}
+
+
+def yaw_of(turn: Message) -> float:
+    """Return the heading of an orientation about the z axis, in rad from -pi to pi."""
+    return math.remainder(2 * math.atan2(turn["z"], turn["w"]), 2 * math.pi)
+
+
+def _pose(x_m: float, y_m: float, z_m: float = 0.0, yaw_rad: float = 0.0) -> Message:
+    return {"position": _vector(x_m, y_m, z_m), "orientation": _turn(yaw_rad)}
+
+
+def _colour(rgba: Sequence[float]) -> Message:
+    return dict(zip("rgba", rgba, strict=True))
+
+
+def pose_message(sample: PoseSample) -> Message:
+    """Return a PoseInFrame in the world frame."""
+    pose = _pose(sample.x_m, sample.y_m, yaw_rad=sample.yaw_rad)
+    return {"timestamp": _stamp(sample.time_s), "frame_id": WORLD_FRAME, "pose": pose}
+
+
+def transform_message(robot: str, sample: PoseSample) -> Message:
+    """Return a FrameTransforms from the world to the robot's own frame."""
+    transform = {
+        "timestamp": _stamp(sample.time_s),
+        "parent_frame_id": WORLD_FRAME,
+        "child_frame_id": base_frame(robot),
+        "translation": _vector(sample.x_m, sample.y_m),
+        "rotation": _turn(sample.yaw_rad),
+    }
+    return {"transforms": [transform]}
+
+
+def image_message(time_s: float, frame_id: str, file: bytes, encoding: str) -> Message:
+    """Return a CompressedImage of a JPEG or PNG file."""
+    data = base64.b64encode(file).decode("ascii")
+    return {"timestamp": _stamp(time_s), "frame_id": frame_id, "data": data, "format": encoding}
+
+
+def scan_message(time_s: float, frame_id: str, ranges_m: Sequence[float], angles_rad: Sequence[float]) -> Message:
+    """Return a LaserScan; its rays are evenly spread, counter-clockwise.
+
+    The schema wants numbers: a range without end is the largest one there is, and `invalid` tells which are none.
+    """
+    numbers = [float(range_m) for range_m in ranges_m]
+    return {
+        "timestamp": _stamp(time_s),
+        "frame_id": frame_id,
+        "pose": {"position": _STILL, "orientation": _turn(0.0)},
+        "start_angle": float(angles_rad[0]),
+        "end_angle": float(angles_rad[-1]),
+        "ranges": [
+            FARTHEST_M if math.isnan(number) else max(-FARTHEST_M, min(number, FARTHEST_M)) for number in numbers
+        ],
+        "intensities": [],
+        "invalid": [index for index, number in enumerate(numbers) if math.isnan(number)],
+    }
+
+
+def ranges_of(message: Message) -> list[float]:
+    """Return the ranges of a LaserScan, in m, those without end and those that are no number as they were."""
+    ends = {FARTHEST_M: math.inf, -FARTHEST_M: -math.inf}
+    found = [ends.get(range_m, range_m) for range_m in message["ranges"]]
+    for index in message["invalid"]:
+        found[index] = math.nan
+    return found
+
+
+def value_message(time_s: float, data: EALData) -> Message:
+    """Return any value as JSON has it, bytes in base 64, with what it takes to read it back."""
+    plain = data.value
+    if isinstance(plain, bytes):
+        plain = base64.b64encode(plain).decode("ascii")
+    elif data.dtype is not None:
+        plain = plain.tolist()
+    modifiers = [name for name in MODIFIERS if getattr(data, name)]
+    return {
+        "timestamp": _stamp(time_s),
+        "frame_id": data.frame_id or "",
+        "type": data.type.value,
+        "modifiers": modifiers,
+        "unit": data.unit or "",
+        "dtype": data.dtype or "",
+        "shape": list(data.shape or ()),
+        "value": plain,
+    }
+
+
+def log_message(time_s: float, level: str, name: str, text: str) -> Message:
+    """Return a Log line; `name` is whose it is."""
+    return {
+        "timestamp": _stamp(time_s),
+        "level": _LEVELS[level],
+        "message": text,
+        "name": name,
+        "file": "",
+        "line": 0,
+    }
+
+
+def scene_message(world: WorldModel) -> Message:
+    """Return a SceneUpdate that shows an arena as it was at first: walls, obstacles, boxes, beacons and drops."""
+    cubes = [*_walls(world), *(_cube(part, part.height_m, _GREY) for part in _boxes(world))]
+    cubes += [_cube(box, box.height_m, _WOOD) for box in world.boxes]
+    cubes += [_cube(drop, _FLOOR_M, _HOLE) for drop in world.drops]
+    pillars = [part for part in world.solid_obstacles if not isinstance(part, BoxObstacle)]
+    cylinders = [_cylinder(part.x_m, part.y_m, part.radius_m, part.height_m, _GREY) for part in pillars]
+    for beacon in world.beacons:
+        colour = (*(channel / 255 for channel in beacon.colour), 1.0)
+        cylinders.append(_cylinder(beacon.x_m, beacon.y_m, beacon.radius_m, beacon.height_m, colour))
+    texts = [_label(beacon.x_m, beacon.y_m, beacon.height_m, beacon.name) for beacon in world.beacons]
+    entity = {
+        "timestamp": _stamp(0.0),
+        "frame_id": WORLD_FRAME,
+        "id": world.name,
+        "lifetime": {"sec": 0, "nsec": 0},
+        "frame_locked": True,
+        "cubes": cubes,
+        "cylinders": cylinders,
+        "texts": texts,
+        **{shape: [] for shape in UNUSED_SHAPES},
+    }
+    return {"deletions": [], "entities": [entity]}
+
+
+def _boxes(world: WorldModel) -> Iterable[BoxObstacle]:
+    return (part for part in world.solid_obstacles if isinstance(part, BoxObstacle))
+
+
+_WALL_M: Final = 0.05
+_LOW_WALL_M: Final = 0.25
+"""Walls are drawn low, so that one can look over them."""
+
+
+def _walls(world: WorldModel) -> Iterable[Message]:
+    width_m, depth_m = world.size_m
+    for sign in (-1, 1):
+        for x_m, y_m, size in (
+            (sign * (width_m + _WALL_M) / 2, 0.0, (_WALL_M, depth_m + 2 * _WALL_M)),
+            (0.0, sign * (depth_m + _WALL_M) / 2, (width_m, _WALL_M)),
+        ):
+            pose = _pose(x_m, y_m, _LOW_WALL_M / 2)
+            yield {"pose": pose, "size": _vector(*size, _LOW_WALL_M), "color": _colour(_GREY)}
+
+
+def _cube(part: BoxObstacle | MovableBox | Drop, height_m: float, colour: Sequence[float]) -> Message:
+    pose = _pose(part.x_m, part.y_m, height_m / 2, math.radians(part.yaw_deg))
+    return {"pose": pose, "size": _vector(*part.size_m, height_m), "color": _colour(colour)}
+
+
+def _cylinder(x_m: float, y_m: float, radius_m: float, height_m: float, colour: Sequence[float]) -> Message:
+    return {
+        "pose": _pose(x_m, y_m, height_m / 2),
+        "size": _vector(2 * radius_m, 2 * radius_m, height_m),
+        "bottom_scale": 1.0,
+        "top_scale": 1.0,
+        "color": _colour(colour),
+    }
+
+
+def _label(x_m: float, y_m: float, height_m: float, text: str) -> Message:
+    return {
+        "pose": _pose(x_m, y_m, height_m + _LABEL_M),
+        "billboard": True,
+        "font_size": _LABEL_M,
+        "scale_invariant": False,
+        "color": _colour(_INK),
+        "text": text,
+    }

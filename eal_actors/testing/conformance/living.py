@@ -1,0 +1,75 @@
+"""Checks of a plugin's life: it comes and goes without a trace, and does not disturb its like."""
+
+from __future__ import annotations
+
+import threading
+
+from eal_actors.actors.handles import ResourceHandle
+from eal_actors.kernel.errors import PluginError
+from eal_actors.testing.conformance.bench import Bench, Findings, Resources
+from eal_actors.testing.conformance.moving import start_lasting_command
+from eal_actors.testing.conformance.values import other_value
+
+
+def comes_back(bench: Bench, findings: Findings) -> None:
+    """It can be disconnected and connected again, with the same resources."""
+    with bench.robot() as robot:
+        before = list(robot)
+    with bench.robot() as robot:
+        findings.expect(holds=list(robot) == before, problem=f"there were {before}, and then {list(robot)}")
+
+
+def leaves_no_thread(bench: Bench, findings: Findings) -> None:
+    """After the robot is closed, in the middle of a command, no thread is left."""
+    before = set(threading.enumerate())
+    with bench.robot() as robot:
+        for handle in robot.values():
+            start_lasting_command(handle, findings)
+    left = sorted(thread.name for thread in set(threading.enumerate()) - before)
+    findings.expect(holds=not left, problem=f"threads are left behind: {', '.join(left)}")
+
+
+def shares_nothing(bench: Bench, findings: Findings) -> None:
+    """Two robots with the plugin do not disturb each other."""
+    try:
+        with bench.robots(2) as (first, second):
+            for name in first:
+                _compare(findings, first, second, name)
+    except PluginError:
+        with bench.robot():  # alone it comes up, so it is the second that finds the hardware taken
+            return
+
+
+def _compare(findings: Findings, first: Resources, second: Resources, name: str) -> None:
+    one, other = first[name], second[name]
+    findings.expect(
+        holds=one.resource() is not other.resource(), problem=f"{name}: both robots were given the same object"
+    )
+    running = start_lasting_command(one, findings)
+    if running is not None:
+        findings.answer(other.halt())
+        findings.expect(holds=not running.done(), problem=f"{name}: halting one robot stopped the other")
+        findings.answer(one.halt())
+    for key in one.info.configs:
+        if key.writable:
+            _compare_key(findings, one, other, key.name)
+    if {"get_value", "set_value"} <= one.info.methods and one.info.value is not None:
+        present = findings.answer(other.get_value())
+        value = other_value(one.info.value, present) if present is not None else None
+        if value is not None and findings.answer(one.set_value(value)) is not None:
+            seen = findings.answer(other.get_value())
+            apart = seen is None or seen.value != value
+            findings.expect(holds=apart, problem=f"{name}: setting one robot's value set the other's")
+
+
+def _compare_key(findings: Findings, one: ResourceHandle, other: ResourceHandle, key: str) -> None:
+    before, kept = findings.answer(other.get_config(key)), findings.answer(one.get_config(key))
+    if before is None or kept is None:
+        return
+    value = other_value(one.info.config(key).value, before)
+    if value is None or one.set_config(key, value).exception() is not None:  # a make may allow less than its kind
+        return
+    after = findings.answer(other.get_config(key))
+    same = after is not None and after.payload == before.payload
+    findings.expect(holds=same, problem=f"{one.name}: setting {key} of one robot changed the other's")
+    findings.answer(one.set_config(key, kept))

@@ -1,0 +1,206 @@
+"""Dashboards of fleets made in the test, and browsers' words without a browser."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
+
+from eal_actors.facade.fleet import Fleet
+from eal_actors.operate.dashboard import Access, Dashboard
+
+ROOT = Path(__file__).parents[3]
+SIM = ROOT / "fleets/sim.yaml"
+WAIT_S = 20.0
+"""Real seconds after which a test that waits for something gives up."""
+
+COUNTING_PLUGIN = """\
+import threading
+
+from eal_actors.plugin import DataType, EALPlugin, Resource, ResourceType, ValueInfo, command
+
+
+class Base(Resource):
+    types = ResourceType.ACTUATOR
+    value = ValueInfo(DataType.DOUBLE, shape=(2,), description="a twist")
+
+    def __init__(self):
+        self.twist, self.halts, self.twists = [0.0, 0.0], 0, 0
+        self.changed = threading.Condition()
+
+    def halt(self):
+        with self.changed:
+            self.twist, self.halts = [0.0, 0.0], self.halts + 1
+            self.changed.notify_all()
+
+    def set_value(self, data):
+        with self.changed:
+            self.twist, self.twists = list(data.value), self.twists + 1
+            self.changed.notify_all()
+
+    @command("hold")
+    def hold(self):
+        while True:
+            yield 3600.0
+
+    @command("far")
+    def far(self):
+        self.progress(0.25, "a quarter")
+        while True:
+            yield 3600.0
+
+    @command("fail")
+    def fail(self):
+        raise RuntimeError("<b>wheel</b> fell off")
+
+    @command("turn<degrees>", ValueInfo(DataType.DOUBLE, "deg", 0, 360))
+    def turn(self, degrees):
+        return 1
+
+
+class Pose(Resource):
+    types = ResourceType.SENSOR
+    value = ValueInfo(DataType.DOUBLE, shape=(3,))
+
+    def __init__(self):
+        self.asked = 0
+
+    def get_value(self):
+        self.asked += 1
+        return [self.asked * 0.1, 0.0, 0.0]
+
+
+def connect():
+    return EALPlugin("Base", "Pose")
+
+
+def create_Base():
+    return Base()
+
+
+def create_Pose():
+    return Pose()
+
+
+def destroy_Base(resource):
+    pass
+
+
+def destroy_Pose(resource):
+    pass
+
+
+def disconnect(plugin):
+    pass
+"""
+
+MANIFEST = """\
+version: 1
+name: counting
+description: Counts what it is asked.
+plugin_version: "1"
+resources: [Base, Pose]
+"""
+
+
+def counting_fleet(folder: Path, *robots: str) -> Fleet:
+    """Return a fleet of robots whose resources count what they are asked; it is not connected yet."""
+    plugin = folder / "plugins" / "counting"
+    plugin.mkdir(parents=True)
+    (plugin / "plugin.yaml").write_text(MANIFEST)
+    (plugin / "__init__.py").write_text("")
+    (plugin / "plugin.py").write_text(COUNTING_PLUGIN)
+    names = "".join(f"  {name}: {{plugins: {{counting: {{}}}}}}\n" for name in robots)
+    file = folder / "fleet.yaml"
+    file.write_text(f"version: 1\nname: counted\nplugin_dirs: [plugins]\nrobots:\n{names}")
+    return Fleet.load(file)
+
+
+class Page:
+    """What a page does, without a browser: says things, and keeps what it hears."""
+
+    def __init__(self, socket: ClientConnection, token: str | None) -> None:
+        self.socket = socket
+        self._number = 0
+        self.robots: dict[str, Any] = {}
+        self.poses: dict[str, Any] = {}
+        self.run: dict[str, Any] = {}
+        self.logs: list[dict[str, Any]] = []
+        self.events: list[dict[str, Any]] = []
+        self.answers: dict[int | None, dict[str, Any]] = {}
+        self.troubles: list[dict[str, Any]] = []
+        self.say(do="hello", token=token)
+        self.hello: dict[str, Any] = json.loads(socket.recv(WAIT_S))["hello"]
+
+    def say(self, **message: Any) -> None:
+        self.socket.send(json.dumps(message))
+
+    def ask(self, **message: Any) -> dict[str, Any]:
+        """Say something, and return the answer."""
+        self._number += 1
+        self.say(**message, id=self._number)
+        self.hear_until(lambda: self._number in self.answers)
+        return self.answers[self._number]
+
+    def hear_until(self, is_so: Callable[[], bool]) -> None:
+        """Take in what comes until something is so; pytest's own time-out ends a test in which it never is."""
+        while not is_so():
+            self._hear()
+
+    def hear_the_end(self) -> int:
+        """Take in what comes until the server ends the connection; return with which code."""
+        with pytest.raises(ConnectionClosed) as end:
+            self.hear_until(lambda: False)
+        assert end.value.rcvd is not None, "the connection broke off"
+        return int(end.value.rcvd.code)
+
+    def _hear(self) -> None:
+        message = self.socket.recv(WAIT_S)
+        if isinstance(message, bytes):
+            return
+        news = json.loads(message)
+        self.robots.update(news.get("robots", {}))
+        self.poses.update(news.get("poses", {}))
+        self.run = news.get("run", {}).get("", self.run)
+        self.logs += news.get("logs", [])
+        self.events += news.get("events", [])
+        for answer in news.get("answers", []):
+            if "trouble" in answer:
+                self.troubles.append(answer["trouble"])
+            else:
+                self.answers[answer["id"]] = answer
+
+
+def connect_to(dashboard: Dashboard) -> ClientConnection:
+    """Return a connection as from the dashboard's own page; to be entered."""
+    place = f"127.0.0.1:{dashboard.port}"
+    return connect(f"ws://{place}/ws", origin=Origin(f"http://{place}"), compression=None, proxy=None)
+
+
+@contextmanager
+def page_of(dashboard: Dashboard, token: str | None = None) -> Iterator[Page]:
+    """Yield a page that has said hello."""
+    with connect_to(dashboard) as socket:
+        yield Page(socket, token)
+
+
+def wait_for(base: Any, is_so: Callable[[], bool]) -> None:
+    """Wait until something is so of a counting robot's Base, which tells of its changes."""
+    with base.changed:
+        assert base.changed.wait_for(is_so, WAIT_S), "it never came to that"
+
+
+def open_dashboard(fleet: Fleet, token: str | None = None, **options: Any) -> Dashboard:
+    return Dashboard(fleet, Access("127.0.0.1", token), **options)
+
+
+def resource_of(fleet: Fleet, robot: str, name: str) -> Any:
+    """Return the resource object itself, to look at what it counted."""
+    return fleet[robot][name].resource()

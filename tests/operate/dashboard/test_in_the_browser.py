@@ -1,0 +1,344 @@
+"""The page in a real Chromium, against simulated and counting fleets."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from eal_actors.facade.fleet import Fleet
+from eal_actors.facade.service import RobotService
+from eal_actors.kernel.clock import wall_time
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.operate.dashboard import Dashboard
+from eal_actors.operate.dashboard.access import new_token
+from tests.net.links import free_port
+from tests.operate.dashboard.rig import ROOT, SIM, counting_fleet, open_dashboard, resource_of, wait_for
+
+OpenPage = Callable[..., AbstractContextManager[Page]]
+VIEWS = ("fleet", "map", "cameras", "scenario", "logs", "robot/one")
+NOTE_PRESSES = "addEventListener('keydown', (event) => { window.pressedMs = Date.now(); }, { capture: true })"
+POSES = "import('/static/store.js').then((module) => JSON.stringify(module.store.poses))"
+
+pytestmark = pytest.mark.timeout(180)
+expect.set_options(timeout=20_000)
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Iterator[Fleet]:
+    with counting_fleet(tmp_path, "one", "two").connect() as opened:
+        yield opened
+
+
+@pytest.fixture
+def dashboard(fleet: Fleet, tmp_path: Path) -> Iterator[Dashboard]:
+    with open_dashboard(fleet, runs_dir=tmp_path / "runs") as opened:
+        yield opened
+
+
+def go(page: Page, view: str) -> None:
+    page.evaluate("(view) => { location.hash = `#/${view}`; }", view)
+
+
+def wait_until_halted(base: Any) -> None:
+    wait_for(base, lambda: base.halts > 0)
+
+
+def connected(page: Page) -> None:
+    expect(page.locator("#connection")).to_contain_text("connected")
+
+
+# A scenario, from its start to the stop.
+
+
+def test_the_dance_is_started_seen_and_stopped_from_the_page(open_page: OpenPage, tmp_path: Path) -> None:
+    with (
+        Fleet.load(SIM).connect() as fleet,
+        open_dashboard(fleet, scenarios=ROOT / "scenarios", runs_dir=tmp_path / "runs") as dashboard,
+        open_page(dashboard.link + "#/scenario") as page,
+    ):
+        connected(page)
+        before = page.evaluate(POSES)
+        page.get_by_label("Scenario", exact=True).first.select_option("dance.yaml")
+        page.get_by_role("button", name="Start", exact=True).click()
+        expect(page.locator("#main")).to_contain_text("▶ Running")
+        page.wait_for_function(f"(before) => {POSES}.then((now) => now !== before)", arg=before)
+        page.evaluate(NOTE_PRESSES)
+        page.keyboard.press("Escape")
+        expect(page.locator("#notices")).to_contain_text("3 robots confirmed the stop")
+        pressed_s = page.evaluate("window.pressedMs") / 1000
+        rate = fleet.clock.of_real(1.0)
+        late_s = fleet.clock.now() - (wall_time().timestamp() - pressed_s - 0.5) * rate  # half a real second after it
+        for name in fleet:
+            places = poses_after(fleet, name, late_s)
+            assert len(places) == 1, f"{name} still moved half a second after the stop: {places}"
+        expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
+        expect(page.locator("#main")).to_contain_text(re.compile("Aborted|Failed"))
+        assert all(robot.stopped_because for robot in fleet.values())
+
+
+def test_what_runs_shows_its_progress_and_who_commands_it(
+    open_page: OpenPage, fleet: Fleet, dashboard: Dashboard
+) -> None:
+    with open_page(dashboard.link + "#/robot/one") as page, open_page(dashboard.link) as other:
+        far = page.locator("form", has=page.locator("code", has_text=re.compile("^far$")))
+        far.get_by_role("button").click()
+        expect(page.locator("main")).to_contain_text("▶ far, 25 % a quarter")
+        expect(page.locator("main")).to_contain_text("commanded by Base: this page")
+        row = other.locator("tr[data-robot='one']")
+        expect(row).to_contain_text("▶ far, 25 % a quarter")
+        expect(row).to_contain_text(re.compile(r"Base: another page \(browser \d+\)"))
+        fleet["one"].halt().get()
+        expect(row).to_contain_text("idle")
+        expect(row).to_contain_text("nobody")
+
+
+def test_the_view_links_to_the_report_of_a_run(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
+    scenarios = tmp_path / "scenarios"
+    scenarios.mkdir()
+    (scenarios / "turn.yaml").write_text(
+        "version: 1\nname: turn\nroles: {all: {}}\n"
+        "steps:\n  - on: all\n    do:\n      - send_cmd: {resource: Base, cmd: turn9}\n"
+    )
+    with (
+        open_dashboard(fleet, scenarios=scenarios, runs_dir=tmp_path / "runs") as dashboard,
+        open_page(dashboard.link + "#/scenario") as page,
+    ):
+        page.get_by_role("button", name="Start", exact=True).click()
+        with page.context.expect_page() as opened:
+            page.get_by_role("link", name="Report").click()
+        expect(opened.value).to_have_title("turn on counted: done")
+        expect(opened.value.locator("table").first).to_contain_text("two")
+
+
+def poses_after(fleet: Fleet, robot: str, start_s: float) -> set[tuple[float, ...]]:
+    """Return the different poses of a robot in the second after a time of the fleet's clock."""
+    places = set()
+    with fleet[robot]["Pose"].stream(rate_hz=50) as poses:
+        for pose in poses:
+            assert pose.stamp_s is not None
+            if pose.stamp_s >= start_s:
+                places.add(tuple(pose.value))
+            if pose.stamp_s > start_s + 1.0:
+                break
+    return places
+
+
+def test_a_camera_that_freezes_is_marked(open_page: OpenPage) -> None:
+    with (
+        Fleet.load(SIM).connect(["roomba-1"]) as fleet,
+        open_dashboard(fleet) as dashboard,
+        open_page(dashboard.link + "#/cameras") as page,
+    ):
+        tile = page.locator("[data-camera='roomba-1/Camera']")
+        expect(tile).to_have_attribute("data-frames", re.compile(r"[3-9]|\d\d"))
+        expect(tile).not_to_have_class(re.compile("frozen"))
+        fleet["roomba-1"]["Faults"].set_config("frozen", "Camera").get()
+        expect(tile).to_contain_text("✕ FROZEN: no new frame for")
+        expect(tile).to_contain_text("old")
+        fleet["roomba-1"]["Faults"].send_cmd("clear").get()
+        expect(tile).not_to_have_class(re.compile("frozen"))
+
+
+def test_a_robot_that_is_unplugged_is_seen_to_be_lost_and_to_come_back(open_page: OpenPage, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "fleets", tmp_path / "fleets")
+    file = tmp_path / "fleets/served.yaml"
+    robots = {name: f'{{address: "tcp/127.0.0.1:{free_port()}"}}' for name in ("evbot2-1", "roomba-1")}
+    lines = "".join(f"  {name}: {address}\n" for name, address in robots.items())
+    file.write_text(f"version: 1\nname: served\ninclude: [sim.yaml]\nnetwork: {{dead_man_s: 1.0}}\nrobots:\n{lines}")
+    config = EALConfigManager.load(file).fleet
+    with ExitStack() as stack:
+        stack.enter_context(RobotService(config, "evbot2-1"))
+        plugged = stack.enter_context(ExitStack())
+        plugged.enter_context(RobotService(config, "roomba-1"))
+        fleet = stack.enter_context(Fleet(config).connect(list(robots)))
+        dashboard = stack.enter_context(open_dashboard(fleet))
+        page = stack.enter_context(open_page(dashboard.link))
+        row, other = (page.locator(f"tr[data-robot='{name}']") for name in ("roomba-1", "evbot2-1"))
+        expect(row).to_contain_text("ready")
+        expect(row).to_contain_text(re.compile(r"\d ms"))
+        plugged.close()
+        expect(row).to_contain_text("lost")
+        expect(other).to_contain_text("ready")
+        plugged.enter_context(RobotService(config, "roomba-1"))
+        expect(row).to_contain_text("ready")
+
+
+# Stop.
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_escape_stops_every_robot_from_every_view(
+    open_page: OpenPage, fleet: Fleet, dashboard: Dashboard, view: str
+) -> None:
+    with open_page(dashboard.link + f"#/{view}") as page:
+        connected(page)
+        fields = page.locator("main input[type=text], main input[type=search]")
+        if view in ("logs", "robot/one"):
+            fields.first.focus()  # as somebody who types
+        page.keyboard.press("Escape")
+        for name in fleet:
+            wait_until_halted(resource_of(fleet, name, "Base"))
+        expect(page.locator("#stopped")).to_be_visible()
+        assert all(robot.stopped_because for robot in fleet.values())
+
+
+def test_two_browsers_see_one_fleet_and_either_may_resume(
+    open_page: OpenPage, fleet: Fleet, dashboard: Dashboard
+) -> None:
+    with (
+        open_page(dashboard.link) as first,
+        open_page(dashboard.link, viewport={"width": 375, "height": 740}) as second,
+    ):
+        connected(second)
+        connected(first)
+        first.get_by_role("button", name="STOP").click()
+        expect(second.locator("#stopped")).to_contain_text("All robots refuse to move")
+        expect(second.locator("tr[data-robot='two']")).to_contain_text("stopped")
+        second.get_by_role("button", name="Resume …").click()
+        second.keyboard.press("Escape")  # which never resumes
+        expect(second.locator("#confirm")).to_be_hidden()
+        assert fleet["one"].stopped_because
+        second.get_by_role("button", name="Resume …").click()
+        second.get_by_role("button", name="Resume", exact=True).click()
+        expect(first.locator("#stopped")).to_be_hidden()
+        assert fleet["one"].stopped_because is None
+
+
+# Access.
+
+
+def test_a_wrong_token_may_look_and_the_right_one_may_command(open_page: OpenPage, fleet: Fleet) -> None:
+    token = new_token()
+    with open_dashboard(fleet, token) as dashboard:
+        with open_page(f"{dashboard.url}#token=wrong") as page:
+            expect(page.locator("#permission")).to_contain_text("read only: wrong token")
+            assert "token" not in page.url
+            expect(page.locator("tr[data-robot='one']")).to_contain_text("ready")
+            expect(page.locator("#stop")).to_have_attribute("aria-disabled", "true")
+            page.keyboard.press("Escape")
+            expect(page.locator("#notices")).to_contain_text("STOP was not sent")
+            assert fleet["one"].stopped_because is None
+        with open_page(dashboard.link) as page:
+            connected(page)
+            assert token not in page.url
+            page.reload()  # the tab keeps it
+            connected(page)
+            page.keyboard.press("Escape")
+            expect(page.locator("#stopped")).to_be_visible()
+
+
+# A robot's panel.
+
+
+def test_the_panel_checks_ranges_and_shows_what_robots_say_as_text(open_page: OpenPage, dashboard: Dashboard) -> None:
+    with open_page(dashboard.link + "#/robot/one") as page:
+        degrees = page.get_by_label("turn<degrees>", exact=True)
+        form = page.locator("form", has=degrees)
+        degrees.fill("400")
+        degrees.press("Enter")
+        expect(form.locator("output")).to_have_text("must be double 0..360 deg")
+        degrees.fill("90")
+        form.get_by_role("button").click()
+        expect(form.locator("output")).to_have_text("✓ 1")
+        failing = page.locator("form", has=page.locator("code", has_text=re.compile("^fail$")))
+        failing.get_by_role("button").click()
+        expect(failing.locator("output")).to_contain_text("<b>wheel</b> fell off")
+        go(page, "fleet")
+        expect(page.locator("tr[data-robot='one']")).to_contain_text("<b>wheel</b> fell off")
+        assert page.locator("main b", has_text="wheel").count() == 0
+
+
+# Driving by hand.
+
+
+@pytest.fixture
+def driving(open_page: OpenPage, dashboard: Dashboard) -> Iterator[Page]:
+    """A page whose W key is about to move robot one."""
+    with open_page(dashboard.link + "#/robot/one") as page:
+        page.get_by_role("button", name="Drive with keys").click()
+        yield page
+
+
+def hold(page: Page, fleet: Fleet) -> Any:
+    """Hold W until the robot was told to move several times."""
+    base = resource_of(fleet, "one", "Base")
+    twists = base.twists
+    page.keyboard.down("w")
+    wait_for(base, lambda: base.twists >= twists + 3)
+    assert base.twist[0] > 0
+    return base
+
+
+def halted(base: Any) -> None:
+    wait_for(base, lambda: base.twist == [0.0, 0.0])
+
+
+def test_letting_go_halts(driving: Page, fleet: Fleet) -> None:
+    base = hold(driving, fleet)
+    driving.keyboard.up("w")
+    halted(base)
+
+
+def test_a_page_that_hangs_is_halted_and_its_key_is_spent(driving: Page, fleet: Fleet) -> None:
+    base = hold(driving, fleet)
+    driving.evaluate("const end = Date.now() + 1500; while (Date.now() < end);")
+    halted(base)
+    expect(driving.locator("main")).to_contain_text("Halted: halted after 0.3 s of silence")
+    assert base.twist == [0.0, 0.0]  # though the key is still down
+    driving.keyboard.up("w")
+    hold(driving, fleet)
+
+
+def test_a_tab_that_loses_the_focus_lets_go(driving: Page, fleet: Fleet) -> None:
+    base = hold(driving, fleet)
+    driving.evaluate("window.dispatchEvent(new Event('blur'))")
+    halted(base)
+
+
+def test_another_view_lets_go(driving: Page, fleet: Fleet) -> None:
+    base = hold(driving, fleet)
+    go(driving, "map")
+    halted(base)
+
+
+def test_a_closed_page_lets_go(driving: Page, fleet: Fleet) -> None:
+    base = hold(driving, fleet)
+    driving.close()
+    halted(base)
+
+
+def test_keys_do_nothing_before_they_are_armed(open_page: OpenPage, dashboard: Dashboard, fleet: Fleet) -> None:
+    base = resource_of(fleet, "one", "Base")
+    with open_page(dashboard.link + "#/robot/one") as page:
+        expect(page.get_by_role("button", name="Drive with keys")).to_be_visible()
+        page.keyboard.press("w")
+        page.keyboard.press("Escape")  # after which the server has heard everything before it
+        expect(page.locator("#stopped")).to_be_visible()
+        assert base.twists == 0
+
+
+# How it looks and can be reached.
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("width", [375, 1280])
+def test_nothing_is_wider_than_the_screen_and_everything_has_a_name(
+    open_page: OpenPage, dashboard: Dashboard, view: str, width: int
+) -> None:
+    with open_page(dashboard.link + f"#/{view}", viewport={"width": width, "height": 720}) as page:
+        connected(page)
+        expect(page.locator("main h1")).to_be_visible()
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        expect(page.get_by_role("button", name="STOP")).to_be_in_viewport()
+        nameless = page.evaluate(
+            """[...document.querySelectorAll('button, select, input, canvas')].filter((node) =>
+                !(node.getAttribute('aria-label') || node.textContent.trim() || node.labels?.length)).length"""
+        )
+        assert nameless == 0

@@ -1,0 +1,89 @@
+"""A run that the page starts leaves what `eal run` leaves, and the page leads to its report."""
+
+from __future__ import annotations
+
+import http.client
+from pathlib import Path
+
+from eal_actors.facade.fleet import Fleet
+from eal_actors.operate.dashboard import Dashboard
+from eal_actors.recording import RunFolder
+from tests.operate.dashboard.rig import SIM, WAIT_S, counting_fleet, open_dashboard, page_of
+
+TURN = """\
+version: 1
+name: turn
+description: Turn a little.
+roles: {all: {}}
+steps:
+  - on: all
+    do:
+      - send_cmd: {resource: Base, cmd: r20}
+"""
+KEPT = {
+    "events.jsonl",
+    "fleet.yaml",
+    "report.html",
+    "run.mcap",
+    "scenario.yaml",
+    "summary.json",
+    "trajectory.csv",
+    "trajectory.png",
+    "versions.json",
+    "world.yaml",
+}
+
+
+def get(dashboard: Dashboard, path: str) -> tuple[int, str, str]:
+    """Return the status, the content security policy and the body of what a path leads to."""
+    connection = http.client.HTTPConnection("127.0.0.1", dashboard.port, timeout=WAIT_S)
+    connection.request("GET", path)
+    answer = connection.getresponse()
+    body = answer.read().decode()
+    connection.close()
+    return answer.status, answer.headers["Content-Security-Policy"], body
+
+
+def test_a_run_from_the_page_leaves_all_that_eal_run_leaves(tmp_path: Path) -> None:
+    runs, scenarios = tmp_path / "runs", tmp_path / "scenarios"
+    scenarios.mkdir()
+    (scenarios / "turn.yaml").write_text(TURN)
+    with (
+        Fleet.load(SIM).connect() as fleet,
+        open_dashboard(fleet, scenarios=scenarios, runs_dir=runs) as dashboard,
+        page_of(dashboard) as page,
+    ):
+        for number in (1, 2):
+            assert page.ask(do="start", file="turn.yaml")["ok"] is True
+            page.hear_until(lambda: page.run.get("run") == number and "report" in page.run)  # noqa: B023
+        status, policy, body = get(dashboard, page.run["report"])
+        assert (status, policy.endswith("; sandbox")) == (200, True)
+        assert "<title>turn on sim: done</title>" in body
+        assert get(dashboard, "/runs/../secret/report.html")[0] == 404
+        assert get(dashboard, "/runs/elsewhere/report.html")[0] == 404
+    first, second = sorted(runs.iterdir())
+    for folder in (first, second):
+        assert {file.name for file in folder.iterdir()} == KEPT
+        run = RunFolder.open(folder)
+        assert run.summary is not None
+        assert run.summary.outcome == "done"
+        assert abs(run.paths["roomba-1"][-1].yaw_rad - run.paths["roomba-1"][0].yaw_rad) > 0.2
+
+
+def test_a_run_that_the_end_of_the_dashboard_aborts_is_recorded_too(tmp_path: Path) -> None:
+    runs, scenarios = tmp_path / "runs", tmp_path / "scenarios"
+    scenarios.mkdir()
+    (scenarios / "hold.yaml").write_text(TURN.replace("r20", "hold").replace("name: turn", "name: hold"))
+    with (
+        counting_fleet(tmp_path, "one").connect() as fleet,
+        open_dashboard(fleet, scenarios=scenarios, runs_dir=runs) as dashboard,
+        page_of(dashboard) as page,
+    ):
+        assert page.ask(do="start", file="hold.yaml")["ok"] is True
+        page.hear_until(lambda: bool(page.robots.get("one", {}).get("running")))
+        assert page.robots["one"]["control"] == {"": "scenario hold"}
+    (folder,) = runs.iterdir()
+    assert "hold on counted: aborted" in (folder / "report.html").read_text(encoding="utf-8")
+    summary = RunFolder.open(folder).summary
+    assert summary is not None
+    assert summary.outcome == "aborted"

@@ -1,0 +1,233 @@
+"""Each check finds the mistake that it is for: a good plugin is spoilt in one place at a time."""
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from eal_actors.cli.new_plugin import write_plugin
+from eal_actors.kernel.errors import ConfigError
+from eal_actors.managers.manifest import read_manifest
+from eal_actors.managers.plugins import import_plugin
+from eal_actors.testing.conformance import CHECKS, Bench, CheckResult, run_check, run_checks, settings_of
+
+INIT = "    def __init__(self) -> None:\n"
+STATUS = "        return int(self._moves)\n"
+MOVE = "        self._moves = True\n"
+NEEDS_A_STAND_IN = ("waits for its device", "bears unplugging")
+
+
+@pytest.fixture
+def slide(tmp_path: Path) -> Path:
+    return write_plugin("slide", tmp_path)
+
+
+def spoil(folder: Path, file: str, before: str, after: str) -> None:
+    path = folder / file
+    text = path.read_text(encoding="utf-8")
+    assert before in text
+    path.write_text(text.replace(before, after), encoding="utf-8")
+
+
+def run(folder: Path, name: str) -> CheckResult:
+    (check,) = (check for check in CHECKS if check.name == name)
+    return run_check(check, Bench(folder, settings_of({})))
+
+
+def test_a_good_plugin_passes_every_check(slide: Path) -> None:
+    results = list(run_checks(Bench(slide, settings_of({}))))
+    assert [(result.check.name, result.outcome, result.problems) for result in results] == [
+        (check.name, "skipped", (check.nothing,)) if check.name in NEEDS_A_STAND_IN else (check.name, "ok", ())
+        for check in CHECKS
+    ]
+
+
+MISTAKES = {
+    "another name in connect": ("comes up", 'EALPlugin("Slide")', 'EALPlugin("Other")', "manifest names Slide"),
+    "open fails": ("comes up", INIT, f"    def open(self):\n        raise OSError('no port')\n\n{INIT}", "no port"),
+    "no type": ("describes itself", "ResourceType.SENSOR | ResourceType.ACTUATOR", "ResourceType(0)", "has no type"),
+    "no unit": ("describes itself", 'DOUBLE, "m/s"', "DOUBLE, None", "'speed_m_s' has no unit"),
+    "no word about a command": ("describes itself", '"""Move to a position."""', '""', "'to<metres>' has no desc"),
+    "an empty range": ("describes itself", "0.01, 0.5", "0.5, 0.01", "range that holds nothing: 0.5..0.01"),
+    "what JSON cannot hold": ("survives json", '"m", 0, 1)', '"m", 0, 1, choices=(b"x",))', "TypeError"),
+    "a method denied": (
+        "says what it lacks",
+        INIT,
+        (
+            "    def info(self):\n        from dataclasses import replace\n"
+            f"        return replace(super().info(), methods=frozenset(['get_value']))\n\n{INIT}"
+        ),
+        "get_status must fail with UnsupportedError, but succeeded",
+    ),
+    "text for a number": ("answers", "return self._position_m", "return 'far'", "get_value failed: return_type"),
+    "another unit": (
+        "answers",
+        "return self._position_m",
+        "from eal_actors.plugin import EALData\n        return EALData.of(self._position_m, unit='cm')",
+        "answer is in cm, promised was m",
+    ),
+    "a setter that adds": ("keeps configuration", "float(speed_m_s)", "float(speed_m_s) + 0.1", "but set to it"),
+    "a config that takes any key": (
+        "refuses unknown names",
+        INIT,
+        f"    def set_config(self, key, data=None):\n        return 1\n\n{INIT}",
+        "must fail with ArgumentError, but succeeded",
+    ),
+    "a config that takes any value": (
+        "refuses bad arguments",
+        INIT,
+        "    def set_config(self, key, data=None):\n        self._speed_m_s = data.value\n        return 1\n\n" + INIT,
+        "set_config 'speed_m_s'",
+    ),
+    "a command without a range check": (
+        "refuses bad arguments",
+        INIT,
+        "    def send_cmd(self, cmd, data=None):\n        return 1\n\n" + INIT,
+        "must fail with ArgumentError, but succeeded",
+    ),
+    "a command that fails": (
+        "carries out commands",
+        MOVE,
+        f"        raise OSError('no motor')\n{MOVE}",
+        "Slide: send_cmd to1.0 failed: resource_fault: ",
+    ),
+    "a command that answers text": ("carries out commands", MOVE, "        return 'moved'\n", "return_type: "),
+    "a stop that fails": (
+        "carries out commands",
+        "def stop(self) -> int:",
+        "def stop(self) -> int:\n        raise OSError('no brake')\n\n    def other(self):",
+        "Slide: send_cmd s failed: resource_fault: ",
+    ),
+    "only a command that fails": ("stops what runs", MOVE, f"        raise OSError('no motor')\n{MOVE}", "no motor"),
+    "no halt": ("can be halted", "def halt(self)", "def stop_it(self)", "does not override halt"),
+    "a halt that fails": (
+        "can be halted",
+        '"""Stop at once."""\n        self._moves = False',
+        "raise OSError('brake stuck')",
+        "brake stuck",
+    ),
+    "no status while it moves": (
+        "stops what runs",
+        STATUS,
+        f"        assert not self._moves\n{STATUS}",
+        "get_status failed",
+    ),
+    "usable once": (
+        "stops what runs",
+        MOVE,
+        f"        if hasattr(self, 'used'):\n            return 1\n        self.used = True\n{MOVE}",
+        "did not start again",
+    ),
+    "a speed for all": (
+        "shares nothing",
+        "self._speed_m_s",
+        "_EVERYBODY.speed_m_s",
+        "of one robot changed the other's",
+    ),
+    "one object for all": ("shares nothing", "return Slide()", "return _ONLY", "given the same object"),
+    "connects once": ("comes back", "return EALPlugin(", "_ONCE.pop()\n    return EALPlugin(", "pop from empty list"),
+}
+
+GLOBALS = """
+
+class _EVERYBODY:
+    speed_m_s = 0.1
+
+
+_ONCE = [1]
+"""
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_found(slide: Path, mistake: str) -> None:
+    name, before, after, words = MISTAKES[mistake]
+    spoil(slide, "plugin.py", before, after)
+    if "_EVERYBODY" in after or "_ONCE" in after:
+        spoil(slide, "plugin.py", "_STEP_S = 0.05\n", f"_STEP_S = 0.05\n{GLOBALS}")
+    if "_ONLY" in after:
+        spoil(slide, "plugin.py", "def connect()", "_ONLY = Slide()\n\n\ndef connect()")
+    result = run(slide, name)
+    assert result.outcome == "failed"
+    assert words in "\n".join(result.problems)
+
+
+def test_a_thread_left_behind_is_found_and_named(slide: Path) -> None:
+    spoil(
+        slide,
+        "plugin.py",
+        INIT,
+        "    def open(self) -> None:\n"
+        "        threading.Thread(target=ENOUGH.wait, name='left over', daemon=True).start()\n\n" + INIT,
+    )
+    spoil(slide, "plugin.py", "_STEP_S = 0.05\n", "import threading\n\nENOUGH = threading.Event()\n_STEP_S = 0.05\n")
+    enough = import_plugin(read_manifest(slide)).ENOUGH
+    try:
+        result = run(slide, "leaves no thread")
+    finally:
+        enough.set()
+        for thread in threading.enumerate():
+            if thread.name == "left over":
+                thread.join()
+    assert result.problems == ("threads are left behind: left over",)
+
+
+def test_a_command_that_blocks_its_actor_is_told_once_and_the_rest_is_not_waited_for(slide: Path) -> None:
+    spoil(slide, "plugin.py", "yield _STEP_S  #", "ENOUGH.wait(0.001)  #")
+    spoil(
+        slide,
+        "plugin.py",
+        "            return 1\n        finally",
+        "            yield\n            return 1\n        finally",
+    )
+    spoil(slide, "plugin.py", "step_m = self._speed_m_s * _STEP_S", "step_m = 1e-9")
+    spoil(slide, "plugin.py", "_STEP_S = 0.05\n", "import threading\n\nENOUGH = threading.Event()\n_STEP_S = 0.05\n")
+    results = list(run_checks(Bench(slide, settings_of({}), timeout_s=0.2)))
+    at = next(number for number, result in enumerate(results) if result.check.name == "carries out commands")
+    assert {result.outcome for result in results[:at]} == {"ok"}
+    assert (results[at].outcome, results[at].blocked) == ("failed", "Slide")
+    assert results[at].problems == (
+        "`Slide: send_cmd to1.0` blocked its actor: make it a generator and yield the seconds instead of sleeping",
+    )
+    assert {(result.outcome, result.problems) for result in results[at + 1 :]} == {
+        ("skipped", ("not of Slide, which a command blocked",))
+    }
+
+
+def test_a_resource_that_is_blocked_does_not_keep_the_others_from_their_checks(slide: Path) -> None:
+    bench = Bench(slide, settings_of({}), left_out=frozenset({"Other"}))
+    with bench.robot() as robot:
+        assert list(robot) == ["Slide"]
+    with replace(bench, left_out=frozenset({"Slide"})).robot() as robot:
+        assert list(robot) == []
+
+
+def test_a_plugin_that_does_not_come_up_is_not_checked_further(slide: Path) -> None:
+    spoil(slide, "plugin.py", "def disconnect(", "def disconnect_it(")
+    first, *others = run_checks(Bench(slide, settings_of({})))
+    assert first.outcome == "failed"
+    assert "lacks the function disconnect()" in first.problems[0]
+    assert {result.outcome for result in others} == {"skipped"}
+
+
+def test_hardware_that_is_there_once_is_not_blamed(slide: Path) -> None:
+    spoil(slide, "plugin.py", "_STEP_S = 0.05\n", f"_STEP_S = 0.05\n{GLOBALS}")
+    spoil(slide, "plugin.py", "return EALPlugin(", "_ONCE.pop()\n    return EALPlugin(")
+    spoil(
+        slide, "plugin.py", "def disconnect(plugin: EALPlugin) -> None:", "def disconnect(plugin):\n    _ONCE.append(1)"
+    )
+    assert run(slide, "shares nothing").outcome == "skipped"
+    assert run(slide, "comes back").outcome == "ok"
+
+
+def test_missing_modules_and_a_namesake_are_told(slide: Path) -> None:
+    spoil(slide, "plugin.yaml", "version: 1\n", "version: 1\nrequires: [no_such_module]\n")
+    assert "required modules are not installed: no_such_module" in run(slide, "comes up").problems
+    namesake = write_plugin("a_slide", slide.parent)
+    spoil(namesake, "plugin.yaml", "name: a_slide", "name: slide")
+    assert f"the plugin in {namesake} has the same name, and hides it" in run(slide, "comes up").problems
+
+
+def test_wrong_settings_are_the_user_s_fault_not_the_plugin_s(slide: Path) -> None:
+    with pytest.raises(ConfigError, match="settings: nonsense: plugin 'slide' has no settings"):
+        run_check(CHECKS[0], Bench(slide, settings_of({"nonsense": 1})))

@@ -1,0 +1,260 @@
+"""The checks of the wire find what they are for: a good driver with an emulator is spoilt in one place at a time."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from eal_actors.testing.conformance import CHECKS, Bench, CheckResult, run_check, settings_of
+from eal_actors.testing.conformance.wires import UdpWire
+
+WIRING: Final = (
+    "comes up",
+    "keeps calls apart",
+    "waits for its device",
+    "bears unplugging",
+    "leaves no thread",
+    "frees its port",
+    "comes back",
+)
+
+MANIFEST: Final = """\
+version: 1
+name: pair
+description: Two meters on one port.
+plugin_version: "1"
+resources: [Left, Right]
+"""
+
+PLUGIN: Final = '''\
+"""Two meters on one port."""
+
+import threading
+
+from eal_actors.plugin import EALPlugin, PluginSettingsModel, ReopeningPort, Resource, ResourceType, open_serial
+
+
+class Settings(PluginSettingsModel):
+    port: str
+
+
+class Pair(EALPlugin):
+    def __init__(self, port):
+        super().__init__("Left", "Right")
+        self.port = port
+        self.both = threading.Barrier(2)
+
+
+class Meter(Resource):
+    """A meter."""
+
+    types = ResourceType.SENSOR
+    letter = b""
+
+    def __init__(self, plugin):
+        self.plugin = plugin
+
+    def not_ready(self):
+        return self.plugin.port.why_not_ready()
+
+    def get_value(self):
+        """Return what it shows."""
+        return self.plugin.port.write(self.letter * 4 + b"\\n")
+
+    def background(self):
+        while True:
+            try:
+                self.plugin.port.read()
+            except ConnectionError:
+                pass
+            yield 0.05
+
+
+class Left(Meter):
+    """The left one."""
+
+    letter = b"l"
+
+
+class Right(Meter):
+    """The right one."""
+
+    letter = b"r"
+
+
+def connect(context):
+    port = ReopeningPort(lambda: open_serial(context.settings.port, baudrate=9600), context.clock, "the port")
+    port.open()
+    return Pair(port)
+
+
+def disconnect(plugin):
+    plugin.port.close()
+
+
+def create_Left(context):
+    return Left(context.plugin)
+
+
+def create_Right(context):
+    return Right(context.plugin)
+
+
+def destroy_Left(resource):
+    pass
+
+
+def destroy_Right(resource):
+    pass
+'''
+
+HOOK: Final = '''\
+"""A device that hears lines of four equal letters."""
+
+
+class Emulator:
+    def __init__(self):
+        self.complaints = []
+        self.line = b""
+
+    def feed(self, data, now_s):
+        self.line += data
+        *lines, self.line = self.line.split(b"\\n")
+        self.complaints += [repr(line) for line in lines if line not in (b"llll", b"rrrr")]
+        return b""
+
+
+def wire(settings):
+    return "pty"
+
+
+def settings(address):
+    return {"port": address}
+
+
+def emulate(settings):
+    return Emulator()
+'''
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Path:
+    folder = tmp_path / "pair"
+    folder.mkdir()
+    for name, text in (("plugin.yaml", MANIFEST), ("plugin.py", PLUGIN), ("conformance.py", HOOK)):
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+def run(folder: Path, name: str, ready_within_s: float = 15.0) -> CheckResult:
+    (check,) = (check for check in CHECKS if check.name == name)
+    return run_check(check, Bench(folder, settings_of({}), ready_within_s=ready_within_s))
+
+
+@pytest.mark.parametrize("name", WIRING)
+def test_a_good_driver_passes(pair: Path, name: str) -> None:
+    assert run(pair, name) == CheckResult(next(check for check in CHECKS if check.name == name), "ok")
+
+
+MISTAKES = {
+    "says nothing when it comes up": (
+        "waits for its device",
+        "return self.plugin.port.why_not_ready()",
+        "return None",
+        "its device is absent, but no resource says it is not ready",
+    ),
+    "says nothing when it is pulled out": (
+        "bears unplugging",
+        "return self.plugin.port.why_not_ready()",
+        "return None",
+        "its device was pulled out, but no resource says it is not ready",
+    ),
+    "does not come up without its device": (
+        "waits for its device",
+        "    port.open()\n",
+        "    open_serial(context.settings.port, baudrate=9600).close()\n    port.open()\n",
+        "connect raised SerialException: ",
+    ),
+    "halts with a bug when it is pulled out": (
+        "bears unplugging",
+        "    def not_ready(self):\n",
+        "    def halt(self):\n        assert self.not_ready() is None\n\n    def not_ready(self):\n",
+        "halt while its device is away failed with ResourceFaultError",
+    ),
+    "writes a line in two pieces": (
+        "keeps calls apart",
+        '        return self.plugin.port.write(self.letter * 4 + b"\\n")\n',
+        (
+            "        self.plugin.port.write(self.letter * 2)\n        self.plugin.both.wait(9)\n"
+            '        return self.plugin.port.write(self.letter * 2 + b"\\n")\n'
+        ),
+        "the emulator was sent what makes no sense",
+    ),
+    "keeps a file": (
+        "frees its port",
+        "def connect(context):\n",
+        "_KEPT = []\n\n\ndef connect(context):\n    _KEPT.append(open(__file__))\n",
+        "is still open after close: ",
+    ),
+}
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")  # a kept file
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_found(pair: Path, mistake: str) -> None:
+    name, before, after, words = MISTAKES[mistake]
+    assert before in PLUGIN
+    (pair / "plugin.py").write_text(PLUGIN.replace(before, after), encoding="utf-8")
+    result = run(pair, name, ready_within_s=0.6)
+    assert result.outcome == "failed"
+    assert words in "\n".join(result.problems)
+
+
+def test_settings_that_name_a_device_get_no_stand_in(pair: Path) -> None:
+    (check,) = (check for check in CHECKS if check.name == "bears unplugging")
+    result = run_check(check, Bench(pair, settings_of({"port": "/nowhere/tty"})))
+    assert (result.outcome, result.problems) == ("skipped", (check.nothing,))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ('return "pty"', 'return "rope"', "plugin 'pair': conformance.py: KeyError: 'rope'"),
+        ("def wire(", "def cable(", "plugin 'pair': conformance.py: AttributeError: .* has no attribute 'wire'"),
+    ],
+)
+def test_a_wrong_hook_is_named(pair: Path, before: str, after: str, words: str) -> None:
+    (pair / "conformance.py").write_text(HOOK.replace(before, after), encoding="utf-8")
+    result = run(pair, "comes up")
+    assert result.outcome == "failed"
+    assert any(_matches(words, problem) for problem in result.problems), result.problems
+
+
+def _matches(words: str, text: str) -> bool:
+    start, _, end = words.partition(".*")
+    return text.startswith(start) and end in text
+
+
+class Shout:
+    def feed(self, data: bytes, now_s: float) -> bytes:
+        return data.upper()
+
+
+def test_a_udp_wire_answers_and_vanishes_and_comes_back() -> None:
+    wire = UdpWire(Shout)
+    host, _, port = wire.address.partition(":")
+    with socket.socket(type=socket.SOCK_DGRAM) as driver:
+        driver.settimeout(10)
+        driver.connect((host, int(port)))
+        for _ in range(2):
+            wire.plug_in()
+            driver.send(b"hello")
+            assert driver.recv(100) == b"HELLO"
+            wire.unplug()
+        driver.send(b"gone")
+        with pytest.raises(ConnectionRefusedError):
+            driver.recv(100)
+    wire.close()

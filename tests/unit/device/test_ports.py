@@ -1,0 +1,376 @@
+"""Ports that vanish and come back: real pseudo-terminals behind a link's name, and real TCP listeners."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import socket
+import threading
+import tty
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+from eal_actors.device.ports import BytePort, ReopeningPort, TcpPort, open_serial, open_tcp
+from eal_actors.kernel.clock import ManualClock
+from eal_actors.kernel.errors import NotReadyError, PluginError, UnavailableError
+
+WAIT_S: Final = 20.0
+
+
+class Cable:
+    """A device path under which a pseudo-terminal can be plugged in and out."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.device = -1
+        self._port = -1
+
+    def plug_in(self) -> None:
+        self.device, self._port = pty.openpty()
+        tty.setraw(self._port)
+        fresh = self.path.with_suffix(".new")
+        fresh.symlink_to(os.ttyname(self._port))
+        fresh.replace(self.path)
+
+    def unplug(self) -> None:
+        if self.device >= 0:
+            self.path.unlink()
+            os.close(self._port)
+            os.close(self.device)
+            self.device = -1
+
+    def hear(self, size: int) -> bytes:
+        return read_exactly(self.device, size)
+
+    def say(self, data: bytes) -> None:
+        os.write(self.device, data)
+
+
+def read_exactly(descriptor: int, size: int) -> bytes:
+    heard = b""
+    while len(heard) < size:
+        assert select.select([descriptor], [], [], WAIT_S)[0], f"only {heard!r} came"
+        heard += os.read(descriptor, size - len(heard))
+    return heard
+
+
+def drain(port: ReopeningPort, size: int, source: Any) -> bytes:
+    """Read bytes that are on their way; `source` is what becomes readable when some are there."""
+    heard = b""
+    while len(heard) < size:
+        assert select.select([source], [], [], WAIT_S)[0], f"only {heard!r} came"
+        heard += port.read(size - len(heard))
+    return heard
+
+
+def receive_all(connection: socket.socket) -> None:
+    while connection.recv(1 << 20):
+        pass
+
+
+@pytest.fixture
+def cable(tmp_path: Path) -> Iterator[Cable]:
+    cable = Cable(tmp_path / "ttyUSB0")
+    yield cable
+    cable.unplug()
+
+
+def serial_port(cable: Cable) -> ReopeningPort:
+    path = str(cable.path)
+    return ReopeningPort(lambda: open_serial(path, baudrate=57600), ManualClock(), path)
+
+
+def test_an_absent_device_is_no_error_and_is_opened_when_it_comes(cable: Cable) -> None:
+    with closing(serial_port(cable)) as port:
+        port.open()
+        reason = port.why_not_ready()
+        assert reason is not None
+        assert reason.startswith(f"cannot open {cable.path}: no such file or directory; next try in 0.")
+        with pytest.raises(NotReadyError, match="no such file or directory"):
+            port.write(b"x")
+        assert port.openings == 0
+        cable.plug_in()
+        assert port.wait_until_open(WAIT_S)
+        assert (port.why_not_ready(), port.openings) == (None, 1)
+        assert port.write(b"hello") == 5
+        assert cable.hear(5) == b"hello"
+
+
+def test_a_device_that_is_unplugged_comes_back_under_the_same_name(cable: Cable) -> None:
+    cable.plug_in()
+    with closing(serial_port(cable)) as port:
+        port.open()
+        assert port.openings == 1
+        for openings in (2, 3):
+            cable.unplug()
+            with pytest.raises(NotReadyError, match=rf"{cable.path} was lost: .*; next try in 0\.2 s"):
+                port.read()
+            assert port.why_not_ready() is not None
+            cable.plug_in()
+            assert port.wait_until_open(WAIT_S)
+            assert port.openings == openings
+            port.write(b"again")
+            assert cable.hear(5) == b"again"
+
+
+@pytest.mark.parametrize("use", ["write", "in_waiting", "reset"])
+def test_every_use_of_a_broken_port_notices_it(cable: Cable, use: str) -> None:
+    uses: dict[str, Any] = {
+        "write": lambda port: port.write(b"x"),
+        "in_waiting": lambda port: port.in_waiting,
+        "reset": lambda port: port.reset_input_buffer(),  # pyserial lets termios.error through, which is no OSError
+    }
+    cable.plug_in()
+    with closing(serial_port(cable)) as port:
+        port.open()
+        cable.unplug()
+        with pytest.raises(NotReadyError, match="was lost: "):
+            uses[use](port)
+
+
+def test_a_port_that_somebody_else_has_is_not_ready_until_it_is_free(cable: Cable) -> None:
+    cable.plug_in()
+    other = open_serial(str(cable.path), baudrate=9600)
+    with closing(serial_port(cable)) as port:
+        port.open()
+        assert "resource temporarily unavailable" in str(port.why_not_ready())
+        other.close()
+        assert port.wait_until_open(WAIT_S)
+
+
+def test_reading_never_waits_and_returns_what_is_there(cable: Cable) -> None:
+    cable.plug_in()
+    opened: list[Any] = []
+
+    def open_it() -> BytePort:
+        opened.append(port := open_serial(str(cable.path), baudrate=57600))
+        return port
+
+    with closing(ReopeningPort(open_it, ManualClock(), "pty")) as port:
+        port.open()
+        assert port.read() == b""
+        cable.say(b"abcdef")
+        assert drain(port, 4, opened[0].fileno()) == b"abcd"
+        assert port.in_waiting == 2
+        port.reset_input_buffer()
+        assert port.read() == b""
+
+
+def test_writers_in_many_threads_never_interleave(cable: Cable) -> None:
+    cable.plug_in()
+    frames = [bytes([letter]) * 40 for letter in range(16)]
+    with closing(serial_port(cable)) as port, ThreadPoolExecutor(len(frames)) as pool:
+        port.open()
+        start = threading.Barrier(len(frames))
+
+        def write(frame: bytes) -> None:
+            start.wait(WAIT_S)
+            for _ in range(3):
+                port.write(frame)
+
+        written = [pool.submit(write, frame) for frame in frames]
+        heard = cable.hear(40 * 3 * len(frames))
+        for future in written:
+            future.result(WAIT_S)
+    pieces = [heard[start : start + 40] for start in range(0, len(heard), 40)]
+    assert sorted(pieces) == sorted(frames * 3)
+
+
+def test_closing_frees_the_port_and_ends_the_tries(cable: Cable) -> None:
+    cable.plug_in()
+    port = serial_port(cable)
+    port.open()
+    port.close()
+    with closing(open_serial(str(cable.path), baudrate=9600)):  # exclusive: nobody else has it
+        pass
+    with pytest.raises(NotReadyError, match=f"{cable.path} is closed"):
+        port.write(b"x")
+    with pytest.raises(NotReadyError, match=f"{cable.path} is closed"):
+        port.open()
+    port.close()
+    waiting = ReopeningPort(lambda: open_serial("/nowhere/tty", baudrate=9600), ManualClock(), "/nowhere/tty")
+    waiting.open()
+    waiting.close()
+    assert "reopening /nowhere/tty" not in [thread.name for thread in threading.enumerate()]
+
+
+@pytest.mark.parametrize(
+    ("url", "says"),
+    [
+        ("foo://x", "foo://x: invalid URL, protocol 'foo' not known"),
+        ("socket://localhost", "wanted is socket://host:port"),
+        ("socket://localhost:http", "Port could not be cast to integer"),
+        ("socket://:80", "wanted is socket://host:port"),
+        ("/", "/ is no serial port, but a folder"),
+        (__file__, f"{__file__} is no serial port, but a file"),
+    ],
+)
+def test_a_wrong_configuration_is_no_absent_device(url: str, says: str) -> None:
+    port = ReopeningPort(lambda: open_serial(url, baudrate=9600), ManualClock(), url)
+    with pytest.raises(PluginError) as caught:
+        port.open()
+    assert says in caught.value.message
+
+
+def test_the_framing_is_checked(cable: Cable) -> None:
+    cable.plug_in()
+    with pytest.raises(PluginError, match="Not a valid parity: 'X'"):
+        open_serial(str(cable.path), baudrate=9600, parity="X")
+
+
+class Simulated:
+    """A port whose robot can be dead, which is no broken wire."""
+
+    in_waiting = 0
+
+    def __init__(self) -> None:
+        self.is_dead = True
+
+    def read(self, size: int = 1) -> bytes:
+        if self.is_dead:
+            raise UnavailableError("the robot is dead")
+        return b"alive"[:size]
+
+    def write(self, data: bytes) -> None:
+        self.read()
+
+    def reset_input_buffer(self) -> None:
+        self.read()
+
+    def close(self) -> None:
+        self.is_dead = True
+
+
+def test_errors_of_the_framework_pass_and_break_nothing() -> None:
+    simulated = Simulated()
+    with closing(ReopeningPort(lambda: simulated, ManualClock(), "sim://world")) as port:
+        port.open()
+        with pytest.raises(UnavailableError, match="the robot is dead"):
+            port.write(b"x")
+        simulated.is_dead = False
+        assert (port.read(), port.write(b"xy"), port.openings) == (b"alive", 2, 1)
+
+
+def test_the_tries_become_less_frequent_and_go_on_whatever_the_opener_raises() -> None:
+    tries: list[str | None] = []
+    enough = threading.Event()
+
+    def open_it() -> BytePort:
+        tries.append(port.why_not_ready())
+        if len(tries) == 4:
+            enough.set()
+        raise RuntimeError("no idea")
+
+    port = ReopeningPort(open_it, ManualClock(), "odd")
+    with closing(port), pytest.raises(RuntimeError):
+        port.open()  # only the first opening tells of an error in the opener
+
+    def absent_first() -> BytePort:
+        if tries:
+            return open_it()
+        tries.append(None)
+        raise OSError("absent")
+
+    tries.clear()
+    port = ReopeningPort(absent_first, ManualClock(), "odd")
+    with closing(port):
+        port.open()
+        assert str(port.why_not_ready()).startswith("cannot open odd: absent; next try in 0.")
+        assert enough.wait(WAIT_S)  # after 0.2 s, 0.4 s and 0.8 s
+    assert [str(reason).partition(";")[0] for reason in tries[2:]] == ["cannot open odd: no idea"] * 2
+
+
+class Server:
+    """A TCP listener that can go away and come back at the same port."""
+
+    def __init__(self) -> None:
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = int(self.listener.getsockname()[1])
+        self.url = f"socket://127.0.0.1:{self.port}"
+        self.peer: socket.socket | None = None
+
+    def accept(self) -> socket.socket:
+        self.listener.settimeout(WAIT_S)
+        self.peer, _ = self.listener.accept()
+        self.peer.settimeout(WAIT_S)
+        return self.peer
+
+    def go_away(self) -> None:
+        self.listener.close()
+        if self.peer is not None:
+            self.peer.close()
+
+    def come_back(self) -> None:
+        self.listener = socket.create_server(("127.0.0.1", self.port))
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    server = Server()
+    yield server
+    server.go_away()
+
+
+def test_a_server_that_goes_away_and_comes_back_is_found_again(server: Server) -> None:
+    opened: list[Any] = []
+
+    def open_it() -> BytePort:
+        opened.append(port := open_serial(server.url, baudrate=9600))
+        return port
+
+    with closing(ReopeningPort(open_it, ManualClock(), server.url)) as port:
+        port.open()
+        peer = server.accept()
+        peer.sendall(b"last words")
+        server.go_away()
+        assert drain(port, 10, opened[0].fileno()) == b"last words"
+        assert select.select([opened[0].fileno()], [], [], WAIT_S)[0]
+        with pytest.raises(NotReadyError, match="was lost: the other end has closed the connection"):
+            port.read()
+        server.come_back()
+        assert port.wait_until_open(WAIT_S)
+        assert port.openings == 2
+        port.write(b"hello")
+        assert server.accept().recv(5) == b"hello"
+
+
+def test_a_refused_connection_is_an_absent_device(server: Server) -> None:
+    server.go_away()
+    with closing(ReopeningPort(lambda: open_serial(server.url, baudrate=9600), ManualClock(), server.url)) as port:
+        port.open()
+        assert str(port.why_not_ready()).startswith(f"cannot open {server.url}: connection refused; next try in 0.")
+
+
+def test_a_tcp_port_hands_over_every_byte_before_the_end(server: Server) -> None:
+    with closing(open_tcp("127.0.0.1", server.port)) as port:
+        server.accept().sendall(b"last words")
+        server.go_away()
+        assert select.select([port.fileno()], [], [], WAIT_S)[0]
+        assert port.in_waiting == 10
+        assert (port.read(4), port.read(100)) == (b"last", b" words")
+        with pytest.raises(ConnectionError, match="closed the connection"):
+            port.read(1)
+
+
+def test_a_peer_that_takes_nothing_breaks_the_port_and_never_hears_of_it(server: Server) -> None:
+    opened: list[TcpPort] = []
+
+    def open_it() -> TcpPort:
+        opened.append(open_tcp("127.0.0.1", server.port))
+        return opened[-1]
+
+    with closing(ReopeningPort(open_it, ManualClock(), server.url)) as port:
+        port.open()
+        peer = server.accept()
+        much = bytes(64 * 1024 * 1024)  # more than the buffers of both ends
+        with pytest.raises(NotReadyError, match=r"took only \d+ of 67108864 bytes in 0\.2 s"):
+            port.write(much)
+        assert port.wait_until_open(WAIT_S)
+        with pytest.raises(ConnectionResetError):  # what was not sent is dropped, instead of carried out late
+            receive_all(peer)

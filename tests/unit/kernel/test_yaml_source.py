@@ -1,0 +1,384 @@
+from __future__ import annotations
+
+import contextlib
+import copy
+import pickle
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eal_actors.kernel.errors import ConfigError
+from eal_actors.kernel.yaml_source import load_yaml, parse_yaml, plain_value
+from eal_actors.kernel.yaml_tree import Mark, MarkedDict, MarkedList, YamlTree, format_path, merge, replace_text
+
+NO_TAGS = " is not supported; leave it out, and put text in quotes"
+UNCLOSED_LIST = "not valid YAML: expected ',' or ']', but got '<stream end>', while parsing a flow sequence from line 1"
+BARE_REFERENCE = (
+    "not valid YAML: expected ',' or '}', but got '{', while parsing a flow mapping from line 1; "
+    "inside [...] and {...} a ${NAME} must stand in quotes, or write the value on a line of its own"
+)
+
+
+def problems(text: str | bytes, environment: Mapping[str, str] | None = None) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        parse_yaml(text, "f.yaml", environment=environment)
+    return [str(problem) for problem in caught.value.problems]
+
+
+def values(text: str, environment: Mapping[str, str] | None = None) -> dict[str, object]:
+    return dict(parse_yaml(text, "f.yaml", environment=environment).root)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("true", True),
+        ("False", False),
+        ("yes", "yes"),
+        ("on", "on"),
+        ("n", "n"),
+        ("", None),
+        ("~", None),
+        ("null", None),
+        ("0", 0),
+        ("-12", -12),
+        ("+3", 3),
+        ("010", 10),
+        ("0x1F", 31),
+        ("0o17", 15),
+        ("1_000", "1_000"),
+        ("0b11", "0b11"),
+        ("9223372036854775807", 2**63 - 1),
+        ("1e3", 1000.0),
+        ("-1.5E-2", -0.015),
+        (".5", 0.5),
+        ("1.", 1.0),
+        ("12:30", "12:30"),
+        ("190:20:30", "190:20:30"),
+        ("2024-01-01", "2024-01-01"),
+        ("1.2.3", "1.2.3"),
+        ("tRue", "tRue"),
+        ("٣", "٣"),
+    ],
+)
+def test_plain_scalars_follow_the_core_schema(text: str, value: object) -> None:
+    found = values(f"key: {text}")["key"]
+
+    assert found == value
+    assert type(found) is type(value)
+
+
+@pytest.mark.parametrize("text", ["'5'", '"5"', "|-\n  5", ">-\n  5"])
+def test_a_quoted_scalar_is_text(text: str) -> None:
+    assert values(f"key: {text}") == {"key": "5"}
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a: .inf", "f.yaml:1:4: a: .inf is not a finite number; put it in quotes if it is meant as text"),
+        ("a: -.INF", "f.yaml:1:4: a: -.INF is not a finite number; put it in quotes if it is meant as text"),
+        ("a: .NaN", "f.yaml:1:4: a: .NaN is not a finite number; put it in quotes if it is meant as text"),
+        ("a: 1e999", "f.yaml:1:4: a: 1e999 is too large for a number"),
+        ("a: 9223372036854775808", "f.yaml:1:4: a: the number does not fit into 64 bits"),
+        ("a: " + "9" * 10_000, "f.yaml:1:4: a: the number does not fit into 64 bits"),
+        ("a: 1\nb: {a: 1, a: 2}", "f.yaml:2:11: b.a: duplicate key; it stands in line 2 already"),
+        ('a: 1\n"a": 2', "f.yaml:2:1: a: duplicate key; it stands in line 1 already"),
+        ("a: {5: x}", "f.yaml:1:5: a: a key must be text, and 5 is not; write it in quotes: '5'"),
+        ("true: x", "f.yaml:1:1: a key must be text, and true is not; write it in quotes: 'true'"),
+        (".inf: x", "f.yaml:1:1: a key must be text, and .inf is not; write it in quotes: '.inf'"),
+        ("? \n: x", "f.yaml:1:2: a key must be text, and this one is empty"),
+        ("? [a, b]\n: x", "f.yaml:1:3: a key must be text, not a list or mapping"),
+        (
+            "a: &a {x: 1}\nb:\n  <<: *a",
+            "f.yaml:3:3: b: merge keys (<<) are not supported; share settings through `types` or `include`",
+        ),
+        (
+            "a: !thing 5",
+            f"f.yaml:1:4: the tag !thing{NO_TAGS}",
+        ),
+        (
+            "a: !!python/object/apply:os.getcwd []",
+            f"f.yaml:1:4: the tag tag:yaml.org,2002:python/object/apply:os.getcwd{NO_TAGS}",
+        ),
+        ("a: &x [1, *x]", "f.yaml:1:4: a[1]: the anchor contains itself"),
+        ("a: *nowhere", "f.yaml:1:4: not valid YAML: found undefined alias 'nowhere'"),
+        ("a: 1\n---\nb: 2", "f.yaml:2:1: a second document starts here; one file holds one document"),
+        ("a:\n\tb: 1", "f.yaml:2:1: a tab stands where YAML allows only spaces"),
+        ("a: b: c", "f.yaml:1:5: not valid YAML: mapping values are not allowed here"),
+        (
+            "a: [1, 2",
+            f"f.yaml:1:9: {UNCLOSED_LIST}",
+        ),
+        (
+            "a: {port: ${PORT}}",
+            f"f.yaml:1:12: {BARE_REFERENCE}",
+        ),
+        ("a: x\x07", "f.yaml:1:5: the character U+0007 is not allowed in YAML"),
+        ('a: "\\UFFFFFFFF"', "f.yaml:1:7: the escape stands for no character"),
+        ('a: "\\ud800"', "f.yaml:1:4: a: the text holds half a character (a surrogate), which no file can store"),
+        ("", "f.yaml: is empty; the top level must be a mapping of keys to values"),
+        ("# only a comment\n", "f.yaml: is empty; the top level must be a mapping of keys to values"),
+        ("---\n", "f.yaml: is empty; the top level must be a mapping of keys to values"),
+        ("- a\n- b", "f.yaml:1:1: the top level must be a mapping of keys to values, not a list"),
+        ("just text", "f.yaml:1:1: the top level must be a mapping of keys to values, not 'just text'"),
+        ("a: " + "[" * 100, "f.yaml:1:67: is nested more than 64 levels deep"),
+        (
+            "a: [" + "1," * 20_001 + "]",
+            "f.yaml:1:40001: the file has more than 20000 values, each use of an anchor counted",
+        ),
+        (b"a: 1\nb: \xff", "f.yaml:2:4: is not UTF-8: byte 0xff at offset 8"),
+        ("a: 1".encode("utf-16"), "f.yaml:1:1: is not UTF-8: byte 0xff at offset 0"),
+        (b"#" * 1_000_001, "f.yaml: is larger than 1000000 bytes"),
+    ],
+)
+def test_what_is_wrong_with_a_file(text: str | bytes, expected: str) -> None:
+    assert problems(text) == [expected]
+
+
+def test_a_billion_laughs_are_stopped_early() -> None:
+    lines = ["a0: &a0 [ha, ha, ha, ha, ha, ha, ha, ha, ha]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 10)]
+
+    (line,) = problems("\n".join(lines))
+
+    assert line.endswith("the file has more than 20000 values, each use of an anchor counted")
+
+
+def test_a_file_of_very_many_values_is_stopped_before_it_is_built() -> None:
+    assert problems("a: [" + "1," * 45_000 + "]") == ["f.yaml:1:79999: has more than 20000 values"]
+
+
+def test_all_problems_of_a_file_are_told_at_once() -> None:
+    text = "a: 1\na: .inf\n5: x\nb: !tag y\nc: ${MISSING}\nd: {<<: {}}\n"
+
+    assert problems(text, {}) == [
+        "f.yaml:2:1: a: duplicate key; it stands in line 1 already",
+        "f.yaml:2:4: a: .inf is not a finite number; put it in quotes if it is meant as text",
+        "f.yaml:3:1: a key must be text, and 5 is not; write it in quotes: '5'",
+        "f.yaml:4:4: the tag !tag is not supported; leave it out, and put text in quotes",
+        "f.yaml:5:4: c: the environment variable MISSING is not set; set it, or give a default: ${MISSING:-default}",
+        "f.yaml:6:5: d: merge keys (<<) are not supported; share settings through `types` or `include`",
+    ]
+
+
+def test_a_problem_in_an_anchor_counts_once() -> None:
+    assert len(problems("a: &a [.inf]\nb: *a\nc: *a")) == 1
+
+
+def test_anchors_are_allowed() -> None:
+    tree = parse_yaml("a: &a {x: 1}\nb: *a", "f.yaml")
+
+    assert tree.root == {"a": {"x": 1}, "b": {"x": 1}}
+    assert tree.mark_at(("b", "x")) == Mark("f.yaml", 1, 11)
+
+
+def test_a_byte_order_mark_does_not_count() -> None:
+    assert parse_yaml(b"\xef\xbb\xbfa: 1", "f.yaml").mark_at(("a",), key=True) == Mark("f.yaml", 1, 1)
+
+
+class TestFiles:
+    def test_a_file_is_read_under_the_name_it_was_given(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        (tmp_path / "f.yaml").write_text("a: ü", encoding="utf-8")
+        monkeypatch.chdir(tmp_path)
+
+        tree = load_yaml("f.yaml")
+
+        assert tree.root == {"a": "ü"}
+        assert tree.root.mark == Mark("f.yaml", 1, 1)
+
+    @pytest.mark.parametrize(("name", "message"), [("none.yaml", "no such file"), ("", "is a folder, not a file")])
+    def test_what_is_no_file_is_refused(self, tmp_path: Path, name: str, message: str) -> None:
+        with pytest.raises(ConfigError) as caught:
+            load_yaml(tmp_path / name)
+
+        assert str(caught.value) == f"{tmp_path / name}: {message}"
+
+    def test_a_name_that_no_file_can_have_is_refused(self) -> None:
+        with pytest.raises(ConfigError, match="cannot be read: File name too long"):
+            load_yaml("x" * 5000)
+
+
+class TestEnvironment:
+    @pytest.mark.parametrize(
+        ("text", "value"),
+        [
+            ("${PORT}", 50000),
+            ("'${PORT}'", "50000"),
+            ("port ${PORT}!", "port 50000!"),
+            ("${PORT}${PORT}", "5000050000"),
+            ("${NONE:-7}", 7),
+            ("${NONE:-}", None),
+            ("${EMPTY}", None),
+            ("'${EMPTY}'", ""),
+            ("${EMPTY:-set}", "set"),
+            ("${URL:-tcp://host:1}", "tcp://host:1"),
+            ("$${PORT}", "${PORT}"),
+            ("'$${PORT} ${PORT}'", "${PORT} 50000"),
+            ("$PORT", "$PORT"),
+            ("${NESTED}", "${PORT}"),
+            ("${ON}", "on"),
+            ("${TRUE}", True),
+        ],
+    )
+    def test_values_come_from_the_environment(self, text: str, value: object) -> None:
+        environment = {"PORT": "50000", "EMPTY": "", "NESTED": "${PORT}", "ON": "on", "TRUE": "true"}
+
+        found = values(f"key: {text}", environment)["key"]
+
+        assert found == value
+        assert type(found) is type(value)
+
+    def test_without_an_environment_text_stays_as_it_is(self) -> None:
+        assert values("a: ${PORT}\nb: $${PORT}\nc: ${oh no") == {"a": "${PORT}", "b": "$${PORT}", "c": "${oh no"}
+
+    def test_keys_are_not_replaced(self) -> None:
+        assert values("${PORT}: 1", {"PORT": "x"}) == {"${PORT}": 1}
+
+    @pytest.mark.parametrize("text", ["${", "${}", "${PORT", "${1X}", "${a-b}", "${A:-{}}"])
+    def test_what_looks_like_a_reference_must_be_one(self, text: str) -> None:
+        assert problems(f"key: x {text}", {"PORT": "1"}) == [
+            "f.yaml:1:6: key: ${ must go on as ${NAME} or ${NAME:-default}; write $${ for a literal ${"
+        ]
+
+    def test_a_number_from_the_environment_must_be_finite(self) -> None:
+        assert problems("key: ${X}", {"X": ".inf"}) == [
+            "f.yaml:1:6: key: .inf is not a finite number; put it in quotes if it is meant as text"
+        ]
+
+    @given(st.text(alphabet="ab${}:-N '\"", max_size=20))
+    def test_escaped_text_comes_through_unchanged(self, text: str) -> None:
+        quoted = text.replace("${", "$${").replace("'", "''")
+
+        if "$${" not in text:  # `$$${` would escape the wrong dollar
+            assert values(f"key: '{quoted}'", {}) == {"key": text}
+
+
+class TestMarks:
+    TREE = parse_yaml("a:\n  b: [10, {c: x}]\n  d:\ne: 1\n", "f.yaml")
+
+    @pytest.mark.parametrize(
+        ("path", "key", "line", "column"),
+        [
+            ((), False, 1, 1),
+            (("a",), False, 2, 3),
+            (("a",), True, 1, 1),
+            (("a", "b", 0), False, 2, 7),
+            (("a", "b", 1, "c"), False, 2, 15),
+            (("a", "b", 1, "c"), True, 2, 12),
+            (("a", "b", "some tag", 1, "Model", "c"), False, 2, 15),
+            (("a", "missing"), False, 2, 3),
+            (("a", "missing"), True, 2, 3),
+            (("a", "b", 7), False, 2, 6),
+            (("e", "int"), False, 4, 4),
+        ],
+    )
+    def test_a_path_leads_to_a_place(self, path: tuple[str | int, ...], key: bool, line: int, column: int) -> None:
+        assert self.TREE.mark_at(path, key=key) == Mark("f.yaml", line, column)
+
+    def test_a_problem_names_the_place_and_the_whole_path(self) -> None:
+        part = YamlTree(self.TREE.root["a"], ("a",))
+
+        assert str(part.problem(("b", 1, "c"), "is odd")) == "f.yaml:2:15: a.b[1].c: is odd"
+
+    def test_paths_are_written_with_dots_and_brackets(self) -> None:
+        assert format_path(("a", 0, 1, "b", "c.d")) == "a[0][1].b.c.d"
+
+    def test_marks_survive_copies(self) -> None:
+        for tree in (copy.deepcopy(self.TREE), pickle.loads(pickle.dumps(self.TREE))):  # noqa: S301
+            assert tree.root == self.TREE.root
+            assert tree.mark_at(("a", "b", 1, "c")) == Mark("f.yaml", 2, 15)
+
+
+def marked(value: object, file: str = "f") -> object:
+    """Return a plain value with marks that all name one file."""
+    mark = Mark(file, 1, 1)
+    if isinstance(value, dict):
+        mapping = MarkedDict(mark)
+        for key, item in value.items():
+            mapping.put(key, marked(item, file), mark, mark)
+        return mapping
+    if isinstance(value, list):
+        items = MarkedList(mark)
+        for item in value:
+            items.put(marked(item, file), mark)
+        return items
+    return value
+
+
+def mappings(depth: int = 3) -> st.SearchStrategy[dict[str, object]]:
+    """Make mappings whose keys tell what they hold: a capital a mapping, a small letter a value."""
+    leaves: st.SearchStrategy[object] = st.one_of(st.integers(), st.lists(st.integers(), max_size=2))
+    small: st.SearchStrategy[dict[str, object]] = st.dictionaries(st.sampled_from("abc"), leaves)
+    if depth == 0:
+        return small
+    large = st.dictionaries(st.sampled_from("ABC"), mappings(depth - 1))
+    return st.builds(lambda one, two: {**one, **two}, small, large)
+
+
+def as_marked(value: object, file: str = "f") -> MarkedDict:
+    mapping = marked(value, file)
+    assert isinstance(mapping, MarkedDict)
+    return mapping
+
+
+class TestMerge:
+    def test_mappings_merge_and_all_else_is_replaced(self) -> None:
+        base = as_marked({"a": {"x": 1, "y": [1, 2]}, "b": {"z": 1}, "c": 1})
+        over = as_marked({"a": {"y": [3]}, "b": 5, "c": {"w": 1}, "d": None})
+
+        assert merge(base, over) == {"a": {"x": 1, "y": [3]}, "b": 5, "c": {"w": 1}, "d": None}
+
+    def test_every_value_keeps_the_mark_of_its_file(self) -> None:
+        merged = YamlTree(merge(as_marked({"a": {"x": 1, "y": 1}}, "base"), as_marked({"a": {"y": 2}}, "over")))
+
+        assert merged.mark_at(("a", "x")).file == "base"
+        assert merged.mark_at(("a", "y")).file == "over"
+        assert merged.mark_at(("a",)).file == "over"
+
+    @given(mappings(), mappings(), mappings())
+    def test_the_order_of_merging_does_not_matter(
+        self, a: dict[str, object], b: dict[str, object], c: dict[str, object]
+    ) -> None:
+        one, two, three = as_marked(a), as_marked(b), as_marked(c)
+
+        assert merge(merge(one, two), three) == merge(one, merge(two, three))
+
+    @given(mappings(), mappings())
+    def test_the_last_value_wins_and_nothing_is_lost(self, a: dict[str, object], b: dict[str, object]) -> None:
+        merged = merge(as_marked(a, "a"), as_marked(b, "b"))
+
+        assert merged.keys() == a.keys() | b.keys()
+        for key in filter(str.islower, merged):
+            assert merged[key] == (b if key in b else a)[key]
+            assert merged.value_marks[key].file == ("b" if key in b else "a")
+
+    @given(mappings(), mappings())
+    def test_merging_leaves_its_arguments_alone(self, a: dict[str, object], b: dict[str, object]) -> None:
+        one, two = as_marked(a), as_marked(b)
+
+        merge(one, two)
+
+        assert (one, two) == (a, b)
+
+    def test_text_is_replaced_at_every_depth_but_not_in_keys(self) -> None:
+        tree = parse_yaml("x: [x, {x: x}, 1]", "f.yaml")
+
+        replaced = YamlTree(replace_text(tree.root, lambda text: text.upper()))
+
+        assert replaced.root == {"x": ["X", {"x": "X"}, 1]}
+        assert replaced.mark_at(("x", 1, "x")) == tree.mark_at(("x", 1, "x"))
+
+
+@given(st.text(max_size=30))
+def test_any_text_is_read_or_refused(text: str) -> None:
+    with contextlib.suppress(ConfigError):  # anything else is a defect
+        parse_yaml(text, "f.yaml", environment={})
+
+
+@given(st.integers(min_value=-(2**63), max_value=2**63 - 1) | st.floats(allow_nan=False, allow_infinity=False))
+def test_numbers_mean_themselves(number: float) -> None:
+    assert plain_value(repr(number)) == number

@@ -1,0 +1,192 @@
+"""Frames that something is wrong with: each is placed rightly, or named with the reason why it is not."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from eal_actors.device.world import load_world
+from eal_actors.kernel.errors import ArgumentError
+from eal_actors.lab.panorama import stitch
+from plugins.sim.camera.exposing import exposed
+from plugins.sim.camera.scene import Scene
+from tests.unit.lab.panorama.turning import (
+    LAB,
+    VIEW_RAD,
+    Image,
+    mean_error_rad,
+    noisy,
+    shots,
+    ssim,
+    steps,
+    truth,
+    yaw_error_rad,
+)
+from tests.unit.plugins.sim.ray_caster import psnr_db
+
+MEANT = steps()
+TRUE = noisy(MEANT, seed=3)
+
+
+@cache
+def good() -> tuple[Image, ...]:
+    return tuple(shots(TRUE))
+
+
+def ring_with(number: int, frame: Image) -> list[Image]:
+    """Return a good ring but for one frame."""
+    return [*good()[:number], frame, *good()[number + 1 :]]
+
+
+def test_frames_of_different_exposure_become_equally_bright() -> None:
+    exposures = [0.8, 1.2, 1.0, 0.9, 1.1, 0.7, 1.0, 1.1]
+    panorama = stitch([exposed(f, e, 0, 0) for f, e in zip(good(), exposures, strict=True)], MEANT, VIEW_RAD)
+    corrected = np.array([panorama.gains[number] * exposure for number, exposure in enumerate(exposures)])
+    assert corrected.max() / corrected.min() < 1.06, "but for what was too bright to tell"
+
+
+def test_noise_does_not_mislead() -> None:
+    panorama = stitch([exposed(f, 1, 12, seed) for seed, f in enumerate(good())], MEANT, VIEW_RAD)
+    assert not panorama.unplaced
+    assert math.degrees(yaw_error_rad(panorama, TRUE)) < 0.15
+
+
+def test_a_blank_frame_is_named_and_the_panorama_begins_behind_it() -> None:
+    panorama = stitch(ring_with(3, np.zeros_like(good()[3])), MEANT, VIEW_RAD)
+    assert panorama.unplaced == {3: "is blank, but there is something to be seen in frame 2 and frame 4 beside it"}
+    assert sorted(panorama.placed) == [0, 1, 2, 4, 5, 6, 7]
+    assert panorama.yaws_rad[3] is None
+    assert not panorama.is_full
+    assert panorama.missing_rad == 0
+    assert panorama.image.shape[1] == pytest.approx(panorama.px_per_rad * (2 * math.pi - math.radians(30)), rel=0.05)
+    assert psnr_db(panorama.image, truth(panorama, TRUE, 1)) > 28
+
+
+def test_a_blank_frame_among_many_leaves_no_hole() -> None:
+    meant_rad = steps(12, math.radians(30))
+    true_rad = noisy(meant_rad, seed=4)
+    frames = shots(true_rad, 240, math.radians(80))
+    frames[4] = np.full_like(frames[4], 180)
+    panorama = stitch(frames, meant_rad, math.radians(80))
+    assert list(panorama.unplaced) == [4]
+    assert panorama.is_full
+    assert panorama.missing_rad == 0
+
+
+def test_nothing_but_blank_frames_is_an_error() -> None:
+    with pytest.raises(ArgumentError, match="no two of the 8 frames fit together:\n  frame 0 is blank, as all of them"):
+        stitch([np.zeros_like(frame) for frame in good()], MEANT, VIEW_RAD)
+
+
+def test_a_frozen_camera_is_named() -> None:
+    panorama = stitch(ring_with(3, good()[2]), MEANT, VIEW_RAD)
+    assert panorama.unplaced == {
+        3: "is the same picture as frame 2, though the camera had turned by 45 degrees: did it freeze?"
+    }
+    with pytest.raises(ArgumentError, match="did it freeze"):
+        stitch([good()[2]] * 8, MEANT, VIEW_RAD)
+
+
+def test_a_frame_from_elsewhere_is_named() -> None:
+    maze = Scene(load_world(LAB.with_name("maze.yaml")))
+    panorama = stitch(ring_with(5, shots([0.3], scene=maze)[0]), MEANT, VIEW_RAD)
+    assert panorama.unplaced == {5: "shows something else than frame 4 and frame 6 where they overlap"}
+
+
+def test_frames_whose_yaws_are_exchanged_are_named_with_where_they_fit() -> None:
+    frames = list(good())
+    frames[4], frames[5] = frames[5], frames[4]
+    panorama = stitch(frames, MEANT, VIEW_RAD)
+    assert sorted(panorama.unplaced) == [4, 5]
+    assert "it fits -45 degrees from frame 5, and was said to be +45" in panorama.unplaced[4]
+    assert math.degrees(yaw_error_rad(panorama, TRUE)) < 0.05
+
+
+def test_the_order_of_frames_does_not_matter() -> None:
+    order = [3, 1, 7, 0, 2, 6, 4, 5]
+    mixed = stitch([good()[n] for n in order], [MEANT[n] for n in order], VIEW_RAD)
+    plain = stitch(good(), MEANT, VIEW_RAD)
+    assert [mixed.yaws_rad[place] for place in range(8)] == pytest.approx([plain.yaws_rad[n] for n in order])
+
+
+@pytest.mark.parametrize("number", [2, 4])
+def test_part_of_a_ring_becomes_part_of_a_panorama(number: int) -> None:
+    panorama = stitch(good()[:number], MEANT[:number], VIEW_RAD)
+    assert not panorama.is_full
+    assert panorama.closing_error_rad is None
+    perfect = truth(panorama, TRUE[:number], 1)
+    assert psnr_db(panorama.image, perfect) > 28
+    assert ssim(panorama.image, perfect) > 0.9
+
+
+def test_a_frame_that_was_taken_twice_does_no_harm() -> None:
+    panorama = stitch([*good(), good()[0]], [*MEANT, MEANT[0] - 2 * math.pi], VIEW_RAD)
+    assert not panorama.unplaced
+    assert panorama.is_full
+    assert psnr_db(panorama.image, truth(panorama, [*TRUE, TRUE[0]], 1)) > 28
+
+
+def test_nine_frames_close_the_ring_with_the_last_on_the_first() -> None:
+    meant_rad = steps(9)
+    true_rad = noisy(meant_rad, seed=5)
+    panorama = stitch(shots(true_rad), meant_rad, VIEW_RAD)
+    assert math.degrees(yaw_error_rad(panorama, true_rad)) < 0.05
+
+
+def test_frames_of_different_sizes_go_together() -> None:
+    widths = [200, 240, 200, 160, 200, 200, 320, 200]
+    frames = [shots([yaw_rad], width)[0] for yaw_rad, width in zip(TRUE, widths, strict=True)]
+    panorama = stitch(frames, MEANT, VIEW_RAD)
+    assert not panorama.unplaced
+    assert math.degrees(yaw_error_rad(panorama, TRUE)) < 0.05
+    assert panorama.px_per_rad == pytest.approx(160 / math.tan(VIEW_RAD / 2), rel=0.001), "as fine as the largest"
+
+
+def test_a_frame_of_other_proportions_is_named() -> None:
+    panorama = stitch(ring_with(2, np.ascontiguousarray(np.rot90(good()[2]))), MEANT, VIEW_RAD)
+    assert panorama.unplaced == {
+        2: "is 240 x 320 px, and the others are 320 x 240 px: the same lens cannot have taken it"
+    }
+
+
+def test_a_bare_room_is_placed_by_its_shades() -> None:
+    bare = Scene(load_world(LAB.with_name("empty.yaml")))
+    panorama = stitch(shots(TRUE, scene=bare), MEANT, VIEW_RAD)
+    assert set(panorama.placed.values()) == {"gradients"}
+    assert math.degrees(yaw_error_rad(panorama, TRUE)) < 0.1
+
+
+def test_noise_alone_is_no_contradiction() -> None:
+    dull = [exposed(np.full((240, 320, 3), 128, np.uint8), 1, 12, seed) for seed in range(8)]
+    assert set(stitch(dull, MEANT, VIEW_RAD).placed.values()) == {"odometry only"}
+
+
+def test_walls_that_show_nothing_leave_it_to_odometry() -> None:
+    smooth = np.full((240, 320, 3), 150, np.uint8)
+    smooth[120:] = 90  # the same edge of the floor all round: it tells how level a frame is, not where it looks
+    frames = [smooth + np.uint8(number) for number in range(8)]
+    panorama = stitch(frames, MEANT, VIEW_RAD)
+    assert set(panorama.placed.values()) == {"odometry only"}
+    assert panorama.yaws_rad == pytest.approx(MEANT)
+    assert panorama.is_full
+
+
+def test_a_ring_that_does_not_close_tells_of_another_field_of_view() -> None:
+    true_rad = noisy(MEANT, seed=1, sigma_deg=0.3)
+    panorama = stitch(shots(true_rad), MEANT, math.radians(62))
+    error_rad = panorama.closing_error_rad
+    assert error_rad is not None
+    likely_deg = 62 * 360 / (360 + math.degrees(error_rad))
+    assert likely_deg == pytest.approx(60, abs=0.6)
+
+
+def test_a_camera_that_is_not_quite_level_is_followed() -> None:
+    raised = cv2.copyMakeBorder(good()[2][:-4], 4, 0, 0, 0, cv2.BORDER_REPLICATE)
+    panorama = stitch(ring_with(2, np.asarray(raised, np.uint8)), MEANT, VIEW_RAD)
+    assert panorama.placed[2] == "features"
+    assert psnr_db(panorama.image, truth(panorama, TRUE, 1)) > 26
+    assert abs(mean_error_rad(panorama, TRUE)) < math.radians(3)

@@ -1,0 +1,120 @@
+"""The parts of the pipeline, each against geometry that is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from eal_actors.lab.panorama.cylinder import Lens, patch_of, unroll
+from eal_actors.lab.panorama.features import find_features, shift_by_features
+from eal_actors.lab.panorama.gradients import compare_gradients, slopes_of
+from eal_actors.lab.panorama.ring import closing_error_rad, ring_of, settle
+from eal_actors.lab.panorama.shift import Shift
+from tests.unit.lab.panorama.turning import VIEW_RAD, shots
+
+PX_PER_RAD = 100.0
+
+
+def degrees(*values: float) -> dict[int, float]:
+    return {number: math.radians(value) for number, value in enumerate(values)}
+
+
+def turned_by(degrees_: float, sigma_px: float = 0.5) -> Shift:
+    return Shift(math.radians(degrees_) * PX_PER_RAD, 0.0, "features", sigma_px)
+
+
+def test_a_point_is_unrolled_to_its_bearing_and_height() -> None:
+    lens = Lens(321, 241, math.radians(60))
+    frame = np.zeros((241, 321, 3), np.uint8)
+    frame[170:175, 240:245] = 255  # 80 px to the right of the axis, 52 below it, on the average
+    bearing_rad = math.atan2(82, lens.focal_px)
+    right_rad = np.arange(-0.5, 0.5, 0.001)
+    down_px = np.arange(0, 100.0)
+    image, _ = unroll(frame, lens, right_rad, down_px, lens.focal_px)
+    rows, columns = np.nonzero(image[..., 0] > 127)
+    assert right_rad[columns].mean() == pytest.approx(bearing_rad, abs=0.002)
+    assert down_px[rows].mean() == pytest.approx(52 * math.cos(bearing_rad), abs=0.6)
+
+
+def test_a_patch_tells_where_its_frame_reaches() -> None:
+    patch = patch_of(np.full((240, 320, 3), 9, np.uint8), VIEW_RAD, 277.0)
+    middle = patch.reaches.shape[1] // 2
+    assert patch.reaches[:, middle].all()
+    assert patch.reaches[:, 0].mean() == pytest.approx(math.cos(VIEW_RAD / 2), abs=0.02)
+
+
+def test_features_and_gradients_find_the_turn_between_two_frames() -> None:
+    turn_rad = math.radians(41.3)
+    focal_px = Lens(320, 240, VIEW_RAD).focal_px
+    one, two = (patch_of(frame, VIEW_RAD, focal_px) for frame in shots([0.0, -turn_rad]))
+    expected_px = math.radians(45) * focal_px
+    by_features = shift_by_features(find_features(one), find_features(two), expected_px, focal_px)
+    by_gradients = compare_gradients(slopes_of(one), slopes_of(two), expected_px, focal_px)
+    assert by_features is not None
+    assert by_gradients.shift is not None
+    for shift in (by_features, by_gradients.shift):
+        assert shift.right_px / focal_px == pytest.approx(turn_rad, abs=math.radians(0.05))
+        assert shift.down_px == pytest.approx(0, abs=0.2)
+
+
+def test_what_odometry_rules_out_is_not_found() -> None:
+    focal_px = Lens(320, 240, VIEW_RAD).focal_px
+    one, two = (patch_of(frame, VIEW_RAD, focal_px) for frame in shots([0.0, -math.radians(30)]))
+    expected_px = math.radians(43) * focal_px
+    assert shift_by_features(find_features(one), find_features(two), expected_px, focal_px) is None
+    assert compare_gradients(slopes_of(one), slopes_of(two), expected_px, focal_px).shift is None
+
+
+@pytest.mark.parametrize("period_px", [16, 24])
+def test_a_pattern_that_repeats_is_not_believed(period_px: int) -> None:
+    stripes = np.full((240, 320, 3), 80, np.uint8)
+    stripes[:, np.arange(320) % period_px < period_px // 2] = 170
+    patch = patch_of(stripes, math.radians(20), 900.0)
+    found = compare_gradients(slopes_of(patch), slopes_of(patch), 90.0, 900.0)
+    assert found.shift is None
+    assert not found.contradicts
+    features = find_features(patch)
+    assert shift_by_features(features, features, 90.0, 900.0) is None
+
+
+def test_a_ring_is_ordered_to_the_right_and_begins_behind_its_widest_gap() -> None:
+    ring = ring_of(degrees(10, 100, -35, 55, 145), VIEW_RAD)
+    assert ring.order == (4, 1, 3, 0, 2)
+    assert not ring.is_closed
+    assert [math.degrees(turn_rad) for turn_rad in ring.turns_rad] == pytest.approx([45, 45, 45, 45, 180])
+
+
+def test_a_full_ring_is_closed_and_compares_its_last_frame_with_its_first() -> None:
+    ring = ring_of(degrees(*range(0, -360, -45)), VIEW_RAD)
+    assert ring.is_closed
+    assert list(ring.pairs(VIEW_RAD)) == [(number, (number + 1) % 8) for number in range(8)]
+
+
+def test_frames_at_one_yaw_are_no_full_ring() -> None:
+    ring = ring_of(degrees(5, 5, 5), VIEW_RAD)
+    assert not ring.is_closed
+    assert sorted(ring.order) == [0, 1, 2]
+
+
+def test_what_does_not_close_is_spread_evenly() -> None:
+    yaws_rad = degrees(*range(0, -360, -45))
+    ring = ring_of(yaws_rad, VIEW_RAD)
+    links = {(number, (number + 1) % 8): turned_by(45.5) for number in range(8)}
+    error_rad = closing_error_rad(ring, links, PX_PER_RAD)
+    assert error_rad is not None
+    assert math.degrees(error_rad) == pytest.approx(4)
+    places = settle(yaws_rad, ring, links, PX_PER_RAD)
+    assert [places[number][0] for number in range(8)] == pytest.approx([yaws_rad[number] for number in range(8)])
+
+
+def test_a_turn_that_no_picture_tells_takes_what_the_others_leave() -> None:
+    yaws_rad = degrees(*range(0, -360, -45))
+    ring = ring_of(yaws_rad, VIEW_RAD)
+    links = {(number, number + 1): turned_by(44) for number in range(7)}
+    places = settle(yaws_rad, ring, links, PX_PER_RAD)
+    turns_deg = [math.degrees(places[number][0] - places[number + 1][0]) for number in range(7)]
+    assert turns_deg == pytest.approx([44] * 7, abs=0.1)
+    assert math.degrees(places[7][0] - places[0][0]) % 360 == pytest.approx(52, abs=0.7)
+    assert sum(places[number][0] - yaws_rad[number] for number in range(8)) == pytest.approx(0, abs=1e-6)

@@ -1,0 +1,235 @@
+"""A driver and an emulator at the ends of a wire in memory, on a clock that moves only while something runs."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from itertools import count
+from typing import Any, ClassVar
+
+from eal_actors.kernel.clock import ManualClock
+from eal_actors.plugin import Activity, BytePort, FleetServices, PluginContext, ReopeningPort
+from plugins.evbot2 import plugin as evbot2_plugin
+from plugins.evbot2.body import FreeBody
+from plugins.evbot2.connecting import come_up
+from plugins.evbot2.device import Device
+from plugins.evbot2.emulator import evbot2, free_body
+from plugins.evbot2.faults import FaultyWire
+from plugins.evbot2.messages import Channel
+from plugins.evbot2.protocol import MODEL, HostCodec
+
+TICK_S = 0.01
+
+
+class HurriedClock(ManualClock):
+    """A clock on which who sleeps moves the time."""
+
+    def sleep(self, duration_s: float) -> None:
+        self.advance(duration_s)
+
+
+class MemoryPort:
+    """A port whose other end is a device; what the driver sends is kept."""
+
+    def __init__(self, device: Device, now: Callable[[], float]) -> None:
+        self.device = device
+        self.now = now
+        self.sent = bytearray()
+        self.is_cut = False
+        """Nothing comes through, either way."""
+        self.is_deaf = False
+        """The replies do not come through."""
+        self.is_broken = False
+        """The operating system knows of the loss."""
+        self.is_open = True
+        self.there: FaultyWire | None = None
+        self.back: FaultyWire | None = None
+        self._incoming = bytearray()
+
+    def write(self, data: bytes) -> int:
+        self._check()
+        self.sent += data
+        if not self.is_cut:
+            for piece in self.there.carry(data) if self.there else [data]:
+                self.deliver(piece)
+        return len(data)
+
+    def deliver(self, piece: bytes) -> None:
+        """Have the device get a piece, whoever sent it."""
+        for reply in self.device.replies(piece, self.now()):
+            if not self.is_deaf:
+                for arrived in self.back.carry(reply) if self.back else [reply]:
+                    self._incoming += arrived
+
+    def arrive(self, data: bytes) -> None:
+        """Put bytes on the line that nobody asked for."""
+        self._incoming += data
+
+    def read(self, size: int = 1) -> bytes:
+        self._check()
+        data = bytes(self._incoming[:size])
+        del self._incoming[:size]
+        return data
+
+    @property
+    def in_waiting(self) -> int:
+        self._check()
+        return len(self._incoming)
+
+    def reset_input_buffer(self) -> None:
+        self._incoming.clear()
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def _check(self) -> None:
+        if self.is_broken:
+            raise OSError(5, "Input/output error")
+
+
+class Rig:
+    """An EvBot II, its driver and whatever is between them.
+
+    Args:
+        is_there: whether its port can be opened at first.
+        settings: of the plugin.
+    """
+
+    plugin: Any = evbot2_plugin
+    address: ClassVar = {"port": "memory"}
+
+    def __init__(self, *, is_there: bool = True, **settings: Any) -> None:
+        self.clock = HurriedClock()
+        self.boots = count(41)
+        self.body = self.make_body()
+        self.device = self.make_device()
+        self.is_there = is_there
+        self.ports: list[MemoryPort] = []
+        checked = self.plugin.Settings.model_validate({**self.address, **settings})
+        self.context = PluginContext("rob", "evbot", checked, FleetServices(self.clock))
+        self.reopening = ReopeningPort(self._open, self.clock, "memory")
+        self.reopening.open()
+        self.talk, self.odometer = self.make_talk()
+        self.base = self.plugin.Base(self.talk, self.odometer, self.plugin.DRIVETRAIN)
+        self._order = count()
+        self._due: list[tuple[float, int, Activity]] = []
+        self._tick_at_s = self.clock.now()
+        self._results: dict[int, Any] = {}
+        self._begin(self.base.background())
+
+    # What differs between the makes.
+
+    def make_body(self) -> FreeBody:
+        return free_body(self.clock.now)
+
+    def make_device(self) -> Device:
+        return evbot2(self.body, TICK_S, next(self.boots))
+
+    def make_talk(self) -> Any:
+        codec, channels = HostCodec(), (Channel.WHEELS,)
+        return come_up(self.context, self.reopening, codec, model=MODEL, channels=channels, track_m=0.24)
+
+    # The wire.
+
+    def _open(self) -> BytePort:
+        if not self.is_there:
+            raise FileNotFoundError(2, "No such file or directory")
+        self.ports.append(MemoryPort(self.device, self.clock.now))
+        return self.ports[-1]
+
+    @property
+    def port(self) -> MemoryPort:
+        return self.ports[-1]
+
+    def switch_off_and_on(self) -> None:
+        """The base starts anew, and its encoders with it."""
+        self.body = self.make_body()
+        self.device = self.make_device()
+        for port in self.ports:
+            port.device = self.device
+
+    def come_back(self) -> None:
+        """The port can be opened again; returns when the driver has done so, which takes a real moment."""
+        self.is_there = True
+        assert self.reopening.wait_until_open(10.0)
+
+    # Time.
+
+    def _begin(self, activity: Activity) -> int:
+        number = next(self._order)
+        heapq.heappush(self._due, (self.clock.now(), number, activity))
+        return number
+
+    def _pass(self, until_s: float) -> None:
+        """Let time pass, with the device at work."""
+        while self._tick_at_s <= until_s:
+            self.clock.advance(max(0.0, self._tick_at_s - self.clock.now()))
+            self.device.tick(self.clock.now())
+            self._tick_at_s += TICK_S
+        self.clock.advance(max(0.0, until_s - self.clock.now()))
+
+    def _step(self, until_s: float) -> bool:
+        if not self._due or self._due[0][0] > until_s:
+            return False
+        at_s, number, activity = heapq.heappop(self._due)
+        self._pass(at_s)
+        try:
+            delay_s = next(activity)
+        except StopIteration as end:
+            self._results[number] = end.value
+        except Exception as error:  # noqa: BLE001  # whoever runs it gets it
+            self._results[number] = error
+        else:
+            heapq.heappush(self._due, (self.clock.now() + delay_s, number, activity))
+        return True
+
+    def wait(self, duration_s: float) -> None:
+        """Let time pass, with everything at work."""
+        end_s = self.clock.now() + duration_s
+        while self._step(end_s):
+            pass
+        self._pass(end_s)
+
+    def silence(self, duration_s: float) -> None:
+        """Let time pass for the device alone: the driver does nothing at all."""
+        end_s = self.clock.now() + duration_s
+        self._pass(end_s)
+        self._due = [(max(at_s, end_s), number, activity) for at_s, number, activity in self._due]
+        heapq.heapify(self._due)
+
+    def start(self, activity: Activity, duration_s: float = 0.0) -> int:
+        """Begin an activity, and let time pass."""
+        number = self._begin(activity)
+        self.wait(duration_s)
+        return number
+
+    def close(self, number: int) -> None:
+        """Close an activity that was begun, as a halt does."""
+        for entry in [entry for entry in self._due if entry[1] == number]:
+            self._due.remove(entry)
+            heapq.heapify(self._due)
+            entry[2].close()
+
+    def result(self, number: int, most_s: float = 60.0) -> Any:
+        """Wait for what an activity returns or raises."""
+        end_s = self.clock.now() + most_s
+        while number not in self._results:
+            assert self._step(end_s), f"it does not end in {most_s} s"
+        result = self._results[number]
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    def run(self, activity: Any) -> Any:
+        """Run an activity to its end and return its result; anything else is its own result."""
+        return self.result(self._begin(activity)) if hasattr(activity, "send") else activity
+
+    def do(self, *commands: str) -> None:
+        for text in commands:
+            assert self.run(self.base.send_cmd(text)) == 1
+
+    def stands_for(self, duration_s: float = 1.0) -> bool:
+        """Return whether the robot stands for a while, with everything at work."""
+        before = self.body.travel_m()
+        self.wait(duration_s)
+        return self.body.travel_m() == before

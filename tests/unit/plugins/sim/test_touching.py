@@ -1,0 +1,158 @@
+"""What happens where robots push walls, boxes and each other."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from eal_actors.kernel.clock import ManualClock
+from plugins.sim.models import MAKES, MakeName
+from plugins.sim.motion import Move
+from plugins.sim.robot import SimRobot
+from plugins.sim.world import SimBox, SimWorld
+from tests.unit.plugins.sim.rig import TICK_S, Fleet, arena
+
+CRATE = {"name": "crate", "x_m": 1.5, "y_m": 0.04, "yaw_deg": 10.0}
+
+
+@pytest.mark.parametrize("x_m", [2.5, 2.503])
+@pytest.mark.parametrize("model", ["evbot2", "evbot3", "roomba"])
+def test_a_wall_holds_and_the_motion_still_ends(model: str, x_m: float) -> None:
+    fleet = Fleet()
+    robot = fleet.add("r1", (x_m, 0, 0), model=model)
+    wall_m = 3.0 - robot.plugin.robot.make.radius_m
+    motion = robot.base.send_cmd("f3")
+    deepest_m, statuses = 0.0, set()
+    for _ in motion:
+        fleet.clock.advance(TICK_S)
+        deepest_m = max(deepest_m, robot.pose[0] - wall_m)
+        statuses.add(robot.base.get_status())
+    assert statuses == {0, 1, 2}
+    assert deepest_m < 0.002
+    end_m = robot.pose[0]
+    assert robot.pose == pytest.approx([wall_m, 0, 0], abs=0.001)
+    robot.do("b1")
+    assert robot.pose == pytest.approx([end_m - 1, 0, 0], abs=1e-6)
+
+
+def test_a_standing_robot_is_not_pushed() -> None:
+    fleet = Fleet()
+    mover, still = fleet.add("a", (0, 0, 0)), fleet.add("b", (0.6, 0, 0))
+    mover.do("f1")
+    assert still.pose == [0.6, 0, 0]
+    assert mover.pose[0] == pytest.approx(0.6 - 0.34, abs=0.002)
+
+
+def depth_m(box: SimBox, robot: SimRobot) -> float:
+    """Return how far a robot is in a box."""
+    (box_x, box_y, yaw_rad), (x_m, y_m, _) = box.pose, robot.pose
+    ahead_m = math.cos(yaw_rad) * (x_m - box_x) + math.sin(yaw_rad) * (y_m - box_y)
+    aside_m = math.cos(yaw_rad) * (y_m - box_y) - math.sin(yaw_rad) * (x_m - box_x)
+    half_x, half_y = box.model.size_m[0] / 2, box.model.size_m[1] / 2
+    return robot.make.radius_m - math.hypot(max(0.0, abs(ahead_m) - half_x), max(0.0, abs(aside_m) - half_y))
+
+
+@pytest.mark.parametrize("yaw_deg", [0, 35, 70])
+@pytest.mark.parametrize("x_m", [2.0, 2.0037, 2.0081])
+@pytest.mark.parametrize("model", MAKES)
+def test_at_full_speed_a_robot_sinks_into_a_wall_by_less_than_2_mm(model: MakeName, x_m: float, yaw_deg: float) -> None:
+    clock = ManualClock()
+    world = SimWorld(clock, 1, arena())
+    make = MAKES[model]
+    robot = world.join("r1", make, noise=True, start=(x_m, 0.0, math.radians(yaw_deg)))
+    with world.caught_up():
+        world.drive(robot, make.max_speed_m_s, make.max_speed_m_s)
+    deepest_m, blocked = -1.0, False
+    for _ in range(300):
+        clock.advance(TICK_S)
+        with world.caught_up():
+            robot_x_m, robot_y_m, _ = robot.pose
+            blocked |= robot.is_blocked
+        deepest_m = max(deepest_m, robot_x_m + make.radius_m - 3.0, robot_y_m + make.radius_m - 2.0)
+    assert -0.0001 < deepest_m < 0.002
+    assert blocked
+
+
+@pytest.mark.parametrize("model", MAKES)
+def test_a_box_between_a_robot_and_a_wall_is_sunk_into_by_less_than_2_mm(model: MakeName) -> None:
+    clock = ManualClock()
+    world = SimWorld(clock, 1, arena(boxes=({**CRATE, "yaw_deg": 0.0},)))
+    make = MAKES[model]
+    robot = world.join("r1", make, noise=False, start=(0.5, 0.0, 0.0))
+    (crate,) = world.boxes
+    with world.caught_up():
+        world.drive(robot, make.max_speed_m_s, make.max_speed_m_s)
+    deepest_m = into_wall_m = -1.0
+    for _ in range(300):
+        clock.advance(TICK_S)
+        with world.caught_up():
+            x_m, _, yaw_rad = crate.pose
+            deepest_m = max(deepest_m, depth_m(crate, robot))
+        into_wall_m = max(into_wall_m, x_m + 0.15 * (abs(math.cos(yaw_rad)) + abs(math.sin(yaw_rad))) - 3.0)
+    assert 0 < deepest_m < 0.002
+    assert -0.0001 < into_wall_m < 0.002
+
+
+@pytest.mark.parametrize("model", MAKES)
+def test_a_box_is_pushed_and_comes_to_rest(model: MakeName) -> None:
+    clock = ManualClock()
+    world = SimWorld(clock, 1, arena(boxes=(CRATE,)))
+    make = MAKES[model]
+    robot = world.join("r1", make, noise=False, start=(0.0, 0.0, 0.0))
+    (crate,) = world.boxes
+    with world.caught_up():
+        before = crate.pose
+        world.start(robot, Move.straight(make, 1.5, make.max_speed_m_s, world.tick_s))
+    clock.advance(20.0)
+    with world.caught_up():
+        x_m, y_m, _ = after = crate.pose
+        assert not crate.is_moving
+        assert robot.motion is None
+        assert depth_m(crate, robot) < 0.002
+    assert before == pytest.approx((1.5, 0.04, math.radians(10)))
+    assert 1.6 < x_m < 1.9
+    assert abs(y_m) < 0.15
+    clock.advance(20.0)
+    with world.caught_up():
+        assert crate.pose == after
+
+
+def test_a_box_slides_on_when_its_robot_stops_at_once_and_the_world_ticks_for_it() -> None:
+    clock = ManualClock()
+    world = SimWorld(clock, 1, arena(boxes=({**CRATE, "friction": 0.05},)))
+    robot = world.join("r1", MAKES["evbot3"], noise=False, start=(0.5, 0.04, 0.0))
+    (crate,) = world.boxes
+    with world.caught_up():
+        world.drive(robot, 0.6, 0.6)
+    clock.advance(2.0)
+    with world.caught_up():
+        world.stop(robot)
+        robot_pose, at_stop = robot.pose, crate.pose
+        assert crate.is_moving
+    clock.advance(2.0)
+    with world.caught_up():
+        slid_m = math.dist(crate.pose[:2], at_stop[:2])
+        assert robot.pose == robot_pose
+        assert not crate.is_moving
+    assert slid_m == pytest.approx(0.6**2 / (2 * 0.05 * 9.81), rel=0.1)  # v squared over 2 mu g
+
+
+def test_robots_that_drive_into_each_other_hold_each_other() -> None:
+    clock = ManualClock()
+    world = SimWorld(clock, 1, arena())
+    make = MAKES["roomba"]
+    one = world.join("one", make, noise=False, start=(-1.0, 0.0, 0.0))
+    other = world.join("other", make, noise=False, start=(1.0, 0.0, math.pi))
+    with world.caught_up():
+        for robot in (one, other):
+            world.drive(robot, 0.5, 0.5)
+    nearest_m = math.inf
+    for _ in range(200):
+        clock.advance(TICK_S)
+        with world.caught_up():
+            nearest_m = min(nearest_m, math.dist(one.pose[:2], other.pose[:2]))
+    assert 2 * make.radius_m - 0.004 < nearest_m < 2 * make.radius_m
+    with world.caught_up():
+        assert one.is_blocked
+        assert other.is_blocked
