@@ -9,8 +9,7 @@ from eal_actors import Fleet, RobotHandle, gather
 from eal_actors.device.world.formation import Formation
 from eal_actors.kernel.errors import UnavailableError
 from eal_actors.lab.choreography.aiming import leg_commands, turn_command
-from eal_actors.lab.choreography.shapes import plan_shape
-from eal_actors.lab.choreography.step import clearance_m
+from eal_actors.lab.choreography.step import clearance_m, plan_shape
 
 NEAR_M = 0.03
 MOST_LEGS = 100
