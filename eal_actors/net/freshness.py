@@ -34,6 +34,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, Generic, NamedTuple, TypeVar
 
@@ -87,20 +88,20 @@ class Stamper:
     Args:
         client: 16 hexadecimal digits, new in each process of a controller.
 
+    Attributes:
+        epoch: number of the connection to the robot.
+        number: returns the number of the next call, for calls that are no commands. Thread: any.
+
     Thread: one at a time.
     """
 
     def __init__(self, client: str) -> None:
         self.client: Final = client
         self.epoch = 0
-        self._numbers = itertools.count(1)
+        self.number: Final[Callable[[], int]] = itertools.count(1).__next__
         self._era: str | None = None
         self._echo_s = 0.0
         self._came_s = 0.0
-
-    def number(self) -> int:
-        """Return the number of the next call; `stamp` numbers commands. Thread: any."""
-        return next(self._numbers)
 
     def reconnect(self) -> None:
         """Begin a new epoch: once the robot knows it (`CommandHistory.enter`), it refuses earlier commands."""
