@@ -1,7 +1,7 @@
 """List the files of the project that one call enters: `python -m tests.house.entered value|command|scenario`.
 
-`value` reads a simulated robot's Pose by the synchronous facade, `command` drives a simulated robot a little, and `scenario` runs
-a scenario of one step on the bundled fleet. Every thread is traced with `sys.setprofile`.
+`value` reads a simulated robot's Pose by the synchronous facade, `command` drives a simulated robot a little, and
+`scenario` runs a scenario of one step on the bundled fleet. Every thread is traced with `sys.setprofile`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Find phrases that do not belong in plain technical English: `python -m tests.house.prose`, a part of `make check`.
 
-It reads every tracked text that people read: Python, JavaScript, YAML, Markdown and the programs' templates. Ends with 1 if it finds a
-phrase. The rules for prose are in CONTRIBUTING.md; this list holds the habits that must not come back.
+It reads every tracked text: Python, JavaScript, YAML, Markdown and templates. It ends with 1 if it finds a phrase.
+The rules for prose are in CONTRIBUTING.md; this list holds the habits that must not come back.
 """
 
 from __future__ import annotations
