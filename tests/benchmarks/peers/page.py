@@ -23,9 +23,9 @@ WHAT: Final[Mapping[str, str]] = {
 _TEXT: Final = """\
 # Comparison with peers
 
-`make bench-peers` writes this page. It runs the same work through this project, the engines below it and other projects, in
-turn in one run, with all processes on one core. Each figure is the median over {rounds} rounds. The number in brackets is the
-ratio to raw TCP, the median of the rounds' ratios. Smaller is better.
+`make bench-peers` writes this page. It runs the same work through this project, the engines below it and other
+projects, in turn in one run, with all processes on one core. Each figure is the median over {rounds} rounds.
+The number in brackets is the ratio to raw TCP, the median of the rounds' ratios. Smaller is better.
 
 {table}
 
