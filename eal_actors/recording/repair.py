@@ -1,4 +1,4 @@
-"""Makes one record of what a run that was cut off has left behind, and of what follows when it goes on."""
+"""Repair of an interrupted run's record, and the merge of its parts when the run was resumed."""
 
 from __future__ import annotations
 
@@ -8,29 +8,36 @@ from typing import Final
 
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.kernel.log import get_logger
-from eal_actors.recording.mcap_file import RECORD_FILE, McapFile
-from eal_actors.recording.record_writer import ARENA_TOPIC, EVENTS_TOPIC, pose_topic, write_event, write_pose
+from eal_actors.recording.mcap_file import (
+    ARENA_TOPIC,
+    EVENTS_TOPIC,
+    RECORD_FILE,
+    McapFile,
+    pose_topic,
+    write_event,
+    write_pose,
+)
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.scenario.journal import cut_half_line
 
 PART_FILE: Final = "run-2.mcap"
-"""What a run that goes on writes, until it is over and all of it stands in one file."""
+"""The file of a resumed run until its end, when it is merged into RECORD_FILE."""
 _MS: Final = 1000
 _ROUNDING_S: Final = 0.0005
-"""The paths' table has times to a thousandth of a second."""
+"""Times in `trajectory.csv` are rounded to a thousandth of a second."""
 
 
-def mend_record(directory: Path) -> float:
-    """Make the record of a run that was cut off whole: nothing that reached the disk is lost.
+def repair_record(directory: Path) -> float:
+    """Repair the record of an interrupted run: nothing that reached the disk is lost.
 
     Args:
         directory: the run's folder.
 
     Returns:
-        When the run goes on: just after all that is recorded, in seconds since its start.
+        The time at which the run is to be resumed, just after the last entry, in seconds since its start.
 
     Raises:
-        ScenarioError: it is no folder of a run, or a file of it is broken.
+        ScenarioError: it is no folder of a run, or a file in it is broken.
         OSError: a file cannot be written.
     """
     if (directory / TRAJECTORY).exists():
@@ -39,16 +46,16 @@ def mend_record(directory: Path) -> float:
     times_s = [float(event["time_s"]) for event in run.events]
     times_s += [path[-1].time_s for path in run.paths.values()]
     try:
-        times_s.append(join_record(run))
+        times_s.append(merge_record(run))
     except UnsupportedError as error:
-        get_logger().warning("the record for other tools ends where the run was cut off", reason=error.message)
+        get_logger().warning("run.mcap ends where the run was interrupted", reason=error.message)
     return (math.ceil(max(times_s) * _MS) + 1) / _MS
 
 
-def join_record(run: RunFolder) -> float:
-    """Make one `run.mcap` of what its parts hold, as far as they go.
+def merge_record(run: RunFolder) -> float:
+    """Merge the parts of a record into one `run.mcap`.
 
-    What the torn end of a part lacks is taken from `events.jsonl` and `trajectory.csv`, which lose nothing.
+    The lost end of a part is restored from `events.jsonl` and `trajectory.csv`, which lose nothing.
 
     Returns:
         The time of the newest message, in seconds since the run's start.
@@ -65,7 +72,7 @@ def join_record(run: RunFolder) -> float:
         for part in parts:
             if part.exists():
                 file.copy(part, without=[topic for topic in (ARENA_TOPIC,) if topic in file.counts])
-        _add_lost(file, run)
+        _restore_lost(file, run)
     finally:
         file.close()
     unfinished.replace(parts[0])
@@ -73,7 +80,7 @@ def join_record(run: RunFolder) -> float:
     return max(file.newest_s.values(), default=0.0)
 
 
-def _add_lost(file: McapFile, run: RunFolder) -> None:
+def _restore_lost(file: McapFile, run: RunFolder) -> None:
     for event in run.events[file.counts.get(EVENTS_TOPIC, 0) :]:
         write_event(file, event)
     for robot, path in run.paths.items():
