@@ -38,8 +38,8 @@ def _stop_ignoring_signals() -> None:
 _stop_ignoring_signals()
 
 LONG: Final = (
-    *("evbotos", "docs", "house", "soak", "scenarios", "conformance"),
-    *("fuzz", "net", "faults", "cli", "security", "dashboard"),
+    *("evbotos", "docs", "house", "soak", "scenarios", "testing"),
+    *("fuzz", "net", "faults", "cli", "security", "operate"),
 )
 """Folders whose files take long, the longest first: none of them is to be left over when the other workers are done."""
 

@@ -18,7 +18,7 @@ from eal_actors.cli.world import summarize_world
 from eal_actors.device.world import load_world
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.yaml_source import load_yaml
-from eal_actors.managers.config import EALConfigManager, fleet_schema, world_schema
+from eal_actors.managers.config import EALConfigManager, fleet_schema, manifest_schema, world_schema
 from eal_actors.scenario import load_scenario, scenario_schema
 
 
@@ -42,10 +42,12 @@ class FileCheck:
 
 
 def print_schema(
-    kind: Annotated[Literal["fleet", "scenario", "world"], typer.Argument(help="Kind of file.", show_default=False)],
+    kind: Annotated[
+        Literal["fleet", "scenario", "world", "plugin"], typer.Argument(help="Kind of file.", show_default=False)
+    ],
 ) -> None:
     """Print the JSON Schema of a kind of file, for editors that complete and check it."""
-    makers = {"fleet": fleet_schema, "scenario": scenario_schema, "world": world_schema}
+    makers = {"fleet": fleet_schema, "scenario": scenario_schema, "world": world_schema, "plugin": manifest_schema}
     write_json(makers[kind]())
 
 

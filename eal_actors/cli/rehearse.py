@@ -19,7 +19,7 @@ from eal_actors.cli.progress import STYLES
 from eal_actors.cli.run_options import RunOptions, RunRequest, read_request
 from eal_actors.lab.rehearsal import ClosestApproach, Incident, Rehearsal, rehearse
 from eal_actors.lab.rehearsal.proximity import TOUCH_M
-from eal_actors.managers.twins import Simulated, simulated
+from eal_actors.managers.twins import SimulatedFleet, simulated
 from eal_actors.scenario import Scenario
 from eal_actors.scenario.plan import bind_roles
 from eal_actors.scenario.step_places import step_place
@@ -72,7 +72,7 @@ def rehearse_scenario(
 
 
 def _rehearse_all(
-    console: Console, request: RunRequest, twins: Simulated, margin_m: float, seeds: Sequence[int]
+    console: Console, request: RunRequest, twins: SimulatedFleet, margin_m: float, seeds: Sequence[int]
 ) -> list[Rehearsal]:
     done: list[Rehearsal] = []
     for seed in seeds:
@@ -83,8 +83,8 @@ def _rehearse_all(
     return done
 
 
-def _print_substitutes(console: Console, twins: Simulated) -> None:
-    for name, why in twins.stand_ins.items():
+def _print_substitutes(console: Console, twins: SimulatedFleet) -> None:
+    for name, why in twins.replaced.items():
         print_line(console, f"{name}: {why}", "dim")
     for name, why in twins.left_out.items():
         print_line(console, f"{name}: left out: {why}", "yellow")
@@ -160,7 +160,7 @@ def _place(place_m: tuple[float, float]) -> str:
 
 
 def _rehearsals_as_json(
-    request: RunRequest, twins: Simulated, margin_m: float, done: Sequence[Rehearsal]
+    request: RunRequest, twins: SimulatedFleet, margin_m: float, done: Sequence[Rehearsal]
 ) -> dict[str, Any]:
     return {
         "scenario": request.scenario.name,
@@ -168,7 +168,7 @@ def _rehearsals_as_json(
         "parameters": dict(request.scenario.parameters),
         "margin_m": margin_m,
         "is_clear": all(one.is_clear for one in done),
-        "stand_ins": dict(twins.stand_ins),
+        "stand_ins": dict(twins.replaced),
         "left_out": dict(twins.left_out),
         "runs": [
             {

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.lab.sweeping.results import SweepResult
-from eal_actors.recording.figure import draw_grid, new_figure
+from eal_actors.recording.arena import draw_grid, new_figure
 from eal_actors.scenario import Scenario
 
 if TYPE_CHECKING:
