@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Final, Literal, Self, TypeAlias
 
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.device.data import DataType, EALData
+from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceInfo, ResourceType
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, UnsupportedError
@@ -37,18 +37,6 @@ FRAME_PERIOD_S: Final = 0.2
 _ANGLES: Final = "angles"
 """The request by which a scanner tells where its rays point."""
 RUN: Final = "run"
-
-
-def is_image(info: ResourceInfo) -> bool:
-    """Return whether a resource's values are RGB images."""
-    value = info.value
-    return (
-        value is not None
-        and value.type is DataType.CHAR
-        and len(value.shape) == 3
-        and value.shape[2] == 3
-        and ResourceType.SENSOR in info.types
-    )
 
 
 class RunRecorder:
@@ -109,7 +97,7 @@ class RunRecorder:
                     yield Wish(resource, POSE_PERIOD_S)
                 elif extent == "poses" or info.value is None or ResourceType.SENSOR not in info.types:
                     continue
-                elif not is_image(info):
+                elif not info.is_camera:
                     yield Wish(resource, SENSOR_PERIOD_S)
                 elif extent == "all":
                     yield Wish(resource, FRAME_PERIOD_S)

@@ -3,7 +3,7 @@
 import { colour, el, fitCanvas, setText } from "./dom.js";
 import { stateOf, store } from "./store.js";
 
-/** @import { Arena, ArenaShape, Point, View } from "./types" */
+/** @import { World, WorldShape, Point, View } from "./types" */
 /** @typedef {CanvasRenderingContext2D} Context */
 
 const HUES = [212, 28, 150, 330, 268, 60, 188, 0];
@@ -16,7 +16,7 @@ const REDRAW_TRAILS_MS = 1500;
 const ZOOM = 1.3;
 const GRID_M = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50];
 const GRID_PX = 34;
-const NO_WORLD = [-2, -1.5, 2, 1.5];
+const DEFAULT_BOUNDS = [-2, -1.5, 2, 1.5];
 
 /** @param {HTMLElement} root @returns {View} */
 export function mapView(root) {
@@ -92,7 +92,7 @@ class FleetMap {
   update(changed) {
     const robots = Object.keys(store.poses).length;
     const isFirst = robots > 0 && !this.hasPoses;
-    if (changed.has("hello") || isFirst || (!store.hello?.arena && this.camera.isFitted)) {
+    if (changed.has("hello") || isFirst || (!store.hello?.world && this.camera.isFitted)) {
       this.hasPoses = robots > 0;
       this.fit();
     }
@@ -166,15 +166,15 @@ class FleetMap {
   draw() {
     const { clientWidth: width, clientHeight: height } = this.frame;
     const context = fitCanvas(this.canvas, width, height);
-    const arena = store.hello?.arena;
+    const world = store.hello?.world;
     context.fillStyle = colour("--ground");
     context.fillRect(0, 0, width, height);
-    if (arena) {
+    if (world) {
       context.fillStyle = colour("--floor");
-      context.fillRect(...this.rectangleOf(arena));
+      context.fillRect(...this.rectangleOf(world));
     }
     this.drawGrid(context, width, height);
-    if (arena) this.drawArena(context, arena);
+    if (world) this.drawWorld(context, world);
     if (this.options.trails) this.drawTrails(context, width, height);
     store.names().forEach((name, index) => {
       this.drawRobot(context, name, index);
@@ -182,7 +182,7 @@ class FleetMap {
     if (this.options.names && store.names().length <= MAX_NAMES) this.drawNames(context);
   }
 
-  /** @param {Arena} arena @returns {[number, number, number, number]} */
+  /** @param {World} world @returns {[number, number, number, number]} */
   rectangleOf({ size_m: [width_m, height_m] }) {
     const { scale } = this.camera;
     return [...this.toScreen(-width_m / 2, height_m / 2), width_m * scale, height_m * scale];
@@ -208,27 +208,27 @@ class FleetMap {
       context.lineTo(width, row);
     }
     context.stroke();
-    const arena = store.hello?.arena;
-    setText(this.extent, `grid ${step} m · ${arena ? arena.name : "no world file: scaled to the robots' poses"}`);
+    const world = store.hello?.world;
+    setText(this.extent, `grid ${step} m · ${world ? world.name : "no world file: scaled to the robots' poses"}`);
   }
 
-  /** @param {Context} context @param {Arena} arena */
-  drawArena(context, arena) {
-    for (const shape of arena.shapes) this.drawShape(context, shape);
+  /** @param {Context} context @param {World} world */
+  drawWorld(context, world) {
+    for (const shape of world.shapes) this.drawShape(context, shape);
     context.strokeStyle = colour("--wall");
     context.lineWidth = 3;
-    context.strokeRect(...this.rectangleOf(arena));
+    context.strokeRect(...this.rectangleOf(world));
     context.lineWidth = 5;
     context.strokeStyle = POSTER_COLOUR;
     context.beginPath();
-    for (const [x0, y0, x1, y1] of arena.posters) {
+    for (const [x0, y0, x1, y1] of world.posters) {
       context.moveTo(...this.toScreen(x0, y0));
       context.lineTo(...this.toScreen(x1, y1));
     }
     context.stroke();
     context.strokeStyle = colour("--ink");
     context.lineWidth = 1;
-    for (const beacon of arena.beacons) {
+    for (const beacon of world.beacons) {
       context.beginPath();
       context.arc(...this.toScreen(beacon.x_m, beacon.y_m), 6, 0, 2 * Math.PI);
       context.fillStyle = `rgb(${beacon.colour.join(" ")})`;
@@ -237,7 +237,7 @@ class FleetMap {
     }
   }
 
-  /** @param {Context} context @param {ArenaShape} shape */
+  /** @param {Context} context @param {WorldShape} shape */
   drawShape(context, shape) {
     const { scale } = this.camera;
     context.save();
@@ -394,13 +394,13 @@ class FleetMap {
 
 /** Return the extent to show, in metres: left, low, right, high. */
 function bounds() {
-  const arena = store.hello?.arena;
-  if (arena) {
-    const [width_m, height_m] = arena.size_m;
+  const world = store.hello?.world;
+  if (world) {
+    const [width_m, height_m] = world.size_m;
     return [-width_m / 2, -height_m / 2, width_m / 2, height_m / 2];
   }
   const points = [...Object.values(store.poses).map((pose) => pose.at), ...Object.values(store.trails).flat()];
-  if (!points.length) return NO_WORLD;
+  if (!points.length) return DEFAULT_BOUNDS;
   let [left, low, right, high] = [Infinity, Infinity, -Infinity, -Infinity];
   for (const [x, y] of points) {
     left = Math.min(left, x);

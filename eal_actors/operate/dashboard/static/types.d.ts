@@ -1,6 +1,6 @@
 // Types of the page: messages of the websocket, entries of the store, and views. Read by tsc only; never served.
-// The server's side of the messages is in messages.py (page to server), and in watcher.py, runs.py, log_tap.py,
-// world_drawing.py and commander.py (server to page).
+// The server's side of the messages is in messages.py (page to server), and in fleet_poller.py, run_manager.py, log_tap.py,
+// world_map.py and dispatcher.py (server to page).
 
 // Messages from the server.
 
@@ -11,7 +11,7 @@ export type Point = [number, number];
 export interface Hello {
   fleet: string;
   robots: string[];
-  arena: Arena | null;
+  world: World | null;
   trails: Record<string, Point[]>;
   /** Seconds of the fleet's clock in one real second. */
   rate: number;
@@ -141,17 +141,17 @@ export interface StepRecord {
 }
 
 /** The world's shapes, in metres. */
-export interface Arena {
+export interface World {
   name: string;
   size_m: [number, number];
-  shapes: ArenaShape[];
+  shapes: WorldShape[];
   /** x and y of both ends. */
   posters: [number, number, number, number][];
   /** Colours are red, green and blue of 0 to 255. */
   beacons: { x_m: number; y_m: number; name: string; colour: number[] }[];
 }
 
-export type ArenaShape = { kind: "drop" | "obstacle" | "box"; x_m: number; y_m: number } & (
+export type WorldShape = { kind: "drop" | "obstacle" | "box"; x_m: number; y_m: number } & (
   | { radius_m: number }
   | { size_m: [number, number]; yaw_deg: number }
 );
