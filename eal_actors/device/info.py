@@ -221,7 +221,7 @@ class ResourceInfo:
 
     @property
     def is_camera(self) -> bool:
-        """Whether its values are RGB images, uint8 of shape (height, width, 3)."""
+        """Whether it is a sensor whose values are RGB images."""
         value = self.value
         is_image = value is not None and value.type is DataType.CHAR and len(value.shape) == 3 and value.shape[2] == 3
         return is_image and ResourceType.SENSOR in self.types

@@ -50,7 +50,7 @@ def main() -> int:
     try:
         done = check()
     except NotCheckedError as error:
-        print(f"NOT CHECKED: the dashboard's JavaScript. {error}")
+        sys.stdout.write(f"NOT CHECKED: the dashboard's JavaScript. {error}\n")
         return 0
     sys.stdout.write(done.stdout)
     sys.stderr.write(done.stderr)

@@ -14,7 +14,7 @@ from tests.chromium import FLAGS, MISSING, find_chromium
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
-    """The browser, for one module: its driver runs an event loop in the main thread, which other tests must not meet."""
+    """The browser, for one module: its driver runs an event loop in the main thread, which disturbs other tests."""
     program = find_chromium()
     if program is None:
         pytest.skip(MISSING)
