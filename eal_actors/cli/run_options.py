@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 import typer
 
 from eal_actors.cli.fleets import check_plugins, read_fleet
-from eal_actors.facade.elsewhere import FLEET_VARIABLE
+from eal_actors.facade.connections import FLEET_VARIABLE
 from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
 from eal_actors.kernel.lock_step import MAX, Rate
 from eal_actors.managers.fleet_model import FleetConfig
