@@ -11,7 +11,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.recording.mcap_file import RECORD_FILE, McapFile
 from eal_actors.recording.record_writer import ARENA_TOPIC, EVENTS_TOPIC, pose_topic, write_event, write_pose
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
-from eal_actors.scenario.journal import cut_half_line
+from eal_actors.scenario.report.journal import cut_half_line
 
 PART_FILE: Final = "run-2.mcap"
 """What a run that goes on writes, until it is over and all of it stands in one file."""

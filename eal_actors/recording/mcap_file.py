@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from eal_actors.kernel.errors import ScenarioError, UnsupportedError
 from eal_actors.recording.messages import Message, nanoseconds
 from eal_actors.recording.schemas import SchemaOf
-from eal_actors.scenario.strict_json import as_json
+from eal_actors.scenario.report.records import as_json
 
 if TYPE_CHECKING:
     from mcap.records import McapRecord

@@ -11,7 +11,7 @@ from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
 from eal_actors.recording.picture import draw_trajectory
 from eal_actors.recording.run_folder import RunFolder
-from eal_actors.scenario.report import Report
+from eal_actors.scenario.report.summary import Report
 
 PICTURE = "trajectory.png"
 

@@ -14,8 +14,8 @@ from pydantic import ValidationError
 from eal_actors.kernel.errors import ScenarioError, shown
 from eal_actors.recording.mcap_file import RECORD_FILE, McapContent, read_mcap
 from eal_actors.recording.pose_sample import PoseSample
-from eal_actors.scenario.report import Report
-from eal_actors.scenario.resuming import EVENTS, SUMMARY
+from eal_actors.scenario.report.journal import EVENTS, SUMMARY
+from eal_actors.scenario.report.summary import Report
 
 TRAJECTORY: Final = "trajectory.csv"
 

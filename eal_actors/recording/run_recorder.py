@@ -26,8 +26,8 @@ from eal_actors.recording.recorded_run import INFOS
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.recording.sampler import Sampler, Wish
 from eal_actors.recording.table import TrajectoryTable
-from eal_actors.scenario.events import Event, RunContinued, RunStarted, StepEnded
-from eal_actors.scenario.report import StepRecord
+from eal_actors.scenario.report.events import RunContinued, RunEvent, RunStarted, StepEnded
+from eal_actors.scenario.report.summary import StepRecord
 
 Extent: TypeAlias = Literal["poses", "sensors", "all"]
 """What is recorded beside the run's events: poses; the values of every sensor but images; or those as well."""
@@ -174,7 +174,7 @@ class RunRecorder:
 
     # What the run does. Thread: the run's.
 
-    def hear(self, event: Event) -> None:
+    def hear(self, event: RunEvent) -> None:
         """Record an event of the run; the first one tells when it began."""
         with self._lock:
             if isinstance(event, RunStarted | RunContinued) and self._start_s is None:

@@ -18,13 +18,13 @@ from eal_actors.operate.dashboard.hub import Hub
 from eal_actors.operate.dashboard.run_record import REPORT, RunRecord
 from eal_actors.scenario import (
     Checkpoint,
-    Event,
     LogLine,
     Plan,
     Report,
     RobotDropped,
     Run,
     RunEnded,
+    RunEvent,
     RunPaused,
     RunResumed,
     RunStarted,
@@ -196,7 +196,7 @@ class Runs:
 
     # What happens. Thread: the run's.
 
-    def _hear(self, event: Event) -> None:
+    def _hear(self, event: RunEvent) -> None:
         if isinstance(event, Checkpoint):
             return
         with self._showing:
@@ -206,7 +206,7 @@ class Runs:
             fields["started_s"] = self._fleet.clock.now() - event.time_s
         self._hub.tell("events", fields)
 
-    def _note(self, event: Event) -> None:
+    def _note(self, event: RunEvent) -> None:
         """Keep what is shown of the run as a whole, and what each robot does."""
         shown_ = dict(self._shown)
         match event:
