@@ -21,8 +21,8 @@ settings.load_profile("patient")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 LONG: Final = (
-    *("evbotos", "docs", "house", "soak", "scenarios", "conformance"),
-    *("fuzz", "net", "faults", "cli", "security", "dashboard"),
+    *("evbotos", "docs", "house", "soak", "scenarios", "testing"),
+    *("fuzz", "net", "faults", "cli", "security", "operate"),
 )
 """Folders whose files take long, the longest first: none of them is to be left over when the other workers are done."""
 

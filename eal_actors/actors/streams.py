@@ -11,7 +11,7 @@ from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.feeds import Item, StreamSpec
 from eal_actors.actors.polling import PolledFeed
 from eal_actors.device.data import EALData
-from eal_actors.kernel.clock import new_waiter
+from eal_actors.kernel.clock import new_waiter, wait_in_scope
 from eal_actors.kernel.errors import BusyError, DeadlineError, EALError, UnavailableError
 
 _PASSING: Final = (UnavailableError, BusyError, DeadlineError)
@@ -79,6 +79,7 @@ class Stream(Iterator[EALData]):
             StopIteration: the stream is closed.
             UnavailableError: the robot is disconnected or has failed; or it was out of reach until the time-out.
             DeadlineError: no value came until the time-out.
+            CallCancelledError: the caller's task was cancelled.
             EALError: what get_value failed with.
 
         Thread: blocks the caller.
@@ -102,7 +103,7 @@ class Stream(Iterator[EALData]):
                 continue
             left_s = end_s - clock.now()
             if left_s > 0:
-                clock.wait(waiter, left_s)
+                wait_in_scope(clock, waiter, left_s)
             with self._lock:
                 if waiter in self._waiters:  # nobody has woken it
                     self._waiters.remove(waiter)

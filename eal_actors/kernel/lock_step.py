@@ -25,7 +25,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar, Final, Literal, TypeAlias
 
-from eal_actors.kernel.clock import Clock, ScaledClock, acquire_alert, new_waiter, release
+from eal_actors.kernel.clock import Clock, ScaledClock, acquire_alert, new_waiter, release, wait_in_scope
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.timers import Timer, TimerHeap
 
@@ -141,7 +141,7 @@ class LockStepClock:
 
     def sleep(self, duration_s: float) -> None:
         """See Clock."""
-        self.wait(new_waiter(), duration_s)
+        wait_in_scope(self, new_waiter(), duration_s)
 
     def start(self, thread: threading.Thread) -> None:
         """See Clock."""

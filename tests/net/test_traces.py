@@ -10,7 +10,8 @@ from opentelemetry import trace
 from opentelemetry.sdk.trace import ReadableSpan
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
 
-from eal_actors import Fleet, spans
+from eal_actors import Fleet
+from eal_actors.kernel import spans
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.operate.tracing import Tracing, exporter_to
 from eal_actors.scenario import run_scenario
