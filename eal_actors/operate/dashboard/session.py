@@ -1,4 +1,4 @@
-"""One browser at the other end of a websocket: what it says is done, and it gets the news as fast as it reads."""
+"""BrowserSession: one browser's websocket. It executes messages and sends updates as fast as the browser reads."""
 
 from __future__ import annotations
 
@@ -19,193 +19,200 @@ from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import AccessDeniedError, ArgumentError, BusyError, EALError
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.access import Access
-from eal_actors.operate.dashboard.bell import Bell
 from eal_actors.operate.dashboard.cameras import CameraKey, Cameras
-from eal_actors.operate.dashboard.commander import Commander, failure
-from eal_actors.operate.dashboard.hub import Hub, Reader
+from eal_actors.operate.dashboard.dispatcher import Dispatcher, failure
 from eal_actors.operate.dashboard.limits import (
     COMMANDS_AT_ONCE,
     COMMANDS_PER_S,
     MESSAGES_AT_ONCE,
     MESSAGES_PER_S,
-    Allowance,
+    TokenBucket,
 )
-from eal_actors.operate.dashboard.messages import COMMANDS, Drive, Hello, LetGo, Stop, Watch, parse_message
+from eal_actors.operate.dashboard.messages import (
+    COMMANDS,
+    DriveRobot,
+    Hello,
+    ReleaseRobot,
+    StopAll,
+    Watch,
+    parse_message,
+)
+from eal_actors.operate.dashboard.notifier import Notifier
+from eal_actors.operate.dashboard.state_store import StateReader, StateStore
 
 HELLO_S: Final = 5.0
-"""Real seconds within which a browser must say who it is."""
+"""Real seconds within which a browser must send its first message."""
 STUCK_S: Final = 10.0
-"""Real seconds after which a browser that reads nothing is cut off."""
+"""Real seconds after which a browser that reads nothing is disconnected."""
 MOST_ANSWERS: Final = 200
 SEND_PERIOD_S: Final = 1 / 60
-"""The least real time between two messages of news."""
+"""The least real time between two updates."""
 POLICY_VIOLATION: Final = 1008
 _numbers = itertools.count(1)
 
 
 @dataclass(frozen=True)
-class Backstage:
-    """What all browsers of a dashboard share.
+class AppState:
+    """The application state, which all browsers of a dashboard share.
 
     Attributes:
-        hub: the state.
-        bell: rings when something is new.
-        access: who may command.
-        commander: carries out what they say.
-        cameras: their frames.
+        store: the state that browsers show.
+        notifier: notifies of changes.
+        access: the access rules.
+        dispatcher: executes messages.
+        cameras: the cameras' frames.
         clock: the fleet's clock.
-        introduction: makes what a browser must know first, in the loop's thread.
+        introduction: makes the first message to a browser, in the loop's thread.
         report: finds the report page of a run by the name of its folder.
     """
 
-    hub: Hub
-    bell: Bell
+    store: StateStore
+    notifier: Notifier
     access: Access
-    commander: Commander
+    dispatcher: Dispatcher
     cameras: Cameras
     clock: Clock
     introduction: Callable[[], Mapping[str, Any]]
     report: Callable[[str], Path | None]
 
 
-class Browser:
-    """Speaks with one page, from its first word to its last. Thread: the loop's.
+class BrowserSession:
+    """Serves one page, from its first message to its last. Thread: the loop's.
 
     Args:
         websocket: the connection, not accepted yet.
-        backstage: what it has in common with others.
+        app_state: the application state.
     """
 
-    def __init__(self, websocket: WebSocket, backstage: Backstage) -> None:
+    def __init__(self, websocket: WebSocket, app_state: AppState) -> None:
         self.name: Final = f"browser {next(_numbers)}"
         self._websocket = websocket
-        self._backstage = backstage
-        self._may_not: str | None = "say hello first"
-        self._event = backstage.bell.listen()
+        self._app_state = app_state
+        self._denied: str | None = "the first message must be hello"
+        self._event = app_state.notifier.subscribe()
         self._answers: deque[dict[str, Any]] = deque(maxlen=MOST_ANSWERS)
         self._cameras: tuple[CameraKey, ...] = ()
         self._frame_period_s = 0.2
         self._frames: dict[CameraKey, tuple[int, float]] = {}
-        self._messages = Allowance(MESSAGES_PER_S, MESSAGES_AT_ONCE)
-        self._commands = Allowance(COMMANDS_PER_S, COMMANDS_AT_ONCE)
-        self._errand: asyncio.Task[None] | None = None
+        self._messages = TokenBucket(MESSAGES_PER_S, MESSAGES_AT_ONCE)
+        self._commands = TokenBucket(COMMANDS_PER_S, COMMANDS_AT_ONCE)
+        self._file_task: asyncio.Task[None] | None = None
 
     async def serve(self) -> None:
-        """Speak with it until it goes."""
+        """Serve the page until it disconnects."""
         await self._websocket.accept()
         tasks: list[asyncio.Task[None]] = []
         try:
             await self._greet()
-            tasks = [asyncio.create_task(self._listen()), asyncio.create_task(self._tell())]
+            tasks = [asyncio.create_task(self._receive_messages()), asyncio.create_task(self._send_updates())]
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
         except (WebSocketDisconnect, TimeoutError):
             pass
         except EALError as error:
-            await self._turn_away(error)
+            await self._reject(error)
         finally:
-            self._backstage.bell.leave(self._event)
-            self._backstage.commander.leave(self.name)
-            for task in [*tasks, *([self._errand] if self._errand is not None else [])]:
+            self._app_state.notifier.unsubscribe(self._event)
+            self._app_state.dispatcher.leave(self.name)
+            for task in [*tasks, *([self._file_task] if self._file_task is not None else [])]:
                 task.cancel()
                 with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, TimeoutError, EALError):
                     await task
 
     async def _greet(self) -> None:
         async with asyncio.timeout(HELLO_S):
-            hello = parse_message(await self._heard())
+            hello = parse_message(await self._receive())
         if not isinstance(hello, Hello):
-            raise ArgumentError("say hello first")
-        self._may_not = self._backstage.access.refusal(hello.token)
-        rights = {"you": self.name, "may_command": self._may_not is None, "why": self._may_not}
-        introduction = {**self._backstage.introduction(), **rights}
-        await self._send_text({"hello": introduction})
+            raise ArgumentError("the first message must be hello")
+        self._denied = self._app_state.access.refusal(hello.token)
+        rights = {"you": self.name, "may_command": self._denied is None, "why": self._denied}
+        await self._send_text({"hello": {**self._app_state.introduction(), **rights}})
 
-    async def _turn_away(self, error: EALError) -> None:
-        get_logger().warning("a browser was turned away", browser=self.name, reason=error.message)
+    async def _reject(self, error: EALError) -> None:
+        get_logger().warning("a browser was disconnected", browser=self.name, reason=error.message)
         if self._websocket.application_state is WebSocketState.CONNECTED:
             with contextlib.suppress(TimeoutError, WebSocketDisconnect, RuntimeError):
                 async with asyncio.timeout(STUCK_S):
                     await self._websocket.close(POLICY_VIOLATION, error.message[:100])
 
-    # What it says.
+    # Incoming messages.
 
-    async def _heard(self) -> str:
+    async def _receive(self) -> str:
         message = await self._websocket.receive()
         if message["type"] == "websocket.disconnect":
             raise WebSocketDisconnect(message.get("code") or 1000)
         text = message.get("text")
         if not isinstance(text, str):
-            raise ArgumentError("messages are text")
+            raise ArgumentError("messages must be text")
         return text
 
-    async def _listen(self) -> None:
+    async def _receive_messages(self) -> None:
         while True:
-            text = await self._heard()
+            text = await self._receive()
             if not self._messages.take(REAL_TIME.now()):
                 raise BusyError("too many messages")
             message = parse_message(text)
             refused = self._refusal(message)
             if refused is not None:
                 self.reply(failure(getattr(message, "id", None), refused))
-            elif self._backstage.commander.reads_files(message):
-                self._send_on_errand(message)
+            elif self._app_state.dispatcher.reads_files(message):
+                self._execute_in_thread(message)
             else:
-                self._backstage.commander.carry_out(message, self.name, self.reply)
+                self._app_state.dispatcher.execute(message, self.name, self.reply)
                 if isinstance(message, Watch):
                     self._cameras, self._frame_period_s = message.cameras, 1 / message.rate_hz
 
     def _refusal(self, message: object) -> EALError | None:
         if isinstance(message, Hello):
-            return ArgumentError("hello was said already")
-        if isinstance(message, COMMANDS) and self._may_not is not None:
-            return AccessDeniedError(self._may_not)
-        is_free = isinstance(message, Stop | Drive | LetGo)  # of which only the number of messages limits how many
+            return ArgumentError("hello must be the first message only")
+        if isinstance(message, COMMANDS) and self._denied is not None:
+            return AccessDeniedError(self._denied)
+        is_free = isinstance(message, StopAll | DriveRobot | ReleaseRobot)  # limited by the number of messages alone
         if not is_free and not self._commands.take(REAL_TIME.now()):
             return BusyError("too many commands; wait a moment")
         return None
 
-    def _send_on_errand(self, message: Any) -> None:
-        """Have a thread do what may block, so that a stop that comes next is heard at once."""
-        if self._errand is not None and not self._errand.done():
-            self.reply(failure(message.id, BusyError("the last request is still being worked on")))
+    def _execute_in_thread(self, message: Any) -> None:
+        """Execute a message that may block in a thread, so that a stop after it is not delayed."""
+        if self._file_task is not None and not self._file_task.done():
+            self.reply(failure(message.id, BusyError("the previous request is not finished")))
             return
-        work = asyncio.to_thread(self._backstage.commander.carry_out, message, self.name, self.reply)
-        self._errand = asyncio.create_task(work)
+        work = asyncio.to_thread(self._app_state.dispatcher.execute, message, self.name, self.reply)
+        self._file_task = asyncio.create_task(work)
 
     def reply(self, answer: dict[str, Any]) -> None:
-        """Tell it something, or drop the oldest of what it does not read. Thread: any; does not block."""
+        """Queue an answer; drops the oldest if the browser does not read them. Thread: any; does not block."""
         self._answers.append(answer)
-        self._backstage.bell.ring()
+        self._app_state.notifier.notify()
 
-    # What it is told.
+    # Outgoing messages.
 
-    async def _tell(self) -> None:
-        reader = Reader(self._backstage.hub)
+    async def _send_updates(self) -> None:
+        reader = StateReader(self._app_state.store)
         while True:
-            news = reader.take()
+            update = reader.take()
             answers = [self._answers.popleft() for _ in range(len(self._answers))]
             if answers:
-                news["answers"] = answers
-            if news:
-                await self._send_text({**news, "now_s": round(self._backstage.clock.now(), 3)})
+                update["answers"] = answers
+            if update:
+                await self._send_text({**update, "now_s": round(self._app_state.clock.now(), 3)})
             next_frame_s = await self._send_frames()
             await asyncio.sleep(SEND_PERIOD_S)
             if not reader.has_more:
-                await self._next_ring(next_frame_s)
+                await self._wait_for_change(next_frame_s)
 
-    async def _next_ring(self, at_most_s: float | None) -> None:
+    async def _wait_for_change(self, at_most_s: float | None) -> None:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(at_most_s):
                 await self._event.wait()
         self._event.clear()
 
     async def _send_frames(self) -> float | None:
-        """Send the frames that are due; return the seconds until the next one that is there already, or None."""
+        """Send the frames that are due; return the seconds until the next available frame is due, or None."""
         waits = []
         for key in self._cameras:
-            frame = self._backstage.cameras.frame(key)
+            frame = self._app_state.cameras.frame(key)
             number, sent_s = self._frames.get(key, (-1, -1.0))
             if frame is None or frame.number in (number, 0):
                 continue
@@ -229,12 +236,12 @@ class Browser:
         await self._send(self._websocket.send_text, json.dumps(message, allow_nan=False, separators=(",", ":")))
 
     async def _send(self, send: Callable[[Any], Any], message: str | bytes) -> None:
-        """Send something; a browser that has read nothing for long is cut off, and comes again if it lives."""
+        """Send a message. A browser that does not read it in time is disconnected; a live page reconnects."""
         try:
             async with asyncio.timeout(STUCK_S):
                 await send(message)
         except TimeoutError:
-            get_logger().warning("a browser that stopped reading was cut off", browser=self.name)
+            get_logger().warning("a browser was disconnected", browser=self.name, reason="it stopped reading")
             abort = self._websocket.scope.get("state", {}).get("abort")
             if abort is not None:
                 abort()

@@ -1,4 +1,4 @@
-"""Figures of the last seconds: how many calls, and how long they took."""
+"""CallStatistics of the last seconds: how many calls, and how long they took."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST: Final = 4096
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class CallStatistics:
     """What the last seconds were like.
 
     Attributes:
@@ -30,7 +30,7 @@ class Figures:
     p99_s: float | None
 
 
-class Recent:
+class RecentCalls:
     """Keeps what the last seconds' calls of each robot took. Thread: any."""
 
     def __init__(self) -> None:
@@ -42,17 +42,17 @@ class Recent:
         with self._lock:
             self._taken.setdefault(robot, deque(maxlen=_MOST)).append((at_s, took_s))
 
-    def figures(self, robot: str, now_s: float) -> Figures:
+    def figures(self, robot: str, now_s: float) -> CallStatistics:
         """Return the figures of a robot."""
         with self._lock:
             taken = self._taken.get(robot, ())
             recent = [(at_s, took_s) for at_s, took_s in taken if now_s - WINDOW_S < at_s <= now_s]
             is_full = len(taken) == _MOST and len(recent) == _MOST
         if not recent:
-            return Figures(0.0, None, None)
+            return CallStatistics(0.0, None, None)
         span_s = max(now_s - recent[0][0], 1e-3) if is_full else WINDOW_S  # of a flood, only the newest are known
         times = sorted(took_s for _, took_s in recent)
-        return Figures(len(recent) / span_s, quantile(times, 0.5), quantile(times, 0.99))
+        return CallStatistics(len(recent) / span_s, quantile(times, 0.5), quantile(times, 0.99))
 
 
 def quantile(ascending: Sequence[float], part: float) -> float:

@@ -1,4 +1,4 @@
-"""Runs: the scenarios that the page can start, and the one run that goes on."""
+"""RunManager: the scenarios that the page can start, and the current run."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, ScenarioError, WaitTimeoutError, shown
 from eal_actors.kernel.log import get_logger
-from eal_actors.operate.dashboard.control import WHOLE, Control
-from eal_actors.operate.dashboard.doings import Doings
-from eal_actors.operate.dashboard.hub import Hub
+from eal_actors.operate.dashboard.control import WHOLE, ControlRegistry
+from eal_actors.operate.dashboard.current_steps import CurrentSteps
 from eal_actors.operate.dashboard.run_record import REPORT, RunRecord
+from eal_actors.operate.dashboard.state_store import StateStore
 from eal_actors.scenario import (
     Checkpoint,
     LogLine,
@@ -33,40 +33,42 @@ from eal_actors.scenario import (
     load_scenario,
     make_plan,
 )
+from eal_actors.scenario.report.summary import StepRecord
 
 _END_S: Final = 10.0
-"""Real seconds in which a run that is aborted twice comes to its end."""
+"""Real seconds for the end of a run that was aborted twice."""
 _RECORD_END_S: Final = 20.0
-"""Real seconds in which the record of a run comes to its end, with its picture and its page."""
+"""Real seconds for the end of a run's record, with its picture and its report."""
 _MOST_FILES: Final = 200
+_CLOSED: Final = "the dashboard was closed"
 
 
-class Runs:
-    """Starts scenarios of one folder, one at a time, and tells the hub how they go.
+class RunManager:
+    """Runs the scenarios of one folder, one at a time, and reports them to the store.
 
     Args:
         fleet: a connected fleet.
-        hub: what to tell.
-        doings: what the robots do.
-        control: who commands what.
-        folder: where the scenario files are; only files right there can be started.
-        runs_dir: where the folders of runs are made; None keeps no records.
+        store: where the state and the events of the run go.
+        steps: records the current steps.
+        control: records who controls what.
+        folder: the scenario files; subfolders are not searched.
+        runs_dir: the parent of the runs' folders; None keeps no records.
 
-    Thread: any. `listed` and `start` read files, and block as long.
+    Thread: any. `list_scenarios` and `start` block on files.
     """
 
     def __init__(
         self,
         fleet: Fleet,
-        hub: Hub,
-        doings: Doings,
-        control: Control,
+        store: StateStore,
+        steps: CurrentSteps,
+        control: ControlRegistry,
         folder: Path | None,
         runs_dir: Path | None,
     ) -> None:
         self._fleet = fleet
-        self._hub = hub
-        self._doings = doings
+        self._store = store
+        self._steps = steps
         self._control = control
         self._folder = folder
         self._runs_dir = runs_dir
@@ -76,13 +78,13 @@ class Runs:
         self._records: list[RunRecord] = []
         self._reports: dict[str, Path] = {}
         self._number = 0
-        self._showing = threading.Lock()
-        self._shown: dict[str, Any] = {"phase": "none"}
-        self._hub.put("run", {"": self._shown})
+        self._status_lock = threading.Lock()
+        self._status: dict[str, Any] = {}
+        self._set_status({"phase": "none"})
 
-    def listed(self) -> list[dict[str, Any]]:
-        """Return the scenarios of the folder: their files, parameters and roles, or what is wrong with them."""
-        return [_described(file) for file in self._files().values()]
+    def list_scenarios(self) -> list[dict[str, Any]]:
+        """Return the files, parameters and roles of the folder's scenarios, or their problems."""
+        return [_describe_scenario(file) for file in self._files().values()]
 
     def _files(self) -> Mapping[str, Path]:
         if self._folder is None or not self._folder.is_dir():
@@ -90,60 +92,59 @@ class Runs:
         return {file.name: file for file in sorted(self._folder.glob("*.yaml"))[:_MOST_FILES]}
 
     def start(self, file: str, parameters: Mapping[str, object]) -> None:
-        """Begin a run.
+        """Start a run.
 
         Args:
             file: the scenario's file in the folder.
             parameters: values of its parameters.
 
         Raises:
-            ScenarioError: no such file, a run goes on, or its folder cannot be made.
-            ConfigError: what is wrong with the file, the parameters, or the fleet for it.
+            ScenarioError: no such file, another run is active, or the run's folder cannot be made.
+            ConfigError: the file or the parameters are wrong, or the fleet does not fit.
             RobotFailedError: a robot of the scenario did not start.
         """
         path = self._files().get(file)
         if path is None:
-            raise ScenarioError(f"there is no scenario {file!r} here")
+            raise ScenarioError(f"there is no scenario {file!r} in the dashboard's folder of scenarios")
         with self._lock:
-            if self._going() is not None:
-                raise ScenarioError("a scenario is running already")
+            if self._active_run() is not None:
+                raise ScenarioError("a scenario is already running")
             scenario = load_scenario(path)
-            plan = make_plan(scenario, self._fleet, parameters=parameters)
-            self._begin(plan)
+            self._start(make_plan(scenario, self._fleet, parameters=parameters))
         get_logger().info("scenario started", scenario=scenario.name, file=file)
 
-    def _begin(self, plan: Plan) -> None:
-        """Begin a run, and its record. Thread: holds the lock."""
+    def _start(self, plan: Plan) -> None:
+        """Start a run and its record. Thread: holds the lock."""
         record = RunRecord(self._fleet, plan, self._runs_dir) if self._runs_dir is not None else None
         self._number += 1
         with ExitStack() as undo:
             for robot in plan.robots:
-                self._control.take(robot, WHOLE, f"scenario {plan.scenario.name}")
+                self._control.acquire(robot, WHOLE, f"scenario {plan.scenario.name}")
                 undo.callback(self._control.done, robot, WHOLE)
             if record is not None:
-                record.begin()
-                undo.callback(record.drop)
+                record.start()
+                undo.callback(record.cancel)
             directory, listeners = (record.directory, [self._hear, record.hear]) if record else (None, [self._hear])
             self._run = run = Run(plan, self._fleet, directory, listeners)
-            self._hub.clear("events")
+            self._store.clear("events")
             self._future = run.start()
             undo.pop_all()
         self._future.add_done_callback(lambda _: self._end_control(plan))
         if record is not None:
             number = self._number
             self._records = [*(other for other in self._records if other.is_open), record]
-            record.finish_after(self._future, lambda report: self._show_report(number, report))
+            record.finish_after(self._future, lambda report: self._add_report(number, report))
 
     def _end_control(self, plan: Plan) -> None:
         for robot in plan.robots:
             self._control.done(robot, WHOLE)
 
-    def _show_report(self, number: int, report: Path) -> None:
+    def _add_report(self, number: int, report: Path) -> None:
         name = report.parent.name
         self._reports[name] = report
-        with self._showing:
-            if number == self._shown.get("run"):
-                self._show({**self._shown, "report": f"/runs/{name}/{REPORT}"})
+        with self._status_lock:
+            if number == self._status.get("run"):
+                self._update(report=f"/runs/{name}/{REPORT}")
 
     def report(self, name: str) -> Path | None:
         """Return the report page of a run that was started here, by the name of its folder; None if there is none."""
@@ -153,9 +154,9 @@ class Runs:
         """Pause, resume, step or abort the run.
 
         Raises:
-            ScenarioError: no run goes on.
+            ScenarioError: no run is active.
         """
-        run = self._going()
+        run = self._active_run()
         if run is None:
             raise ScenarioError("no scenario is running")
         match what:
@@ -169,15 +170,14 @@ class Runs:
                 run.abort("aborted from the dashboard")
 
     def abort(self, reason: str) -> None:
-        """Abort the run, if one goes on."""
-        run = self._going()
+        """Abort the run, if there is one."""
+        run = self._active_run()
         if run is not None:
             run.abort(reason)
 
-    def _going(self) -> Run | None:
-        """Return the run that goes on, which it does not any more when the page is told of its end."""
-        shown_ = self._shown
-        is_over = shown_["phase"] == "ended" and shown_["run"] == self._number
+    def _active_run(self) -> Run | None:
+        """Return the run until the page shows its end, which is before the future resolves."""
+        is_over = self._status["phase"] == "ended" and self._status["run"] == self._number
         return None if self._future is None or self._future.done() or is_over else self._run
 
     def close(self) -> None:
@@ -185,78 +185,91 @@ class Runs:
         future = self._future
         if future is None:
             return
-        self.abort("the dashboard was closed")
-        self.abort("the dashboard was closed")  # which skips what is left of `finally`
+        self.abort(_CLOSED)
+        self.abort(_CLOSED)  # the second time also skips the rest of `finally`
         try:
             future.exception(timeout=self._fleet.clock.of_real(_END_S))
         except WaitTimeoutError:
-            get_logger().error("the run does not end though it was aborted; it was left behind")
+            get_logger().error("the aborted run has not ended; it is abandoned", waited_s=_END_S)
         for record in self._records:
             record.join(_RECORD_END_S)
 
-    # What happens. Thread: the run's.
+    # Events. Thread: the run's.
 
     def _hear(self, event: RunEvent) -> None:
         if isinstance(event, Checkpoint):
             return
-        with self._showing:
-            self._note(event)
+        with self._status_lock:
+            self._record(event)
         fields = {"run": self._number, **event.to_dict()}
         if isinstance(event, RunStarted):
             fields["started_s"] = self._fleet.clock.now() - event.time_s
-        self._hub.tell("events", fields)
+        self._store.append("events", fields)
 
+<<<<<<< HEAD:eal_actors/operate/dashboard/runs.py
     def _note(self, event: RunEvent) -> None:
         """Keep what is shown of the run as a whole, and what each robot does."""
         shown_ = dict(self._shown)
+=======
+    def _record(self, event: RunEvent) -> None:
+        """Update the status of the run and the current steps. Thread: holds the status lock."""
+>>>>>>> main:eal_actors/operate/dashboard/run_manager.py
         match event:
             case RunStarted():
-                shown_ = {
-                    "phase": "running",
-                    "run": self._number,
-                    "scenario": event.scenario,
-                    "robots": list(event.robots),
-                    "calls": event.calls,
-                    "done": 0,
-                    "done_by": dict.fromkeys(event.robots, 0),
-                    "started_s": self._fleet.clock.now() - event.time_s,
-                    "outcome": None,
-                    "error": None,
-                }
+                self._record_start(event)
             case StepStarted(robot=str(robot)):
-                self._doings.begin(robot, event.step, event.label, self._fleet.clock.now())
+                self._steps.start(robot, event.step, event.label, self._fleet.clock.now())
             case StepEnded(record=record):
                 if record.robot is not None:
-                    self._doings.end(record.robot, record.step)
-                    if record.error is not None and record.outcome != "aborted":
-                        self._doings.fail(record.robot, f"{record.label}: {record.error.message}")
-                if record.is_call and record.robot is not None:
-                    done_by = shown_["done_by"]
-                    shown_["done_by"] = {**done_by, record.robot: done_by.get(record.robot, 0) + 1}
-                    shown_["done"] += 1
+                    self._record_end(record, record.robot)
             case RunPaused():
-                shown_["phase"] = "paused"
+                self._update(phase="paused")
             case RunResumed():
-                shown_["phase"] = "paused" if event.is_single_step else "running"
+                self._update(phase="paused" if event.is_single_step else "running")
             case RobotDropped():
                 get_logger(robot=event.robot).error("dropped from the scenario", reason=event.error.message)
             case LogLine():
-                get_logger(**({"robot": event.robot} if event.robot else {})).info(
-                    event.text, scenario=shown_["scenario"]
-                )
+                logger = get_logger(robot=event.robot) if event.robot else get_logger()
+                logger.info(event.text, scenario=self._status["scenario"])
             case RunEnded(report=report):
-                self._doings.forget_run()
+                self._steps.clear()
                 error = report.error.message if report.error is not None else None
-                shown_.update(phase="ended", outcome=report.outcome, error=error, duration_s=report.duration_s)
+                self._update(phase="ended", outcome=report.outcome, error=error, duration_s=report.duration_s)
                 get_logger().info("scenario ended", scenario=report.scenario, outcome=report.outcome)
-        self._show(shown_)
 
-    def _show(self, shown_: dict[str, Any]) -> None:
-        self._shown = shown_
-        self._hub.put("run", {"": shown_})
+    def _record_start(self, event: RunStarted) -> None:
+        self._set_status(
+            {
+                "phase": "running",
+                "run": self._number,
+                "scenario": event.scenario,
+                "robots": list(event.robots),
+                "calls": event.calls,
+                "done": 0,
+                "done_by": dict.fromkeys(event.robots, 0),
+                "started_s": self._fleet.clock.now() - event.time_s,
+                "outcome": None,
+                "error": None,
+            }
+        )
+
+    def _record_end(self, record: StepRecord, robot: str) -> None:
+        self._steps.end(robot, record.step)
+        if record.error is not None and record.outcome != "aborted":
+            self._steps.record_error(robot, f"{record.label}: {record.error.message}")
+        if record.is_call:
+            done_by = self._status["done_by"]
+            self._update(done_by={**done_by, robot: done_by.get(robot, 0) + 1}, done=self._status["done"] + 1)
+
+    def _update(self, **fields: Any) -> None:
+        self._set_status({**self._status, **fields})
+
+    def _set_status(self, status: dict[str, Any]) -> None:
+        self._status = status
+        self._store.put("run", {"": status})
 
 
-def _described(file: Path) -> dict[str, Any]:
+def _describe_scenario(file: Path) -> dict[str, Any]:
     try:
         scenario = load_scenario(file)
     except ConfigError as error:

@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 
 
-class Level(enum.StrEnum):
+class Severity(enum.StrEnum):
     """How a finding is to be taken."""
 
     OK = "ok"
@@ -17,7 +17,7 @@ class Level(enum.StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Diagnostic:
     """What came of one check.
 
     Attributes:
@@ -27,22 +27,22 @@ class Finding:
         advice: what to do about it; empty where nothing is to be done.
     """
 
-    level: Level
+    level: Severity
     area: str
     what: str
     advice: str = ""
 
 
-def ok(area: str, what: str) -> Finding:
+def ok(area: str, what: str) -> Diagnostic:
     """Return that something is as it should be."""
-    return Finding(Level.OK, area, what)
+    return Diagnostic(Severity.OK, area, what)
 
 
-def warning(area: str, what: str, advice: str) -> Finding:
+def warning(area: str, what: str, advice: str) -> Diagnostic:
     """Return that something is worth a look."""
-    return Finding(Level.WARNING, area, what, advice)
+    return Diagnostic(Severity.WARNING, area, what, advice)
 
 
-def problem(area: str, what: str, advice: str) -> Finding:
+def problem(area: str, what: str, advice: str) -> Diagnostic:
     """Return that something will not work."""
-    return Finding(Level.PROBLEM, area, what, advice)
+    return Diagnostic(Severity.PROBLEM, area, what, advice)

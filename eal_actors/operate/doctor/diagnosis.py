@@ -9,20 +9,20 @@ from eal_actors.managers.manifest import discover
 from eal_actors.operate.doctor.certificates import check_certificates
 from eal_actors.operate.doctor.clocks import StepWatch, check_clock
 from eal_actors.operate.doctor.devices import check_devices, named_devices
-from eal_actors.operate.doctor.finding import Finding, ok
+from eal_actors.operate.doctor.diagnostic import Diagnostic, ok
 from eal_actors.operate.doctor.packages import check_packages
 from eal_actors.operate.doctor.plugins import check_plugins
 from eal_actors.operate.doctor.ports import check_ports, is_here
 from eal_actors.operate.doctor.robots import ping_robots
 
 
-def examine_machine() -> Iterator[Finding]:
+def diagnose_machine() -> Iterator[Diagnostic]:
     """Yield what is to be said of this machine, whatever it is used for."""
     yield from check_packages()
     yield from check_clock()
 
 
-def examine_fleet(config: FleetConfig) -> Iterator[Finding]:
+def diagnose_fleet(config: FleetConfig) -> Iterator[Diagnostic]:
     """Yield what is to be said of a fleet, seen from this machine.
 
     Plugins, devices and ports are those of the robots that run here, by their addresses; the others are asked over the

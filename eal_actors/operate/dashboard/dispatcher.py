@@ -1,4 +1,4 @@
-"""Commander: carries out what browsers ask for, and tells each what came of it."""
+"""Dispatcher: executes the messages of browsers, and answers them."""
 
 from __future__ import annotations
 
@@ -11,102 +11,108 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import DataType, EALData
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ArgumentError, ConfigError, EALError, PreemptedError, RobotNotFoundError, shown
+from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, RobotNotFoundError, shown
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.cameras import Cameras
-from eal_actors.operate.dashboard.control import Control
-from eal_actors.operate.dashboard.doings import Doings
-from eal_actors.operate.dashboard.hub import plain
+from eal_actors.operate.dashboard.control import ControlRegistry
+from eal_actors.operate.dashboard.current_steps import CurrentSteps
+from eal_actors.operate.dashboard.fleet_poller import infos_of
 from eal_actors.operate.dashboard.messages import (
     CallResource,
     ControlRun,
     Describe,
-    Drive,
-    LetGo,
+    DriveRobot,
     ListScenarios,
-    Resume,
+    ReleaseRobot,
+    ResumeAll,
     StartRun,
-    Stop,
+    StopAll,
     Watch,
 )
-from eal_actors.operate.dashboard.runs import Runs
-from eal_actors.operate.dashboard.steering import Steering, Twist
-from eal_actors.operate.dashboard.watcher import infos_of
+from eal_actors.operate.dashboard.run_manager import RunManager
+from eal_actors.operate.dashboard.state_store import to_json_value
+from eal_actors.operate.dashboard.teleop import Teleop, Twist
 
 Reply: TypeAlias = Callable[[dict[str, Any]], None]
-"""Takes an answer to a browser; called in any thread, and never blocks."""
+"""Sends an answer to a browser; called in any thread, and never blocks."""
 
 STOP_REASON: Final = "STOP on the dashboard"
 _WHOLE_ARRAY: Final = 64
-_COMMANDING: Final = ("set_value", "send_cmd", "set_config")
-"""The methods that take an actuator for whoever calls them."""
+_COMMANDS: Final = ("set_value", "send_cmd", "set_config")
+"""The methods that reserve a resource for their caller."""
 
 
-class Commander:
-    """Does what messages mean. Who may say them is not asked here.
+class Dispatcher:
+    """Executes messages. Permissions are checked by the caller.
 
     Args:
         fleet: a connected fleet.
-        doings: what the robots do.
-        control: who commands what.
-        runs: the scenarios.
-        steering: steers by hand.
+        steps: records the errors of robots.
+        control: records who controls what.
+        runs: runs scenarios.
+        teleop: drives by hand.
         cameras: the cameras.
 
-    Thread: any. `carry_out` does not wait for robots; where a message has files read, it blocks as long: see
-    `reads_files`.
+    Thread: any. `execute` does not wait for robots. Messages for which `reads_files` is true block on files.
     """
 
     def __init__(
-        self, fleet: Fleet, doings: Doings, control: Control, runs: Runs, steering: Steering, cameras: Cameras
+        self,
+        fleet: Fleet,
+        steps: CurrentSteps,
+        control: ControlRegistry,
+        runs: RunManager,
+        teleop: Teleop,
+        cameras: Cameras,
     ) -> None:
         self._fleet = fleet
-        self._doings = doings
+        self._steps = steps
         self._control = control
         self._runs = runs
-        self._steering = steering
+        self._teleop = teleop
         self._cameras = cameras
 
     def reads_files(self, message: object) -> bool:
-        """Return whether a message is to be carried out by a thread that may block."""
+        """Return whether a message must be executed in a thread that may block."""
         return isinstance(message, ListScenarios | StartRun)
 
-    def carry_out(self, message: Any, browser: str, reply: Reply) -> None:
-        """Do what a message means, and reply when it is done.
+    def execute(self, message: Any, browser: str, reply: Reply) -> None:
+        """Execute a message, and reply at its end.
 
         Args:
             message: one of `messages`.
-            browser: names the browser.
-            reply: where answers go.
+            browser: the browser's name.
+            reply: sends answers.
         """
         number = getattr(message, "id", None)
         try:
-            answer = self._do(message, browser, reply)
+            answer = self._execute(message, browser, reply)
         except EALError as error:
             reply(failure(number, error))
         else:
             if answer is not None:
                 reply({"id": number, "ok": True, **answer})
 
-    def _do(self, message: Any, browser: str, reply: Reply) -> dict[str, Any] | None:
+    def _execute(self, message: Any, browser: str, reply: Reply) -> dict[str, Any] | None:
+        """Return the answer; None if there is none, or if it comes later."""
         match message:
             case Watch():
                 self._cameras.watch(browser, message.cameras, message.rate_hz)
             case Describe():
-                return {"resources": self._described(message.robot)}
+                return {"resources": self._describe(message.robot)}
             case ListScenarios():
-                return {"scenarios": self._runs.listed()}
+                return {"scenarios": self._runs.list_scenarios()}
             case CallResource():
                 self._call(message, browser, reply)
-            case Stop():
+            case StopAll():
                 self._stop(message.id, reply)
-            case Resume():
-                get_logger().warning("the emergency stop is ended from the dashboard")
-                self._tell_each(message.id, {name: robot.resume() for name, robot in self._fleet.items()}, reply)
-            case Drive():
+            case ResumeAll():
+                get_logger().warning("emergency stop ended from the dashboard")
+                self._reply_for_all(message.id, {name: robot.resume() for name, robot in self._fleet.items()}, reply)
+            case DriveRobot():
                 self._drive(message, browser, reply)
-            case LetGo():
-                self._steering.let_go(browser, message.robot)
+            case ReleaseRobot():
+                self._teleop.release(browser, message.robot)
             case StartRun():
                 self._runs.start(message.file, message.parameters)
                 return {}
@@ -116,39 +122,40 @@ class Commander:
         return None
 
     def leave(self, browser: str) -> None:
-        """Halt what a browser steers, and forget it: it is gone."""
-        self._steering.leave(browser)
+        """Halt the robots that a closed browser drives, and forget it."""
+        self._teleop.leave(browser)
         self._cameras.leave(browser)
 
-    def _described(self, robot: str) -> list[dict[str, Any]]:
+    def _describe(self, robot: str) -> list[dict[str, Any]]:
         if robot not in self._fleet:
             raise RobotNotFoundError(f"there is no robot {robot!r}")
-        return [plain(info.to_dict()) for _, info in infos_of(self._fleet[robot])]
+        return [to_json_value(info.to_dict()) for _, info in infos_of(self._fleet[robot])]
 
-    def _drive(self, message: Drive, browser: str, reply: Reply) -> None:
-        """Steer; the page is told which grip has come to its end, for it may hold the next one by then."""
+    def _drive(self, message: DriveRobot, browser: str, reply: Reply) -> None:
+        """Drive by hand. Errors name their press, because the browser may have started the next one by then."""
 
-        def tell(robot: str, error: EALError) -> None:
-            reply({"trouble": {"robot": robot, "grip": message.grip, "code": error.code, "error": error.message}})
+        def on_error(robot: str, error: EALError) -> None:
+            fields = {"robot": robot, "press": message.press, "code": error.code, "error": error.message}
+            reply({"drive_error": fields})
 
         twist = Twist(message.speed_m_s, message.turn_rad_s)
         try:
-            self._steering.drive(browser, message.robot, message.grip, twist, tell)
+            self._teleop.drive(browser, message.robot, message.press, twist, on_error)
         except EALError as error:
-            tell(message.robot, error)
+            on_error(message.robot, error)
 
     # Stop.
 
     def _stop(self, number: int, reply: Reply) -> None:
-        answers = {name: robot.stop(STOP_REASON) for name, robot in self._fleet.items()}  # first of all
+        answers = {name: robot.stop(STOP_REASON) for name, robot in self._fleet.items()}  # before anything else
         self._runs.abort(STOP_REASON)
         get_logger().warning("emergency stop of every robot, from the dashboard")
-        self._tell_each(number, answers, reply)
+        self._reply_for_all(number, answers, reply)
 
-    def _tell_each(self, number: int, answers: dict[str, Future[None]], reply: Reply) -> None:
-        """Reply when every robot has answered, or is known not to."""
+    def _reply_for_all(self, number: int, answers: dict[str, Future[None]], reply: Reply) -> None:
+        """Reply when every robot has confirmed or failed."""
 
-        def tell(done: Future[list[Any]]) -> None:
+        def on_done(done: Future[list[Any]]) -> None:
             outcomes = dict(zip(answers, done.get(), strict=True))
             failed = {name: shown(outcome) for name, outcome in outcomes.items() if isinstance(outcome, BaseException)}
             for name, reason in failed.items():
@@ -156,7 +163,7 @@ class Commander:
             confirmed = [name for name in outcomes if name not in failed]
             reply({"id": number, "ok": not failed, "confirmed": confirmed, "failed": failed})
 
-        gather(answers.values(), return_exceptions=True).add_done_callback(tell)
+        gather(answers.values(), return_exceptions=True).add_done_callback(on_done)
 
     # Calls.
 
@@ -164,39 +171,36 @@ class Commander:
         if message.robot not in self._fleet:
             raise RobotNotFoundError(f"there is no robot {message.robot!r}")
         resource = self._fleet[message.robot][message.resource]
-        label = " ".join(part for part in (message.resource, message.text or message.method) if part)
-        if message.method in _COMMANDING:
-            self._control.take(message.robot, message.resource, browser)
+        is_command = message.method in _COMMANDS
+        if is_command:
+            self._control.acquire(message.robot, message.resource, browser)
 
-        def end(error: BaseException | None) -> None:
-            if message.method in _COMMANDING:
+        def on_end(error: BaseException | None) -> None:
+            if is_command:
                 self._control.done(message.robot, message.resource)
             if error is not None and not isinstance(error, PreemptedError):
-                self._doings.fail(message.robot, f"{label}: {shown(error)}")
+                label = f"{message.resource} {message.text or message.method}"
+                self._steps.record_error(message.robot, f"{label}: {shown(error)}")
 
-        def tell(done: Future[Any]) -> None:
+        def on_done(done: Future[Any]) -> None:
             error = done.exception()
-            end(error)
+            on_end(error)
             if error is not None:
                 reply(failure(message.id, error))
             else:
-                reply({"id": message.id, "ok": True, "value": shown_value(done.get())})
+                reply({"id": message.id, "ok": True, "value": format_value(done.get())})
 
         try:
-            answer = _begun(resource, message)
+            answer = _start_call(resource, message)
         except EALError as error:
-            end(error)
+            on_end(error)
             raise
-        answer.add_done_callback(tell)
+        answer.add_done_callback(on_done)
 
 
-def _begun(resource: ResourceHandle, message: CallResource) -> Future[Any]:
+def _start_call(resource: ResourceHandle, message: CallResource) -> Future[Any]:
     text, value = message.text or "", list(message.value) if isinstance(message.value, tuple) else message.value
     match message.method:
-        case "get_status":
-            return resource.get_status()
-        case "get_value":
-            return resource.get_value()
         case "set_value":
             return resource.set_value(value)
         case "send_req":
@@ -207,20 +211,23 @@ def _begun(resource: ResourceHandle, message: CallResource) -> Future[Any]:
             return resource.get_config(text)
         case "set_config":
             return resource.set_config(text, value)
+        case "get_status":
+            return resource.get_status()
+        case "get_value":
+            return resource.get_value()
         case "halt":
             return resource.halt()
-    raise ArgumentError(f"there is no method {message.method!r}")
 
 
 def failure(number: int | None, error: BaseException) -> dict[str, Any]:
-    """Return the answer that tells of an error."""
+    """Return the answer to a failed request."""
     problems = [str(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
     code = error.code if isinstance(error, EALError) else EALError.code
     return {"id": number, "ok": False, "code": code, "error": str(error), "problems": problems}
 
 
-def shown_value(answer: EALData | int | None) -> str:
-    """Return a value as people read it: numbers and text bare, large arrays in few words."""
+def format_value(answer: EALData | int | None) -> str:
+    """Return a value as text for people: numbers and texts in full, the shape of large arrays."""
     if not isinstance(answer, EALData):
         return "" if answer is None else str(answer)
     unit = f" {answer.unit}" if answer.unit else ""

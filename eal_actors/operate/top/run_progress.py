@@ -32,7 +32,7 @@ class RunProgress:
     outcome: str | None = None
 
 
-def newest_run(runs_dir: Path, fleet: str) -> RunProgress | None:
+def latest_run(runs_dir: Path, fleet: str) -> RunProgress | None:
     """Return how far the newest run of a fleet has come; None if there is none. What cannot be read is passed over."""
     try:
         files = sorted(runs_dir.glob("*/events.jsonl"), key=lambda file: file.stat().st_mtime, reverse=True)

@@ -15,7 +15,7 @@ DONE = "done"
 """The outcome of a call that did not fail."""
 
 
-class CallWatch:
+class CallObserver:
     """Tells of each call of a fleet that ends, for the length of a `with` block.
 
     Args:

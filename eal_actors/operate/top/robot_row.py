@@ -8,11 +8,11 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import Ping
 from eal_actors.actors.running import Running
 from eal_actors.actors.waiting import Waiting
-from eal_actors.operate.top.figures import Figures, Recent
+from eal_actors.operate.top.call_statistics import CallStatistics, RecentCalls
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class RobotRow:
     """What is known of a robot.
 
     Attributes:
@@ -32,13 +32,13 @@ class Row:
     is_remote: bool
     waiting: int | None
     oldest_s: float
-    figures: Figures
+    figures: CallStatistics
     restarts: int | None
     running: tuple[Running, ...]
     notes: tuple[str, ...]
 
 
-def row_of(robot: RobotHandle, calls: Recent, pings: Recent, ping: Ping | None) -> Row:
+def robot_row(robot: RobotHandle, calls: RecentCalls, pings: RecentCalls, ping: Ping | None) -> RobotRow:
     """Return what is known of a robot now. Thread: any; does not block.
 
     Args:
@@ -53,14 +53,14 @@ def row_of(robot: RobotHandle, calls: Recent, pings: Recent, ping: Ping | None) 
     figures = calls.figures(robot.name, now_s)
     if robot.is_remote and figures.p50_s is None:
         of_pings = pings.figures(robot.name, now_s)
-        figures = Figures(figures.calls_per_s, of_pings.p50_s, of_pings.p99_s)
+        figures = CallStatistics(figures.calls_per_s, of_pings.p50_s, of_pings.p99_s)
     because = robot.stopped_because
     notes = [f"emergency stop: {because}"] if because is not None else []
     notes += [problem.message for problem in robot.problems]
     notes += [f"{name} is not ready: {reason}" for name, reason in robot.not_ready.items()]
     if ping is not None:
         notes += [f"{name} is held by {holder}" for name, holder in ping.holders.items()]
-    return Row(
+    return RobotRow(
         name=robot.name,
         state=robot.state.value if because is None else "STOP",
         is_remote=robot.is_remote,

@@ -1,4 +1,4 @@
-"""A world as the page draws it: plain shapes in metres."""
+"""The simulated world as shapes that the page's map draws."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 from eal_actors.device.world import BoxObstacle, CircleObstacle, Drop, MovableBox, Poster, WorldModel
 
 
-def arena_of(world: WorldModel | None) -> dict[str, Any] | None:
-    """Return the walls and what stands between them at first; None without a world file.
+def world_map(world: WorldModel | None) -> dict[str, Any] | None:
+    """Return the walls and the initial obstacles; None without a world file.
 
     Coordinates are metres in the world's frame, angles degrees, colours red, green and blue of 0..255.
     """
@@ -22,7 +22,7 @@ def arena_of(world: WorldModel | None) -> dict[str, Any] | None:
             *(_obstacle(obstacle) for obstacle in world.solid_obstacles),
             *(_box("box", box, name=box.name) for box in world.boxes),
         ],
-        "posters": [_strip(poster, *world.size_m) for poster in world.posters],
+        "posters": [_poster_ends(poster, *world.size_m) for poster in world.posters],
         "beacons": [
             {"x_m": beacon.x_m, "y_m": beacon.y_m, "name": beacon.name, "colour": list(beacon.colour)}
             for beacon in world.beacons
@@ -41,15 +41,10 @@ def _box(kind: str, box: BoxObstacle | MovableBox | Drop, **more: str) -> dict[s
     return {"kind": kind, **place, **more}
 
 
-def _strip(poster: Poster, width_m: float, depth_m: float) -> list[float]:
+def _poster_ends(poster: Poster, width_m: float, depth_m: float) -> list[float]:
     """Return x and y of a poster's two ends."""
     left_m, right_m = poster.at_m - poster.size_m[0] / 2, poster.at_m + poster.size_m[0] / 2
-    match poster.wall:
-        case "north":
-            return [left_m, depth_m / 2, right_m, depth_m / 2]
-        case "south":
-            return [left_m, -depth_m / 2, right_m, -depth_m / 2]
-        case "east":
-            return [width_m / 2, left_m, width_m / 2, right_m]
-        case "west":
-            return [-width_m / 2, left_m, -width_m / 2, right_m]
+    sign = 1 if poster.wall in ("north", "east") else -1
+    if poster.wall in ("north", "south"):
+        return [left_m, sign * depth_m / 2, right_m, sign * depth_m / 2]
+    return [sign * width_m / 2, left_m, sign * width_m / 2, right_m]
