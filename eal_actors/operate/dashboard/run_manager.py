@@ -206,14 +206,8 @@ class RunManager:
             fields["started_s"] = self._fleet.clock.now() - event.time_s
         self._store.append("events", fields)
 
-<<<<<<< HEAD:eal_actors/operate/dashboard/runs.py
-    def _note(self, event: RunEvent) -> None:
-        """Keep what is shown of the run as a whole, and what each robot does."""
-        shown_ = dict(self._shown)
-=======
     def _record(self, event: RunEvent) -> None:
         """Update the status of the run and the current steps. Thread: holds the status lock."""
->>>>>>> main:eal_actors/operate/dashboard/run_manager.py
         match event:
             case RunStarted():
                 self._record_start(event)
