@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eal_actors.device.data import DataType, EALData
-from eal_actors.scenario.strict_json import as_json
+from eal_actors.scenario.report.records import as_json
 
 _PIPE_WIDTH: Final = 160
 """Columns of a table in a pipe or a file: wide, so that lines stay whole for grep."""

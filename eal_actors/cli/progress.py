@@ -20,12 +20,12 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.log import configure_logging
 from eal_actors.scenario import (
-    Event,
     LogLine,
     RobotDropped,
     RobotReplaced,
     RunContinued,
     RunEnded,
+    RunEvent,
     RunPaused,
     RunResumed,
     RunStarted,
@@ -65,13 +65,13 @@ class LineProgress:
     def __exit__(self, *_exc_info: object) -> None:
         """Do nothing: every line is printed already."""
 
-    def on_event(self, event: Event) -> None:
+    def on_event(self, event: RunEvent) -> None:
         """Print an event. Thread: the run's."""
         if line := event_line(event):
             print_line(self._console, Text(f"{event.time_s:8.2f} s  ").append(line))
 
 
-def event_line(event: Event) -> Text | None:
+def event_line(event: RunEvent) -> Text | None:
     """Return the line of an event, without its time; None if it has none."""
     match event:
         case RunStarted():
@@ -97,7 +97,7 @@ def event_line(event: Event) -> Text | None:
     return _step_line(event)
 
 
-def _step_line(event: Event) -> Text | None:
+def _step_line(event: RunEvent) -> Text | None:
     match event:
         case StepStarted():
             return Text(f"{_robot_prefix(event.robot)}{event.label}")
@@ -163,14 +163,14 @@ class LiveProgress:
         self._live.stop()
         configure_logging(self._options.log_format, self._options.log_level)
 
-    def on_event(self, event: Event) -> None:
+    def on_event(self, event: RunEvent) -> None:
         """Update the table. Thread: the run's."""
         with self._lock:
             self._update(event)
         if isinstance(event, _PRINTED) and (line := event_line(event)):
             print_line(self._console, line)
 
-    def _update(self, event: Event) -> None:
+    def _update(self, event: RunEvent) -> None:
         match event:
             case RunStarted() | RunContinued():
                 self._start_s = self._clock.now() - event.time_s

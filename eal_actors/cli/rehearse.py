@@ -21,8 +21,7 @@ from eal_actors.lab.rehearsal import ClosestApproach, Incident, Rehearsal, rehea
 from eal_actors.lab.rehearsal.proximity import TOUCH_M
 from eal_actors.managers.twins import SimulatedFleet, simulated
 from eal_actors.scenario import Scenario
-from eal_actors.scenario.plan import bind_roles
-from eal_actors.scenario.step_places import step_place
+from eal_actors.scenario.language.binding import find_candidates
 
 _SEEDS = 3
 
@@ -56,7 +55,7 @@ def rehearse_scenario(
     if seeds is not None and seed:
         raise typer.BadParameter("give either --seed or --seeds", param_hint="'--seeds' / '--seed'")
     request = read_request(RunOptions(scenario, fleet, settings or (), bindings or ()))
-    bound = bind_roles(request.scenario, request.config, request.binding)
+    bound = find_candidates(request.scenario, request.config, request.binding)
     twins = simulated(request.config, {name for names in bound.values() for name in names}, keep or ())
     first = request.config.seed
     chosen = list(dict.fromkeys(seed)) if seed else list(range(first, first + (seeds or _SEEDS)))
@@ -121,7 +120,7 @@ def _incident_line(scenario: Scenario, seed: int, incident: Incident) -> Text:
     approach, nearest = incident.approach, incident.approach.nearest
     near = (f"comes within {_metres(nearest.gap_m)} of ", STYLES["dropped"])
     during = "; ".join(
-        f"{step.robot} {step.label} ({step_place(scenario, step.step).file}:{step_place(scenario, step.step).line})"
+        f"{step.robot} {step.label} ({scenario.position_of(step.step).file}:{scenario.position_of(step.step).line})"
         for step in incident.steps
     )
     return Text.assemble(
@@ -187,7 +186,7 @@ def _rehearsals_as_json(
 
 def _incident_as_json(scenario: Scenario, incident: Incident) -> dict[str, Any]:
     approach = incident.approach
-    steps = [(step, step_place(scenario, step.step)) for step in incident.steps]
+    steps = [(step, scenario.position_of(step.step)) for step in incident.steps]
     return {
         "robot": approach.robot,
         "is_hit": approach.is_hit,

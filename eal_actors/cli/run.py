@@ -54,7 +54,7 @@ from eal_actors.recording import (
 )
 from eal_actors.recording.run_folder import TRAJECTORY
 from eal_actors.scenario import Listener, Plan, Report, Run, make_plan
-from eal_actors.scenario.plan import bind_roles
+from eal_actors.scenario.language.binding import find_candidates
 
 _DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 """Environment variables, one of which is set if there is a desktop."""
@@ -145,7 +145,7 @@ def _print_dry_run(request: RunRequest, console: Console, *, as_json: bool) -> N
 
 
 def _bound_robots(request: RunRequest) -> set[str]:
-    roles = bind_roles(request.scenario, request.config, request.binding)
+    roles = find_candidates(request.scenario, request.config, request.binding)
     return {name for names in roles.values() for name in names}
 
 

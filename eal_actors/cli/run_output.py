@@ -14,7 +14,7 @@ from rich.tree import Tree
 from eal_actors.cli.output import counted, new_table, print_line
 from eal_actors.cli.progress import STYLES
 from eal_actors.scenario import Entry, Plan, Report, Timeline
-from eal_actors.scenario.parameters import describe
+from eal_actors.scenario.language.parameters import describe
 
 _MOST_NAMES: Final = 6
 _MOST_ROWS: Final = 30

@@ -19,8 +19,8 @@ import typer
 
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.kernel.log import get_logger
-from eal_actors.scenario import Event, Listener
-from eal_actors.scenario.strict_json import as_json
+from eal_actors.scenario import Listener, RunEvent
+from eal_actors.scenario.report.records import as_json
 
 STDOUT: Final = "-"
 _READER_GONE: Final = (errno.EPIPE, errno.EIO)
@@ -115,7 +115,7 @@ def event_stream(target: str | None) -> Iterator[list[Listener]]:
 def _event_writer(stream: IO[str]) -> Listener:
     is_open = True
 
-    def write(event: Event) -> None:
+    def write(event: RunEvent) -> None:
         nonlocal is_open
         if not is_open:
             return

@@ -14,8 +14,8 @@ from eal_actors.lab.calibration.drive import calibration_of_base, wheelbase_of
 from eal_actors.lab.calibration.fit import Fit, fit_squares
 from eal_actors.lab.calibration.square import START, WAYS, Pose, seen_from
 from eal_actors.lab.calibration.square_ends import Point, SquareEnds, read_square_ends, write_square_ends
-from eal_actors.scenario.files import check_file_name
-from eal_actors.scenario.python_steps import StepContext
+from eal_actors.scenario.report.files import check_file_name
+from eal_actors.scenario.steps.python import StepContext
 
 NAME: Final = "umbmark"
 """Default name of the files that the step writes into the robot's folder."""

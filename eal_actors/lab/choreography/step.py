@@ -13,7 +13,7 @@ from eal_actors.device.world.formation import Formation, formation_poses
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.choreography.assigning import Point
 from eal_actors.lab.choreography.phasing import plan_phases
-from eal_actors.scenario.python_steps import StepContext
+from eal_actors.scenario.steps.python import StepContext
 
 STRAY_M: Final = 0.05
 """Tolerated distance of a robot from its planned path or place."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.choreography.changes import Changes, Image, find_changes
-from eal_actors.scenario.files import check_file_name
-from eal_actors.scenario.python_steps import StepContext
+from eal_actors.scenario.report.files import check_file_name
+from eal_actors.scenario.steps.python import StepContext
 
 _RED: Final = (220, 30, 30)
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.panorama.folder import PANORAMA, describe, read_frames, save_panorama
 from eal_actors.lab.panorama.stitching import stitch
-from eal_actors.scenario.python_steps import StepContext
+from eal_actors.scenario.steps.python import StepContext
 
 _REPORT: Final = "panorama.json"
 

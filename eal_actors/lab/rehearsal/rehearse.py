@@ -10,8 +10,8 @@ from typing import Final
 from eal_actors.facade.fleet import Fleet
 from eal_actors.lab.rehearsal.proximity import ClosestApproach, ProximityEvent, ProximityRecorder
 from eal_actors.managers.twins import SimulatedFleet
-from eal_actors.scenario import Event, Report, RunStarted, Scenario, StepRecord, run_scenario
-from eal_actors.scenario.binding import Wishes
+from eal_actors.scenario import Report, RunEvent, RunStarted, Scenario, StepRecord, run_scenario
+from eal_actors.scenario.language.binding import Wishes
 
 _ROUNDING_S: Final = 1e-6
 
@@ -84,7 +84,7 @@ def rehearse(
     opened.services.proximity_observer = recorder
     start_s = 0.0
 
-    def note_start(event: Event) -> None:
+    def note_start(event: RunEvent) -> None:
         nonlocal start_s
         if isinstance(event, RunStarted):
             start_s = opened.clock.now() - event.time_s

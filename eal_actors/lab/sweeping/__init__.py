@@ -5,7 +5,7 @@ sweep = Sweep(scenario, fleet, (), read_variations(scenario, ["side=0.5:1.5:0.5"
 
 from eal_actors.lab.sweeping.folder import SweepFolder
 from eal_actors.lab.sweeping.pool import run_all
-from eal_actors.lab.sweeping.results import SweepResult, expectations, write_csv, write_junit
+from eal_actors.lab.sweeping.results import SweepResult, write_csv, write_junit
 from eal_actors.lab.sweeping.sweep import Sweep, SweepJob
 from eal_actors.lab.sweeping.variations import Variation, read_seeds, read_variations
 
@@ -15,7 +15,6 @@ __all__ = [
     "SweepJob",
     "SweepResult",
     "Variation",
-    "expectations",
     "read_seeds",
     "read_variations",
     "run_all",

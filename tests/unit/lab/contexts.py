@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from eal_actors.kernel.clock import ManualClock
-from eal_actors.scenario.python_steps import StepContext
+from eal_actors.scenario.steps.python import StepContext
 
 
 def step_context(

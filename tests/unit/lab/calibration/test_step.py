@@ -15,7 +15,7 @@ from eal_actors.device.wheels import WheelCalibration
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.lab.calibration.square import WAYS, along_arc, square_end
 from eal_actors.lab.calibration.step import fit_umbmark
-from eal_actors.scenario.python_steps import StepContext
+from eal_actors.scenario.steps.python import StepContext
 from eal_actors.testing import Simulation
 from tests.unit.lab.contexts import step_context
 
