@@ -10,11 +10,10 @@ from typing import Final
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.future import Future
-from eal_actors.actors.robot_view import Ping, RobotState, RobotView
-from eal_actors.actors.running import Running
-from eal_actors.device.link import Link
+from eal_actors.actors.robot_view import Ping, RobotState, RobotView, RunningCommand
+from eal_actors.device.link import FaultyLink
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, shown
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.net import keys
 from eal_actors.net.controller import Controller
@@ -54,7 +53,7 @@ class RemoteSpec:
     address: str
     clock: Clock
     timeout_s: float
-    link: Link
+    link: FaultyLink
 
 
 class RemoteRobot(EALActor):
@@ -277,7 +276,7 @@ class RemoteRobot(EALActor):
 
         return self._questions.ask(keys.PING, (), PING_TIMEOUT_S, read)
 
-    def running(self) -> tuple[Running, ...]:
+    def running(self) -> tuple[RunningCommand, ...]:
         """See RobotConnection."""
         return self._board.running(self._our_time)
 
@@ -345,7 +344,7 @@ class RemoteRobot(EALActor):
 
     def on_crash(self, error: BaseException) -> None:
         """Fail: the connection is no more. Thread: the actor's own."""
-        self._note_lost(f"cannot be spoken to: its connection crashed: {shown(error)}")
+        self._note_lost(f"cannot be spoken to: its connection crashed: {error_text(error)}")
         self.on_stop()
 
     def is_at_work(self) -> bool:

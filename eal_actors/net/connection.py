@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from eal_actors.actors.inbox import Inbox
+from eal_actors.actors.actor import Inbox
 from eal_actors.kernel.clock import Clock
 from eal_actors.net.pinging import Pinger
 from eal_actors.net.wire import Answer, Event, Reply

@@ -8,7 +8,7 @@ from typing import Any
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState, release
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, shown
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, error_text
 from eal_actors.managers.network_model import SecurityConfig
 from eal_actors.net import keys
 from eal_actors.net.admission import Admission
@@ -77,7 +77,7 @@ class Desk:
         except EALError as error:
             return error.at(self._robot.name)
         except Exception as error:  # noqa: BLE001  # what a controller sends must not end the server
-            return ProtocolError(f"the call makes no sense: {shown(error)}", robot=self._robot.name)
+            return ProtocolError(f"the call makes no sense: {error_text(error)}", robot=self._robot.name)
 
     def _hello(self, header: CallHeader) -> Answer:
         name = next(iter(header.arguments), "")
@@ -86,7 +86,7 @@ class Desk:
             raise UnavailableError("it is still starting")
         return {
             **self._about(),
-            "problems": [shown(problem) for problem in self._robot.problems],
+            "problems": [error_text(problem) for problem in self._robot.problems],
             "resources": [handle.info.to_dict() for handle in self._robot.values()],
             "rights": self._rights,
         }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, Protocol, Self
 
 from eal_actors.actors.actor import EALActor
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError, ProtocolError, shown
+from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.net import keys
 from eal_actors.net.keys import CallKey
@@ -123,7 +123,7 @@ class Host(EALActor):
 
     def on_crash(self, error: BaseException) -> None:
         """Halt the robots, which nobody watches any more. Thread: the actor's own."""
-        get_logger(fleet=self._fleet).error("the server has crashed; its robots are halted", error=shown(error))
+        get_logger(fleet=self._fleet).error("the server has crashed; its robots are halted", error=error_text(error))
         for server in self._servers.values():
             server.forsake()
         self.on_stop()

@@ -15,8 +15,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final, NoReturn
 
+from eal_actors.actors.actor import Envelope
 from eal_actors.actors.call import Call
-from eal_actors.actors.inbox import Envelope
 from eal_actors.device.data import EALData
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME

@@ -7,7 +7,7 @@ from typing import Any, Final
 import msgpack
 
 from eal_actors.device.data import EALData
-from eal_actors.device.data.forms import FORMS, Form, shown
+from eal_actors.device.data.c_types import C_TYPES, CType, short_repr
 from eal_actors.kernel import errors
 from eal_actors.kernel.errors import ConfigError, DataError, EALError, ProtocolError
 
@@ -21,8 +21,8 @@ MAX_MESSAGE_CHARS: Final = 16_000
 
 Buffer = bytes | bytearray | memoryview
 
-_C_NAMES: Final = {key: form.name + "[]" * form.is_ptr for key, form in FORMS.items()}
-_FORM_BY_C_NAME: Final[dict[str, Form]] = {_C_NAMES[key]: form for key, form in FORMS.items()}
+_C_NAMES: Final = {key: form.name + "[]" * form.is_ptr for key, form in C_TYPES.items()}
+_C_TYPE_BY_NAME: Final[dict[str, CType]] = {_C_NAMES[key]: form for key, form in C_TYPES.items()}
 _ERROR_BY_CODE: Final[dict[str, type[EALError]]] = {
     member.code: member for member in vars(errors).values() if isinstance(member, type) and issubclass(member, EALError)
 }
@@ -57,7 +57,7 @@ def unpack_row(packed: Buffer, what: str, size: int, optional: int = 0) -> list[
     """
     row = _unpack(packed, what)
     if type(row) is not list or not row:
-        raise ProtocolError(f"{what}: the envelope is {shown(row)}, not a list that begins with the version")
+        raise ProtocolError(f"{what}: the envelope is {short_repr(row)}, not a list that begins with the version")
     check_version(row[0], what)
     if optional and len(row) >= size:
         row = [*row, *[None] * optional]
@@ -72,7 +72,7 @@ def unpack_map(packed: Buffer, what: str) -> dict[str, Any]:
     """
     fields = _unpack(packed, what)
     if type(fields) is not dict:
-        raise ProtocolError(f"{what}: the envelope is {shown(fields)}, not a map")
+        raise ProtocolError(f"{what}: the envelope is {short_repr(fields)}, not a map")
     check_version(fields.get("version"), what)
     return fields
 
@@ -81,7 +81,7 @@ def check_version(version: object, what: str) -> None:
     """Raise ProtocolError, naming both versions, unless the other end speaks ours."""
     if version != PROTOCOL_VERSION or type(version) is not int:
         raise ProtocolError(
-            f"{what}: the other end speaks version {shown(version)} of the protocol, this one {PROTOCOL_VERSION}; "
+            f"{what}: the other end speaks version {short_repr(version)} of the protocol, this one {PROTOCOL_VERSION}; "
             "install the same release of eal-actors at both ends"
         )
 
@@ -89,7 +89,7 @@ def check_version(version: object, what: str) -> None:
 def checked_row(row: object, what: str, size: int) -> list[Any]:
     """Return the first `size` fields of a list; later versions may have put more behind them."""
     if type(row) is not list or len(row) < size:
-        raise ProtocolError(f"{what}: {shown(row)} is not a list of at least {size} fields")
+        raise ProtocolError(f"{what}: {short_repr(row)} is not a list of at least {size} fields")
     return row if len(row) == size else row[:size]
 
 
@@ -106,7 +106,7 @@ def _unpack(packed: Buffer, what: str) -> Any:
             max_ext_len=0,
         )
     except (ValueError, TypeError, BufferError, msgpack.UnpackException) as error:
-        raise ProtocolError(f"{what}: no valid msgpack: {shown(str(error) or type(error).__name__)}") from error
+        raise ProtocolError(f"{what}: no valid msgpack: {short_repr(str(error) or type(error).__name__)}") from error
 
 
 def _text_keys(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
@@ -129,9 +129,9 @@ def data_from(header: object, payload: Buffer, what: str) -> EALData:
         ProtocolError: the header is none, or the payload is no value of that type.
     """
     name, shape, unit, frame_id, stamp_s = checked_row(header, what, 5)
-    form = _FORM_BY_C_NAME.get(name) if type(name) is str else None
+    form = _C_TYPE_BY_NAME.get(name) if type(name) is str else None
     if form is None:
-        raise ProtocolError(f"{what}: there is no type {shown(name)}, only {', '.join(_FORM_BY_C_NAME)}")
+        raise ProtocolError(f"{what}: there is no type {short_repr(name)}, only {', '.join(_C_TYPE_BY_NAME)}")
     try:
         return EALData.from_payload(
             form.type,
@@ -164,7 +164,7 @@ def error_from(body: object, what: str) -> EALError:
     code, message, robot, resource = checked_row(body, what, 4)
     names = (robot, resource)
     if type(code) is not str or type(message) is not str or any(type(n) not in (str, type(None)) for n in names):
-        raise ProtocolError(f"{what}: {shown(body)} is not an error's code, message, robot and resource")
+        raise ProtocolError(f"{what}: {short_repr(body)} is not an error's code, message, robot and resource")
     kind = _ERROR_BY_CODE.get(code)
     if kind is None:
         return EALError(f"{message} (an error of a kind unknown here: {code!r})", robot=robot, resource=resource)

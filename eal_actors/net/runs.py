@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from eal_actors.actors.running import Running
+from eal_actors.actors.robot_view import RunningCommand
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.errors import ProtocolError
 from eal_actors.net.wire import CallId
@@ -20,7 +20,7 @@ _REMEMBERED: Final = 256
 
 @dataclass(slots=True)
 class _Row:
-    running: Running
+    running: RunningCommand
     told_s: float
 
 
@@ -71,7 +71,7 @@ class RunBoard:
             row = self._rows.get(call_id)
             if row is not None:
                 running = row.running
-                row.running = Running(running.resource, running.command, running.by, running.since_s, progress)
+                row.running = RunningCommand(running.resource, running.command, running.by, running.since_s, progress)
 
     def end(self, call_id: CallId) -> None:
         """Take in that it has ended."""
@@ -84,7 +84,7 @@ class RunBoard:
         with self._lock:
             self._rows.clear()
 
-    def running(self, ours: Callable[[float], float]) -> tuple[Running, ...]:
+    def running(self, ours: Callable[[float], float]) -> tuple[RunningCommand, ...]:
         """Return what runs; `ours` makes our fleet's time of the robot's."""
         with self._lock:
             rows = [row.running for row in self._rows.values()]
@@ -111,14 +111,14 @@ def translated_progress(progress: Progress, ours: Callable[[float], float]) -> P
     return Progress(progress.fraction, progress.text, ours(progress.time_s))
 
 
-def _running_from(fields: Mapping[str, Any]) -> Running:
+def _running_from(fields: Mapping[str, Any]) -> RunningCommand:
     try:
         resource, command, by = (str(fields[key]) for key in ("resource", "command", "by"))
-        return Running(resource, command, by, float(fields["since_s"]), progress_from(fields.get("progress")))
+        return RunningCommand(resource, command, by, float(fields["since_s"]), progress_from(fields.get("progress")))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ProtocolError(f"the running command {fields!r} makes no sense") from error
 
 
-def _translated(running: Running, ours: Callable[[float], float]) -> Running:
+def _translated(running: RunningCommand, ours: Callable[[float], float]) -> RunningCommand:
     told = None if running.progress is None else translated_progress(running.progress, ours)
-    return Running(running.resource, running.command, running.by, ours(running.since_s), told)
+    return RunningCommand(running.resource, running.command, running.by, ours(running.since_s), told)

@@ -10,7 +10,7 @@ from collections import deque
 
 from eal_actors.actors.actor import EALActor
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError, shown
+from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.net.pacing import Pace
 
@@ -86,4 +86,4 @@ class Sender(EALActor):
 
     def on_crash(self, error: BaseException) -> None:
         """Say so. Thread: the actor's own."""
-        get_logger().error("the network cannot be written to any more", actor=self.name, error=shown(error))
+        get_logger().error("the network cannot be written to any more", actor=self.name, error=error_text(error))

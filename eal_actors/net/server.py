@@ -17,7 +17,14 @@ from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceType
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import DeadlineError, EALError, ProtocolError, ResourceFaultError, UnavailableError, shown
+from eal_actors.kernel.errors import (
+    DeadlineError,
+    EALError,
+    ProtocolError,
+    ResourceFaultError,
+    UnavailableError,
+    error_text,
+)
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.net import keys
@@ -202,7 +209,7 @@ class RobotServer:
             self._answer(to, error.at(self._robot.name))
         except Exception as error:  # noqa: BLE001  # else the caller would get no answer at all
             self._log.exception("a call failed", method=call.method, resource=call.resource)
-            self._answer(to, ResourceFaultError(f"the server raised {shown(error)}"))
+            self._answer(to, ResourceFaultError(f"the server raised {error_text(error)}"))
 
     def _serve(
         self, handle: ResourceHandle, method: str, to: ReplyTo, header: CallHeader, data: EALData | None
@@ -284,7 +291,7 @@ class RobotServer:
         """Return what a finished call came to."""
         error = done.exception()
         if error is not None:
-            return error if isinstance(error, EALError) else ResourceFaultError(shown(error))
+            return error if isinstance(error, EALError) else ResourceFaultError(error_text(error))
         value = done.get()
         if isinstance(value, EALData):
             return stamp_out(value, self._clock)

@@ -193,9 +193,9 @@ class _RemoteFeed:
     def offer(self, item: Item) -> None:
         """Pass on something over the link, which may be impaired on purpose."""
         if self.cell.link.is_faulty:
-            self.cell.carry(lambda: self._sink.offer(item))
+            self.cell.carry(lambda: self._sink(item))
         else:
-            self._sink.offer(item)
+            self._sink(item)
 
     def close(self) -> None:
         """See Feed."""

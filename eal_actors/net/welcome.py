@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from eal_actors.device.info import ResourceInfo
-from eal_actors.kernel.errors import EALError, ProtocolError, shown
+from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.net.pinging import texts
 from eal_actors.net.resource_info import info_from
 from eal_actors.net.rights import Rights
@@ -59,4 +59,4 @@ class Welcome:
                 answer.get("running", ()),
             )
         except (ProtocolError, AttributeError, KeyError, TypeError) as error:
-            raise ProtocolError(f"greets in a way that makes no sense: {shown(error)}") from error
+            raise ProtocolError(f"greets in a way that makes no sense: {error_text(error)}") from error

@@ -13,7 +13,7 @@ import math
 from typing import Any, Final
 
 from eal_actors.device.data import EALData, Payload
-from eal_actors.device.data.forms import shown
+from eal_actors.device.data.c_types import short_repr
 from eal_actors.device.data.storage import as_bytes
 from eal_actors.kernel.errors import DataError, EALError, ProtocolError
 from eal_actors.net.messages import (
@@ -98,7 +98,7 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
     row = unpack_row(envelope, "call", 9, 5)
     _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo, has_more, traceparent = row
     if type(arguments) is not list or any(type(item) not in (str, int) for item in arguments):
-        raise ProtocolError(f"call: arguments {shown(arguments)} are not a list of texts and ints")
+        raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
     header = CallHeader(
         _checked_client(client, "call"),
         _checked_count(epoch, "call: epoch"),
@@ -169,7 +169,7 @@ def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> Event:
     fields = unpack_map(envelope, "event")
     call, answer, more = fields.get("call"), fields.get("answer"), fields.get("fields", {})
     if type(more) is not dict:
-        raise ProtocolError(f"event: fields {shown(more)} are no map")
+        raise ProtocolError(f"event: fields {short_repr(more)} are no map")
     if answer is None:
         _data_of(None, payload, "event")
     return Event(
@@ -241,7 +241,9 @@ def _answer_from(row: list[Any], payload: Buffer, what: str) -> Answer:
             return body
         if kind == _ACCEPTED and body is None:
             return ACCEPTED
-    raise ProtocolError(f"{what}: {shown(body)} is not an answer of kind {shown(kind)}, which is 0 to {_ACCEPTED}")
+    raise ProtocolError(
+        f"{what}: {short_repr(body)} is not an answer of kind {short_repr(kind)}, which is 0 to {_ACCEPTED}"
+    )
 
 
 def _payload_of(data: EALData) -> Payload:
@@ -282,25 +284,25 @@ def _packed_client(client: str) -> bytes:
     except (ValueError, TypeError):
         packed = b""
     if len(packed) != _CLIENT_BYTES:
-        raise DataError(f"client {shown(client)} is not {2 * _CLIENT_BYTES} hexadecimal digits")
+        raise DataError(f"client {short_repr(client)} is not {2 * _CLIENT_BYTES} hexadecimal digits")
     return packed
 
 
 def _checked_client(client: object, what: str) -> str:
     if type(client) is not bytes or len(client) != _CLIENT_BYTES:
-        raise ProtocolError(f"{what}: client {shown(client)} is not {_CLIENT_BYTES} bytes")
+        raise ProtocolError(f"{what}: client {short_repr(client)} is not {_CLIENT_BYTES} bytes")
     return client.hex()
 
 
 def _checked_count(count: object, what: str) -> int:
     if type(count) is not int or count < 0:
-        raise ProtocolError(f"{what} {shown(count)} is not an int from 0")
+        raise ProtocolError(f"{what} {short_repr(count)} is not an int from 0")
     return count
 
 
 def _checked_seconds(seconds: object, what: str) -> float:
     if type(seconds) not in (float, int) or seconds != seconds:
-        raise ProtocolError(f"{what} {shown(seconds)} is no number of seconds")
+        raise ProtocolError(f"{what} {short_repr(seconds)} is no number of seconds")
     return float(seconds)  # type: ignore[arg-type]  # mypy does not follow `type(x) in`
 
 
@@ -313,13 +315,13 @@ def _checked_time(seconds: object, what: str) -> float:
 
 def _checked_flag(flag: object, what: str) -> bool:
     if type(flag) is not bool:
-        raise ProtocolError(f"{what} {shown(flag)} is no bool")
+        raise ProtocolError(f"{what} {short_repr(flag)} is no bool")
     return flag
 
 
 def _checked_text(text: object, what: str) -> str:
     if type(text) is not str:
-        raise ProtocolError(f"{what} {shown(text)} is no text")
+        raise ProtocolError(f"{what} {short_repr(text)} is no text")
     return text
 
 

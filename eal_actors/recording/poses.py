@@ -10,8 +10,7 @@ from types import TracebackType
 from typing import Final, Self
 
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.device.data import DataType, EALData
-from eal_actors.device.info import ValueInfo
+from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.log import get_logger

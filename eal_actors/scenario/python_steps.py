@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import Problem, shown
+from eal_actors.kernel.errors import Problem, error_text
 from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.managers.fleet_model import FleetConfig
@@ -121,7 +121,7 @@ def _find(name: str, fleet: FleetConfig) -> StepFunction | str:
             module, _, function = name.partition(":")
             found = getattr(_module(module, fleet.source.parent), function)
     except Exception as error:  # noqa: BLE001  # the module is the user's
-        return f"'{name}' cannot be loaded: {shown(error)}"
+        return f"'{name}' cannot be loaded: {error_text(error)}"
     return found if callable(found) else f"'{name}' is no function"
 
 

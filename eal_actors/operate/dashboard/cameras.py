@@ -12,7 +12,7 @@ from eal_actors.actors.streams import Stream
 from eal_actors.device.data import EALData
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError, shown
+from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError, error_text
 from eal_actors.net.images import encode_image
 from eal_actors.operate.dashboard.limits import MAX_FRAMES_PER_S
 
@@ -177,5 +177,7 @@ class _Camera:
 
     def _fail(self, error: EALError) -> None:
         last = self.frame
-        self.frame = Frame(last.number + 1, last.jpeg, last.stamp_s, last.same_since_s, error.message or shown(error))
+        self.frame = Frame(
+            last.number + 1, last.jpeg, last.stamp_s, last.same_since_s, error.message or error_text(error)
+        )
         self._on_frame()

@@ -9,7 +9,7 @@ from typing import Final
 
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import EALError, shown
+from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.recording import RunFolder, RunRecorder, keep_provenance, render_report
 from eal_actors.recording.new_run import draw_run, new_run_folder, writing_into
@@ -82,6 +82,6 @@ class RunRecord:
             with writing_into(self.directory):
                 (self.directory / REPORT).write_text(page, encoding="utf-8")
         except EALError as error:
-            get_logger().error("there is no report of the run", directory=str(self.directory), reason=shown(error))
+            get_logger().error("there is no report of the run", directory=str(self.directory), reason=error_text(error))
             return
         tell(self.directory / REPORT)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from eal_actors.device.data import EALData
-from eal_actors.device.info import METHODS, ResourceInfo, ValueInfo
+from eal_actors.device.data import EALData, ValueInfo
+from eal_actors.device.info import METHODS, ResourceInfo
 from eal_actors.kernel.errors import ArgumentError
 
 

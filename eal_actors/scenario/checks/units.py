@@ -6,8 +6,8 @@ import ast
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-from eal_actors.device.data import EALData
-from eal_actors.device.info import ResourceInfo, ValueInfo
+from eal_actors.device.data import EALData, ValueInfo
+from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.expressions import parse_template
 from eal_actors.scenario.model import AnyStep, CallStep, ScenarioFile, ScenarioStep, call_fields

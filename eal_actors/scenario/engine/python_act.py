@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from eal_actors.actors.future import Future
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import EALError, ScenarioError, shown
+from eal_actors.kernel.errors import EALError, ScenarioError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine.calls import timeout_of
 from eal_actors.scenario.engine.cast import Context, RobotRun
@@ -97,4 +97,4 @@ def _work(function: Callable[..., Any], context: StepContext, given: dict[str, A
         answer.set_exception(error)
     except BaseException as error:  # noqa: BLE001  # it is the user's, and somebody waits for it
         get_logger(step=threading.current_thread().name).debug("the function raised", exc_info=error)
-        answer.set_exception(ScenarioError(f"{answer.describe()} raised {shown(error)}"))
+        answer.set_exception(ScenarioError(f"{answer.describe()} raised {error_text(error)}"))

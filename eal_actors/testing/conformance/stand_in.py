@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import Any
 
-from eal_actors.kernel.errors import PluginError, shown
+from eal_actors.kernel.errors import PluginError, error_text
 from eal_actors.managers.manifest import PluginManifest
 from eal_actors.managers.plugins import import_plugin
 from eal_actors.testing.conformance.wires import WIRES, Wire
@@ -69,7 +69,7 @@ def stand_in_for(manifest: PluginManifest, settings: Mapping[str, Any]) -> Stand
         hook = importlib.import_module(f"{package}.conformance")
         return _plugged_in(hook, settings)
     except Exception as error:
-        raise PluginError(f"{where}: {shown(error)}") from error
+        raise PluginError(f"{where}: {error_text(error)}") from error
 
 
 def _plugged_in(hook: ModuleType, settings: Mapping[str, Any]) -> StandIn | None:

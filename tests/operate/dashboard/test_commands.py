@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import EALError, ResourceBusyError, StaleCommandError, UnsupportedError
 from eal_actors.operate.dashboard import Dashboard
 from eal_actors.operate.dashboard.control import Control
 from eal_actors.operate.dashboard.steering import SILENCE_S, Steering, Twist
+from tests.manual_clock import ManualClock
 from tests.operate.dashboard.rig import WAIT_S, counting_fleet, open_dashboard, page_of, resource_of
 
 SCENARIO = """\

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.plugin import FleetServices
+from tests.manual_clock import ManualClock
 
 MANIFEST = """\
 version: 1
