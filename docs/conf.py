@@ -24,6 +24,7 @@ include_patterns = [
     "DESIGN.md",
     "CHANGELOG.md",
     "SECURITY.md",
+    "CONTRIBUTING.md",
 ]
 exclude_patterns = ["**/__pycache__", ".nox", ".venv", "build"]
 extensions = [

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from typing_extensions import override
 
 from eal_actors.actors.future import CallSoon, Future, Relay
-from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.clock import REAL_TIME, new_waiter, wait_in_scope
 from eal_actors.kernel.errors import CallError
 
 T = TypeVar("T")
@@ -153,5 +153,5 @@ def as_completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
         part.arm()
     for _ in parts:
         while not ready:
-            clock.wait(waiter, None)
+            wait_in_scope(clock, waiter, None)
         yield ready.popleft()

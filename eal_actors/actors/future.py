@@ -19,7 +19,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 import pykka
 from typing_extensions import override
 
-from eal_actors.kernel.clock import REAL_TIME, Clock, Timer, new_waiter
+from eal_actors.kernel.clock import REAL_TIME, Clock, Timer, new_waiter, wait_in_scope
 from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError, WaitTimeoutError
 from eal_actors.kernel.log import get_logger
 
@@ -181,6 +181,7 @@ class Future(pykka.Future[T]):
         Raises:
             DeadlineError: the call's deadline passed.
             WaitTimeoutError: the time-out passed.
+            CallCancelledError: the call was cancelled; or the caller's task was, which cancels the call.
             Exception: the call's own failure.
 
         Thread: blocks the caller. Never call it in an actor on a future of its parent or peer.
@@ -215,16 +216,24 @@ class Future(pykka.Future[T]):
             remaining = None if limit is None else limit - clock.now()
             if remaining is not None and remaining <= 0:
                 break
-            clock.wait(waiter, remaining)
+            try:
+                wait_in_scope(clock, waiter, remaining)
+            except CallCancelledError:
+                self._remove_waiter(waiter)
+                self.cancel()
+                raise
         if self._done:
             return
-        with self._lock:
-            if self._waiters is not None:
-                self._waiters.remove(waiter)
+        self._remove_waiter(waiter)
         if limit == self.deadline_s:
             self.expire()
         else:
             raise WaitTimeoutError(f"{self.describe()} had no answer within {timeout:g} s; the call continues")
+
+    def _remove_waiter(self, waiter: threading.Lock) -> None:
+        with self._lock:
+            if self._waiters is not None:
+                self._waiters.remove(waiter)
 
     # Callbacks.
 

@@ -14,7 +14,7 @@ from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.feeds import Feed, Item, Sink, StreamSpec
 from eal_actors.actors.future import Future
 from eal_actors.device.data import EALData
-from eal_actors.kernel.clock import new_waiter
+from eal_actors.kernel.clock import new_waiter, wait_in_scope
 from eal_actors.kernel.errors import (
     BusyError,
     DeadlineError,
@@ -96,6 +96,7 @@ class Stream(Iterator[EALData]):
             StopIteration: the stream is closed.
             UnavailableError: the robot is disconnected or has failed; or it was out of reach until the time-out.
             DeadlineError: no value arrived until the time-out.
+            CallCancelledError: the caller's task was cancelled.
             EALError: get_value failed.
 
         Thread: blocks the caller.
@@ -119,7 +120,7 @@ class Stream(Iterator[EALData]):
                 continue
             left_s = end_s - clock.now()
             if left_s > 0:
-                clock.wait(waiter, left_s)
+                wait_in_scope(clock, waiter, left_s)
             with self._lock:
                 if waiter in self._waiters:  # the time passed
                     self._waiters.remove(waiter)

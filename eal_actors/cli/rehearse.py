@@ -18,7 +18,7 @@ from eal_actors.cli.progress import STYLES
 from eal_actors.cli.run_options import Order, Wanted, read_order
 from eal_actors.lab.rehearsal import Incident, Nearest, Rehearsal, rehearse
 from eal_actors.lab.rehearsal.approaches import TOUCH_M
-from eal_actors.managers.twins import Simulated, simulated
+from eal_actors.managers.twins import SimulatedFleet, simulated
 from eal_actors.scenario import Scenario
 from eal_actors.scenario.plan import bind_roles
 from eal_actors.scenario.step_places import step_place
@@ -86,7 +86,7 @@ def rehearse_scenario(
 
 
 def _rehearse_all(
-    console: Console, order: Order, twins: Simulated, margin_m: float, seeds: Sequence[int]
+    console: Console, order: Order, twins: SimulatedFleet, margin_m: float, seeds: Sequence[int]
 ) -> list[Rehearsal]:
     done: list[Rehearsal] = []
     for seed in seeds:
@@ -99,8 +99,8 @@ def _rehearse_all(
     return done
 
 
-def _print_changes(console: Console, twins: Simulated) -> None:
-    for name, why in twins.stand_ins.items():
+def _print_changes(console: Console, twins: SimulatedFleet) -> None:
+    for name, why in twins.replaced.items():
         console.print(Text(f"{name}: {why}", style="dim"), soft_wrap=True)
     for name, why in twins.left_out.items():
         console.print(Text(f"{name}: left out: {why}", style="yellow"), soft_wrap=True)
@@ -179,14 +179,14 @@ def _place(place_m: tuple[float, float]) -> str:
     return f"x {place_m[0]:.2f} m, y {place_m[1]:.2f} m"
 
 
-def _as_json(order: Order, twins: Simulated, margin_m: float, done: Sequence[Rehearsal]) -> dict[str, Any]:
+def _as_json(order: Order, twins: SimulatedFleet, margin_m: float, done: Sequence[Rehearsal]) -> dict[str, Any]:
     return {
         "scenario": order.scenario.name,
         "fleet": order.config.name,
         "parameters": dict(order.scenario.parameters),
         "margin_m": margin_m,
         "is_clear": all(one.is_clear for one in done),
-        "stand_ins": dict(twins.stand_ins),
+        "stand_ins": dict(twins.replaced),
         "left_out": dict(twins.left_out),
         "runs": [
             {

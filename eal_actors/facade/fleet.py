@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import atexit
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
+from typing import Final, Self, TypeVar
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
@@ -20,9 +20,11 @@ from eal_actors.actors.supervision import Restart
 from eal_actors.device.info import unknown_name
 from eal_actors.device.plugin_context import FleetServices
 from eal_actors.facade.endings import end_as_before, end_in_good_order
+from eal_actors.facade.tasks import TaskGroup
 from eal_actors.facade.together import Command, Together, start_together
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
+    ArgumentError,
     ConfigError,
     EALError,
     Problem,
@@ -36,8 +38,10 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_check import no_lock_step
 from eal_actors.managers.plugins import EALPluginManager
-from eal_actors.net.client import RemoteRobot, RemoteSpec
-from eal_actors.net.controller import Controller
+from eal_actors.net.controller.controller import Controller
+from eal_actors.net.controller.remote_robot import RemoteRobot, RemoteSpec
+
+R = TypeVar("R")
 
 START_TIMEOUT_S: Final = 30.0
 """How long (real time) `connect` waits for the robots to start."""
@@ -255,6 +259,53 @@ class Fleet(Mapping[str, RobotHandle]):
     def problems(self) -> list[EALError]:
         """What went wrong with robots and plugins so far."""
         return [problem.at(robot.name) for robot in self._robots.values() for problem in robot.problems]
+
+    def each(
+        self,
+        robots: Iterable[RobotHandle | str],
+        function: Callable[[RobotHandle], R],
+        *,
+        timeout_s: float | None = None,
+    ) -> dict[str, R]:
+        """Run `function(robot)` for every robot at the same time; return the results by the robots' names.
+
+            def drive_home(robot: RobotHandle) -> int:
+                robot["Base"].send_cmd("r180").get()
+                return robot["Base"].send_cmd("f1").get()
+
+            statuses = fleet.each(fleet.select(tags=["indoor"]), drive_home, timeout_s=60)
+
+        Each robot's function runs in a thread of its own, on the fleet's clock, and calls block only that thread. When
+        one raises, when the time is over, and on Ctrl-C, the waits of all others raise CallCancelledError, all robots
+        given are halted, and the error is raised here once every thread has ended; see `eal_actors.facade.tasks`.
+
+        Args:
+            robots: the robots or their names, each once.
+            function: what to run. It should let CallCancelledError pass.
+            timeout_s: seconds of the fleet's clock for all of them together; None for no limit.
+
+        Raises:
+            ArgumentError: a robot is given twice.
+            RobotNotFoundError: the fleet has no robot of a name.
+            DeadlineError: the time is over.
+            Exception: the first error of a function. Errors that others raised too are its notes.
+
+        Thread: any; blocks the caller.
+        """
+        handles = [self[robot] if isinstance(robot, str) else robot for robot in robots]
+        if len(set(handles)) != len(handles):
+            raise ArgumentError(f"a robot is given twice: {', '.join(robot.name for robot in handles)}")
+        with self.tasks(timeout_s) as tasks:
+            results = {robot.name: tasks.start(function, robot) for robot in handles}
+        return {name: result.get() for name, result in results.items()}
+
+    def tasks(self, timeout_s: float | None = None) -> TaskGroup:
+        """Return a group of tasks, for a `with` block: different functions at the same time, which end together.
+
+        Args:
+            timeout_s: seconds of the fleet's clock to wait for the tasks at the end of the block; None for no limit.
+        """
+        return TaskGroup(self.clock, timeout_s)
 
     def halt(self, *, timeout_s: float | None = None) -> Future[list[list[int]]]:
         """Stop whatever moves on every robot, at once. Thread: any; does not block."""

@@ -14,12 +14,14 @@ import heapq
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from typing import Final, Generic, TypeVar
 
 from typing_extensions import override
+
+from eal_actors.kernel.errors import CallCancelledError
 
 _MAIN_THREAD: Final = threading.main_thread().ident
 _SIGNAL_CHECK_S: Final = 0.2
@@ -86,8 +88,14 @@ class Clock(ABC):
         release(waiter)
 
     def sleep(self, duration_s: float) -> None:
-        """Block the caller for a duration in seconds of this clock. Thread: blocks the caller."""
-        self.wait(new_waiter(), duration_s)
+        """Block the caller for a duration in seconds of this clock.
+
+        Raises:
+            CallCancelledError: the caller's task was cancelled.
+
+        Thread: blocks the caller.
+        """
+        wait_in_scope(self, new_waiter(), duration_s)
 
     def of_real(self, duration_s: float) -> float:
         """Return a time-out of so many real seconds in seconds of this clock. Thread: any."""
@@ -100,6 +108,103 @@ class Clock(ABC):
     def outside(self) -> AbstractContextManager[None]:
         """Return a context in which the thread may wait for something other than the clock, such as a thread's end."""
         return contextlib.nullcontext()
+
+
+class CancelScope:
+    """Interrupts what one thread waits for (compare trio.CancelScope).
+
+    A cancelled scope stays cancelled: the wait under way and every later one raise CallCancelledError, so a function
+    that catches the error once cannot keep its thread waiting. It covers the waits of users (`Future.get`, a stream,
+    `Clock.sleep`, `wait_in_scope`). Actors wait on their clock directly, so that no scope can interrupt one.
+
+    Args:
+        parent: the scope that cancels this one with itself; None if there is none.
+    """
+
+    def __init__(self, parent: CancelScope | None = None) -> None:
+        self._lock = threading.RLock()  # a signal handler may cancel while its own thread holds the lock
+        self._parent = parent
+        self._children: list[CancelScope] = []
+        self._waiting: tuple[Clock, threading.Lock] | None = None
+        self.is_cancelled = False
+        if parent is not None:
+            parent.add_child(self)
+
+    def add_child(self, child: CancelScope) -> None:
+        """Cancel another scope with this one, at once if this one is cancelled. Thread: any."""
+        with self._lock:
+            self._children.append(child)
+            child.is_cancelled = self.is_cancelled
+
+    def remove_child(self, child: CancelScope) -> None:
+        """Undo `add_child`. Thread: any."""
+        with self._lock:
+            self._children.remove(child)
+
+    def cancel(self) -> None:
+        """Interrupt the thread's waits from now on, and those of the scopes below. Thread: any; does not block."""
+        with self._lock:
+            self.is_cancelled = True
+            waiting, children = self._waiting, list(self._children)
+        if waiting is not None:
+            clock, waiter = waiting
+            clock.wake(waiter)
+        for child in children:
+            child.cancel()
+
+    def close(self) -> None:
+        """Leave the parent. Thread: any."""
+        if self._parent is not None:
+            self._parent.remove_child(self)
+
+    def wait(self, clock: Clock, waiter: threading.Lock, timeout_s: float | None) -> bool:
+        """Wait as `Clock.wait` does.
+
+        Raises:
+            CallCancelledError: the scope is cancelled.
+
+        Thread: blocks the caller, which is the scope's one thread.
+        """
+        with self._lock:
+            self._waiting = clock, waiter
+        try:
+            woken = not self.is_cancelled and clock.wait(waiter, timeout_s)
+        finally:
+            self._waiting = None
+        if self.is_cancelled:
+            raise CallCancelledError("the task was cancelled")
+        return woken
+
+
+_local = threading.local()
+
+
+def current_scope() -> CancelScope | None:
+    """Return the scope that the calling thread is in; None if it is in none."""
+    return getattr(_local, "scope", None)
+
+
+@contextlib.contextmanager
+def in_scope(scope: CancelScope | None) -> Iterator[None]:
+    """Let a scope interrupt the calling thread's waits in a `with` block; None shields them from every scope."""
+    outer = current_scope()
+    _local.scope = scope
+    try:
+        yield
+    finally:
+        _local.scope = outer
+
+
+def wait_in_scope(clock: Clock, waiter: threading.Lock, timeout_s: float | None) -> bool:
+    """Wait as `Clock.wait` does, until the calling thread's scope is cancelled.
+
+    Raises:
+        CallCancelledError: the scope is cancelled.
+
+    Thread: blocks the caller.
+    """
+    scope = current_scope()
+    return clock.wait(waiter, timeout_s) if scope is None else scope.wait(clock, waiter, timeout_s)
 
 
 class ScaledClock(Clock):

@@ -121,7 +121,7 @@ class ScenarioCase(pytest.Item):
         scenario = with_parameters(self.scenario, read_settings(self.scenario.file, own))
         robots = {name for names in bind_roles(scenario, config).values() for name in names}
         twins = simulated(config, robots, self.config.getoption("--eal-keep"))
-        self._say([*_sentences(twins.stand_ins, ""), *_sentences(twins.left_out, "left out: ")])
+        self._say([*_sentences(twins.replaced, ""), *_sentences(twins.left_out, "left out: ")])
         with Fleet(twins.config).connect(robots) as opened:
             for problem in opened.problems:
                 raise problem

@@ -37,8 +37,7 @@ def main() -> int:
     rows = [HEADINGS, ("---",) * len(HEADINGS), *(result.row() for result in results)]
     PAGE.parent.mkdir(exist_ok=True)
     PAGE.write_text(
-        "# Benchmarks\n\nWritten by `make bench`. A ratio compares with a reference that runs in turn with ours in the "
-        "same run.\n\n"
+        "# Benchmarks\n\n`make bench` writes this page. Each ratio compares with a reference in the same run.\n\n"
         + "\n".join("| " + " | ".join(row) + " |" for row in rows)
         + f"\n\n{datetime.now(UTC):%Y-%m-%d}, {machine}.\n"
     )

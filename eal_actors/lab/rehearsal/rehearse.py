@@ -9,7 +9,7 @@ from typing import Final
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.lab.rehearsal.approaches import Approach, Approaches, Nearest
-from eal_actors.managers.twins import Simulated
+from eal_actors.managers.twins import SimulatedFleet
 from eal_actors.scenario import Event, Report, RunStarted, Scenario, StepRecord, run_scenario
 from eal_actors.scenario.binding import Wishes
 
@@ -55,7 +55,7 @@ class Rehearsal:
 
 def rehearse(
     scenario: Scenario,
-    fleet: Simulated,
+    fleet: SimulatedFleet,
     margin_m: float,
     seed: int,
     directory: Path | None = None,

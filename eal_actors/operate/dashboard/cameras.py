@@ -13,7 +13,7 @@ from eal_actors.device.data import EALData
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError, error_text
-from eal_actors.net.images import encode_image
+from eal_actors.net.wire.images import encode_image
 from eal_actors.operate.dashboard.limits import MAX_FRAMES_PER_S
 
 CameraKey: TypeAlias = tuple[str, str]

@@ -11,8 +11,15 @@ from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
-from eal_actors.recording import RunFolder, RunRecorder, keep_provenance, render_report
-from eal_actors.recording.new_run import draw_run, new_run_folder, writing_into
+from eal_actors.recording import (
+    RunFolder,
+    RunRecorder,
+    draw_run,
+    folder_errors,
+    keep_provenance,
+    new_run_folder,
+    render_report,
+)
 from eal_actors.scenario import Plan, Report
 
 REPORT: Final = "report.html"
@@ -38,7 +45,7 @@ class RunRecord:
     def __init__(self, fleet: Fleet, plan: Plan, runs_dir: Path) -> None:
         self._world = fleet.config.world
         self.directory: Final = new_run_folder(runs_dir, plan.scenario.name)
-        with writing_into(self.directory):
+        with folder_errors(self.directory):
             keep_provenance(self.directory, fleet.config, plan.scenario)
             robots = [name for name in plan.robots if name not in plan.lost]
             self._recorder = RunRecorder(fleet, robots, self.directory)
@@ -79,7 +86,7 @@ class RunRecord:
             folder = RunFolder.open(self.directory)
             draw_run(folder, run.get(), self._world)
             page = render_report(folder, self._world)
-            with writing_into(self.directory):
+            with folder_errors(self.directory):
                 (self.directory / REPORT).write_text(page, encoding="utf-8")
         except EALError as error:
             get_logger().error("there is no report of the run", directory=str(self.directory), reason=error_text(error))

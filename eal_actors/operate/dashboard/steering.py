@@ -13,7 +13,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter
 from eal_actors.kernel.errors import EALError, PreemptedError, ResourceBusyError, StaleCommandError, UnsupportedError
 from eal_actors.kernel.log import get_logger
-from eal_actors.net.deadman import DeadMan
+from eal_actors.net.server.leases import DeadManSwitch
 from eal_actors.operate.dashboard.control import Control
 from eal_actors.operate.dashboard.watcher import DRIVE_RESOURCE, takes_twist
 
@@ -60,7 +60,7 @@ class Steering:
         self._control = control
         self._clock = clock
         self._lock = threading.Lock()
-        self._dead_man = DeadMan(SILENCE_S)
+        self._dead_man = DeadManSwitch(SILENCE_S)
         self._holds: dict[str, _Hold] = {}
         self._ended: dict[str, int] = {}
         self._waiter = new_waiter()

@@ -12,7 +12,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.info import ResourceInfo, ResourceType
+from eal_actors.device.info import ResourceInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import EALError
@@ -41,13 +41,6 @@ TRAIL_STEP_M: Final = 0.02
 TRAIL_POINTS: Final = 300
 _POSE: Final = ValueInfo(DataType.DOUBLE, shape=(3,))
 _TWIST: Final = (2,)
-
-
-def is_camera(info: ResourceInfo) -> bool:
-    """Return whether a resource's values are RGB pictures."""
-    value = info.value
-    is_picture = value is not None and value.type is DataType.CHAR and len(value.shape) == 3 and value.shape[2] == 3
-    return is_picture and ResourceType.SENSOR in info.types
 
 
 def takes_twist(info: ResourceInfo) -> bool:
@@ -185,7 +178,7 @@ class _Sight:
             "tags": robot.tags,
             "is_remote": robot.is_remote,
             "resources": list(robot),
-            "cameras": [name for name, info in infos.items() if is_camera(info)],
+            "cameras": [name for name, info in infos.items() if info.is_camera],
             "can_drive": base is not None and takes_twist(base),
         }
 

@@ -32,7 +32,7 @@ def listen_at(host: str, port: int) -> socket.socket:
         port: 0 for any that is free.
 
     Raises:
-        ConfigError: the port is in use, or the address is none of this machine.
+        ConfigError: the port is in use, or this machine has no such address.
     """
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]

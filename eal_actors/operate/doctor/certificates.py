@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from eal_actors.kernel.clock import wall_time
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, SecurityConfig, parse_endpoint
-from eal_actors.net.certificates import AUTHORITY, certificate_file, key_file
+from eal_actors.net.security.certificates import AUTHORITY, certificate_file, key_file
 from eal_actors.operate.doctor.finding import Finding, ok, problem, warning
 
 if TYPE_CHECKING:

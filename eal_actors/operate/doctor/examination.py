@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.manifest import discover
 from eal_actors.operate.doctor.certificates import check_certificates
 from eal_actors.operate.doctor.clocks import StepWatch, check_clock
 from eal_actors.operate.doctor.devices import check_devices, named_devices
@@ -34,7 +35,8 @@ def examine_fleet(config: FleetConfig) -> Iterator[Finding]:
     remote = [robot.name for robot in config.robots.values() if robot.address is not None]
     yield ok("fleet file", f"{config.source}: {len(config.robots)} robots, {len(here)} of them on this machine")
     yield from check_plugins(config, here)
-    yield from check_devices(named_devices(here))
+    manifests, _ = discover(config.plugin_dirs)
+    yield from check_devices(named_devices(here, manifests))
     yield from check_certificates(config, here)
     answers, findings = ping_robots(config, remote)
     yield from check_ports(here, answers)

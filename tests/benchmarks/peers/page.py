@@ -21,29 +21,28 @@ WHAT: Final[Mapping[str, str]] = {
     "reconnect": "first answer after a kill and restart",
 }
 _TEXT: Final = """\
-# Beside others
+# Comparison with peers
 
-Written by `make bench-peers`: the same work through this project, through the engines under it, and through others, in
-turn in one run, all processes on one core. Every figure is the median over {rounds} rounds; in brackets how many times
-that of raw TCP it is, the median of the rounds' ratios. The smaller, the better.
+`make bench-peers` writes this page. It runs the same work through this project, the engines below it and other
+projects, in turn in one run, with all processes on one core. Each figure is the median over {rounds} rounds.
+The number in brackets is the ratio to raw TCP, the median of the rounds' ratios. Smaller is better.
 
 {table}
 
-![How many times as long as raw TCP each takes, on a logarithmic axis](images/peers.svg)
+![Duration relative to raw TCP on a logarithmic axis](images/peers.svg)
 
-{absent}They do not promise the same. Raw TCP is a byte there and bytes back. Bare Pykka stays within one process.
-Pyro5, xoscar and viam-sdk carry a call and its answer, viam-sdk as gRPC in the form of its own components (sensor
-readings, a command, camera images), served by its own Python server and called directly. Of these, eal-actors alone
-checks each command for freshness and for a second coming, lets one controller at a time command an actuator, halts
-what a silent controller has left moving, and ends every call at its deadline.
+{absent}The guarantees differ. Raw TCP sends one byte and receives bytes. Bare Pykka stays within one process.
+Pyro5, xoscar and viam-sdk carry a call and its answer; viam-sdk uses gRPC with its own components (sensor readings, a
+command, camera images), served by its own Python server and called directly. Only eal-actors checks each command for
+staleness and repetition, grants an actuator to one controller at a time, halts robots whose controller falls silent,
+and ends every call at its deadline.
 
-- Bare zenoh asks by its queries; published, a call and its answer are a publication each, as eal-actors has them: the
-  least that a call through this engine takes.
-- A robot of the hundred is a connection with raw TCP, Pyro5 and viam-sdk, and a name behind one connection with the
+- Bare zenoh uses its queries. In the column "published", a call and its answer are one publication each, as in
+  eal-actors.
+- One of the hundred robots is a connection with raw TCP, Pyro5 and viam-sdk, and a name behind one connection with the
   others.
-- After the kill, the time counts from when the new process listens. Raw TCP, Pyro5, xoscar and viam-sdk are asked again
-  every 2 ms, each time with a new connection; zenoh and eal-actors find the robot by themselves, and wait between their
-  attempts.
+- After the kill, the time starts when the new process listens. Raw TCP, Pyro5, xoscar and viam-sdk are retried every
+  2 ms with a new connection. zenoh and eal-actors find the robot by themselves, with back-off between attempts.
 
 {date}, {machine}; {versions}.
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import struct
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.manifest import discover
 from eal_actors.operate.doctor.certificates import Wanted, judge_mode, judge_validity
 from eal_actors.operate.doctor.clocks import judge_date, judge_steps, judge_synchronised
 from eal_actors.operate.doctor.devices import (
@@ -20,6 +22,7 @@ from eal_actors.operate.doctor.devices import (
     judge_device,
     named_devices,
     read_facts,
+    usb_id,
 )
 from eal_actors.operate.doctor.finding import Level
 from eal_actors.operate.doctor.packages import judge_python, judge_requirements
@@ -27,7 +30,7 @@ from eal_actors.operate.doctor.ports import judge_port
 from eal_actors.operate.doctor.robots import judge_ping
 
 PORT = NamedDevice("one", Path("/dev/ttyUSB7"), is_camera=False)
-EYE = NamedDevice("one", Path("/dev/video3"), is_camera=True)
+EYE = NamedDevice("one", Path("/dev/video3"), is_camera=True, group="video")
 THERE = DeviceFacts(exists=True, is_device=True, usable=True, group="dialout")
 NOW = datetime(2026, 6, 1, tzinfo=UTC)
 
@@ -109,7 +112,18 @@ class TestDevices:
             "  one: {plugins: {camera: {source: 3}, own: {wires: [{port: /dev/ttyUSB7}, 4], speed: 9600}}}\n"
             "  two: {plugins: {serial_port: {port: 'socket://host:1'}, camera: {source: rtsp://eye}}}\n"
         )
-        assert named_devices(EALConfigManager.load(file).fleet.robots.values()) == [EYE, PORT]
+        assert named_devices(EALConfigManager.load(file).fleet.robots.values(), discover([])[0]) == [EYE, PORT]
+
+    def test_a_device_is_found_by_its_usb_id(self, tmp_path: Path) -> None:
+        number = Path("/dev/null").stat().st_rdev
+        device = tmp_path / "devices/usb1/1-1/1-1:1.0/ttyUSB0"
+        device.mkdir(parents=True)
+        (tmp_path / "devices/usb1/1-1/idVendor").write_text("0403\n")
+        (tmp_path / "devices/usb1/1-1/idProduct").write_text("6001\n")
+        (tmp_path / "dev/char").mkdir(parents=True)
+        (tmp_path / f"dev/char/{os.major(number)}:{os.minor(number)}").symlink_to(device)
+        assert usb_id(Path("/dev/null"), tmp_path) == "0403:6001"
+        assert usb_id(Path("/dev/zero"), tmp_path) is None
 
     @pytest.mark.parametrize(
         ("whole", "own", "level"),

@@ -13,8 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from plugins.sim.models import MAKES, Make, MakeName
-from plugins.sim.motion import Move
-from plugins.sim.wheels import moved
+from plugins.sim.motion import Move, moved
 from plugins.sim.world import SimWorld
 from tests.manual_clock import ManualClock
 from tests.unit.plugins.sim.rig import arena
