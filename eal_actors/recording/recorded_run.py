@@ -17,7 +17,7 @@ from eal_actors.kernel.errors import ScenarioError, UnsupportedError, error_text
 from eal_actors.recording import schemas
 from eal_actors.recording.mcap_file import McapContent, RecordedMessage, read_mcap
 from eal_actors.recording.messages import ranges_of, seconds, yaw_of
-from eal_actors.scenario.strict_json import numbers_again
+from eal_actors.scenario.report.records import numbers_again
 
 INFOS: Final = "resources.json"
 """The attachment with the ResourceInfo of each robot's resources."""

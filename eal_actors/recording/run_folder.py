@@ -17,8 +17,8 @@ from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError, error_text
 from eal_actors.recording.mcap_file import RECORD_FILE, McapContent, read_mcap
 from eal_actors.recording.poses import PoseSample
-from eal_actors.scenario.report import Report
-from eal_actors.scenario.resuming import EVENTS, SUMMARY
+from eal_actors.scenario.report.journal import EVENTS, SUMMARY
+from eal_actors.scenario.report.summary import Report
 
 TRAJECTORY: Final = "trajectory.csv"
 
