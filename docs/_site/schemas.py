@@ -10,10 +10,10 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from eal_actors.managers.config import fleet_schema, world_schema
+from eal_actors.managers.config import fleet_schema, manifest_schema, world_schema
 from eal_actors.scenario import scenario_schema
 
-SCHEMAS = {"fleet": fleet_schema, "scenario": scenario_schema, "world": world_schema}
+SCHEMAS = {"fleet": fleet_schema, "scenario": scenario_schema, "world": world_schema, "plugin": manifest_schema}
 
 
 def schema_markdown(kind: str) -> str:

@@ -1,4 +1,7 @@
-"""Emulators for the wires that a fleet file leaves open, each a program of its own."""
+"""Emulators of the devices that a fleet file leaves open, each in a process of its own.
+
+Which module of a plugin emulates its device, and with which arguments, is declared as `emulator` in its manifest.
+"""
 
 from __future__ import annotations
 
@@ -6,46 +9,56 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
-import eal_actors.cli.leash
-from eal_actors.kernel.bundled import bundled_path
+import eal_actors
+from eal_actors.cli import emulator_main
 from eal_actors.kernel.errors import UnavailableError
 from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.manifest import EmulatorSection, PluginManifest, discover
 
 _PREFIX: Final = "LAB_"
 _STOP_S: Final = 5.0
-"""Real seconds that an emulator has to end by itself."""
+"""Real seconds until an emulator that does not end is killed."""
 _POSE: Final = re.compile(r"^pose (\S+) m (\S+) m (\S+) deg$", re.MULTILINE)
 
-Pose = tuple[float, float, float]
+_ROOT: Final = str(Path(eal_actors.__file__).parents[1])
+
+LabPose = tuple[float, float, float]
 """x in m, y in m, yaw in degrees, in (-180, 180]."""
 
 
 @dataclass(frozen=True, slots=True)
-class Wire:
-    """A setting of a robot that a fleet file takes from a variable that is not set.
+class EmulatedDevice:
+    """A setting of a robot that a fleet file takes from an unset variable.
 
     Attributes:
         robot: the robot's name.
-        plugin: the plugin whose setting it is.
+        plugin: the manifest of the plugin whose setting it is.
         variable: the variable's name.
         settings: all of the plugin's settings.
     """
 
     robot: str
-    plugin: str
+    plugin: PluginManifest
     variable: str
     settings: Mapping[str, Any]
 
+    def command(self) -> list[str]:
+        """Return the command that runs the plugin's emulator."""
+        section = self.plugin.file.emulator or EmulatorSection()
+        packages = [f"{plugin.name}={plugin.folder.resolve()}" for plugin in (self.plugin, *self.plugin.used())]
+        program = (sys.executable, "-P", str(emulator_main.__file__), self.plugin.name, section.module)
+        return [*program, *packages, "--", *section.program_arguments(self.settings)]
 
-class _Marked(Mapping[str, str]):
-    """The environment, in which each variable of an emulator that is not set is a mark."""
+
+class _MarkedEnvironment(Mapping[str, str]):
+    """The environment, with a mark as the value of each unset LAB_ variable."""
 
     def __getitem__(self, name: str) -> str:
         return os.environ[name] if name in os.environ or not name.startswith(_PREFIX) else f"<{name}>"
@@ -57,65 +70,56 @@ class _Marked(Mapping[str, str]):
         return len(os.environ)
 
 
-def open_wires(fleet: Path) -> list[Wire]:
-    """Return the wires of a fleet that an emulator can be put behind: settings that are `${LAB_...:-...}`.
+def open_devices(fleet: Path) -> list[EmulatedDevice]:
+    """Return the devices of a fleet that can be emulated: settings `${LAB_...:-...}` of plugins with an emulator.
 
     Raises:
-        ConfigError: everything that is wrong with the file.
+        ConfigError: the problems of the file.
     """
+    config = EALConfigManager.load(fleet, environment=_MarkedEnvironment()).fleet
+    manifests, _ = discover(config.plugin_dirs)
     found = []
-    for robot in EALConfigManager.load(fleet, environment=_Marked()).fleet.robots.values():
+    for robot in config.robots.values():
         for plugin in robot.plugins.values():
+            manifest = manifests.get(plugin.plugin)
+            if manifest is None or manifest.file.emulator is None or manifest.file.emulator.arguments is None:
+                continue
             settings = plugin.tree.root
             marks = [str(value) for value in settings.values() if str(value).startswith(f"<{_PREFIX}")]
-            found += [Wire(robot.name, plugin.plugin, mark[1:-1], settings) for mark in marks]
-    return [wire for wire in found if wire.plugin in _ARGUMENTS]
+            found += [EmulatedDevice(robot.name, manifest, mark[1:-1], settings) for mark in marks]
+    return found
 
 
-def _with_motes(settings: Mapping[str, Any]) -> Sequence[str]:
-    return ("--pty", "--pace", "--mote") if settings.get("link") == "mote" else ("--pty", "--pace")
+class EmulatorProcesses:
+    """Runs emulators for the length of a `with` block, in which the variables name them.
 
-
-_ARGUMENTS: Final[Mapping[str, Callable[[Mapping[str, Any]], Sequence[str]]]] = {
-    "camera": lambda _: ("--folder",),
-    "evbot2": lambda _: ("--pty", "--pace"),
-    "evbot3": lambda _: ("--udp", "127.0.0.1:0"),
-    "mote_roomba": _with_motes,
-    "roomba_oi": lambda _: ("--pty", "--pace"),
-}
-"""What the program `plugins.<plugin>.emulator` is given for such settings of the plugin."""
-
-
-class Emulators:
-    """Emulators behind open wires, for the length of a `with` block, in which the variables name them.
-
-    They run in sessions of their own: Ctrl-C in a terminal is for who drives the robots, which are to
-    hear its last stop. They end with this process, however that ends.
+    Each runs in a session of its own, so that Ctrl-C in a terminal reaches the controller only, and the emulators
+    receive its last stop. They end with this process, however it ends.
 
     Args:
-        wires: see `open_wires`.
+        devices: see `open_devices`.
 
     Attributes:
-        addresses: what each variable was set to.
-        poses: where each robot stood at the end of the block, from (0, 0, 0) at its beginning.
+        addresses: the value of each variable.
+        poses: by robot, its pose at the end of the block, from (0, 0, 0) at the beginning.
     """
 
-    def __init__(self, wires: Sequence[Wire]) -> None:
+    def __init__(self, devices: Sequence[EmulatedDevice]) -> None:
         self.addresses: dict[str, str] = {}
-        self.poses: dict[str, Pose] = {}
-        self._wires = wires
+        self.poses: dict[str, LabPose] = {}
+        self._devices = devices
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        """Start them, and wait until all of them listen.
+        """Start the emulators, and wait until all of them listen.
 
         Raises:
-            UnavailableError: one has ended instead; it has said why on stderr.
+            UnavailableError: one has ended; the reason is on stderr.
         """
         with ExitStack() as stack:
-            programs = [stack.enter_context(self._program(wire)) for wire in self._wires]
-            for wire, program in programs:
-                self.addresses[wire.variable] = _first_line(wire, program)
+            running = [(device, stack.enter_context(self._run(device))) for device in self._devices]
+            for device, process in running:
+                self.addresses[device.variable] = _read_address(device, process)
             os.environ.update(self.addresses)
             for variable in self.addresses:
                 stack.callback(os.environ.pop, variable, None)
@@ -128,35 +132,32 @@ class Emulators:
         self._stack.close()
 
     @contextmanager
-    def _program(self, wire: Wire) -> Iterator[tuple[Wire, subprocess.Popen[str]]]:
-        leash = (sys.executable, "-P", str(eal_actors.cli.leash.__file__))
-        module = f"plugins.{wire.plugin}.emulator"
-        process = subprocess.Popen(  # noqa: S603  # our own program
-            [*leash, module, *_ARGUMENTS[wire.plugin](wire.settings)],
-            stdin=subprocess.PIPE,  # the leash
+    def _run(self, device: EmulatedDevice) -> Iterator[subprocess.Popen[str]]:
+        process = subprocess.Popen(  # noqa: S603  # the plugin's own program
+            device.command(),
+            stdin=subprocess.PIPE,  # the emulator ends when this closes
             stdout=subprocess.PIPE,
             text=True,
-            env={**os.environ, "PYTHONPATH": str(bundled_path("plugins").parent)},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (_ROOT, os.environ.get("PYTHONPATH"))))},
             start_new_session=True,
         )
         try:
-            yield wire, process
+            yield process
         finally:
-            said = _ended(process)
-            if (pose := _POSE.search(said)) is not None:
+            if (pose := _POSE.search(_end(process))) is not None:
                 x_m, y_m, yaw_deg = map(float, pose.groups())
-                self.poses[wire.robot] = x_m, y_m, yaw_deg
+                self.poses[device.robot] = x_m, y_m, yaw_deg
 
 
-def _first_line(wire: Wire, program: subprocess.Popen[str]) -> str:
-    line = program.stdout.readline().strip() if program.stdout is not None else ""
+def _read_address(device: EmulatedDevice, process: subprocess.Popen[str]) -> str:
+    line = process.stdout.readline().strip() if process.stdout is not None else ""
     if not line:
-        raise UnavailableError("its emulator has ended; see above", robot=wire.robot)
+        raise UnavailableError("its emulator has ended; see above", robot=device.robot)
     return line
 
 
-def _ended(process: subprocess.Popen[str]) -> str:
-    """Let go of the leash, and return what the program says at its end."""
+def _end(process: subprocess.Popen[str]) -> str:
+    """Close the emulator's stdin, and return the rest of its output."""
     try:
         return process.communicate(timeout=_STOP_S)[0]
     except subprocess.TimeoutExpired:

@@ -1,4 +1,4 @@
-"""`make lab`: emulators behind the wires of a fleet, scenarios on it, and how far off its robots are in the end."""
+"""`make lab`: emulate the open devices of a fleet, run scenarios on it, and compare where the robots end."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from typing import Annotated, Final
 import typer
 from rich.text import Text
 
-from eal_actors.cli.emulators import Emulators, Pose, Wire, open_wires
+from eal_actors.cli.emulators import EmulatedDevice, EmulatorProcesses, LabPose, open_devices
 from eal_actors.cli.output import new_table, stderr, stdout
 from eal_actors.cli.run import run_scenario
 
 _SCENARIOS: Final = (Path("square"), Path("dance"))
 _MOVE: Final = re.compile(r"([gbflr])(\d+(?:\.\d+)?)?")
-_STEP_M: Final = 0.5  # of g and b, unless a scenario sets it otherwise
+_STEP_M: Final = 0.5  # default of g and b
 _TURN_DEG: Final = 90.0
 
 
@@ -28,45 +28,46 @@ def run_lab(
     fleet: Annotated[Path, typer.Option("--fleet", "-f")] = Path("lab"),
     runs_dir: Annotated[Path, typer.Option()] = Path("runs"),
 ) -> None:
-    """Put emulators behind the open wires of a fleet, run scenarios on it, and tell where the robots have got to."""
-    wires, before = open_wires(fleet), set(runs_dir.glob("*"))
-    emulators = Emulators(wires)
+    """Emulate the open devices of a fleet, run scenarios on it, and print where the robots ended."""
+    devices, before = open_devices(fleet), set(runs_dir.glob("*"))
+    emulators = EmulatorProcesses(devices)
     try:
         with emulators:
-            _tell_wires(wires, emulators.addresses)
+            _print_devices(devices, emulators.addresses)
             for scenario in scenarios or _SCENARIOS:
                 run_scenario(context, scenario, fleet, runs_dir=runs_dir, no_plot=True)
     finally:
         runs = sorted(set(runs_dir.glob("*")) - before, key=lambda run: run.stat().st_mtime_ns)
-        _tell_poses(dict(sorted(emulators.poses.items())), runs)
+        _print_poses(dict(sorted(emulators.poses.items())), runs)
 
 
-def _tell_wires(wires: Sequence[Wire], addresses: Mapping[str, str]) -> None:
-    for wire in wires:
-        line = f"{wire.robot}: {wire.plugin} at {addresses[wire.variable]}, emulated; ${wire.variable} names another"
+def _print_devices(devices: Sequence[EmulatedDevice], addresses: Mapping[str, str]) -> None:
+    for device in devices:
+        variable = device.variable
+        line = f"{device.robot}: {device.plugin.name} at {addresses[variable]}, emulated; ${variable} names another"
         stderr().print(Text(line, style="dim"), soft_wrap=True)
 
 
-def _tell_poses(poses: Mapping[str, Pose], runs: Sequence[Path]) -> None:
-    """Tell where the emulated robots are, and how far that is from where all that they were told leads."""
+def _print_poses(poses: Mapping[str, LabPose], runs: Sequence[Path]) -> None:
+    """Print the pose of each emulated robot, and its distance from the pose that its commands lead to."""
     if not runs:
         return
     table = new_table("robot", "should be at", "is at", "off by")
     for robot, pose in poses.items():
         moves = commands(robot, runs)
-        table.add_row(robot, *_compared(pose, None if moves is None else destination(moves)))
+        table.add_row(robot, *_compare(pose, None if moves is None else destination(moves)))
     stdout().print(table)
 
 
-def _compared(pose: Pose, wanted: Pose | None) -> tuple[str, str, str]:
+def _compare(pose: LabPose, wanted: LabPose | None) -> tuple[str, str, str]:
     if wanted is None:
-        return "unknown", _shown(pose), ""
+        return "unknown", _format_pose(pose), ""
     off_mm, off_deg = math.dist(pose[:2], wanted[:2]) * 1000, abs(math.remainder(pose[2] - wanted[2], 360.0))
-    return _shown(wanted), _shown(pose), f"{off_mm:.1f} mm, {off_deg:.2f}°"
+    return _format_pose(wanted), _format_pose(pose), f"{off_mm:.1f} mm, {off_deg:.2f}°"
 
 
 def commands(robot: str, runs: Iterable[Path]) -> list[str] | None:
-    """Return the commands that a robot's base has carried out in runs; None if one of them was cut short.
+    """Return the commands that a robot's base completed in runs; None if one of them was cut short.
 
     Args:
         robot: its name.
@@ -83,8 +84,8 @@ def commands(robot: str, runs: Iterable[Path]) -> list[str] | None:
     return found
 
 
-def destination(moves: Iterable[str]) -> Pose:
-    """Return where commands of a base lead from (0, 0, 0), for one that drives exactly."""
+def destination(moves: Iterable[str]) -> LabPose:
+    """Return the pose to which a base's commands lead from (0, 0, 0) without any error."""
     x_m = y_m = yaw_deg = 0.0
     for move in moves:
         if (parsed := _MOVE.fullmatch(move)) is None:
@@ -99,6 +100,6 @@ def destination(moves: Iterable[str]) -> Pose:
     return x_m, y_m, math.remainder(yaw_deg, 360.0)
 
 
-def _shown(pose: Pose) -> str:
+def _format_pose(pose: LabPose) -> str:
     x_m, y_m, yaw_deg = (round(number, 4) + 0.0 for number in pose)
     return f"{x_m:.3f} m, {y_m:.3f} m, {yaw_deg:.1f}°"

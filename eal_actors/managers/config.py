@@ -9,13 +9,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from eal_actors.device.world import WorldModel, load_world
+from eal_actors.device.world import WorldModel
 from eal_actors.device.world.contradictions import contradictions
-from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
+from eal_actors.kernel.errors import ConfigError, RobotNotFoundError
 from eal_actors.kernel.strict_model import StrictModel, did_you_mean, problems_from
 from eal_actors.managers.fleet_loader import fleet_of, load_fleet
 from eal_actors.managers.fleet_model import FleetConfig, FleetFile, RobotConfig
 from eal_actors.managers.in_memory import tree_of
+from eal_actors.managers.manifest import ManifestFile
 
 
 class EALConfigManager:
@@ -113,24 +114,6 @@ class EALConfigManager:
         return asked
 
 
-def check_fleet(path: str | Path, *, environment: Mapping[str, str] | None = None) -> tuple[Problem, ...]:
-    """Return every problem of a fleet file and of the files it refers to; see EALConfigManager.load."""
-    try:
-        EALConfigManager.load(path, environment=environment)
-    except ConfigError as error:
-        return error.problems
-    return ()
-
-
-def check_world(path: str | Path) -> tuple[Problem, ...]:
-    """Return every problem of a world file."""
-    try:
-        load_world(path)
-    except ConfigError as error:
-        return error.problems
-    return ()
-
-
 def world_of(content: WorldModel | Mapping[str, object], *, name: str = "world") -> WorldModel:
     """Take from memory what a world file would say; the same checks follow.
 
@@ -149,6 +132,11 @@ def world_of(content: WorldModel | Mapping[str, object], *, name: str = "world")
     if problems := [tree.problem(path, message) for path, message in contradictions(world)]:
         raise ConfigError(problems)
     return world
+
+
+def manifest_schema() -> dict[str, Any]:
+    """Return the JSON Schema of plugin manifests."""
+    return _schema(ManifestFile)
 
 
 def fleet_schema() -> dict[str, Any]:

@@ -1,56 +1,134 @@
-"""Plugin manifests: what `plugin.yaml` says, read before any code of the plugin runs."""
+"""Plugin manifests: `plugin.yaml`, which is read before any code of the plugin runs.
+
+The framework knows no plugin by name. A plugin that replays, simulates, emulates or opens devices declares it here, so
+that `eal rehearse`, `eal lab`, `eal replay` and `eal doctor` treat bundled plugins and plugins of others alike.
+"""
 
 from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, ValidationError
 
 from eal_actors.device.info import unknown_name
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError, EALError, PluginError
-from eal_actors.kernel.strict_model import Name, StrictModel, Version1, problems_from
+from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1, problems_from
 from eal_actors.kernel.yaml_source import load_yaml
 
 ENTRY_POINTS: Final = "eal_actors.plugins"
-"""The entry-point group of installed packages: a name, and the package whose folder holds the plugin."""
+"""The entry-point group of installed packages: a name, and the package whose folder contains the plugin."""
 
 MANIFEST: Final = "plugin.yaml"
 
+Text = Annotated[str, Field(min_length=1)]
+Identifier = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
+
+Arguments = Annotated[tuple[str, ...], Field(strict=False)]
+
+
+class TwinSection(StrictModel):
+    """The simulated robot that replaces the driver's robot in `eal rehearse`, `eal sweep` and scenario tests."""
+
+    plugin: Name
+    """The plugin that simulates the robot; it must declare `simulation`."""
+    settings: dict[str, Any] = Field(default={})
+    """The settings of that plugin, such as `model`."""
+
+
+class SimulationSection(StrictModel):
+    """Declares that the plugin simulates robots in a shared world."""
+
+    scheme: Annotated[str, Field(pattern=r"^[a-z][a-z0-9+.-]*$")]
+    """Scheme of its simulated ports: a driver joins the robot `NAME` of the world at `<scheme>://world/NAME`."""
+
+
+class EmulatorSection(StrictModel):
+    """Emulates the device at the other end of the driver's wire."""
+
+    module: Identifier = "emulator"
+    """Module of the plugin that contains the emulator."""
+    wire: Literal["pty", "tcp", "udp"] | None = None
+    """How `eal plugin check` connects `emulate(settings, now_s)` of the module; left out, it does not."""
+    settings: dict[str, str] = Field(default={})
+    """Settings that lead the driver to the wire. `{address}` is a device path or `host:port`, `{host}` and `{port}` are
+    its parts; `{port}` alone becomes a number."""
+    arguments: Arguments | None = None
+    """Arguments with which `eal lab` runs the module as a program, which prints the value of the setting in its first
+    line, and at its end `pose X m Y m YAW deg`; left out, the module is no program."""
+    options: dict[str, dict[str, Arguments]] = Field(default={})
+    """Further arguments by setting and by its value, such as `link: {radio: [--radio]}`."""
+
+    def program_arguments(self, settings: Mapping[str, Any]) -> tuple[str, ...]:
+        """Return the arguments of the program for a driver with these settings."""
+        found = (values.get(str(settings.get(name)), ()) for name, values in self.options.items())
+        return (*(self.arguments or ()), *(argument for some in found for argument in some))
+
+    def driver_settings(self, address: str) -> dict[str, Any]:
+        """Return the settings that lead the driver to an address."""
+        host, _, port = address.rpartition(":")
+        return {
+            key: int(port) if text == "{port}" else text.format(address=address, host=host, port=port)
+            for key, text in self.settings.items()
+        }
+
+
+class DeviceSection(StrictModel):
+    """A device that a setting of the plugin names; `eal doctor` looks for it."""
+
+    setting: Name
+    """The setting."""
+    kind: Literal["serial", "camera", "other"] = "other"
+    """The kind of device. A number in the setting of a `camera` is that of /dev/video."""
+    usb: tuple[Annotated[str, Field(pattern=r"^[0-9a-f]{4}:[0-9a-f]{4}$")], ...] = Field(default=(), strict=False)
+    """Vendor and product ids of the device or of its usual USB adapters, such as `0403:6001`."""
+    group: Text = "dialout"
+    """The group that usually may open it."""
+
 
 class ManifestFile(StrictModel):
-    """What a plugin says of itself before it is imported."""
+    """The manifest of a plugin."""
 
     version: Version1
     name: Name
-    """The plugin's name, by which fleet files ask for it."""
-    description: Annotated[str, Field(min_length=1)]
+    """The plugin's name in fleet files."""
+    description: Text
     """One line for people."""
     plugin_version: str
     """The plugin's own version."""
     resources: tuple[Name, ...] = Field(default=(), min_length=1, strict=False)
-    """The resources that its `connect` names; left out where only its settings tell which these are."""
+    """The resources that its `connect` names; left out if they depend on its settings."""
     requires: tuple[str, ...] = Field(default=(), strict=False)
     """Python modules that it imports beyond the framework's core."""
     uses: tuple[Name, ...] = Field(default=(), strict=False)
-    """Other plugins whose modules it imports, as in `from ..mote_roomba.motion import Motion`."""
+    """Other plugins whose modules it imports, as in `from ..lift.motor import Motor`."""
     extra: str | None = None
-    """The extra of this distribution that installs them."""
+    """The extra of this distribution that installs the required modules."""
+    twin: TwinSection | None = None
+    simulation: SimulationSection | None = None
+    replays: bool = False
+    """Whether it plays a recorded robot for `eal replay`, by its settings `record` and `loop`."""
+    emulator: EmulatorSection | None = None
+    devices: tuple[DeviceSection, ...] = Field(default=(), strict=False)
+    """The devices that its settings name."""
+    former_names: dict[Name, Text] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    """Names that fleet files used before, and what to write now."""
 
 
 @dataclass(frozen=True, slots=True)
 class PluginManifest:
-    """A plugin that was found.
+    """A discovered plugin.
 
     Attributes:
-        folder: where it is.
-        file: what its `plugin.yaml` says.
-        others: the plugins that were found with it, by name, among them those that it uses.
+        folder: the plugin's folder.
+        file: the content of its `plugin.yaml`.
+        others: the plugins that were discovered with it, by name; those that it uses are looked up here.
     """
 
     folder: Path
@@ -63,10 +141,10 @@ class PluginManifest:
         return self.file.name
 
     def used(self) -> tuple[PluginManifest, ...]:
-        """Return the plugins that it uses, and those that they use, each after those that it uses itself.
+        """Return the plugins that it uses, directly or not, each after those that it uses itself.
 
         Raises:
-            PluginError: one is not there, or they use one another in a circle.
+            PluginError: one is missing, or they use one another in a circle.
         """
         found: dict[str, PluginManifest] = {}
         self._collect_used(found, ())
@@ -82,21 +160,36 @@ class PluginManifest:
                 continue
             if (other := self.others.get(name)) is None:
                 raise PluginError(f"plugin {self.name!r} uses another one: {unknown_name('plugin', name, self.others)}")
-            other._collect_used(found, way)  # noqa: SLF001  # a manifest like this one
+            other._collect_used(found, way)  # noqa: SLF001  # same class
             found[name] = other
 
     def missing_modules(self) -> tuple[str, ...]:
-        """Return which modules, that it or a plugin that it uses requires, are not installed."""
+        """Return the modules that it, or a plugin that it uses, requires and that are not installed."""
         try:
             used = self.used()
-        except PluginError:  # its import tells of that
+        except PluginError:  # importing it reports this
             used = ()
         missing = [module for plugin in (self, *used) for module in plugin.own_missing_modules()]
         return tuple(dict.fromkeys(missing))
 
     def own_missing_modules(self) -> tuple[str, ...]:
-        """Return which of the modules that it requires itself are not installed."""
+        """Return the modules that it requires itself and that are not installed."""
         return tuple(module for module in self.file.requires if not _is_installed(module))
+
+    def contradictions(self) -> list[str]:
+        """Return the declarations that its folder and the other plugins do not fulfil."""
+        found = []
+        if (emulator := self.file.emulator) is not None and not (self.folder / f"{emulator.module}.py").is_file():
+            found.append(f"emulator: there is no {emulator.module}.py in {self.folder}")
+        if (twin := self.file.twin) is not None:
+            other = self.others.get(twin.plugin)
+            if other is None:
+                found.append(f"twin: {unknown_name('plugin', twin.plugin, self.others)}")
+            elif other.file.simulation is None:
+                found.append(f"twin: the plugin {twin.plugin!r} declares no simulation")
+        if self.file.emulator is None and (self.folder / "conformance.py").is_file():
+            found.append("conformance.py is not read; declare `emulator` in plugin.yaml")
+        return found
 
 
 def _is_installed(module: str) -> bool:
@@ -107,22 +200,30 @@ def _is_installed(module: str) -> bool:
 
 
 def read_manifest(folder: Path) -> PluginManifest:
-    """Read the manifest in a plugin's folder; the plugins that it uses are looked for beside it and among the bundled.
+    """Read the manifest in a plugin's folder; its neighbours and the bundled plugins are discovered with it.
 
     Raises:
-        ConfigError: what is wrong with it.
+        ConfigError: the problems of the file.
     """
-    manifest = _read_alone(folder)
-    if not manifest.file.uses:
-        return manifest
+    manifest = PluginManifest(folder, _read_file(folder))
     others, _ = discover([folder.resolve().parent])
     return replace(manifest, others=others)
 
 
-def _read_alone(folder: Path) -> PluginManifest:
-    tree = load_yaml(folder / MANIFEST)
+def _read_file(folder: Path) -> ManifestFile:
+    file = folder / MANIFEST
     try:
-        return PluginManifest(folder, ManifestFile.model_validate(tree.root))
+        changed_ns = file.stat().st_mtime_ns
+    except OSError:
+        changed_ns = 0  # load_yaml reports it
+    return _parse_file(file, changed_ns)
+
+
+@lru_cache(maxsize=256)
+def _parse_file(file: Path, changed_ns: int) -> ManifestFile:  # noqa: ARG001  # part of the cache's key
+    tree = load_yaml(file)
+    try:
+        return ManifestFile.model_validate(tree.root)
     except ValidationError as error:
         raise ConfigError(problems_from(error, tree, ManifestFile)) from None
 
@@ -135,13 +236,13 @@ def discover(plugin_dirs: Iterable[Path]) -> tuple[dict[str, PluginManifest], tu
             bundled plugins and those of installed packages come after them.
 
     Returns:
-        The manifests by name, and what is wrong with the broken ones.
+        The manifests by name, and the errors of the broken ones.
     """
     found: dict[str, PluginManifest] = {}
     errors: list[EALError] = []
     for folder in _plugin_folders(plugin_dirs, errors):
         try:
-            manifest = replace(_read_alone(folder), others=found)
+            manifest = PluginManifest(folder, _read_file(folder), found)
         except ConfigError as error:
             errors.append(error)
             continue
@@ -163,3 +264,30 @@ def _plugin_folders(plugin_dirs: Iterable[Path], errors: list[EALError]) -> Iter
             yield folder
         else:
             errors.append(PluginError(f"entry point {entry.name!r} names {entry.value!r}, which holds no {MANIFEST}"))
+
+
+def simulating_plugin(plugin_dirs: Iterable[Path] = ()) -> PluginManifest:
+    """Return the plugin that simulates robots; of several, the bundled one.
+
+    Raises:
+        PluginError: there is none.
+    """
+    return _declaring(plugin_dirs, lambda file: file.simulation is not None, "simulates robots (simulation)")
+
+
+def replaying_plugin(plugin_dirs: Iterable[Path] = ()) -> PluginManifest:
+    """Return the plugin that plays recorded robots; of several, the bundled one.
+
+    Raises:
+        PluginError: there is none.
+    """
+    return _declaring(plugin_dirs, lambda file: file.replays, "plays recorded robots (replays)")
+
+
+def _declaring(plugin_dirs: Iterable[Path], declares: Callable[[ManifestFile], bool], what: str) -> PluginManifest:
+    manifests, _ = discover(plugin_dirs)
+    found = [manifest for manifest in manifests.values() if declares(manifest.file)]
+    if not found:
+        raise PluginError(f"no plugin declares that it {what}")
+    bundled = bundled_path("plugins")
+    return min(found, key=lambda manifest: manifest.folder.parent != bundled)

@@ -87,20 +87,6 @@ def _package_for(folder: Path, name: str) -> str:
     raise PluginError(f"plugin {name!r} cannot be told from another plugin of that name")
 
 
-def forget_plugin(manifest: PluginManifest) -> None:
-    """Unload the modules of a plugin and of those that it uses, so that the next import reads their files again.
-
-    A loaded plugin that uses one of them keeps what it has, until it is forgotten itself.
-    """
-    folders = {str(plugin.folder.resolve()) for plugin in (manifest, *manifest.used())}
-    with _import_lock:
-        for name, module in list(sys.modules.items()):
-            if name.startswith(f"{_PACKAGE}.") and folders.intersection(getattr(module, "__path__", [])):
-                for part in [part for part in sys.modules if part == name or part.startswith(f"{name}.")]:
-                    del sys.modules[part]
-        importlib.invalidate_caches()
-
-
 @dataclass(frozen=True)
 class PluginResource:
     """One resource that a connected plugin offers: makes and unmakes it."""
@@ -236,21 +222,20 @@ class EALPluginManager:
             PluginError: there is no such plugin, it makes no ports, or it refuses.
         """
         scheme = url.partition("://")[0]
-        manifest = self.manifests.get(scheme)
+        found = (one for one in self.manifests.values() if (made := one.file.simulation) and made.scheme == scheme)
+        manifest = next(found, self.manifests.get(scheme))
         if manifest is None:
             raise PluginError(f"port {url!r}: {unknown_name('plugin', scheme, self.manifests)}")
         maker = getattr(import_plugin(manifest), "open_port", None)
         if not callable(maker):
-            raise PluginError(f"port {url!r}: the plugin {scheme!r} makes no simulated ports")
+            raise PluginError(f"port {url!r}: the plugin {manifest.name!r} makes no simulated ports")
         port: BytePort = maker(context, url, model, emulate)
         return port
 
     def _checked_settings(self, settings: PluginSettings) -> tuple[PluginManifest, ModuleType, Any]:
         manifest = self.manifests.get(settings.plugin)
         if manifest is None:
-            unread = f" (could not be read: {'; '.join(map(str, self.errors))})" if self.errors else ""
-            message = unknown_name("plugin", settings.plugin, self.manifests) + unread
-            raise ConfigError([settings.problem((), message)])
+            raise ConfigError([settings.problem((), self._explain_unknown(settings.plugin))])
         module = import_plugin(manifest)
         model = getattr(module, "Settings", None)
         if model is None:
@@ -267,6 +252,13 @@ class EALPluginManager:
             raise ConfigError(settings.problems_from(error, model)) from None
         except Exception as error:
             raise PluginError(f"plugin {manifest.name!r}: its Settings raised {shown(error)}") from error
+
+    def _explain_unknown(self, name: str) -> str:
+        for manifest in self.manifests.values():
+            if (remedy := manifest.file.former_names.get(name)) is not None:
+                return f"the plugin {name!r} is now part of {manifest.name!r}: write {remedy}"
+        unread = f" (could not be read: {'; '.join(map(str, self.errors))})" if self.errors else ""
+        return unknown_name("plugin", name, self.manifests) + unread
 
 
 def _with_context(function: Callable[..., Any], context: PluginContext) -> Any:

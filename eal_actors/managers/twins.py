@@ -1,4 +1,7 @@
-"""Makes of any fleet one that is simulated as a whole, so that nothing real can move."""
+"""Replaces every robot of a fleet by a simulated one, so that nothing real can move.
+
+Which simulated robot replaces the robot of a driver is declared as `twin` in the driver's manifest.
+"""
 
 from __future__ import annotations
 
@@ -10,133 +13,141 @@ from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.yaml_tree import MarkedDict, YamlTree
 from eal_actors.managers.fleet_model import FleetConfig, PluginSettings, RobotConfig
-
-SIM: Final = "sim"
-_PORT: Final = f"{SIM}://world"
-TWINS: Final[Mapping[str, str]] = {
-    "evbot2": "evbot2",
-    "evbot3": "evbot3",
-    "mote_roomba": "roomba",
-    "roomba_oi": "roomba",
-}
-"""Which model of the simulation stands in for the robot that a driver drives."""
-
-
-@dataclass(frozen=True, slots=True)
-class Simulated:
-    """A fleet of which every robot is simulated.
-
-    Attributes:
-        config: the fleet; its clock goes as fast as the machine.
-        stand_ins: why a robot is another than the file says, by its name.
-        left_out: why a robot, or a plugin of a robot, is not there, by name.
-        bodies: by robot, the name of its body in the world.
-    """
-
-    config: FleetConfig
-    stand_ins: Mapping[str, str]
-    left_out: Mapping[str, str]
-    bodies: Mapping[str, str]
-
-
-def simulated(config: FleetConfig, needed: Iterable[str], keep: Collection[str] = ()) -> Simulated:
-    """Return a fleet without anything real.
-
-    A robot of the simulation, or a driver on a simulated port, stays as it is; what else such a robot has is left out.
-    The robot of a driver is replaced by the simulation's model of it. Robots with an address become local.
-
-    Args:
-        config: any fleet.
-        needed: the robots that must be there; others that cannot be simulated are left out.
-        keep: plugins that move nothing real, and run as they are.
-
-    Raises:
-        ConfigError: a robot that is needed cannot be simulated.
-    """
-    maker = _Maker(config, frozenset(keep))
-    required = frozenset(needed)
-    robots: dict[str, RobotConfig] = {}
-    problems: list[Problem] = []
-    for name, robot in config.robots.items():
-        made = maker.make(robot)
-        if isinstance(made, RobotConfig):
-            robots[name] = made
-        elif name in required:
-            problems.append(made)
-        else:
-            maker.left_out[name] = made.message
-    if problems:
-        raise ConfigError(problems)
-    fleet = replace(config, robots=robots, rate=MAX)
-    return Simulated(fleet, maker.stand_ins, maker.left_out, maker.bodies)
-
-
-class _Maker:
-    """Makes the simulated robots of one fleet."""
-
-    def __init__(self, config: FleetConfig, keep: frozenset[str]) -> None:
-        self.stand_ins: dict[str, str] = {}
-        self.left_out: dict[str, str] = {}
-        self.bodies: dict[str, str] = {}
-        self._config = config
-        self._keep = keep
-
-    def make(self, robot: RobotConfig) -> RobotConfig | Problem:
-        """Return the robot as it can be simulated, or why it cannot be."""
-        local = replace(robot, address=None, listen=None)
-        kept = {name: one for name, one in robot.plugins.items() if one.plugin in self._keep}
-        bodies = {name: one for name, one in robot.plugins.items() if _body_of(robot, one) is not None}
-        if not bodies:
-            return self._twin(local, kept)
-        self._note_dropped(robot, {**kept, **bodies})
-        self.bodies[robot.name] = next(body for one in bodies.values() if (body := _body_of(robot, one)))
-        return replace(local, plugins={name: one for name, one in robot.plugins.items() if name in {**kept, **bodies}})
-
-    def _twin(self, robot: RobotConfig, kept: Mapping[str, PluginSettings]) -> RobotConfig | Problem:
-        drivers = [one for one in robot.plugins.values() if one.plugin in TWINS]
-        if len(drivers) == 1:
-            driver = drivers[0]
-            self.stand_ins[robot.name] = f"the simulation's {TWINS[driver.plugin]} stands in for {driver.plugin}"
-            self.bodies[robot.name] = robot.name
-            return replace(robot, plugins={SIM: _settings(robot.name, driver), **kept})
-        if kept and len(kept) == len(robot.plugins):
-            return robot
-        if not robot.plugins:
-            why = "the fleet file does not say what it is made of, for it is served elsewhere"
-            return Problem(str(self._config.source), 0, 0, f"robots.{robot.name}", f"{_CANNOT}: {why}")
-        first = next(one for one in robot.plugins.values() if one.plugin not in self._keep)
-        why = (
-            f"the simulation has models for {' and '.join(one.plugin for one in drivers)}, and a robot has one body"
-            if drivers
-            else f"it has no model for {_listed(one.plugin for one in robot.plugins.values())}; there are models for "
-            f"{', '.join(TWINS)}"
-        )
-        return first.problem((), f"{_CANNOT}: {why}")
-
-    def _note_dropped(self, robot: RobotConfig, stays: Collection[str]) -> None:
-        dropped = [one.plugin for name, one in robot.plugins.items() if name not in stays]
-        if dropped:
-            self.left_out[robot.name] = f"its plugins that are not simulated: {_listed(dropped)}"
-
+from eal_actors.managers.manifest import PluginManifest, TwinSection, discover
 
 _CANNOT: Final = "cannot be simulated"
 
 
-def _body_of(robot: RobotConfig, plugin: PluginSettings) -> str | None:
-    """Return the name of the body that a plugin drives in the simulated world; None if it is not of that world."""
-    if plugin.plugin == SIM:
-        return robot.name
-    ports = [value for value in plugin.settings.values() if isinstance(value, str) and value.startswith(_PORT)]
-    return ports[0].removeprefix(_PORT).strip("/") or robot.name if ports else None
+@dataclass(frozen=True, slots=True)
+class SimulatedFleet:
+    """A fleet of which every robot is simulated.
+
+    Attributes:
+        config: the fleet; its clock runs at rate max.
+        replaced: by robot, the simulated robot that replaces it.
+        left_out: by robot, why it, or some of its plugins, are left out.
+        bodies: by robot, the name of its body in the world.
+    """
+
+    config: FleetConfig
+    replaced: Mapping[str, str]
+    left_out: Mapping[str, str]
+    bodies: Mapping[str, str]
 
 
-def _settings(robot: str, driver: PluginSettings) -> PluginSettings:
-    """Return the settings of the simulation's plugin, which stand where those of the driver do."""
+def simulated(config: FleetConfig, needed: Iterable[str], keep: Collection[str] = ()) -> SimulatedFleet:
+    """Return the fleet with simulated robots only.
+
+    A simulated robot, and a driver on a simulated port, stay as they are, without their other plugins. The robot of a
+    driver is replaced by the driver's twin. Robots with an address become local.
+
+    Args:
+        config: any fleet.
+        needed: the robots that must be simulated; others that cannot be are left out.
+        keep: plugins that move nothing real, and stay.
+
+    Raises:
+        ConfigError: a needed robot cannot be simulated.
+    """
+    builder = _Builder(config, frozenset(keep))
+    required = frozenset(needed)
+    robots: dict[str, RobotConfig] = {}
+    problems: list[Problem] = []
+    for name, robot in config.robots.items():
+        result = builder.simulate(robot)
+        if isinstance(result, RobotConfig):
+            robots[name] = result
+        elif name in required:
+            problems.append(result)
+        else:
+            builder.left_out[name] = result.message
+    if problems:
+        raise ConfigError(problems)
+    fleet = replace(config, robots=robots, rate=MAX)
+    return SimulatedFleet(fleet, builder.replaced, builder.left_out, builder.bodies)
+
+
+class _Builder:
+    """Builds the simulated robots of one fleet."""
+
+    def __init__(self, config: FleetConfig, keep: frozenset[str]) -> None:
+        self.replaced: dict[str, str] = {}
+        self.left_out: dict[str, str] = {}
+        self.bodies: dict[str, str] = {}
+        self._config = config
+        self._keep = keep
+        manifests, _ = discover(config.plugin_dirs)
+        self._twins = {name: found.file.twin for name, found in manifests.items() if found.file.twin is not None}
+        self._worlds = world_urls(manifests)
+
+    def simulate(self, robot: RobotConfig) -> RobotConfig | Problem:
+        """Return the simulated robot, or why there is none."""
+        local = replace(robot, address=None, listen=None)
+        kept = {name: one for name, one in robot.plugins.items() if one.plugin in self._keep}
+        bodies = {name: body for name, one in robot.plugins.items() if (body := self._body_of(robot, one)) is not None}
+        if not bodies:
+            return self._replace(local, kept)
+        stays = {name: one for name, one in robot.plugins.items() if name in kept or name in bodies}
+        if dropped := [one.plugin for name, one in robot.plugins.items() if name not in stays]:
+            self.left_out[robot.name] = f"its plugins that are not simulated: {_join(dropped)}"
+        self.bodies[robot.name] = next(iter(bodies.values()))
+        return replace(local, plugins=stays)
+
+    def _replace(self, robot: RobotConfig, kept: Mapping[str, PluginSettings]) -> RobotConfig | Problem:
+        drivers = [(one, twin) for one in robot.plugins.values() if (twin := self._twins.get(one.plugin)) is not None]
+        if len(drivers) == 1:
+            driver, twin = drivers[0]
+            self.replaced[robot.name] = f"simulated by {_describe(twin)} in place of {driver.plugin}"
+            self.bodies[robot.name] = robot.name
+            return replace(robot, plugins={twin.plugin: _settings(robot.name, driver, twin), **kept})
+        if kept and len(kept) == len(robot.plugins):
+            return robot
+        if not robot.plugins:
+            why = "the fleet file names no plugins, because the robot is served elsewhere"
+            return Problem(str(self._config.source), 0, 0, f"robots.{robot.name}", f"{_CANNOT}: {why}")
+        first = next(one for one in robot.plugins.values() if one.plugin not in self._keep)
+        why = (
+            f"{' and '.join(one.plugin for one, _ in drivers)} each have a twin, and a robot has one body"
+            if drivers
+            else f"no twin is declared for {_join(one.plugin for one in robot.plugins.values())}; plugins with a twin: "
+            f"{', '.join(self._twins)}"
+        )
+        return first.problem((), f"{_CANNOT}: {why}")
+
+    def _body_of(self, robot: RobotConfig, plugin: PluginSettings) -> str | None:
+        """Return the body that a plugin drives in the simulated world; None if it is not simulated."""
+        if plugin.plugin in self._worlds:
+            return robot.name
+        texts = [value for value in plugin.settings.values() if isinstance(value, str)]
+        for world in self._worlds.values():
+            for text in texts:
+                if text.startswith(world):
+                    return text.removeprefix(world).strip("/") or robot.name
+        return None
+
+
+def world_urls(manifests: Mapping[str, PluginManifest]) -> dict[str, str]:
+    """Return, by the plugin that simulates it, the URL of a simulated world, under which its ports are."""
+    return {
+        name: f"{manifest.file.simulation.scheme}://world"
+        for name, manifest in manifests.items()
+        if manifest.file.simulation is not None
+    }
+
+
+def _describe(twin: TwinSection) -> str:
+    settings = ", ".join(f"{key}: {value}" for key, value in twin.settings.items())
+    return f"{twin.plugin} ({settings})" if settings else twin.plugin
+
+
+def _settings(robot: str, driver: PluginSettings, twin: TwinSection) -> PluginSettings:
+    """Return the twin's settings; problems with them point to the driver's settings."""
     mark = driver.tree.root.mark
     root = MarkedDict(mark)
-    root.put("model", TWINS[driver.plugin], mark, mark)
-    return PluginSettings(SIM, SIM, YamlTree(root, ("robots", robot, "plugins", driver.instance)))
+    for key, value in twin.settings.items():
+        root.put(key, value, mark, mark)
+    return PluginSettings(twin.plugin, twin.plugin, YamlTree(root, ("robots", robot, "plugins", driver.instance)))
 
 
-def _listed(names: Iterable[str]) -> str:
+def _join(names: Iterable[str]) -> str:
     return ", ".join(dict.fromkeys(names))

@@ -14,6 +14,7 @@ from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.managers.config import EALConfigManager, world_of
 from eal_actors.managers.fleet_model import FleetConfig, RobotSection
+from eal_actors.managers.manifest import simulating_plugin
 
 Robots: TypeAlias = Mapping[str, str | Mapping[str, Any]] | str | Path
 """Each robot's name to its model or to its settings; or a fleet file."""
@@ -64,17 +65,18 @@ def _fleet(robots: Robots, seed: int | None, plugin_dirs: Sequence[str | Path]) 
     if seed is not None:
         content["seed"] = seed
     if isinstance(robots, Mapping):
-        content["robots"] = {name: _robot(name, entry) for name, entry in robots.items()}
+        simulator = simulating_plugin(Path(folder) for folder in plugin_dirs).name
+        content["robots"] = {name: _robot(name, entry, simulator) for name, entry in robots.items()}
         return EALConfigManager.of(content, name=_NAME).fleet
     file = EALConfigManager.load(robots).fleet
     content |= {"include": [file.source], "name": file.name, "plugin_dirs": (*plugin_dirs, *file.plugin_dirs)}
     return replace(EALConfigManager.of(content, name=_NAME).fleet, source=file.source)
 
 
-def _robot(name: str, entry: object) -> object:
-    """Return a robot as a fleet file has it; what is no key of a robot is a setting of the sim plugin."""
+def _robot(name: str, entry: object, simulator: str) -> object:
+    """Return a robot of a fleet file; a key that no robot has is a setting of the plugin that simulates."""
     if isinstance(entry, str):
-        return {"plugins": {"sim": {"model": entry}}}
+        return {"plugins": {simulator: {"model": entry}}}
     if not isinstance(entry, Mapping):
         return entry
     robot = {key: value for key, value in entry.items() if key in _ROBOT_KEYS}
@@ -85,10 +87,10 @@ def _robot(name: str, entry: object) -> object:
         settings["start"] = _start(name, settings["start"])
     plugins = robot.get("plugins", {})
     if isinstance(plugins, Mapping):
-        if "sim" in plugins:
+        if simulator in plugins:
             message = f"the plugin has settings already: {', '.join(map(str, settings))}; give them all in one place"
-            raise _wrong(f"robots.{name}.plugins.sim", message)
-        robot["plugins"] = {"sim": settings, **plugins}
+            raise _wrong(f"robots.{name}.plugins.{simulator}", message)
+        robot["plugins"] = {simulator: settings, **plugins}
     return robot
 
 

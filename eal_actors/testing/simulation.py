@@ -54,7 +54,7 @@ class Simulation:
     Raises:
         ConfigError: everything that is wrong with the robots and the world.
 
-    Thread: one; controllers in other threads are started with `simulation.fleet.clock.start(thread)`.
+    Thread: one; start controllers in other threads with `simulation.fleet.tasks`.
     """
 
     def __init__(

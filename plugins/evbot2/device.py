@@ -54,6 +54,12 @@ class Device:
         """How many requests arrived damaged, and were passed over."""
         return self._codec.damaged
 
+    @property
+    def complaints(self) -> list[str]:
+        """The counts of requests that it could not read, for `eal plugin check`."""
+        counts = {"damaged": self.damaged, "without sense": self.nonsense}
+        return [f"{count} requests {what}" for what, count in counts.items() if count]
+
     def tick(self, now_s: float) -> None:
         """Let time pass."""
         self.firmware.tick(now_s)

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from random import Random
-from typing import Final
+from typing import Any, Final
 
 from .body import Body, FreeBody, SimulatedBody
 from .device import Device
@@ -47,6 +47,11 @@ def in_the_world(body: SimulatedBody) -> Device:
 def free_body(now_s: Callable[[], float], track_factor: float = 1.0) -> FreeBody:
     """Return an EvBot II's body on an endless floor."""
     return FreeBody(now_s, TRACKS.track_m, TRACKS.acceleration_m_s2, track_factor)
+
+
+def emulate(settings: Mapping[str, Any], now_s: Callable[[], float]) -> Device:  # noqa: ARG001  # the same for all
+    """Return the emulator for `eal plugin check`: an EvBot II on an endless floor."""
+    return evbot2(free_body(now_s), TICK_S, any_boot())
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -13,10 +13,10 @@ from __future__ import annotations
 import argparse
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from random import Random
-from typing import Final
+from typing import Any, Final
 
 from eal_actors.plugin import PluginError
 
@@ -130,6 +130,11 @@ class FreeTurretBody(FreeBody):
     def battery(self) -> FullBattery:
         """See TurretBody."""
         return FullBattery()
+
+
+def emulate(settings: Mapping[str, Any], now_s: Callable[[], float]) -> Device:  # noqa: ARG001  # the same for all
+    """Return the emulator for `eal plugin check`: an EvBot III on an endless floor."""
+    return evbot3(FreeTurretBody(now_s), TICK_S, any_boot())
 
 
 def main(arguments: list[str] | None = None) -> None:

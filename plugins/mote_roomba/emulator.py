@@ -10,10 +10,10 @@ prints the port that the plugin opens, and runs until Ctrl-C.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 from . import serving
 from .bodies import Body, FreeBody
@@ -129,6 +129,14 @@ class RoombaEmulator(EmulatedRoomba):
         """Return distance and angle as the interface counts them, in millimetres in all."""
         left_m, right_m = self._body.travel_m()
         return (left_m + right_m) * 500, (right_m - left_m) * 500
+
+
+def emulate(settings: Mapping[str, Any], now_s: Callable[[], float]) -> Emulator:
+    """Return the emulator for `eal plugin check`: a Roomba on an endless floor, behind motes if its link is one."""
+    roomba = RoombaEmulator(FreeBody(now_s, WHEELBASE_M), mode_pause_s=0.0)
+    if settings.get("link") != "mote":
+        return roomba
+    return MotePair(roomba, Framing())
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

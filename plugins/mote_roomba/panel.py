@@ -32,7 +32,7 @@ _MOST_NOTES: Final = 16
 
 
 class Leds(Resource):
-    """The lights on the robot; requests tell what they were set to last."""
+    """The lights on the robot; requests return their last settings."""
 
     types = ResourceType.ACTUATOR
 
@@ -89,37 +89,37 @@ class Leds(Resource):
 
     @request("dirt", _FLAG)
     def dirt(self) -> bool:
-        """Tell whether the dirt light is on."""
+        """Return whether the dirt light is on."""
         return self._lights.dirt
 
     @request("max", _FLAG)
     def max(self) -> bool:
-        """Tell whether the light of MAX is on."""
+        """Return whether the light of MAX is on."""
         return self._lights.max
 
     @request("clean", _FLAG)
     def clean(self) -> bool:
-        """Tell whether the light of CLEAN is on."""
+        """Return whether the light of CLEAN is on."""
         return self._lights.clean
 
     @request("spot", _FLAG)
     def spot(self) -> bool:
-        """Tell whether the light of SPOT is on."""
+        """Return whether the light of SPOT is on."""
         return self._lights.spot
 
     @request("status", _STATUS)
     def status(self) -> str:
-        """Tell the status light's colour."""
+        """Return the status light's colour."""
         return self._lights.status.name.lower()
 
     @request("power_colour", _LEVEL)
     def power_colour(self) -> int:
-        """Tell the power light's colour, from 0 green to 255 red."""
+        """Return the power light's colour, from 0 green to 255 red."""
         return self._lights.power_colour
 
     @request("power_intensity", _LEVEL)
     def power_intensity(self) -> int:
-        """Tell the power light's intensity, from 0 off to 255 full."""
+        """Return the power light's intensity, from 0 off to 255 full."""
         return self._lights.power_intensity
 
     def _set(self, **changes: Any) -> Activity:
@@ -158,17 +158,17 @@ class Song(Resource):
 
     @config("number", _NUMBER)
     def number(self) -> int:
-        """Number of the song that is meant by the commands and the request."""
+        """Number of the song that the commands and the request use."""
         return self._number
 
     @config_setter("number")
     def set_number(self, number: int) -> None:
-        """Choose the song."""
+        """Select the song."""
         self._number = number
 
     @command("notes", _NOTES)
     def set_notes(self, text: str) -> Activity:
-        """Store the song's notes, 16 at most."""
+        """Store the song's notes, at most 16."""
         notes = _parsed(text)
         return self._store(text, notes)
 
@@ -176,15 +176,15 @@ class Song(Resource):
     def play(self) -> Activity:
         """Begin to play the song."""
         if self._number not in self._songs:
-            raise ArgumentError(f"song {self._number} has no notes yet; the command notes gives it some")
+            raise ArgumentError(f"song {self._number} has no notes yet; the command notes sets them")
         left_s = self._plays_until_s - self._roomba.clock.now()
         if left_s > 0:
-            raise UnavailableError(f"a song plays for another {left_s:.2f} s, and cannot be cut off")
+            raise UnavailableError(f"a song plays for another {left_s:.2f} s, and cannot be stopped")
         return self._begin()
 
     @request("notes", ValueInfo(DataType.CHAR))
     def notes(self) -> str:
-        """Tell the song's notes as they were stored; empty for none."""
+        """Return the stored notes of the song; empty for none."""
         return self._songs.get(self._number, "")
 
     def _store(self, text: str, notes: list[tuple[int, int]]) -> Activity:

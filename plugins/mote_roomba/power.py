@@ -42,7 +42,7 @@ class Power(Resource):
 
     @request("mode", _MODE)
     def mode(self) -> str:
-        """Tell the mode of its interface, as far as is known."""
+        """Return the mode of its interface, as far as is known."""
         return self._roomba.mode.value
 
     @request("charging", _CHARGING)

@@ -14,7 +14,7 @@ import math
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 from eal_actors.plugin import DataError
 
@@ -246,6 +246,11 @@ class OiEmulator(EmulatedRoomba):
 
 def _packets(numbers: Iterable[int]) -> tuple[int, ...]:
     return tuple(packet for number in numbers for packet in packets.packets_of(number))
+
+
+def emulate(settings: Mapping[str, Any], now_s: Callable[[], float]) -> OiEmulator:  # noqa: ARG001  # the same for all
+    """Return the emulator for `eal plugin check`: a Create 2 on an endless floor."""
+    return OiEmulator(FreeBody(now_s, WHEELBASE_M), mode_pause_s=0.0)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -33,12 +33,12 @@ class WheelDrop(sensors.Sensor):
 
     @request("left", _FLAG)
     def left(self) -> EALData:
-        """Tell whether the left wheel has dropped."""
+        """Return whether the left wheel has dropped."""
         return self._answer(lambda sees: sees.contacts.drop_left)
 
     @request("right", _FLAG)
     def right(self) -> EALData:
-        """Tell whether the right wheel has dropped."""
+        """Return whether the right wheel has dropped."""
         return self._answer(lambda sees: sees.contacts.drop_right)
 
 
@@ -53,42 +53,42 @@ class Buttons(sensors.Sensor):
 
     @request("clean", _FLAG)
     def clean(self) -> EALData:
-        """Tell whether CLEAN is pressed."""
+        """Return whether CLEAN is pressed."""
         return self._is_pressed("clean")
 
     @request("spot", _FLAG)
     def spot(self) -> EALData:
-        """Tell whether SPOT is pressed."""
+        """Return whether SPOT is pressed."""
         return self._is_pressed("spot")
 
     @request("dock", _FLAG)
     def dock(self) -> EALData:
-        """Tell whether DOCK is pressed."""
+        """Return whether DOCK is pressed."""
         return self._is_pressed("dock")
 
     @request("day", _FLAG)
     def day(self) -> EALData:
-        """Tell whether DAY is pressed."""
+        """Return whether DAY is pressed."""
         return self._is_pressed("day")
 
     @request("hour", _FLAG)
     def hour(self) -> EALData:
-        """Tell whether HOUR is pressed."""
+        """Return whether HOUR is pressed."""
         return self._is_pressed("hour")
 
     @request("minute", _FLAG)
     def minute(self) -> EALData:
-        """Tell whether MINUTE is pressed."""
+        """Return whether MINUTE is pressed."""
         return self._is_pressed("minute")
 
     @request("schedule", _FLAG)
     def schedule(self) -> EALData:
-        """Tell whether SCHEDULE is pressed."""
+        """Return whether SCHEDULE is pressed."""
         return self._is_pressed("schedule")
 
     @request("clock", _FLAG)
     def clock(self) -> EALData:
-        """Tell whether CLOCK is pressed."""
+        """Return whether CLOCK is pressed."""
         return self._is_pressed("clock")
 
     def _is_pressed(self, name: str) -> EALData:
@@ -96,7 +96,7 @@ class Buttons(sensors.Sensor):
 
 
 class Leds(Resource):
-    """The lights on the robot; requests tell what they were set to last."""
+    """The lights on the robot; requests return their last settings."""
 
     types = ResourceType.ACTUATOR
 
@@ -148,32 +148,32 @@ class Leds(Resource):
 
     @request("debris", _FLAG)
     def debris(self) -> bool:
-        """Tell whether the debris light is on."""
+        """Return whether the debris light is on."""
         return self._lights.debris
 
     @request("spot", _FLAG)
     def spot(self) -> bool:
-        """Tell whether the light of SPOT is on."""
+        """Return whether the light of SPOT is on."""
         return self._lights.spot
 
     @request("dock", _FLAG)
     def dock(self) -> bool:
-        """Tell whether the light of DOCK is on."""
+        """Return whether the light of DOCK is on."""
         return self._lights.dock
 
     @request("check_robot", _FLAG)
     def check_robot(self) -> bool:
-        """Tell whether the light that asks to look after the robot is on."""
+        """Return whether the light that asks to look after the robot is on."""
         return self._lights.check_robot
 
     @request("power_colour", _LEVEL)
     def power_colour(self) -> int:
-        """Tell the power light's colour, from 0 green to 255 red."""
+        """Return the power light's colour, from 0 green to 255 red."""
         return self._lights.power_colour
 
     @request("power_intensity", _LEVEL)
     def power_intensity(self) -> int:
-        """Tell the power light's intensity, from 0 off to 255 full."""
+        """Return the power light's intensity, from 0 off to 255 full."""
         return self._lights.power_intensity
 
     def _set(self, **changes: Any) -> Activity:

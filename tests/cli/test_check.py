@@ -41,6 +41,12 @@ def test_the_schema_takes_what_is_shipped_and_refuses_unknown_keys(eal: Any, kin
         assert list(validator.iter_errors({**content, "no_such_key": 1}))
 
 
+def test_the_schema_of_manifests_takes_those_of_bundled_plugins(eal: Any) -> None:
+    validator = jsonschema.Draft202012Validator(json.loads(eal("schema", "plugin").stdout))
+    for file in bundled_path("plugins").glob("*/plugin.yaml"):
+        assert list(validator.iter_errors(load_yaml(file).root)) == []
+
+
 def test_the_summary_counts(eal: Any, slides: Path, move: Path) -> None:
     lines = eal("check", slides, move, bundled_path("fleets/worlds/lab.yaml")).stdout.splitlines()
     assert lines[0] == f"{slides}: ok (fleet, 2 robots)"

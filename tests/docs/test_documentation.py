@@ -12,9 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.managers.config import check_fleet, check_world
+from eal_actors.device.world import load_world
+from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import check_scenario
 from tests.facade.test_eal import SEVENTEEN
+from tests.problems import problems_of
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
@@ -82,8 +84,8 @@ def test_every_yaml_block_is_a_valid_file(text: str, tmp_path: Path) -> None:
     (tmp_path / "worlds" / "lab.yaml").write_text((ROOT / "fleets/worlds/lab.yaml").read_text())
     (tmp_path / "common.yaml").write_text("version: 1\n")
     (tmp_path / "my_plugins").mkdir()
-    check = check_scenario if "\nsteps:" in text else check_world if "\nsize_m:" in text else check_fleet
-    problems = check(file)
+    read = load_world if "\nsize_m:" in text else EALConfigManager.load
+    problems = check_scenario(file) if "\nsteps:" in text else problems_of(lambda: read(file))
     assert not problems, "\n".join(map(str, problems))
 
 

@@ -8,17 +8,20 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from eal_actors.cli import emulators
-from eal_actors.cli.emulators import Emulators, Wire, open_wires
+from eal_actors.cli.emulators import EmulatedDevice, EmulatorProcesses, open_devices
 from eal_actors.cli.lab import commands, destination
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import PreemptedError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.manifest import EmulatorSection, discover
+from eal_actors.managers.twins import simulated
+from eal_actors.operate.doctor.devices import NamedDevice, named_devices
 from eal_actors.scenario import Report, load_scenario, run_scenario
 from plugins.camera.emulator import PICTURES, draw
 
@@ -213,22 +216,85 @@ def test_no_emulator_outlives_the_lab(lab: Callable[[str], subprocess.Popen[str]
 def test_a_wire_whose_variable_is_set_is_the_robot_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     for variable in (*WIRES, "LAB_CAMERA"):
         monkeypatch.delenv(variable, raising=False)
-    found = {wire.variable: (wire.robot, wire.plugin) for wire in open_wires(LAB)}
+    found = {device.variable: (device.robot, device.plugin.name) for device in open_devices(LAB)}
     assert {variable: robot for variable, (robot, _) in found.items()} == {**WIRES, "LAB_CAMERA": "evbot2-1"}
     assert {plugin for _, plugin in found.values()} == {"evbot2", "evbot3", "mote_roomba", "roomba_oi", "camera"}
     monkeypatch.setenv("LAB_EVBOT2", "/dev/ttyUSB0")
-    assert "LAB_EVBOT2" not in {wire.variable for wire in open_wires(LAB)}
+    assert "LAB_EVBOT2" not in {device.variable for device in open_devices(LAB)}
 
 
-def test_an_emulator_that_does_not_start_is_named(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(emulators._ARGUMENTS, "evbot2", lambda _: ())
-    wires = [Wire("lost", "evbot2", "LAB_LOST", {}), Wire("there", "evbot3", "LAB_THERE", {})]
-    with pytest.raises(UnavailableError, match="lost: its emulator has ended"), Emulators(wires):
+def test_an_emulator_that_does_not_start_is_named(capfd: pytest.CaptureFixture[str]) -> None:
+    manifests, _ = discover([])
+    without = manifests["evbot2"].file.model_copy(update={"emulator": EmulatorSection(arguments=())})
+    devices = [
+        EmulatedDevice("lost", replace(manifests["evbot2"], file=without), "LAB_LOST", {}),
+        EmulatedDevice("there", manifests["evbot3"], "LAB_THERE", {}),
+    ]
+    with pytest.raises(UnavailableError, match="lost: its emulator has ended"), EmulatorProcesses(devices):
         pass
     assert "required: --pty" in capfd.readouterr().err
     assert "LAB_THERE" not in os.environ
+
+
+FOREIGN_MANIFEST = """\
+version: 1
+name: lift
+description: A lift of somebody else.
+plugin_version: "1"
+resources: [Base]
+uses: [evbot2]
+twin: {plugin: sim, settings: {model: evbot3}}
+emulator: {module: device, settings: {port: "{address}"}, arguments: [--slow], options: {floor: {two: [--two]}}}
+devices: [{setting: port, kind: serial, usb: ["1234:abcd"], group: lifters}]
+"""
+FOREIGN_DEVICE = """\
+import signal
+import sys
+import threading
+from ..evbot2.protocol import BAUD_RATE
+from .words import ENDING
+ended = threading.Event()
+signal.signal(signal.SIGTERM, lambda *_: ended.set())
+print("port of", *sys.argv[1:], BAUD_RATE, flush=True)
+ended.wait()
+print(ENDING)
+"""
+
+
+@pytest.fixture
+def foreign(tmp_path: Path) -> Path:
+    """Write a plugin into a folder of somebody else, and a fleet that finds it there."""
+    folder = tmp_path / "theirs" / "lift"
+    folder.mkdir(parents=True)
+    (folder / "plugin.yaml").write_text(FOREIGN_MANIFEST, encoding="utf-8")
+    (folder / "device.py").write_text(FOREIGN_DEVICE, encoding="utf-8")
+    (folder / "words.py").write_text("ENDING = 'pose 1.0 m 2.0 m 90.0 deg'\n", encoding="utf-8")
+    file = tmp_path / "fleet.yaml"
+    file.write_text(
+        "version: 1\nplugin_dirs: [theirs]\n"
+        "robots: {one: {plugins: {lift: {floor: two, port: '${LAB_LIFT:-/dev/no-such-port}'}}}}\n",
+        encoding="utf-8",
+    )
+    return file
+
+
+def test_a_plugin_from_elsewhere_is_emulated(foreign: Path) -> None:
+    (device,) = open_devices(foreign)
+    assert (device.robot, device.plugin.name, device.variable) == ("one", "lift", "LAB_LIFT")
+    with EmulatorProcesses([device]) as emulators:
+        assert emulators.addresses == {"LAB_LIFT": "port of --slow --two 115200"}
+    assert emulators.poses == {"one": (1.0, 2.0, 90.0)}
+
+
+def test_a_plugin_from_elsewhere_has_a_twin_and_devices(foreign: Path) -> None:
+    config = EALConfigManager.load(foreign, environment={}).fleet
+    twins = simulated(config, ["one"])
+    assert twins.replaced == {"one": "simulated by sim (model: evbot3) in place of lift"}
+    assert twins.config.robots["one"].plugins["sim"].settings == {"model": "evbot3"}
+    with Fleet(twins.config) as fleet:
+        assert "Turret" in fleet["one"]
+    (device,) = named_devices(config.robots.values(), discover(config.plugin_dirs)[0])
+    assert device == NamedDevice("one", Path("/dev/no-such-port"), usb=("1234:abcd",), group="lifters")
 
 
 def test_where_commands_lead() -> None:

@@ -241,7 +241,7 @@ def test_a_real_robot_is_stood_in_for_by_its_model(fleet: Callable[..., Path]) -
     models = {name: robot.plugins["sim"].settings["model"] for name, robot in twins.config.robots.items()}
     assert models == {"track": "evbot2", "wheels": "evbot3", "vacuum": "roomba", "later": "roomba"}
     assert all(set(robot.plugins) == {"sim"} for robot in twins.config.robots.values())
-    assert set(twins.stand_ins) == set(config.robots)
+    assert set(twins.replaced) == set(config.robots)
     assert rehearse(moves(track="f0.3", vacuum="l90"), twins, 0.05, 1).is_clear
 
 
@@ -263,7 +263,7 @@ def test_what_cannot_be_simulated_is_refused_where_it_is_needed_and_left_out_whe
         simulated(config, ["a", "b"])
     (problem,) = refused.value.problems
     assert (Path(problem.file).name, problem.line, problem.path) == ("fleet.yaml", 6, "robots.b.plugins.sample")
-    assert "cannot be simulated: it has no model for sample; there are models for evbot2" in problem.message
+    assert "cannot be simulated: no twin is declared for sample; plugins with a twin: evbot2" in problem.message
 
     twins = simulated(config, ["a"])
     assert (set(twins.config.robots), set(twins.config.robots["a"].plugins)) == ({"a"}, {"sim"})

@@ -1,4 +1,7 @@
-"""Devices that plugins name: whether they are there, whether we may use them, and whether cameras are cameras."""
+"""Devices that plugins open: whether they exist, whether this user may open them, and whether cameras capture.
+
+A device is a text below /dev in a plugin's settings. The plugin's manifest declares more about it under `devices`.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +16,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from eal_actors.managers.fleet_model import RobotConfig
-from eal_actors.operate.doctor.finding import Finding, ok, problem, warning
+from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
+from eal_actors.managers.manifest import DeviceSection, PluginManifest
+from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
 
 _AREA: Final = "devices"
 _CAMERAS: Final = "cameras"
 _QUERY_CAPABILITIES: Final = 0x80685600
 """VIDIOC_QUERYCAP of linux/videodev2.h, which fills a `struct v4l2_capability` of 104 bytes."""
 _CAPABILITIES: Final = struct.Struct("=16s32s32sIII12x")
-_CAPTURES: Final = 0x00000001 | 0x00001000  # V4L2_CAP_VIDEO_CAPTURE, and that of several planes
+_CAPTURES: Final = 0x00000001 | 0x00001000  # V4L2_CAP_VIDEO_CAPTURE, and V4L2_CAP_VIDEO_CAPTURE_MPLANE
 _HAS_DEVICE_CAPABILITIES: Final = 0x80000000
+_SERIAL_PORTS: Final = ("ttyUSB*", "ttyACM*", "ttyAMA*", "serial/by-id/*")
+_MOST_OTHERS: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,26 +36,30 @@ class NamedDevice:
     """A device that a fleet file names.
 
     Attributes:
-        robot: whose plugin names it.
+        robot: the robot whose plugin names it.
         path: such as `/dev/ttyUSB0`.
-        is_camera: whether pictures are expected of it.
+        is_camera: whether it must capture pictures.
+        usb: USB ids, `vendor:product`, that the plugin declares for it.
+        group: the group that usually may open it.
     """
 
     robot: str
     path: Path
-    is_camera: bool
+    is_camera: bool = False
+    usb: tuple[str, ...] = ()
+    group: str = "dialout"
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceFacts:
-    """What the system tells of a device's path.
+    """The system's information on the path of a device.
 
     Attributes:
-        exists: whether there is something.
-        is_device: whether that is a character device, as serial ports and cameras are.
+        exists: whether the path exists.
+        is_device: whether it is a character device, as serial ports and cameras are.
         usable: whether this process may read and write it.
-        group: the group that may use it; empty where its rights give that to no group.
-        is_member: whether the user is in that group, by the system's list, whatever this process has inherited.
+        group: the group that may read and write it; empty if none may.
+        is_member: whether the group database lists the user in that group; this process may not have it yet.
     """
 
     exists: bool
@@ -59,18 +69,31 @@ class DeviceFacts:
     is_member: bool = False
 
 
-def named_devices(robots: Iterable[RobotConfig]) -> list[NamedDevice]:
-    """Return the devices that robots' plugins name, each once a robot: texts below /dev, and numbers of cameras."""
+def named_devices(robots: Iterable[RobotConfig], manifests: Mapping[str, PluginManifest]) -> list[NamedDevice]:
+    """Return the devices that robots' plugins name, each once a robot.
+
+    Args:
+        robots: the robots.
+        manifests: the plugins' manifests, by name.
+    """
     found: dict[NamedDevice, None] = {}
     for robot in robots:
-        for settings in robot.plugins.values():
-            number = settings.settings.get("source") if settings.plugin == "camera" else None
-            if type(number) is int:
-                found[NamedDevice(robot.name, Path(f"/dev/video{number}"), True)] = None
-            for text in _texts(settings.settings):
-                if text.startswith("/dev/"):
-                    found[NamedDevice(robot.name, Path(text), settings.plugin == "camera")] = None
+        for plugin in robot.plugins.values():
+            manifest = manifests.get(plugin.plugin)
+            sections = manifest.file.devices if manifest is not None else ()
+            found |= dict.fromkeys(_devices_of(robot.name, plugin, {one.setting: one for one in sections}))
     return list(found)
+
+
+def _devices_of(robot: str, plugin: PluginSettings, sections: Mapping[str, DeviceSection]) -> Iterator[NamedDevice]:
+    for key, value in plugin.settings.items():
+        section = sections.get(key, DeviceSection(setting=key))
+        is_camera = section.kind == "camera"
+        paths = [text for text in _texts(value) if text.startswith("/dev/")]
+        if is_camera and type(value) is int:
+            paths.append(f"/dev/video{value}")
+        for path in paths:
+            yield NamedDevice(robot, Path(path), is_camera, section.usb, section.group)
 
 
 def _texts(value: Any) -> Iterator[str]:
@@ -84,17 +107,17 @@ def _texts(value: Any) -> Iterator[str]:
             yield from _texts(item)
 
 
-def check_devices(devices: Iterable[NamedDevice]) -> Iterator[Finding]:
-    """Yield what is to be said of devices of this machine."""
+def check_devices(devices: Iterable[NamedDevice]) -> Iterator[Diagnostic]:
+    """Yield the findings on devices of this machine."""
     for device in devices:
         facts = read_facts(device.path)
-        yield judge_device(device, facts, _user(), _others_like(device.path))
+        yield judge_device(device, facts, _user(), _others_like(device))
         if device.is_camera and facts.is_device and facts.usable:
             yield judge_camera(device, _capabilities(device.path))
 
 
 def read_facts(path: Path) -> DeviceFacts:
-    """Return what the system tells of a path."""
+    """Return the system's information on a path."""
     try:
         status = path.stat()
     except OSError:
@@ -117,14 +140,14 @@ def read_facts(path: Path) -> DeviceFacts:
     )
 
 
-def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Iterable[str] = ()) -> Finding:
+def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Iterable[str] = ()) -> Diagnostic:
     """Return whether a plugin will be able to open its device.
 
     Args:
         device: the device.
-        facts: what the system tells of it.
-        user: who we are.
-        others: paths that could be meant where it is not there.
+        facts: the system's information on it.
+        user: the user's name.
+        others: similar devices that exist, for the advice on one that does not.
     """
     name = f"{device.path} of {device.robot}"
     if not facts.exists:
@@ -136,7 +159,7 @@ def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Ite
     if facts.usable:
         return ok(_AREA, f"{name} is there and may be used")
     if not facts.group:
-        advice = f"Its rights admit no group: have a udev rule give it to one, such as dialout, and put {user} in it."
+        advice = f"No group may use it: add a udev rule with a group, such as {device.group}, and put {user} in it."
     elif facts.is_member:
         advice = f"{user} is in the group {facts.group}, but not in this session: log out and in again."
     else:
@@ -144,8 +167,8 @@ def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Ite
     return problem(_AREA, f"{name} may not be used by {user}", advice)
 
 
-def judge_camera(device: NamedDevice, capabilities: bytes | None) -> Finding:
-    """Return whether a device gives pictures.
+def judge_camera(device: NamedDevice, capabilities: bytes | None) -> Diagnostic:
+    """Return whether a device captures pictures.
 
     Args:
         device: the device.
@@ -181,11 +204,33 @@ def _capabilities(path: Path) -> bytes | None:
     return bytes(buffer)
 
 
-def _others_like(path: Path) -> list[str]:
-    """Return devices of the same kind: those whose names differ in the number, or all serial ports."""
-    stem = path.name.rstrip("0123456789")
-    patterns = ("ttyUSB*", "ttyACM*", "ttyAMA*", "serial/by-id/*") if stem.startswith("tty") else (f"{stem}[0-9]*",)
-    return [str(found) for pattern in patterns for found in sorted(Path("/dev").glob(pattern))][:4]
+def _others_like(device: NamedDevice) -> list[str]:
+    """Return existing devices of the same kind; those with a declared USB id come first, with the id."""
+    stem = device.path.name.rstrip("0123456789")
+    patterns = _SERIAL_PORTS if stem.startswith("tty") or device.usb else (f"{stem}[0-9]*",)
+    found = [path for pattern in patterns for path in sorted(Path("/dev").glob(pattern))]
+    ids = {path: identity for path in found if (identity := usb_id(path)) in device.usb}
+    found.sort(key=lambda path: path not in ids)
+    return [f"{path} ({ids[path]})" if path in ids else str(path) for path in found][:_MOST_OTHERS]
+
+
+def usb_id(path: Path, sysfs: Path = Path("/sys")) -> str | None:
+    """Return the `vendor:product` id of the USB device behind a device path; None if it is not on USB.
+
+    Args:
+        path: such as `/dev/ttyUSB0`.
+        sysfs: where the kernel describes its devices.
+    """
+    try:
+        number = path.stat().st_rdev
+        place = (sysfs / "dev/char" / f"{os.major(number)}:{os.minor(number)}").resolve(strict=True)
+    except OSError:
+        return None
+    for folder in place.parents:
+        vendor, product = folder / "idVendor", folder / "idProduct"
+        if vendor.is_file() and product.is_file():
+            return f"{vendor.read_text().strip()}:{product.read_text().strip()}"
+    return None
 
 
 def _user() -> str:

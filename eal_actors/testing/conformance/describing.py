@@ -14,8 +14,11 @@ _MEASURED = (DataType.FLOAT, DataType.DOUBLE)
 
 
 def comes_up(bench: Bench, findings: Findings) -> None:
-    """Its manifest can be read, `connect` names only what the manifest names, and every resource comes up."""
+    """Its manifest can be read and holds, `connect` names only what the manifest names, and every resource comes up."""
     manifest = bench.manifest()
+    if contradictions := manifest.contradictions():
+        findings.problems += contradictions
+        return
     missing = manifest.missing_modules()
     findings.expect(holds=not missing, problem=f"required modules are not installed: {', '.join(missing)}")
     found = EALPluginManager([bench.folder.resolve().parent]).manifests[manifest.name].folder

@@ -1,34 +1,29 @@
-"""Stand-ins: the emulator of a plugin's device, on a wire that can be pulled out.
+"""The emulator of a plugin's device on a wire that the checks can cut.
 
-A plugin's folder may hold a `conformance.py`:
-
-- `wire(settings)`: what the device is connected by: `pty` for a serial port, `tcp` or `udp`; None if nothing stands in;
-- `settings(address)`: the settings under which the plugin finds it at a device path, or at `host:port`;
-- `emulate(settings)`: returns an emulator, with `feed(data, now_s) -> bytes`. It may have `complaints`, a sequence of
-  texts that says what it could not make sense of.
-
-`settings` of `wire` and `emulate` are those that the checks were given, such as `--setting link=mote`; those that name
-a device themselves, by a key that `settings(address)` would set, get no stand-in.
+The manifest's `emulator` declares the wire, the settings that lead the driver to it, and the module. The module's
+`emulate(settings, now_s)` returns an object with `feed(data, now_s) -> bytes`, which may have `complaints`, a sequence
+of texts on input that made no sense; it returns None for settings without an emulator. `settings` are those of the
+check, such as `--setting link=mote`; settings that name a device themselves get no emulator.
 """
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
-from types import ModuleType
 from typing import Any
 
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import PluginError, shown
-from eal_actors.managers.manifest import PluginManifest
+from eal_actors.managers.manifest import EmulatorSection, PluginManifest
 from eal_actors.managers.plugins import import_plugin
 from eal_actors.testing.conformance.wires import WIRES, Wire
 
 
 class StandIn:
-    """An emulator that is plugged in, and the settings under which the plugin finds it.
+    """A connected emulator, and the settings that lead the plugin to it.
 
     Attributes:
-        settings: what a fleet file would say under the plugin's name.
+        settings: the plugin's settings in a fleet file.
     """
 
     def __init__(self, wire: Wire, settings: Mapping[str, Any]) -> None:
@@ -37,48 +32,43 @@ class StandIn:
         wire.plug_in()
 
     def plug_in(self) -> None:
-        """Bring the device back, fresh, as if it had been switched off meanwhile."""
+        """Reconnect the device, with a new emulator, as if it had been switched off."""
         self._wire.plug_in()
 
     def unplug(self) -> None:
-        """Have the device vanish."""
+        """Disconnect the device."""
         self._wire.unplug()
 
     def complaints(self) -> Sequence[str]:
-        """Return what the emulator could not make sense of since it was plugged in. Thread: waits until it is heard."""
+        """Return the emulator's complaints since it was plugged in. Thread: waits until it has read everything."""
         self._wire.settle()
         complaints: Sequence[str] = getattr(self._wire.emulator, "complaints", ())
         return tuple(complaints)
 
     def close(self) -> None:
-        """Remove it."""
+        """Remove the device and its wire."""
         self._wire.close()
 
 
 def stand_in_for(manifest: PluginManifest, settings: Mapping[str, Any]) -> StandIn | None:
-    """Return a stand-in for a plugin's device; None if it has none, or the settings name a device themselves.
+    """Return the emulator of a plugin's device; None if there is none, or the settings name a device themselves.
 
     Raises:
-        PluginError: its `conformance.py` does not hold what it must.
+        PluginError: the declared emulator does not work.
     """
-    if not (manifest.folder / "conformance.py").is_file():
+    section = manifest.file.emulator
+    if section is None or section.wire is None or section.settings.keys() & settings.keys():
         return None
-    where = f"plugin {manifest.name!r}: conformance.py"
-    package = import_plugin(manifest).__package__
     try:
-        hook = importlib.import_module(f"{package}.conformance")
-        return _plugged_in(hook, settings)
+        return _connect(manifest, section, settings)
     except Exception as error:
-        raise PluginError(f"{where}: {shown(error)}") from error
+        raise PluginError(f"plugin {manifest.name!r}: emulator {section.module}.py: {shown(error)}") from error
 
 
-def _plugged_in(hook: ModuleType, settings: Mapping[str, Any]) -> StandIn | None:
-    kind = hook.wire(settings)
-    if kind is None:
+def _connect(manifest: PluginManifest, section: EmulatorSection, settings: Mapping[str, Any]) -> StandIn | None:
+    package = import_plugin(manifest).__package__
+    emulate = importlib.import_module(f"{package}.{section.module}").emulate
+    if section.wire is None or emulate(settings, REAL_TIME.now) is None:
         return None
-    wire = WIRES[kind](lambda: hook.emulate(settings))
-    found = hook.settings(wire.address)
-    if found.keys() & settings.keys():
-        wire.close()
-        return None
-    return StandIn(wire, {**settings, **found})
+    wire = WIRES[section.wire](lambda: emulate(settings, REAL_TIME.now))
+    return StandIn(wire, {**settings, **section.driver_settings(wire.address)})

@@ -27,6 +27,7 @@ name: pair
 description: Two meters on one port.
 plugin_version: "1"
 resources: [Left, Right]
+emulator: {wire: pty, settings: {port: "{address}"}}
 """
 
 PLUGIN: Final = '''\
@@ -111,7 +112,7 @@ def destroy_Right(resource):
     pass
 '''
 
-HOOK: Final = '''\
+EMULATOR: Final = '''\
 """A device that hears lines of four equal letters."""
 
 
@@ -127,15 +128,7 @@ class Emulator:
         return b""
 
 
-def wire(settings):
-    return "pty"
-
-
-def settings(address):
-    return {"port": address}
-
-
-def emulate(settings):
+def emulate(settings, now_s):
     return Emulator()
 '''
 
@@ -144,7 +137,7 @@ def emulate(settings):
 def pair(tmp_path: Path) -> Path:
     folder = tmp_path / "pair"
     folder.mkdir()
-    for name, text in (("plugin.yaml", MANIFEST), ("plugin.py", PLUGIN), ("conformance.py", HOOK)):
+    for name, text in (("plugin.yaml", MANIFEST), ("plugin.py", PLUGIN), ("emulator.py", EMULATOR)):
         (folder / name).write_text(text, encoding="utf-8")
     return folder
 
@@ -220,17 +213,31 @@ def test_settings_that_name_a_device_get_no_stand_in(pair: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "words"),
+    ("file", "before", "after", "words"),
     [
-        ('return "pty"', 'return "rope"', "plugin 'pair': conformance.py: KeyError: 'rope'"),
-        ("def wire(", "def cable(", "plugin 'pair': conformance.py: AttributeError: .* has no attribute 'wire'"),
+        (
+            "emulator.py",
+            "def emulate(",
+            "def imitate(",
+            "plugin 'pair': emulator emulator.py: AttributeError: .* has no attribute 'emulate'",
+        ),
+        ("plugin.yaml", "emulator: {", "emulator: {module: device, ", "emulator: there is no device.py in "),
+        ("plugin.yaml", "emulator: {", "twin: {plugin: sample}\nemulator: {", "twin: .* declares no simulation"),
+        ("plugin.yaml", "emulator: {", "twin: {plugin: symu}\nemulator: {", "twin: unknown plugin 'symu'"),
     ],
 )
-def test_a_wrong_hook_is_named(pair: Path, before: str, after: str, words: str) -> None:
-    (pair / "conformance.py").write_text(HOOK.replace(before, after), encoding="utf-8")
+def test_a_wrong_declaration_is_named(pair: Path, file: str, before: str, after: str, words: str) -> None:
+    (pair / file).write_text((pair / file).read_text(encoding="utf-8").replace(before, after), encoding="utf-8")
     result = run(pair, "comes up")
     assert result.outcome == "failed"
     assert any(_matches(words, problem) for problem in result.problems), result.problems
+
+
+def test_a_hook_of_before_is_refused(pair: Path) -> None:
+    (pair / "emulator.py").rename(pair / "conformance.py")
+    (pair / "plugin.yaml").write_text(MANIFEST.replace("emulator:", "# emulator:"), encoding="utf-8")
+    result = run(pair, "comes up")
+    assert "conformance.py is not read; declare `emulator` in plugin.yaml" in result.problems
 
 
 def _matches(words: str, text: str) -> bool:

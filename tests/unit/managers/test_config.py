@@ -6,10 +6,12 @@ from typing import Any
 import jsonschema
 import pytest
 
+from eal_actors.device.world import load_world
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError, RobotNotFoundError
 from eal_actors.kernel.yaml_source import load_yaml
-from eal_actors.managers.config import EALConfigManager, check_fleet, check_world, fleet_schema, world_schema
+from eal_actors.managers.config import EALConfigManager, fleet_schema, world_schema
+from tests.problems import problems_of
 
 SHIPPED_FLEETS = sorted(bundled_path("fleets").glob("*.yaml"))
 SHIPPED_WORLDS = sorted(bundled_path("fleets/worlds").glob("*.yaml"))
@@ -110,13 +112,13 @@ def test_the_environment_of_the_process_is_the_default(tmp_path: Path, monkeypat
 
 @pytest.mark.parametrize("path", SHIPPED_FLEETS, ids=lambda path: path.stem)
 def test_shipped_fleets_are_right_by_model_and_schema(path: Path) -> None:
-    assert check_fleet(path, environment={}) == ()
+    EALConfigManager.load(path, environment={})
     jsonschema.validate(load_yaml(path).root, fleet_schema(), jsonschema.Draft202012Validator)
 
 
 @pytest.mark.parametrize("path", SHIPPED_WORLDS, ids=lambda path: path.stem)
 def test_shipped_worlds_are_right_by_model_and_schema(path: Path) -> None:
-    assert check_world(path) == ()
+    load_world(path)
     jsonschema.validate(load_yaml(path).root, world_schema(), jsonschema.Draft202012Validator)
 
 
@@ -159,7 +161,7 @@ def test_model_and_schema_refuse_the_same_fleets(tmp_path: Path, text: str) -> N
     path = tmp_path / "f.yaml"
     path.write_text(text)
 
-    assert len(check_fleet(path)) == 1
+    assert len(problems_of(lambda: EALConfigManager.load(path))) == 1
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(load_yaml(path).root, fleet_schema(), jsonschema.Draft202012Validator)
 
@@ -198,7 +200,7 @@ def test_model_and_schema_refuse_the_same_worlds(tmp_path: Path, rest: str) -> N
     path = tmp_path / "w.yaml"
     path.write_text(f"version: 1\nname: w\n{rest}\n")
 
-    assert len(check_world(path)) == 1
+    assert len(problems_of(lambda: load_world(path))) == 1
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(load_yaml(path).root, world_schema(), jsonschema.Draft202012Validator)
 

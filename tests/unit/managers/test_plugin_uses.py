@@ -1,4 +1,4 @@
-"""Plugins that use other plugins: importable first, refused in a circle, and forgotten together."""
+"""Plugins that use other plugins: importable first, and refused in a circle."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import pytest
 
 from eal_actors.kernel.errors import PluginError
 from eal_actors.managers.manifest import PluginManifest, discover, read_manifest
-from eal_actors.managers.plugins import forget_plugin, import_plugin
+from eal_actors.managers.plugins import import_plugin
+from tests.unit.managers.plugins.rig import unload
 
 MANIFEST = """\
 version: 1
@@ -26,7 +27,7 @@ Write = Callable[..., Path]
 
 @pytest.fixture
 def write(tmp_path: Path) -> Iterator[Write]:
-    """Write a plugin's folder, with a `plugin.py` and a `part.py`; all are forgotten at the end."""
+    """Write a plugin's folder, with a `plugin.py` and a `part.py`; all are unloaded at the end."""
     folders: list[Path] = []
 
     def write_plugin(
@@ -42,7 +43,7 @@ def write(tmp_path: Path) -> Iterator[Write]:
 
     yield write_plugin
     for folder in folders:
-        forget_plugin(PluginManifest(folder, read_manifest(folder).file.model_copy(update={"uses": ()})))
+        unload(folder)
 
 
 def found(tmp_path: Path, name: str) -> PluginManifest:
@@ -108,25 +109,6 @@ def test_what_a_used_plugin_requires_is_required(write: Write, tmp_path: Path) -
     assert str(raised.value) == (
         "plugin 'user' needs no_such_module for the plugin 'low', which it uses: pip install no_such_module"
     )
-
-
-def test_forgetting_a_plugin_forgets_what_it_uses(write: Write, tmp_path: Path) -> None:
-    low = write("low", part="VERSION = 'first'\n")
-    write("user", "from ..low.part import VERSION\n", uses="low")
-    manifest = found(tmp_path, "user")
-    assert import_plugin(manifest).VERSION == "first"
-    (low / "part.py").write_text("VERSION = 'the second'\n", encoding="utf-8")
-    assert import_plugin(manifest).VERSION == "first"
-    forget_plugin(manifest)
-    assert import_plugin(manifest).VERSION == "the second"
-
-
-def test_forgetting_a_used_plugin_leaves_its_user_whole(write: Write, tmp_path: Path) -> None:
-    write("low", part="class Kind:\n    pass\n")
-    write("user", "from ..low.part import Kind\n", uses="low")
-    user = import_plugin(found(tmp_path, "user"))
-    forget_plugin(found(tmp_path, "low"))
-    assert import_plugin(found(tmp_path, "user")) is user
 
 
 def test_a_used_plugin_that_cannot_be_told_from_another_of_its_name_is_refused(write: Write, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -38,6 +39,15 @@ def create_Thing():
 def destroy_Thing(resource):
     LOG.append("destroy")
 """
+
+
+def unload(folder: Path) -> None:
+    """Remove the modules of a plugin's folder, so that a plugin of the same name can be imported."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith("eal_plugins.") and str(folder.resolve()) in getattr(module, "__path__", []):
+            for part in [part for part in sys.modules if part == name or part.startswith(f"{name}.")]:
+                del sys.modules[part]
+
 
 Write = Callable[..., Path]
 

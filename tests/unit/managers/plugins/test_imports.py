@@ -9,7 +9,7 @@ import pytest
 
 from eal_actors.kernel.errors import PluginError
 from eal_actors.managers.manifest import read_manifest
-from eal_actors.managers.plugins import forget_plugin, import_plugin
+from eal_actors.managers.plugins import import_plugin
 from tests.unit.managers.plugins.rig import Write, services
 
 
@@ -34,17 +34,6 @@ def test_plugins_of_the_same_name_in_two_folders_are_two_modules(write: Write) -
     one, other = (read_manifest(write("twin", f"WHERE = {place!r}", under=place)) for place in ("a", "b"))
     assert (import_plugin(one).WHERE, import_plugin(other).WHERE) == ("a", "b")
     assert import_plugin(one) is import_plugin(one)
-
-
-def test_a_plugin_that_was_forgotten_is_read_again(write: Write) -> None:
-    folder = write("changing", "from .part import VERSION")
-    (folder / "part.py").write_text("VERSION = 'first'", encoding="utf-8")
-    manifest = read_manifest(folder)
-    assert import_plugin(manifest).VERSION == "first"
-    (folder / "part.py").write_text("VERSION = 'the second'", encoding="utf-8")
-    assert import_plugin(manifest).VERSION == "first"
-    forget_plugin(manifest)
-    assert import_plugin(manifest).VERSION == "the second"
 
 
 @pytest.mark.parametrize(

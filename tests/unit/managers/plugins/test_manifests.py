@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
+import jsonschema
 import pytest
 
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError, PluginError
-from eal_actors.managers.manifest import discover, read_manifest
-from tests.unit.managers.plugins.rig import Write
+from eal_actors.kernel.yaml_source import load_yaml
+from eal_actors.managers.config import manifest_schema
+from eal_actors.managers.fleet_model import RobotConfig
+from eal_actors.managers.manifest import (
+    EmulatorSection,
+    discover,
+    read_manifest,
+    replaying_plugin,
+    simulating_plugin,
+)
+from eal_actors.managers.plugins import EALPluginManager
+from eal_actors.plugin import PluginContext
+from tests.unit.managers.plugins.rig import CODE, Write, services
 
 
 def test_a_manifest_says_all_about_a_plugin_without_its_code(write: Write) -> None:
@@ -83,3 +96,40 @@ def test_plugins_of_installed_packages_are_found_by_their_entry_point(
     assert [error.message for error in errors] == [
         "entry point 'ghost' names 'eal_test_package.ghost', which holds no plugin.yaml"
     ]
+
+
+@pytest.mark.parametrize(
+    "file", sorted(bundled_path("plugins").glob("*/plugin.yaml")), ids=lambda file: file.parent.name
+)
+def test_shipped_manifests_are_right_by_schema_and_hold(file: Path) -> None:
+    jsonschema.validate(load_yaml(file).root, manifest_schema(), jsonschema.Draft202012Validator)
+    assert read_manifest(file.parent).contradictions() == []
+
+
+def test_a_former_name_is_answered_with_the_new_one(
+    write: Write, manager: Callable[[], EALPluginManager], robot: Callable[[str], RobotConfig]
+) -> None:
+    write("probe", extra="former_names: {old_probe: 'probe: {kind: old}'}\n")
+    (problem,), _ = manager().check(robot("{old_probe: {port: x}}"))
+    assert problem.message == "the plugin 'old_probe' is now part of 'probe': write probe: {kind: old}"
+    assert problem.line == 4
+
+
+def test_the_settings_of_an_emulator_follow_its_address() -> None:
+    section = EmulatorSection(settings={"host": "{host}", "port": "{port}", "url": "tcp://{address}"})
+    assert section.driver_settings("127.0.0.1:99") == {"host": "127.0.0.1", "port": 99, "url": "tcp://127.0.0.1:99"}
+
+
+def test_of_several_simulations_the_bundled_one_is_the_default(write: Write, tmp_path: Path) -> None:
+    write("another", extra="simulation: {scheme: toy}\nreplays: true\n")
+    assert simulating_plugin([tmp_path / "plugins"]).folder == bundled_path("plugins/sim")
+    assert replaying_plugin([tmp_path / "plugins"]).folder == bundled_path("plugins/replay")
+
+
+def test_a_port_belongs_to_the_plugin_that_declares_its_scheme(
+    write: Write, manager: Callable[[], EALPluginManager]
+) -> None:
+    code = f"{CODE}\ndef open_port(context, url, model, emulate):\n    return url\n"
+    write("another", code, extra="simulation: {scheme: toy}\n")
+    context = PluginContext("bot", "driver", None, services())
+    assert manager().open_port(context, "toy://world/x", "any", str) == "toy://world/x"  # type: ignore[comparison-overlap]

@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.kernel.clock import ManualClock
+from eal_actors.kernel.clock import REAL_TIME, ManualClock
 from eal_actors.kernel.errors import ConfigError, PluginError
 from eal_actors.plugin import FleetServices, PluginContext
 from eal_actors.testing.conformance import Bench, settings_of
 from eal_actors.testing.conformance.wires import TcpWire
-from plugins.mote_roomba import conformance, plugin
+from plugins.mote_roomba import emulator, plugin
 from plugins.mote_roomba.protocol import Mode
 from tests.unit.plugins.mote_roomba.rig import HurriedClock
 from tests.unit.plugins.mote_roomba.wires import roomba_on_a_pty, roombas_on_sockets
@@ -51,7 +51,7 @@ def test_a_fleet_drives_it_over_a_socket() -> None:
 
 
 def test_a_fleet_drives_motes_over_a_socket() -> None:
-    wire = TcpWire(lambda: conformance.emulate({"link": "mote"}))
+    wire = TcpWire(lambda: emulator.emulate({"link": "mote"}, REAL_TIME.now))
     wire.plug_in()
     settings = settings_of({"port": f"socket://{wire.address}", "link": "mote", "poll_hz": 5})
     try:
