@@ -11,11 +11,11 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario import (
-    Event,
     LogLine,
     RobotDropped,
     Run,
     RunEnded,
+    RunEvent,
     RunStarted,
     StepEnded,
     StepStarted,
@@ -216,9 +216,9 @@ def test_events_come_in_order(tmp_path: Path) -> None:
 
 
 def test_a_listener_that_raises_is_told_no_more(two: Fleet, tmp_path: Path) -> None:
-    calls: list[Event] = []
+    calls: list[RunEvent] = []
 
-    def clumsy(event: Event) -> None:
+    def clumsy(event: RunEvent) -> None:
         calls.append(event)
         raise SystemExit
 

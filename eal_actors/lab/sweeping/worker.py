@@ -21,9 +21,9 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Scenario, load_scenario, run_scenario
-from eal_actors.scenario.loading import with_parameters
-from eal_actors.scenario.plan import bind_roles
-from eal_actors.scenario.resuming import scenario_hash
+from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario.language.parameters import with_parameters
+from eal_actors.scenario.language.scenario import scenario_hash
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ class _Crew:
     def carry_out(self, task: Task) -> None:
         """Run the scenario once."""
         scenario = with_parameters(self._scenario, task.parameters)
-        bound = {name for names in bind_roles(scenario, self._config).values() for name in names}
+        bound = {name for names in find_candidates(scenario, self._config).values() for name in names}
         config = replace(simulated(self._config, bound, self._keep).config, seed=task.seed)
         _run(scenario, config, bound, task.directory)
 
