@@ -20,7 +20,7 @@ from eal_actors.device.differential_base import DifferentialBase, Drivetrain, Wh
 from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
 from eal_actors.device.link import FaultyLink as Link
 from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
-from eal_actors.device.ports import BytePort, ReopeningPort, TcpPort, open_serial, open_tcp
+from eal_actors.device.ports import BytePort, ReopeningPort, TcpPort, UdpPort, open_serial, open_tcp
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
@@ -62,6 +62,7 @@ __all__ = [
     "ResourceInfo",
     "ResourceType",
     "TcpPort",
+    "UdpPort",
     "UnavailableError",
     "UnsupportedError",
     "ValueInfo",
