@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from eal_actors.actors.call import Call, watch_calls
-from eal_actors.actors.future import Future, Later
+from eal_actors.actors.future import CallSoon, Future
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import EALError
 
@@ -45,7 +45,7 @@ class CallObserver:
             made_s = self._clock.now()
             call.link(lambda done, later: self._ended(call, done, made_s, later))
 
-    def _ended(self, call: Call[Any], done: Future[Any], made_s: float, _: Later | None) -> None:
+    def _ended(self, call: Call[Any], done: Future[Any], made_s: float, _: CallSoon | None) -> None:
         error = done.exception()
         outcome = DONE if error is None else error.code if isinstance(error, EALError) else EALError.code
         self._heard(call, outcome, self._clock.now() - made_s)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.actors.robot_view import Ping
-from eal_actors.actors.running import Running
-from eal_actors.actors.waiting import Waiting
+from eal_actors.actors.robot_view import MailboxLoad, Ping, RunningCommand
 from eal_actors.operate.top.call_statistics import CallStatistics, RecentCalls
 
 
@@ -34,7 +32,7 @@ class RobotRow:
     oldest_s: float
     figures: CallStatistics
     restarts: int | None
-    running: tuple[Running, ...]
+    running: tuple[RunningCommand, ...]
     notes: tuple[str, ...]
 
 
@@ -73,11 +71,11 @@ def robot_row(robot: RobotHandle, calls: RecentCalls, pings: RecentCalls, ping: 
     )
 
 
-def _mailboxes(robot: RobotHandle, ping: Ping | None) -> list[Waiting] | None:
+def _mailboxes(robot: RobotHandle, ping: Ping | None) -> list[MailboxLoad] | None:
     """Return what waits for the robot, by the fleet's clock: here, or as it told itself; None if it did not yet."""
     if not robot.is_remote:
         return [waiting for handle in robot.values() if (waiting := handle.waiting) is not None]
     if ping is None:
         return None
     of_real = robot.clock.of_real
-    return [Waiting(waiting.count, of_real(waiting.oldest_s)) for waiting in ping.mailboxes.values()]
+    return [MailboxLoad(waiting.count, of_real(waiting.oldest_s)) for waiting in ping.mailboxes.values()]
