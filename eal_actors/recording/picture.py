@@ -12,7 +12,7 @@ from eal_actors.device.world import WorldModel
 from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
 from eal_actors.recording.poses import PoseSample, split_at_breaks
 from eal_actors.recording.run_folder import RunFolder, folder_errors
-from eal_actors.scenario.report import Report
+from eal_actors.scenario.report.summary import Report
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,13 +15,13 @@ from textual.widgets import DataTable, Static
 
 from eal_actors import Fleet
 from eal_actors.facade.service import RobotService
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import PreemptedError, StoppedError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.operate.metrics.call_observer import observe_calls
 from eal_actors.operate.top.call_statistics import RecentCalls
 from eal_actors.operate.top.run_progress import latest_run, progress_of
 from eal_actors.operate.top.screen import Details, LogBuffer, TopApp
+from tests.manual_clock import ManualClock
 from tests.net.links import eventually, free_port
 
 Script = Callable[[TopApp, Pilot[None]], Awaitable[None]]

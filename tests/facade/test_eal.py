@@ -195,7 +195,7 @@ def test_the_host_is_a_robot_of_the_fleet(line_fleet: Path, monkeypatch: pytest.
     monkeypatch.setenv("EAL_FLEET", str(line_fleet))
     with connect("two", 50000) as eal:
         assert eal.get_resource_list() == ["Line", "SampleResource"]
-    with pytest.raises(RobotNotFoundError, match=r"knows no robot 'three'.*it has one, two"):
+    with pytest.raises(RobotNotFoundError, match=r"has no robot 'three'.*it has one, two"):
         connect("three")
     with pytest.raises(RobotNotFoundError, match="has 2 robots; name one"):
         connect()

@@ -17,7 +17,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import RunRecorder
 from eal_actors.recording.mcap_file import read_mcap
 from eal_actors.recording.recorded_run import RecordedRun
-from eal_actors.scenario.events import RunContinued
+from eal_actors.scenario.report.events import RunContinued
 from tests.recording.conftest import record_run
 
 

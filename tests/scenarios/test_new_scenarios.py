@@ -18,7 +18,7 @@ from eal_actors.kernel.bundled import bundled_path
 from eal_actors.lab.choreography.aiming import leg_commands
 from eal_actors.recording import PoseRecorder
 from eal_actors.recording.poses import PoseSample
-from eal_actors.scenario import Event, LogLine, Report, load_scenario, run_scenario
+from eal_actors.scenario import LogLine, Report, RunEvent, load_scenario, run_scenario
 from eal_actors.testing import Simulation
 from scenarios import formation as formation_py
 from scenarios import patrol as patrol_py
@@ -40,7 +40,7 @@ def run(
     """Run a shipped scenario; return its report and what it said, each line with its robot."""
     said: list[str] = []
 
-    def listen(event: Event) -> None:
+    def listen(event: RunEvent) -> None:
         if isinstance(event, LogLine):
             said.append(f"{event.robot}: {event.text}" if event.robot else event.text)
 

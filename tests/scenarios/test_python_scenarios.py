@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eal_actors import Fleet
-from eal_actors.facade import shared
+from eal_actors.facade import connections
 from eal_actors.testing import Simulation
 from scenarios import dance, panorama, square, square_umbmark, wander
 from scenarios.classic import camera as classic_camera
@@ -108,13 +108,13 @@ def test_classic_sample_user_code(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_classic_square(classic_fleet: Path) -> None:
-    fleet = shared.acquire_fleet(classic_fleet)
+    fleet = connections.acquire_fleet(classic_fleet)
     try:
         before = pose(fleet, "roomba-1")
         assert classic_square.main(["square.py", "roomba-1"]) == 0
         after = pose(fleet, "roomba-1")
     finally:
-        shared.release_fleet(fleet)
+        connections.release_fleet(fleet)
     assert 0 < math.dist(before[:2], after[:2]) < 0.3
 
 
@@ -130,11 +130,11 @@ def test_classic_camera(classic_fleet: Path, tmp_path: Path) -> None:
 
 
 def test_classic_dance(classic_fleet: Path) -> None:
-    fleet = shared.acquire_fleet(classic_fleet)
+    fleet = connections.acquire_fleet(classic_fleet)
     try:
         before = {name: pose(fleet, name) for name in fleet}
         assert classic_dance.main(["dance.py", *fleet, "nobody"]) == 0
         after = {name: pose(fleet, name) for name in fleet}
     finally:
-        shared.release_fleet(fleet)
+        connections.release_fleet(fleet)
     assert all(not np.isclose(before[name][2], after[name][2], atol=0.1) for name in before)

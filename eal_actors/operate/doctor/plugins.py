@@ -18,9 +18,7 @@ def check_plugins(config: FleetConfig, here: Iterable[RobotConfig]) -> Iterator[
     """Yield diagnostics of the plugins of the robots that run on this machine, which are imported."""
     manager = EALPluginManager(config.plugin_dirs)
     for unread in manager.errors:
-        yield warning(
-            _AREA, str(unread), "Correct its plugin.yaml; other plugins are not affected."
-        )
+        yield warning(_AREA, str(unread), "Correct its plugin.yaml; other plugins are not affected.")
     problems: dict[Problem, None] = {}
     fine: set[str] = set()
     findings: dict[Diagnostic, None] = {}

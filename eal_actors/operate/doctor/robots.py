@@ -74,13 +74,9 @@ def judge_ping(name: str, ping: Ping, ours: str) -> Iterator[Diagnostic]:
         what = f"{name} runs release {ping.release}, this machine {ours}"
         yield warning(_AREA, what, f"Install the same on both: pip install eal-actors=={ours}")
     if ping.stopped is not None:
-        yield warning(
-            _AREA, f"{name} is held by an emergency stop: {ping.stopped}", "When it is safe: eal resume"
-        )
+        yield warning(_AREA, f"{name} is held by an emergency stop: {ping.stopped}", "When it is safe: eal resume")
     for resource, reason in ping.not_ready.items():
-        yield warning(
-            _AREA, f"{name}/{resource} is not ready: {reason}", "Check its device; it is retried."
-        )
+        yield warning(_AREA, f"{name}/{resource} is not ready: {reason}", "Check its device; it is retried.")
     if ping.round_trip_s > _SLOW_S:
         what = f"the round trip to {name} takes {ping.round_trip_s * 1000:.0f} ms"
         yield warning(_AREA, what, "Use a cable, or a less busy radio channel.")

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from eal_actors.actors.call import Call, watch_calls
-from eal_actors.actors.future import Future, Later
+from eal_actors.actors.future import CallSoon, Future
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import EALError
 
@@ -30,7 +30,7 @@ def observe_calls(clock: Clock, on_end: Callable[[Call[Any], str, float], None])
             start_s = clock.now()
             call.link(lambda done, later: on_done(call, done, start_s, later))
 
-    def on_done(call: Call[Any], done: Future[Any], start_s: float, _: Later | None) -> None:
+    def on_done(call: Call[Any], done: Future[Any], start_s: float, _: CallSoon | None) -> None:
         error = done.exception()
         outcome = DONE if error is None else error.code if isinstance(error, EALError) else EALError.code
         on_end(call, outcome, clock.now() - start_s)

@@ -6,9 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.actors.robot_view import Ping
-from eal_actors.actors.running import Running
-from eal_actors.actors.waiting import Waiting
+from eal_actors.actors.robot_view import MailboxLoad, Ping, RunningCommand
 from eal_actors.operate.top.call_statistics import CallStatistics, RecentCalls
 
 
@@ -35,7 +33,7 @@ class RobotRow:
     oldest_s: float
     statistics: CallStatistics
     restarts: int | None
-    running: tuple[Running, ...]
+    running: tuple[RunningCommand, ...]
     notes: tuple[str, ...]
 
 
@@ -84,11 +82,11 @@ def _notes(robot: RobotHandle, ping: Ping | None) -> Iterator[str]:
             yield f"{name} is held by {holder}"
 
 
-def _mailboxes(robot: RobotHandle, ping: Ping | None) -> list[Waiting] | None:
+def _mailboxes(robot: RobotHandle, ping: Ping | None) -> list[MailboxLoad] | None:
     """Return the waiting calls by the fleet's clock; None if a remote robot has not reported them yet."""
     if not robot.is_remote:
         return [waiting for handle in robot.values() if (waiting := handle.waiting) is not None]
     if ping is None:
         return None
     of_real = robot.clock.of_real
-    return [Waiting(waiting.count, of_real(waiting.oldest_s)) for waiting in ping.mailboxes.values()]
+    return [MailboxLoad(waiting.count, of_real(waiting.oldest_s)) for waiting in ping.mailboxes.values()]
