@@ -12,8 +12,7 @@ from rich.text import Text
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.actors.robot_view import Ping, RobotState
-from eal_actors.actors.running import Running
+from eal_actors.actors.robot_view import Ping, RobotState, RunningCommand
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption, RobotsArgument
@@ -182,7 +181,7 @@ def _notes(entry: _PingResults) -> Iterator[Text]:
             yield Text(f"{running.resource} runs {running.command} for {running.by}{_format_progress(running)}")
 
 
-def _format_progress(running: Running) -> str:
+def _format_progress(running: RunningCommand) -> str:
     if (progress := running.progress) is None:
         return ""
     parts = [f"{progress.fraction:.0%}"] if progress.fraction is not None else []

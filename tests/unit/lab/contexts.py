@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.scenario.steps.python import StepContext
+from tests.manual_clock import ManualClock
 
 
 def step_context(
