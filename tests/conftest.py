@@ -21,8 +21,8 @@ settings.load_profile("patient")
 # Tests start programs by the hundred: each finds what the first one compiled.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-# A shell lets background programs ignore SIGINT, and nohup SIGHUP; programs that tests start would inherit both. A handler
-# is not inherited: they begin with the default, while this process still survives a closed terminal.
+# A shell ignores SIGINT for background programs, and nohup ignores SIGHUP; their children inherit that.
+# A handler is not inherited: they begin with the default, while this process still survives a closed terminal.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
