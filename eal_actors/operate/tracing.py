@@ -25,7 +25,7 @@ from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapProp
 
 from eal_actors.actors.robot_view import release
 from eal_actors.kernel import spans
-from eal_actors.kernel.errors import ArgumentError, EALError, shown
+from eal_actors.kernel.errors import ArgumentError, EALError, error_text
 
 CONSOLE: Final = "console"
 """Spans as JSON on stderr."""
@@ -151,5 +151,5 @@ class _Span:
     def end(self, error: BaseException | None = None) -> None:
         if error is not None:
             self._span.set_attribute("error.type", error.code if isinstance(error, EALError) else type(error).__name__)
-            self._span.set_status(trace.StatusCode.ERROR, shown(error))
+            self._span.set_status(trace.StatusCode.ERROR, error_text(error))
         self._span.end()
