@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ConfigError, EALError, ScenarioError, WaitTimeoutError, shown
+from eal_actors.kernel.errors import ConfigError, EALError, ScenarioError, WaitTimeoutError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import WHOLE, ControlRegistry
 from eal_actors.operate.dashboard.current_steps import CurrentSteps
@@ -269,7 +269,7 @@ def _describe_scenario(file: Path) -> dict[str, Any]:
     except ConfigError as error:
         return {"file": file.name, "name": file.stem, "problems": [str(problem) for problem in error.problems]}
     except EALError as error:
-        return {"file": file.name, "name": file.stem, "problems": [shown(error)]}
+        return {"file": file.name, "name": file.stem, "problems": [error_text(error)]}
     return {
         "file": file.name,
         "name": scenario.name,

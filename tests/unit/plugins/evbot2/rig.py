@@ -7,7 +7,6 @@ from collections.abc import Callable
 from itertools import count
 from typing import Any, ClassVar
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.plugin import Activity, BytePort, FleetServices, PluginContext, ReopeningPort
 from plugins.evbot2 import plugin as evbot2_plugin
 from plugins.evbot2.connecting import start_session
@@ -17,6 +16,7 @@ from plugins.evbot2.messages import Channel
 from plugins.evbot2.protocol import MODEL, HostLineCodec
 from plugins.evbot2.serving import FaultyWire
 from plugins.evbot2.vehicle import FreeVehicle
+from tests.manual_clock import ManualClock
 
 TICK_S = 0.01
 

@@ -67,15 +67,15 @@ def test_a_motion_tells_how_far_it_has_come(command: str, way_m: tuple[float, fl
     motion, told = rig.start(rig.base.send_cmd(command)), []
     for _ in range(12):
         rig.wait(0.1)
-        assert rig.base._told_progress is not None
-        fraction, _text = rig.base._told_progress
+        assert rig.base._reported_progress is not None
+        fraction, _text = rig.base._reported_progress
         gone = [(now - then) / way for now, then, way in zip(rig.body.travel_m(), start_m, way_m, strict=True)]
         assert fraction == pytest.approx(sum(gone) / 2, abs=0.06)  # of a moment ago
         told.append(fraction)
     assert told == sorted(told)
     assert 0.1 < told[-1] < 0.9
     rig.result(motion)
-    assert rig.base._told_progress[0] == pytest.approx(1.0, abs=0.06)
+    assert rig.base._reported_progress[0] == pytest.approx(1.0, abs=0.06)
 
 
 def test_the_thesis_square_ends_where_it_began() -> None:

@@ -83,8 +83,8 @@ def test_the_turret_goes_the_shorter_way_round() -> None:
 
 
 def told_share(rig: Rig3) -> float:
-    assert rig.turret._told_progress is not None
-    share, _ = rig.turret._told_progress
+    assert rig.turret._reported_progress is not None
+    share, _ = rig.turret._reported_progress
     assert share is not None
     return share
 

@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import EALError, UnavailableError
 from eal_actors.plugin import FleetServices, PluginContext, Resource
 from eal_actors.testing import Simulation
@@ -23,6 +22,7 @@ from plugins.evbot3 import plugin as evbot3
 from plugins.evbot3.emulator import WHEELS
 from plugins.sim import plugin as sim
 from plugins.sim.models import MAKES
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.evbot2.rig import Rig
 from tests.unit.plugins.evbot3.rig import Rig3
 
