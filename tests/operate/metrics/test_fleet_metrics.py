@@ -18,7 +18,7 @@ from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Activity, Resource, command
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import ResourceFaultError, UnavailableError
-from eal_actors.operate.metrics.call_observer import CallObserver
+from eal_actors.operate.metrics.call_observer import observe_calls
 from eal_actors.operate.metrics.fleet_metrics import FleetMetrics
 from tests.manual_clock import ManualClock
 from tests.operate.metrics.scraping import samples, scrape
@@ -113,7 +113,7 @@ class TestCalls:
     def test_nothing_watches_when_nobody_measures(self) -> None:
         heard: list[Any] = []
         with running_robot({"Base": Base}) as robot:
-            with CallObserver(robot.clock, lambda call, outcome, _: heard.append((call.method, outcome))):
+            with observe_calls(robot.clock, lambda call, outcome, _: heard.append((call.method, outcome))):
                 robot["Base"].get_status().get()
                 assert len(calls._watchers) == 1
             assert not calls._watchers
