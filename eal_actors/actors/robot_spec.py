@@ -1,39 +1,19 @@
-"""What a robot's actor is told of its robot."""
+"""The specification of a robot for its actor."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
-from eal_actors.actors.resource_factory import ResourceFactory
 from eal_actors.actors.supervision import Restart
-from eal_actors.device.link import Link
+from eal_actors.device.link import FaultyLink
+from eal_actors.device.plugin_context import OpenPlugins
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import EALError
-
-
-class OpenPlugins(Protocol):
-    """A robot's connected plugins: what the plugin manager hands out."""
-
-    @property
-    def resources(self) -> Mapping[str, ResourceFactory]:
-        """The factories by the resources' final names."""
-        ...
-
-    @property
-    def errors(self) -> tuple[EALError, ...]:
-        """What kept plugins out."""
-        ...
-
-    def close(self) -> None:
-        """Disconnect every plugin."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
 class RobotSpec:
-    """What a robot actor needs to know of its robot.
+    """The specification of a robot.
 
     Attributes:
         name: the robot's name.
@@ -44,7 +24,7 @@ class RobotSpec:
         restart: when resources are restarted.
         max_restarts: restarts allowed within the window, for all resources together.
         restart_window_s: the window in seconds.
-        link: what the calls to its resources pass on their way; a perfect one if None.
+        link: the link that calls to its resources pass; a faultless one if None.
     """
 
     name: str
@@ -55,4 +35,4 @@ class RobotSpec:
     restart: Restart = Restart.PERMANENT
     max_restarts: int = 3
     restart_window_s: float = 5.0
-    link: Link | None = None
+    link: FaultyLink | None = None

@@ -14,12 +14,20 @@ from types import ModuleType
 from typing import Any, Final
 
 from pydantic import ValidationError
+from typing_extensions import override
 
 from eal_actors.device.info import unknown_name
-from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
+from eal_actors.device.plugin_context import (
+    EALPlugin,
+    FleetServices,
+    OpenPlugins,
+    PluginContext,
+    PluginSettingsModel,
+    ResourceFactory,
+)
 from eal_actors.device.ports import BytePort
 from eal_actors.device.resource import Resource
-from eal_actors.kernel.errors import ConfigError, EALError, PluginError, Problem, shown
+from eal_actors.kernel.errors import ConfigError, EALError, PluginError, Problem, error_text
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, discover
 
@@ -50,7 +58,7 @@ def import_plugin(manifest: PluginManifest) -> ModuleType:
         try:
             return importlib.import_module(f"{package}.plugin")
         except (Exception, SystemExit) as error:
-            raise PluginError(f"plugin {manifest.name!r} fails to import: {shown(error)}") from error
+            raise PluginError(f"plugin {manifest.name!r} fails to import: {error_text(error)}") from error
 
 
 def _require_modules(plugin: PluginManifest, user: PluginManifest) -> None:
@@ -88,27 +96,27 @@ def _package_for(folder: Path, name: str) -> str:
 
 
 @dataclass(frozen=True)
-class PluginResource:
+class PluginResource(ResourceFactory):
     """One resource that a connected plugin offers: makes and unmakes it."""
 
     create_function: Callable[..., Any]
     destroy_function: Callable[..., Any]
     context: PluginContext
 
+    @override
     def create(self) -> Resource:
-        """Return a new resource. Thread: the resource's actor."""
         resource = _with_context(self.create_function, self.context)
         if not isinstance(resource, Resource):
             raise PluginError(f"{self.create_function.__name__} returned {resource!r}, which is no Resource")
         return resource
 
+    @override
     def destroy(self, resource: Resource) -> None:
-        """Let go of a resource. Thread: the resource's actor."""
         self.destroy_function(resource)
 
 
 @dataclass(frozen=True)
-class ConnectedPlugins:
+class ConnectedPlugins(OpenPlugins):
     """A robot's connected plugins.
 
     Attributes:
@@ -131,7 +139,7 @@ class ConnectedPlugins:
             try:
                 module.disconnect(plugin)
             except (Exception, SystemExit, KeyboardInterrupt, GeneratorExit) as error:  # noqa: BLE001
-                failed.append(f"{name}: {shown(error)}")
+                failed.append(f"{name}: {error_text(error)}")
         if failed:
             raise PluginError(f"disconnect failed in {'; '.join(failed)}")
 
@@ -201,7 +209,7 @@ class EALPluginManager:
         try:
             plugin = _with_context(module.connect, context)
         except (Exception, SystemExit, KeyboardInterrupt, GeneratorExit) as error:
-            raise PluginError(f"plugin {manifest.name!r}: connect raised {shown(error)}") from error
+            raise PluginError(f"plugin {manifest.name!r}: connect raised {error_text(error)}") from error
         if not isinstance(plugin, EALPlugin):
             raise PluginError(f"plugin {manifest.name!r}: connect returned {plugin!r}, which is no EALPlugin")
         connected.append((settings.instance, module, plugin))  # from here on it is owed a disconnect
@@ -251,7 +259,7 @@ class EALPluginManager:
         except ValidationError as error:
             raise ConfigError(settings.problems_from(error, model)) from None
         except Exception as error:
-            raise PluginError(f"plugin {manifest.name!r}: its Settings raised {shown(error)}") from error
+            raise PluginError(f"plugin {manifest.name!r}: its Settings raised {error_text(error)}") from error
 
     def _explain_unknown(self, name: str) -> str:
         for manifest in self.manifests.values():

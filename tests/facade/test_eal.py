@@ -23,6 +23,7 @@ from eal_actors.kernel.errors import (
     UnavailableError,
     UnsupportedError,
 )
+from tests.plugin_files import write_plugin
 
 SEVENTEEN = [
     # thesis name, our name, section
@@ -58,7 +59,7 @@ def test_each_call_exists_under_both_names_and_names_its_section(thesis: str, ou
         assert f"thesis {section}" in (inspect.getdoc(call) or "")
 
 
-def test_never_both_manners_on_one_object() -> None:
+def test_no_object_has_both_naming_styles() -> None:
     ours = {name for name in dir(EAL) if not name.startswith("_")}
     thesis = {name for name in dir(classic.EAL) if not name.startswith("_")}
     assert not ours & thesis
@@ -98,22 +99,12 @@ class Line(Resource):
     @config_setter("baud")
     def set_baud(self, baud):
         self._baud = baud
-
-def connect(): return EALPlugin("Line")
-def disconnect(plugin): pass
-def create_Line(): return Line()
-def destroy_Line(resource): pass
 '''
 
 
 @pytest.fixture
 def line_fleet(tmp_path: Path) -> Path:
-    folder = tmp_path / "plugins" / "line"
-    folder.mkdir(parents=True)
-    (folder / "plugin.py").write_text(PLUGIN)
-    (folder / "plugin.yaml").write_text(
-        'version: 1\nname: line\ndescription: A line.\nplugin_version: "1"\nresources: [Line]\n'
-    )
+    write_plugin(tmp_path, "line", PLUGIN, "Line")
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text(
         textwrap.dedent("""\
@@ -150,7 +141,7 @@ def test_the_structured_calls(eal: EAL) -> None:
     assert eal.resource_info(line).types.names == ("COMMUNICATION",)
 
 
-def test_errors_are_typed_and_name_the_culprit(eal: EAL) -> None:
+def test_errors_are_typed_and_name_the_resource(eal: EAL) -> None:
     line = eal.find_resource("Line")
     with pytest.raises(UnsupportedError, match="one/Line: Line does not support get_value"):
         eal.get_value(line)
@@ -164,7 +155,7 @@ def test_errors_are_typed_and_name_the_culprit(eal: EAL) -> None:
         eal.get_value(99)
 
 
-def test_the_librarian_keeps_the_connection_open_until_all_is_returned(line_fleet: Path) -> None:
+def test_the_connection_stays_open_until_all_resources_are_returned(line_fleet: Path) -> None:
     eal = connect("one", fleet=line_fleet)
     first, second = eal.get_resource("Line"), eal.get_resource("Line")
     assert isinstance(first, Resource)
@@ -180,7 +171,7 @@ def test_the_librarian_keeps_the_connection_open_until_all_is_returned(line_flee
     eal.disconnect()
 
 
-def test_leaving_the_with_block_disconnects_even_with_something_out(line_fleet: Path) -> None:
+def test_leaving_the_with_block_disconnects_even_if_a_resource_is_checked_out(line_fleet: Path) -> None:
     with pytest.raises(ResourceInUseError), connect("one", fleet=line_fleet) as eal:
         eal.get_resource("Line")
 
@@ -208,7 +199,7 @@ def test_an_open_fleet_can_be_used_and_stays_open(line_fleet: Path) -> None:
         assert fleet["one"]["Line"].get_status().get() == 0
 
 
-def test_a_closed_connection_says_so(line_fleet: Path) -> None:
+def test_a_closed_connection_refuses_calls(line_fleet: Path) -> None:
     with connect("one", fleet=line_fleet), connect("one", fleet=line_fleet) as eal:
         line = eal.find_resource("Line")
         eal.disconnect()
@@ -233,7 +224,7 @@ def test_the_last_connection_to_a_robot_halts_it() -> None:
             drive.get()
 
 
-def test_a_fleet_that_is_not_connected_says_so(line_fleet: Path) -> None:
+def test_a_fleet_that_is_not_connected_refuses_calls(line_fleet: Path) -> None:
     fleet = Fleet.load(line_fleet)
     with pytest.raises(UnavailableError, match="is not connected"):
         connect("one", fleet=fleet)

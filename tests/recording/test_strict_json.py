@@ -1,4 +1,4 @@
-"""Every file and stream of a run is JSON as the standard has it, whatever sensors say."""
+"""Every file and stream of a run is standard JSON, whatever the sensors return."""
 
 from __future__ import annotations
 
@@ -18,14 +18,7 @@ from eal_actors.recording import RunRecorder
 from eal_actors.recording.mcap_file import McapContent, read_mcap
 from eal_actors.recording.recorded_run import RecordedRun
 from eal_actors.scenario import Run, load_scenario, make_plan, summary_schema
-
-MANIFEST = """\
-version: 1
-name: odd
-description: Sensors whose answers JSON has no numbers for.
-plugin_version: "1"
-resources: [Scan, Level, Hot]
-"""
+from tests.plugin_files import write_plugin
 
 PLUGIN = """\
 import math
@@ -61,37 +54,6 @@ class Hot(Resource):
     def get_value(self):
         return math.nan
 
-
-def connect():
-    return EALPlugin("Scan", "Level", "Hot")
-
-
-def disconnect(plugin):
-    pass
-
-
-def create_Scan():
-    return Scan()
-
-
-def create_Level():
-    return Level()
-
-
-def create_Hot():
-    return Hot()
-
-
-def destroy_Scan(resource):
-    pass
-
-
-def destroy_Level(resource):
-    pass
-
-
-def destroy_Hot(resource):
-    pass
 """
 
 SCENARIO = """\
@@ -133,10 +95,7 @@ def strict(text: str) -> Any:
 @pytest.fixture(scope="module")
 def odd_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("odd")
-    plugin = folder / "plugins" / "odd"
-    plugin.mkdir(parents=True)
-    (plugin / "plugin.yaml").write_text(MANIFEST)
-    (plugin / "plugin.py").write_text(PLUGIN)
+    write_plugin(folder, "odd", PLUGIN, "Scan", "Level", "Hot")
     (folder / "fleet.yaml").write_text(
         "version: 1\nname: odds\nclock: {rate: max}\nplugin_dirs: [plugins]\nrobots:\n  a: {plugins: {odd: {}}}\n"
     )
@@ -163,7 +122,7 @@ def test_every_line_and_file_is_strict_json(odd_run: Path) -> None:
     assert line == "nan and inf"
 
 
-def test_what_json_has_no_number_for_comes_back_from_the_record(odd_run: Path) -> None:
+def test_infinities_and_nan_can_be_read_back(odd_run: Path) -> None:
     recorded = RecordedRun.open(odd_run / "run.mcap")
     for resource, wanted in (
         ("Scan", [1.0, math.inf, math.nan, -math.inf]),
@@ -198,7 +157,7 @@ def every_key_declared(schema: Any, message: Any, path: str = "$") -> Iterator[s
             yield from every_key_declared(schema["items"], item, f"{path}[]")
 
 
-def test_every_message_is_what_its_schema_says(odd_run: Path, run: Path) -> None:
+def test_every_message_matches_its_schema(odd_run: Path, run: Path) -> None:
     for folder in (odd_run, run):
         content = read_mcap(folder / "run.mcap")
         assert len(content.messages) > 10
@@ -209,7 +168,7 @@ def test_every_message_is_what_its_schema_says(odd_run: Path, run: Path) -> None
     assert {"foxglove.LaserScan", "foxglove.CompressedImage", "foxglove.PoseInFrame"} <= set(content.schemas)
 
 
-def test_the_makers_own_reader_reads_it(run: Path) -> None:
+def test_the_reader_of_the_mcap_library_reads_the_record(run: Path) -> None:
     """Another implementation than ours, which trusts the index, sees the same messages in the order of time."""
     from mcap.reader import make_reader
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario import (
     LogLine,
@@ -22,6 +21,7 @@ from eal_actors.scenario import (
     make_plan,
     summary_schema,
 )
+from tests.manual_clock import ManualClock
 from tests.robots import advance_until_done
 from tests.scenarios.rig import HEAD, rigs, scenario
 from tests.scenarios.running import ON, Watch, outcomes, records, run

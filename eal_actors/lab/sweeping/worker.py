@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import EALError, ScenarioError, shown
+from eal_actors.kernel.errors import EALError, ScenarioError, error_text
 from eal_actors.kernel.log import configure_logging
 from eal_actors.lab.sweeping.sweep import fleet_hash
 from eal_actors.managers.config import EALConfigManager
@@ -83,7 +83,7 @@ def serve(tasks: Connection, workplace: Workplace) -> None:
                 crew = crew or _Crew(workplace)
                 crew.carry_out(task)
             except Exception as error:  # noqa: BLE001  # it becomes a row of the table
-                tasks.send(str(error) if isinstance(error, EALError) else shown(error))
+                tasks.send(str(error) if isinstance(error, EALError) else error_text(error))
             else:
                 tasks.send(None)
 

@@ -17,8 +17,8 @@ from typing import Any, Final, NoReturn
 
 from typing_extensions import override
 
+from eal_actors.actors.actor import Envelope
 from eal_actors.actors.call import Call
-from eal_actors.actors.inbox import Envelope
 from eal_actors.device.data import EALData
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME
@@ -77,17 +77,12 @@ class CallQueue(UrgentMessage):
         self._echo: tuple[RobotTime, float] | None = None
         self.tracker: Final = CommandTracker(channel)
 
-    # Target of calls; see CallTarget and Mailbox.
-
-    @property
-    def actor_inbox(self) -> CallQueue:
-        """The queue itself."""
-        return self
+    # CallServer.
 
     @property
     def resource(self) -> NoReturn:
         """Raise RemoteError: the resource object is in another process (Source: thesis §4.5)."""
-        raise RemoteError("the resource itself cannot be had through a network", robot=self._channel.name)
+        raise RemoteError("the resource itself is not available over a network", robot=self._channel.name)
 
     def put(self, envelope: Call[Any]) -> None:
         """Add a call.
@@ -139,7 +134,7 @@ class CallQueue(UrgentMessage):
         if self._channel.rights is not None:
             self._channel.rights.check(call.cell.name, call.method)
         if len(self._unanswered) >= limit:
-            raise BusyError(f"{limit:g} calls to the robot are under way already")
+            raise BusyError(f"{limit:g} calls to the robot are pending already")
         self._unanswered.add(call)
 
     def stop_activity_of(self, call: Call[Any]) -> None:

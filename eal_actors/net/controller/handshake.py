@@ -9,7 +9,7 @@ from typing import Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from eal_actors.device.info import METHODS, ResourceInfo
-from eal_actors.kernel.errors import EALError, ProtocolError, shown
+from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.net.controller.ping import text_map
 from eal_actors.net.security.access import Rights
 from eal_actors.net.wire.messages import Answer
@@ -48,7 +48,7 @@ class Handshake:
         """
         if not isinstance(answer, dict):
             reason = answer.message if isinstance(answer, EALError) else f"answered {answer!r}"
-            raise ProtocolError(f"does not let us in: {reason}")
+            raise ProtocolError(f"refuses the connection: {reason}")
         try:
             stopped = answer["stopped"]
             return cls(
@@ -60,7 +60,7 @@ class Handshake:
                 answer.get("running", ()),
             )
         except (ProtocolError, AttributeError, KeyError, TypeError) as error:
-            raise ProtocolError(f"greets in a way that makes no sense: {shown(error)}") from error
+            raise ProtocolError(f"has sent a malformed handshake: {error_text(error)}") from error
 
 
 class _Fields(BaseModel):

@@ -8,8 +8,7 @@ import threading
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
-from eal_actors.actors.robot_view import Ping, RobotState
-from eal_actors.actors.waiting import Waiting
+from eal_actors.actors.robot_view import MailboxLoad, Ping, RobotState
 from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, ProtocolError
@@ -135,13 +134,13 @@ def _ping_from(answer: Mapping[str, Any], round_trip_s: float, offset: Offset) -
             offset_error_s=offset.error_s,
             not_ready=text_map(answer.get("not_ready", {})),
             mailboxes={
-                str(name): Waiting(int(count), float(oldest_s))
+                str(name): MailboxLoad(int(count), float(oldest_s))
                 for name, (count, oldest_s) in answer.get("mailboxes", {}).items()
             },
             restarts={str(name): int(count) for name, count in answer.get("restarts", {}).items()},
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ProtocolError(f"a ping was answered in a way that makes no sense: {error!r}") from error
+        raise ProtocolError(f"the answer to a ping is malformed: {error!r}") from error
 
 
 def text_map(mapping: Mapping[Any, Any]) -> dict[str, str]:
@@ -152,5 +151,5 @@ def text_map(mapping: Mapping[Any, Any]) -> dict[str, str]:
 def _time_field(answer: Mapping[str, Any], key: str) -> float:
     value = answer.get(key)
     if type(value) is not float:
-        raise ProtocolError(f"a ping was answered with {key} {value!r}, which is no time")
+        raise ProtocolError(f"a ping was answered with {key} {value!r}, which is not a time")
     return value

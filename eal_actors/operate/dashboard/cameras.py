@@ -12,7 +12,7 @@ from eal_actors.actors.streams import Stream
 from eal_actors.device.data import EALData
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError, shown
+from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError, error_text
 from eal_actors.net.wire.images import encode_image
 from eal_actors.operate.dashboard.limits import MAX_FRAMES_PER_S
 
@@ -45,13 +45,9 @@ class CameraFrame:
 
 
 class Cameras:
-    """Opens a camera for the first browser that watches it, and closes it after the last.
+    """Opens a camera for the first browser that watches it, and closes it after the last. Thread: any.
 
-    Args:
-        fleet: a connected fleet.
-        on_frame: called for each new frame or failure; it must not block.
-
-    Thread: any.
+    `on_frame` is called for each new frame or failure, and must not block.
     """
 
     def __init__(self, fleet: Fleet, on_frame: Callable[[], None]) -> None:
@@ -178,6 +174,6 @@ class _CameraReader:
 
     def _fail(self, error: EALError) -> None:
         last = self.frame
-        text = error.message or shown(error)
+        text = error.message or error_text(error)
         self.frame = CameraFrame(last.number + 1, last.jpeg, last.stamp_s, last.same_since_s, text)
         self._on_frame()

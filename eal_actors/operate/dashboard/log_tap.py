@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from types import TracebackType
 from typing import Any, Final, Self
 
 import structlog
@@ -22,11 +21,7 @@ _MOST_CHARACTERS: Final = 2000
 class LogTap:
     """Copies log lines to the store, between `with` and its end.
 
-    Lines below the level of the terminal go to the page only.
-
-    Args:
-        store: where lines go.
-        steps: where errors of robots are recorded.
+    Lines below the level of the terminal go to the page only. Errors of robots are also recorded in `steps`.
     """
 
     def __init__(self, store: StateStore, steps: CurrentSteps) -> None:
@@ -46,9 +41,7 @@ class LogTap:
         )
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         structlog.configure(**self._before)
 
     def _copy(self, _: object, method: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:

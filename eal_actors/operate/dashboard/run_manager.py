@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ConfigError, EALError, ScenarioError, WaitTimeoutError, shown
+from eal_actors.kernel.errors import ConfigError, EALError, ScenarioError, WaitTimeoutError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import WHOLE, ControlRegistry
 from eal_actors.operate.dashboard.current_steps import CurrentSteps
@@ -46,13 +46,7 @@ _CLOSED: Final = "the dashboard was closed"
 class RunManager:
     """Runs the scenarios of one folder, one at a time, and reports them to the store.
 
-    Args:
-        fleet: a connected fleet.
-        store: where the state and the events of the run go.
-        steps: records the current steps.
-        control: records who controls what.
-        folder: the scenario files; subfolders are not searched.
-        runs_dir: the parent of the runs' folders; None keeps no records.
+    Scenarios are files right in `folder`. With `runs_dir` None, runs leave no records.
 
     Thread: any. `list_scenarios` and `start` block on files.
     """
@@ -92,11 +86,7 @@ class RunManager:
         return {file.name: file for file in sorted(self._folder.glob("*.yaml"))[:_MOST_FILES]}
 
     def start(self, file: str, parameters: Mapping[str, object]) -> None:
-        """Start a run.
-
-        Args:
-            file: the scenario's file in the folder.
-            parameters: values of its parameters.
+        """Start a run of a file in the folder.
 
         Raises:
             ScenarioError: no such file, another run is active, or the run's folder cannot be made.
@@ -269,7 +259,7 @@ def _describe_scenario(file: Path) -> dict[str, Any]:
     except ConfigError as error:
         return {"file": file.name, "name": file.stem, "problems": [str(problem) for problem in error.problems]}
     except EALError as error:
-        return {"file": file.name, "name": file.stem, "problems": [shown(error)]}
+        return {"file": file.name, "name": file.stem, "problems": [error_text(error)]}
     return {
         "file": file.name,
         "name": scenario.name,

@@ -9,7 +9,7 @@ from typing import Final
 
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import EALError, shown
+from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.recording import (
     RunFolder,
@@ -26,16 +26,7 @@ REPORT: Final = "report.html"
 
 
 class RunRecord:
-    """The record of one run.
-
-    Args:
-        fleet: the connected fleet.
-        plan: the plan of the run.
-        runs_dir: the parent of the run's folder.
-
-    Attributes:
-        directory: the run's folder.
-        hear: the listener for the run's events.
+    """The record of one run, in a new folder `directory` below `runs_dir`; `hear` is the listener for its events.
 
     Raises:
         ConfigError: the folder cannot be made.
@@ -91,7 +82,7 @@ class RunRecord:
             with folder_errors(self.directory):
                 (self.directory / REPORT).write_text(page, encoding="utf-8")
         except EALError as error:
-            reason = shown(error)
+            reason = error_text(error)
             get_logger().error("the report of the run was not made", directory=str(self.directory), reason=reason)
             return
         on_report(self.directory / REPORT)

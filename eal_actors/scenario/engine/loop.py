@@ -13,8 +13,7 @@ from collections.abc import Callable, Generator
 from typing import Any, TypeAlias
 
 from eal_actors.actors.future import Future
-from eal_actors.kernel.clock import Clock, new_waiter
-from eal_actors.kernel.timers import ROUNDING_S, Timer, TimerHeap
+from eal_actors.kernel.clock import ROUNDING_S, Clock, Timer, TimerHeap, new_waiter
 
 Coroutine: TypeAlias = Generator[Future[Any], None, None]
 """Yields futures; it continues when a future is done, whatever its outcome."""

@@ -20,7 +20,7 @@ from typing_extensions import override
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.kernel.clock import REAL_TIME, Clock
-from eal_actors.kernel.errors import EALError, Problem, ScenarioError, shown
+from eal_actors.kernel.errors import EALError, Problem, ScenarioError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.strict_model import NAMES_ONLY, did_you_mean
 from eal_actors.managers.fleet_model import FleetConfig
@@ -156,7 +156,7 @@ def _call(function: StepFunction, context: StepContext, given: dict[str, Any], a
         answer.set_exception(error)
     except BaseException as error:  # noqa: BLE001  # user code may raise anything, and the run waits for the answer
         get_logger(step=threading.current_thread().name).debug("the function raised", exc_info=error)
-        answer.set_exception(ScenarioError(f"{answer.describe()} raised {shown(error)}"))
+        answer.set_exception(ScenarioError(f"{answer.describe()} raised {error_text(error)}"))
 
 
 def join_threads(threads: Sequence[threading.Thread], clock: Clock) -> None:
@@ -227,7 +227,7 @@ def _find(name: str, fleet: FleetConfig) -> StepFunction | str:
             module, _, function = name.partition(":")
             found = getattr(_module(module, fleet.source.parent), function)
     except Exception as error:  # noqa: BLE001  # importing user code may raise anything
-        return f"'{name}' cannot be loaded: {shown(error)}"
+        return f"'{name}' cannot be loaded: {error_text(error)}"
     return found if callable(found) else f"'{name}' is no function"
 
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import UnavailableError
 from plugins.mote_roomba.mote_link import MOST_WAITING, MoteLink
 from plugins.mote_roomba.motes import MotePair
 from plugins.mote_roomba.protocol import drive
 from plugins.mote_roomba.tinyos import Ack, Framing, Packet
+from tests.manual_clock import ManualClock
 
 FRAMING = Framing()
 T = TypeVar("T")

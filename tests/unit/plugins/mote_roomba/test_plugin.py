@@ -7,13 +7,14 @@ from dataclasses import replace
 import pytest
 
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.kernel.clock import REAL_TIME, ManualClock
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import ConfigError, PluginError
 from eal_actors.plugin import FleetServices, PluginContext
 from eal_actors.testing.conformance import Bench, settings_of
 from eal_actors.testing.conformance.wires import TcpWire
 from plugins.mote_roomba import emulator, plugin
 from plugins.mote_roomba.protocol import Mode
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.mote_roomba.rig import HurriedClock
 from tests.unit.plugins.mote_roomba.wires import roomba_on_a_pty, roombas_on_sockets
 

@@ -18,13 +18,13 @@ from typing import Any
 import pytest
 
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ConfigError, PluginError
 from eal_actors.plugin import FleetServices, PluginContext, Resource
 from eal_actors.testing.conformance import Bench, settings_of
 from plugins.mote_roomba.plugin import RoombaPlugin
 from plugins.roomba_oi import plugin
 from plugins.sim import plugin as sim
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.mote_roomba.rig import HurriedClock
 from tests.unit.plugins.roomba_oi.rig import OiRig
 

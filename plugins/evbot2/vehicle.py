@@ -1,4 +1,4 @@
-"""The mechanics under a base: what its firmware drives and feels, and a body of its own for free space."""
+"""Vehicle models: the interface of a base's firmware to its wheels, and a vehicle on an endless floor."""
 
 from __future__ import annotations
 
@@ -6,39 +6,31 @@ import math
 from collections.abc import Callable
 from typing import Final, Protocol
 
+from typing_extensions import override
+
 from ..mote_roomba.odometry import DeadReckoning
 
 _BRAKE: Final = 4.0
-"""Wheels that are braked slow down so many times as fast as wheels that are driven."""
+"""Braking wheels decelerate by this factor faster than driven wheels accelerate."""
 
 
-class Body(Protocol):
-    """Two wheels or tracks with encoders, simulated or made up."""
+class Vehicle(Protocol):
+    """Two wheels or tracks with encoders. The simulation's vehicle also has `tick_s`, the length of a physics tick."""
 
     def drive(self, left_m_s: float, right_m_s: float) -> None:
         """Set the wheels' speeds until the next call; both 0 puts the brakes on."""
-        ...
 
     def travel_m(self) -> tuple[float, float]:
-        """Return what the left and the right wheel's encoder have counted in all, forward positive."""
-        ...
+        """Return the totals of the left and the right encoder, forward positive."""
+        raise NotImplementedError
 
     def strained(self) -> bool:
-        """Return whether the motors strain against something that holds the robot up."""
-        ...
+        """Return whether something blocks the motors."""
+        raise NotImplementedError
 
 
-class SimulatedBody(Body, Protocol):
-    """A body that somebody simulates in steps, and whose firmware is called once a step while it is busy."""
-
-    @property
-    def tick_s(self) -> float:
-        """Length of a step."""
-        ...
-
-
-class _Wheel:
-    """A wheel that takes time to reach its speed."""
+class _AcceleratingWheel:
+    """A wheel with a limited acceleration."""
 
     def __init__(self) -> None:
         self.target_m_s = self.speed_m_s = self.travel_m = 0.0
@@ -53,17 +45,17 @@ class _Wheel:
         self.travel_m += (before_m_s + self.speed_m_s) / 2 * ramp_s + self.speed_m_s * (duration_s - ramp_s)
 
 
-class FreeBody:
-    """A body on an endless floor, with a pose by the model of two tracks.
+class FreeVehicle(Vehicle):
+    """A vehicle on an endless floor, with the kinematics of two tracks.
 
     Args:
-        now_s: tells the time in seconds.
+        now_s: returns the time in seconds.
         track_m: nominal distance of the tracks.
         acceleration_m_s2: of each track.
-        track_factor: effective over nominal distance: tracks skid, so that about 1.2 is true, and 1 is ideal.
+        track_factor: effective over nominal distance: about 1.2 for real tracks, which skid; 1 is ideal.
 
     Attributes:
-        is_stuck: whether its motors turn nothing.
+        is_stuck: whether its wheels are blocked.
     """
 
     def __init__(
@@ -72,28 +64,28 @@ class FreeBody:
         self._now_s = now_s
         self._acceleration_m_s2 = acceleration_m_s2
         self._at_s = now_s()
-        self._left, self._right = _Wheel(), _Wheel()
-        self._place = DeadReckoning(track_m * track_factor)
+        self._left, self._right = _AcceleratingWheel(), _AcceleratingWheel()
+        self._odometer = DeadReckoning(track_m * track_factor)
         self.is_stuck = False
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """Where it truly is: x in m, y in m, yaw in rad, in (-pi, pi]."""
+        """Its true pose: x in m, y in m, yaw in rad, in (-pi, pi]."""
         self._catch_up()
-        return self._place.pose
+        return self._odometer.pose
 
+    @override
     def drive(self, left_m_s: float, right_m_s: float) -> None:
-        """See Body."""
         self._catch_up()
         self._left.target_m_s, self._right.target_m_s = left_m_s, right_m_s
 
+    @override
     def travel_m(self) -> tuple[float, float]:
-        """See Body."""
         self._catch_up()
         return self._left.travel_m, self._right.travel_m
 
+    @override
     def strained(self) -> bool:
-        """See Body."""
         return self.is_stuck and self._is_driven
 
     @property
@@ -109,4 +101,4 @@ class FreeBody:
         acceleration_m_s2 = self._acceleration_m_s2 * (1.0 if self._is_driven else _BRAKE)
         for wheel in (self._left, self._right):
             wheel.turn(duration_s, acceleration_m_s2)
-        self._place.add(self._left.travel_m - before_m[0], self._right.travel_m - before_m[1])
+        self._odometer.add(self._left.travel_m - before_m[0], self._right.travel_m - before_m[1])

@@ -1,4 +1,4 @@
-"""Two runs compared."""
+"""Comparison of two runs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_a_changed_event_is_named_with_both_values(run: Path, other: Path) -> No
     assert compared(run, other) == [Difference("events[0].scenario", "'round'", "'square'")]
 
 
-def test_what_belongs_to_the_wall_clock_and_the_host_may_differ(run: Path, other: Path) -> None:
+def test_wall_times_and_hosts_may_differ(run: Path, other: Path) -> None:
     change_event(other, 0, {"wall_time": "now", "host_name": "there"})
     assert compared(run, other) == []
 
@@ -45,7 +45,7 @@ def test_numbers_within_the_tolerance_count_as_equal(run: Path, other: Path) -> 
     assert compared(run, other, tolerance=0.01) == []
 
 
-def test_of_a_path_the_first_sample_that_differs_is_told(run: Path, other: Path) -> None:
+def test_the_first_difference_of_a_path_is_reported(run: Path, other: Path) -> None:
     table = other / "trajectory.csv"
     lines = table.read_text().splitlines()
     robot, time_s, x_m, *rest = lines[5].split(",")
@@ -61,7 +61,7 @@ def test_saved_files_are_compared(run: Path, other: Path) -> None:
     assert [found.where for found in compared(run, other)] == ["evbot3-1/frame.png", "roomba-1/frame.png"]
 
 
-def test_a_line_cut_off_by_a_crash_is_left_out_but_a_broken_one_is_not(run: Path, other: Path) -> None:
+def test_a_last_line_torn_by_a_crash_is_ignored_but_a_broken_line_is_not(run: Path, other: Path) -> None:
     text = (other / "events.jsonl").read_text()
     (other / "events.jsonl").write_text(text[:-20])
     assert len(RunFolder.open(other).events) == len(RunFolder.open(run).events) - 1
@@ -70,6 +70,6 @@ def test_a_line_cut_off_by_a_crash_is_left_out_but_a_broken_one_is_not(run: Path
         compared(run, other)
 
 
-def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"it has no events\.jsonl"):
         RunFolder.open(tmp_path)
