@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Final, Protocol
 
-from ..mote_roomba.odometry import DeadReckoning
+from ..roomba.odometry import DeadReckoning
 
 _BRAKE: Final = 4.0
 """Wheels that are braked slow down so many times as fast as wheels that are driven."""

@@ -1,4 +1,4 @@
-"""What only a Roomba has: buttons, lights and songs, as the plugin mote_roomba has them."""
+"""What only a Roomba has: buttons, lights and songs, as the plugin roomba has them."""
 
 from __future__ import annotations
 
@@ -42,22 +42,22 @@ class Buttons(OnRobot):
 
     @request("max", _FLAG)
     def max(self) -> EALData:
-        """Tell whether MAX is pressed."""
+        """Return whether MAX is pressed."""
         return self._released()
 
     @request("clean", _FLAG)
     def clean(self) -> EALData:
-        """Tell whether CLEAN is pressed."""
+        """Return whether CLEAN is pressed."""
         return self._released()
 
     @request("spot", _FLAG)
     def spot(self) -> EALData:
-        """Tell whether SPOT is pressed."""
+        """Return whether SPOT is pressed."""
         return self._released()
 
     @request("power", _FLAG)
     def power(self) -> EALData:
-        """Tell whether POWER is pressed."""
+        """Return whether POWER is pressed."""
         return self._released()
 
     def _released(self) -> EALData:
@@ -77,7 +77,7 @@ class _Lights:
 
 
 class Leds(OnRobot):
-    """The lights on the robot; requests tell what they were set to last."""
+    """The lights on the robot; requests return their last settings."""
 
     types = ResourceType.ACTUATOR
 
@@ -130,37 +130,37 @@ class Leds(OnRobot):
 
     @request("dirt", _FLAG)
     def dirt(self) -> bool:
-        """Tell whether the dirt light is on."""
+        """Return whether the dirt light is on."""
         return self._lights.dirt
 
     @request("max", _FLAG)
     def max(self) -> bool:
-        """Tell whether the light of MAX is on."""
+        """Return whether the light of MAX is on."""
         return self._lights.max
 
     @request("clean", _FLAG)
     def clean(self) -> bool:
-        """Tell whether the light of CLEAN is on."""
+        """Return whether the light of CLEAN is on."""
         return self._lights.clean
 
     @request("spot", _FLAG)
     def spot(self) -> bool:
-        """Tell whether the light of SPOT is on."""
+        """Return whether the light of SPOT is on."""
         return self._lights.spot
 
     @request("status", _STATUS)
     def status(self) -> str:
-        """Tell the status light's colour."""
+        """Return the status light's colour."""
         return self._lights.status
 
     @request("power_colour", _LEVEL)
     def power_colour(self) -> int:
-        """Tell the power light's colour, from 0 green to 255 red."""
+        """Return the power light's colour, from 0 green to 255 red."""
         return self._lights.power_colour
 
     @request("power_intensity", _LEVEL)
     def power_intensity(self) -> int:
-        """Tell the power light's intensity, from 0 off to 255 full."""
+        """Return the power light's intensity, from 0 off to 255 full."""
         return self._lights.power_intensity
 
     def _set(self, **changes: Any) -> None:

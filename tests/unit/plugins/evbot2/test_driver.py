@@ -16,7 +16,7 @@ from plugins.evbot2.faults import FaultyWire
 from plugins.evbot2.messages import Code, Request, State, Verb
 from plugins.evbot2.odometry import Odometry
 from plugins.evbot2.protocol import BaseCodec, encode_request
-from plugins.mote_roomba.odometry import DeadReckoning
+from plugins.roomba.odometry import DeadReckoning
 from tests.unit.plugins.evbot2.rig import TICK_S, Rig
 
 STEP_M = 0.0005
