@@ -50,6 +50,7 @@ check: $(STAMP)  ## format, lint, types, layers, security, and the docs with all
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/bandit --quiet --configfile pyproject.toml --recursive eal_actors evbotos plugins scenarios
+	$(BIN)/python -m tests.house.javascript
 	$(BIN)/python -m tests.house.audit
 	$(BIN)/python -m pytest -q -m 'docs and not evbotos'
 

@@ -22,7 +22,7 @@ from eal_actors.lab.calibration.square import WAYS
 from eal_actors.lab.calibration.umbmark import SquareEnds
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import PoseRecorder, draw_trajectory, draw_world
-from eal_actors.recording.figure import draw_grid, new_figure
+from eal_actors.recording.arena import draw_grid, new_figure
 from eal_actors.scenario import run_scenario
 from eal_actors.testing import Simulation
 

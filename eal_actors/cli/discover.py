@@ -10,7 +10,7 @@ from rich.text import Text
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import new_table, stderr, stdout, write_json
-from eal_actors.net.discovery import Discovery, discover
+from eal_actors.net.controller.discovery import Discovery, discover
 
 _NOTHING: Final = """\
 No robot was found. Robots and routers answer only if

@@ -17,10 +17,10 @@ from eal_actors.cli.options import JsonOption, RobotsArgument
 from eal_actors.cli.output import counted, new_table, stdout, write_json
 from eal_actors.facade.elsewhere import FLEET_VARIABLE
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.operate.doctor import Finding, Level, examine_fleet, examine_machine
+from eal_actors.operate.doctor import Diagnostic, Severity, diagnose_fleet, diagnose_machine
 
-_SIGNS: Final = {Level.OK: ("✓", "+"), Level.WARNING: ("▲", "!"), Level.PROBLEM: ("✗", "x")}
-_STYLES: Final = {Level.OK: "green", Level.WARNING: "yellow", Level.PROBLEM: "bold red"}
+_SIGNS: Final = {Severity.OK: ("✓", "+"), Severity.WARNING: ("▲", "!"), Severity.PROBLEM: ("✗", "x")}
+_STYLES: Final = {Severity.OK: "green", Severity.WARNING: "yellow", Severity.PROBLEM: "bold red"}
 
 
 def examine(
@@ -42,8 +42,8 @@ def examine(
     Packages, clock, plugins, devices and their rights, cameras, certificates, ports, and the robots of other processes,
     which are asked how they are. Nothing is moved. Ends with 1 if there is a problem; warnings do not count.
     """
-    findings = [*examine_machine(), *(_of_fleet(fleet, robots or []) if fleet is not None else ())]
-    problems = sum(finding.level is Level.PROBLEM for finding in findings)
+    findings = [*diagnose_machine(), *(_of_fleet(fleet, robots or []) if fleet is not None else ())]
+    problems = sum(finding.level is Severity.PROBLEM for finding in findings)
     if as_json:
         write_json({"problems": problems, "findings": [asdict(finding) for finding in findings]})
     else:
@@ -52,17 +52,19 @@ def examine(
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _of_fleet(fleet: Path, robots: list[str]) -> Iterator[Finding]:
+def _of_fleet(fleet: Path, robots: list[str]) -> Iterator[Diagnostic]:
     try:
         config = read_fleet(fleet, robots)
     except ConfigError as error:
         for problem in error.problems:
-            yield Finding(Level.PROBLEM, "fleet file", str(problem), "Correct the file there; eal check looks again.")
+            yield Diagnostic(
+                Severity.PROBLEM, "fleet file", str(problem), "Correct the file there; eal check looks again."
+            )
         return
-    yield from examine_fleet(config)
+    yield from diagnose_fleet(config)
 
 
-def _print(findings: list[Finding], problems: int) -> None:
+def _print(findings: list[Diagnostic], problems: int) -> None:
     console = stdout()
     table = new_table("", "area", "finding")
     for finding in findings:
@@ -70,16 +72,16 @@ def _print(findings: list[Finding], problems: int) -> None:
         what = Text(finding.what)
         if finding.advice:
             what.append(
-                f"\n{_arrow(console)} {finding.advice}", style="bold" if finding.level is Level.PROBLEM else "dim"
+                f"\n{_arrow(console)} {finding.advice}", style="bold" if finding.level is Severity.PROBLEM else "dim"
             )
         table.add_row(Text(f"{_sign(console, finding.level)} {finding.level}", style=style), finding.area, what)
     console.print(table)
-    warnings = sum(finding.level is Level.WARNING for finding in findings)
-    style = _STYLES[Level.PROBLEM if problems else Level.WARNING if warnings else Level.OK]
+    warnings = sum(finding.level is Severity.WARNING for finding in findings)
+    style = _STYLES[Severity.PROBLEM if problems else Severity.WARNING if warnings else Severity.OK]
     console.print(Text(f"{counted(problems, 'problem')}, {counted(warnings, 'warning')}", style=style))
 
 
-def _sign(console: Console, level: Level) -> str:
+def _sign(console: Console, level: Severity) -> str:
     rich, plain = _SIGNS[level]
     return rich if console.encoding.startswith("utf") else plain
 

@@ -20,7 +20,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_loader import load_fleet
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, parse_endpoint
-from eal_actors.net.certificates import (
+from eal_actors.net.security.certificates import (
     AUTHORITY,
     Certificate,
     certificate_file,

@@ -21,7 +21,7 @@ from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
 from eal_actors.managers.manifest import replaying_plugin
-from eal_actors.recording import Difference, RunFolder, differences, kept_world, render_report
+from eal_actors.recording import Difference, RunFolder, compare_runs, kept_world, render_report
 from eal_actors.recording.mcap_file import RECORD_FILE
 from eal_actors.recording.recorded_run import RecordedRun
 
@@ -63,7 +63,7 @@ def diff_runs(
     Two runs of the same scenario with the same seed at `--rate max` do not differ. What begins with wall_ or host_ may.
     """
     with _reading():
-        found = list(differences(RunFolder.open(left), RunFolder.open(right), tolerance))
+        found = list(compare_runs(RunFolder.open(left), RunFolder.open(right), tolerance))
     if as_json:
         write_json([{"where": one.where, "left": one.left, "right": one.right} for one in found])
     else:
@@ -116,7 +116,7 @@ def _replay_fleet(recorded: RecordedRun, run: Path, *, rate: float, loop: bool, 
         robots[robot] = {"plugins": {player: {"record": str(run.resolve() / RECORD_FILE), "loop": loop}}}
         if port is not None:
             robots[robot]["address"] = f"tcp/127.0.0.1:{port + number}"
-    name = recorded.content.notes.get("run", {}).get("fleet", player)
+    name = recorded.content.metadata.get("run", {}).get("fleet", player)
     return {"version": 1, "name": name, "clock": {"rate": rate}, "robots": robots}
 
 

@@ -44,8 +44,16 @@ from eal_actors.cli.trace import TraceOption, traces_to
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, PluginError
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.recording import Extent, RunFolder, RunRecorder, keep_provenance, mend_record
-from eal_actors.recording.new_run import draw_run, new_run_folder, writing_into
+from eal_actors.recording import (
+    Extent,
+    RunFolder,
+    RunRecorder,
+    draw_run,
+    folder_errors,
+    keep_provenance,
+    new_run_folder,
+    repair_record,
+)
 from eal_actors.recording.run_folder import TRAJECTORY
 from eal_actors.scenario import Listener, Plan, Report, Run, make_plan
 from eal_actors.scenario.plan import bind_roles
@@ -167,9 +175,9 @@ def _carry_out(
         resumption = order.resumption
         directory = resumption.directory if resumption is not None else new_run_folder(runs_dir, plan.scenario.name)
         progress = new_progress(console, opened, options)
-        with writing_into(directory):
+        with folder_errors(directory):
             if resumption is not None:
-                resumption = replace(resumption, time_s=mend_record(directory))
+                resumption = replace(resumption, time_s=repair_record(directory))
             _keep_provenance(directory, order, plan)
             recorder = RunRecorder(opened, [name for name in plan.robots if name not in plan.lost], directory, extent)
         run = Run(plan, opened, directory, [progress.hear, recorder.hear, *listeners], resumption)

@@ -13,8 +13,8 @@ from eal_actors.cli.options import FleetOption, JsonOption, RobotsArgument
 from eal_actors.cli.output import stdout, write_json
 from eal_actors.kernel.errors import EALError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net import keys
-from eal_actors.net.errand import ask_robots
+from eal_actors.net.controller.broadcast import ask_robots
+from eal_actors.net.wire import keys
 
 _LOCAL = "lives in its controller's process, which alone can stop it"
 
@@ -53,7 +53,7 @@ def _tell_all(config: FleetConfig, method: str, arguments: tuple[str, ...], done
 
     remote = [name for name, robot in config.robots.items() if robot.address is not None]
     if remote:
-        ask_robots(config, remote, method, arguments, tell=tell)
+        ask_robots(config, remote, method, arguments, on_result=tell)
     for name, robot in config.robots.items():
         if robot.address is None:
             tell(name, UnavailableError(_LOCAL, robot=name))

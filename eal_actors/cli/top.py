@@ -15,7 +15,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import configure_logging
-from eal_actors.operate.metrics.tally import CallWatch
+from eal_actors.operate.metrics.call_observer import CallObserver
 
 
 def show_top(
@@ -31,8 +31,8 @@ def show_top(
     tells the rest.
     """
     try:
-        from eal_actors.operate.top.figures import Recent
-        from eal_actors.operate.top.screen import LastLines, TopApp
+        from eal_actors.operate.top.call_statistics import RecentCalls
+        from eal_actors.operate.top.screen import LogBuffer, TopApp
     except ModuleNotFoundError as error:
         raise UnsupportedError(
             f"eal top needs {error.name}, which is not installed: pip install 'eal-actors[top]'"
@@ -44,12 +44,12 @@ def show_top(
     if config.rate == MAX:
         config = read_fleet(fleet, robots or (), rate=1.0)  # as fast as the machine goes is no pace for people
     options = context.find_object(GlobalOptions) or GlobalOptions()
-    calls, lines = Recent(), LastLines()
+    calls, lines = RecentCalls(), LogBuffer()
     with Fleet(config).connect() as opened:
         clock = opened.clock
         configure_logging("human", options.log_level, cast("TextIO", lines))
         try:
-            with CallWatch(clock, lambda call, _, took_s: calls.note(call.cell.robot, clock.now(), took_s)):
+            with CallObserver(clock, lambda call, _, took_s: calls.note(call.cell.robot, clock.now(), took_s)):
                 TopApp(opened, calls, runs_dir, lines).run()
         finally:
             configure_logging(options.log_format, options.log_level)

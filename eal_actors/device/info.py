@@ -219,6 +219,13 @@ class ResourceInfo:
     def __post_init__(self) -> None:
         object.__setattr__(self, "urgent_commands", frozenset(c.name for c in self.commands if c.urgent))
 
+    @property
+    def is_camera(self) -> bool:
+        """Whether it is a sensor whose values are RGB images."""
+        value = self.value
+        is_image = value is not None and value.type is DataType.CHAR and len(value.shape) == 3 and value.shape[2] == 3
+        return is_image and ResourceType.SENSOR in self.types
+
     def parse_command(self, text: str, data: EALData | None) -> tuple[CommandInfo, EALData | None]:
         """Find the command a text means, and its checked argument.
 

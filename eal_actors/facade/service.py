@@ -15,7 +15,8 @@ from eal_actors.kernel.errors import ConfigError, EALError, Problem
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER
-from eal_actors.net.server import RobotServer
+from eal_actors.net.server.host import RobotHost
+from eal_actors.net.server.robot_server import RobotServer
 from eal_actors.net.session import endpoints_of, open_session, robot_config
 
 _CLOSE_S: Final = 1.5
@@ -79,11 +80,11 @@ class RobotService:
             self.robot.require_started()
             self._check_exclusive()
             session = stack.enter_context(open_session(self._network))
-            config, exclusive = self._config, self._exclusive
-            server = RobotServer(config.name, self.robot, session, config.network, exclusive=exclusive).launch()
-            self._server = server
+            host = RobotHost(self._config.name, session, self._config.network, self._name).launch()
+            stack.callback(host.close, _CLOSE_S)
+            self._server = server = host.serve(self.robot, self._exclusive)
             self.dead_man_trips = server.dead_man_trips
-            stack.callback(server.close, _CLOSE_S)
+            stack.callback(server.close)
             stack.callback(self._halt)
             self._stack = stack.pop_all()
         return self

@@ -1,1 +1,11 @@
-"""The network layer: robots served to controllers elsewhere, over zenoh."""
+"""The network: robots of other processes and machines, over zenoh.
+
+The life of a remote call:
+1. `controller/`: a ResourceHandle puts the call into the `CallQueue` of its `RemoteRobot`; a `Sender` sends it.
+2. `wire/`: `keys` and `messages` make of it a key, an envelope and a payload; zenoh carries them (`session`).
+3. `server/`: `RobotHost` receives it, `RobotServer` decodes it, `Admission` checks age, lease and order, and the call
+   goes to the resource's actor. The `Outbox` sends the reply.
+4. `controller/`: `PendingCalls` finds the call by its number and resolves its future.
+
+`security/` holds certificates and access control; `freshness`, `clock_offset` and `sender` are used by both ends.
+"""

@@ -1,9 +1,9 @@
-"""Zenoh configurations for the ends of a fleet's network, and sessions that open and close within a bounded time.
+"""zenoh configurations of robots, controllers and routers, and sessions that open and close in a bounded time.
 
-A controller dials each robot that has an endpoint as its address. Robots with the address `router` dial out to the
-routers, and so does their controller: as *clients* of one router at a time, with the others to fall back on. For
-zenoh gives everything twice to a peer that is linked to two joined routers, and nothing passes between two peers
-of one router. A controller that needs both ways is a peer, linked to the first router alone.
+A controller dials each robot whose address is an endpoint. Robots with the address `router` dial out to the routers,
+and so does their controller: as *clients* of one router at a time, with the others as fallback. As peers they would
+receive every message twice from two joined routers, and no message would pass between two peers of one router. A
+controller with both kinds of robots is a peer that is linked to the first router only.
 
 A session must not be used on both sides of a fork: start processes with `spawn`.
 """
@@ -23,7 +23,7 @@ from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
-from eal_actors.net.security import controller_access, robot_access, router_access, tls_config
+from eal_actors.net.security.access import controller_access, robot_access, router_access, tls_config
 
 if TYPE_CHECKING:
     import zenoh
@@ -31,25 +31,25 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 CLOSE_TIMEOUT_S: Final = 1.0
-"""Seconds after which a session that does not close is left to itself."""
+"""Real seconds after which a session that does not close is abandoned."""
 
 _RETRY_S: Final = 0.1
-_MOST_GREETING: Final = 2048
-"""How many may be in the middle of their greeting; so many strangers who never end it do not keep others out."""
-_GREETING_MS: Final = 4000
-"""How long a greeting may take, over a slow link too."""
+_MAX_HANDSHAKES: Final = 2048
+"""Simultaneous transport handshakes; fewer strangers that never finish theirs cannot keep others out."""
+_HANDSHAKE_MS: Final = 4000
+"""Time-out of a transport handshake, enough for a slow link."""
 _MIN_SESSIONS: Final = 1000
 _STALLED_US: Final = 500_000
-"""How long a message may wait for a stalled link before the link is closed, in microseconds."""
+"""Time after which a message that waits for a stalled link closes that link, in microseconds."""
 _BATCHES: Final = 16
-"""Batches of 64 kB of one priority that may wait for a link. With zenoh's two, whoever sends a frame is put to sleep
-between its pieces, and the frame takes twice as long. Streams, which are to be dropped rather than wait, keep two."""
+"""Batches of 64 kB of one priority that may wait for a link. With zenoh's default of two, the sender of an image sleeps
+between its pieces, and the image takes twice as long. Streams, which are dropped rather than queued, keep two."""
 _SOURCE_PLACE: Final = re.compile(r" at /\S+")
-"""Where in zenoh's own source an error arose."""
+"""Position in zenoh's source, which its errors contain."""
 
 
 def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
-    """Return the zenoh configuration of a robot that has an address.
+    """Return the zenoh configuration of a robot.
 
     Args:
         fleet: the fleet.
@@ -57,7 +57,7 @@ def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
 
     Raises:
         ConfigError: its keys are missing.
-        ValueError: the robot has no address, so it lives in the controller's process.
+        ValueError: the robot has no address, so it runs in the controller's process.
     """
     network, entry = fleet.network, fleet.robots[robot]
     if entry.address is None:
@@ -77,7 +77,7 @@ def controller_config(fleet: FleetConfig, robots: Iterable[str] | None = None) -
 
     Args:
         fleet: the fleet.
-        robots: names of the robots to reach, all if None; those without an address are passed over.
+        robots: names of the robots to reach, all if None; those without an address are ignored.
 
     Raises:
         ConfigError: its keys are missing.
@@ -98,12 +98,12 @@ def controller_config(fleet: FleetConfig, robots: Iterable[str] | None = None) -
     return config
 
 
-def visitor_config(endpoint: str, network: NetworkConfig | None = None) -> dict[str, Any]:
-    """Return the zenoh configuration of somebody who only looks who is behind an endpoint.
+def probe_config(endpoint: str, network: NetworkConfig | None = None) -> dict[str, Any]:
+    """Return the zenoh configuration of a program that only looks for robots behind an endpoint.
 
     Args:
-        endpoint: of a robot or a router.
-        network: whose keys to show; none if None.
+        endpoint: endpoint of a robot or a router.
+        network: its keys are used; no keys if None.
 
     Raises:
         ConfigError: the keys are missing.
@@ -122,9 +122,9 @@ def router_config(
 
     Args:
         listen: endpoints to listen at.
-        connect: endpoints of other routers to join; it goes on trying those that do not answer.
-        fleet: whose network and security it keeps to; any fleet's messages pass if None.
-        name: of its certificate, where the fleet has security.
+        connect: endpoints of other routers to join; unreachable ones are retried.
+        fleet: its network settings and security apply; messages of any fleet pass if None.
+        name: name of the router's certificate, in a fleet with security.
 
     Raises:
         ConfigError: its keys are missing.
@@ -139,7 +139,7 @@ def router_config(
 
 
 def endpoints_of(config: dict[str, Any]) -> tuple[str, ...]:
-    """Return the endpoints that a configuration names: where it listens, then where it dials."""
+    """Return the endpoints of a configuration: those to listen at, then those to dial."""
     return (*config["listen"]["endpoints"], *config["connect"]["endpoints"])
 
 
@@ -150,27 +150,27 @@ def _config(
     protocols = sorted({parse_endpoint(endpoint).protocol for endpoint in (*listen, *connect)})
     return {
         "mode": mode,
-        # Nobody connects because of what was found: the fleet file says who belongs together.
+        # Discovery never connects anything: the fleet file decides what belongs together.
         "scouting": {
             "multicast": {"enabled": answers, "listen": answers, "autoconnect": []},
             "gossip": {"enabled": False},
-            "delay": 1,  # ms that opening waits for absent others
+            "delay": 1,  # ms that opening waits for absent peers
         },
         "listen": {"endpoints": list(listen), "timeout_ms": 0, "exit_on_failure": True},
         "connect": {
             "endpoints": list(connect),
-            # A client tries each endpoint once and else fails, for it would wait for the first one alone; all others
-            # open at once and go on dialling in the background. Once open, both dial again when a link breaks.
+            # A client tries each endpoint once and then fails, since it would otherwise wait for the first one only.
+            # Peers and routers open at once and dial in the background. Both dial again when a link breaks.
             "timeout_ms": 0 if mode == "client" else -1,
             "exit_on_failure": False,
             "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
         },
         "transport": {
-            "shared_memory": {"enabled": False},  # a killed process would leave its segments
+            "shared_memory": {"enabled": False},  # a killed process would leak its segments
             "unicast": {
                 "max_sessions": max(_MIN_SESSIONS, sessions),
-                "accept_pending": _MOST_GREETING,
-                "accept_timeout": _GREETING_MS,
+                "accept_pending": _MAX_HANDSHAKES,
+                "accept_timeout": _HANDSHAKE_MS,
                 "compression": {"enabled": network.compression},
             },
             "link": {
@@ -191,12 +191,12 @@ def _config(
 def open_session(config: dict[str, Any], timeout_s: float = 5.0) -> Iterator[zenoh.Session]:
     """Open a session for the length of a `with` block.
 
-    A client waits for the first router that answers. All others open without waiting for anybody; a link that is
-    refused, for want of a certificate say, shows only in calls that get no answer.
+    A client waits for the first router that answers. Peers and routers open without waiting; a refused link, for
+    example for a missing certificate, shows only as calls without replies.
 
     Args:
-        config: from `robot_config`, `controller_config` or `router_config`.
-        timeout_s: real seconds that opening may take.
+        config: a configuration from this module.
+        timeout_s: greatest real seconds for opening.
 
     Raises:
         UnavailableError: the port is in use, no router answers, or it took too long.
@@ -222,7 +222,7 @@ def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> ze
 
     end_s = REAL_TIME.now() + timeout_s
     while True:
-        opening = _Errand(lambda: zenoh.open(checked), "eal-net-open", unwanted=_close_now)
+        opening = _BoundedCall(lambda: zenoh.open(checked), "eal-net-open", discard=_close_now)
         try:
             return opening.result(max(end_s - REAL_TIME.now(), 0.0))
         except TimeoutError:
@@ -231,18 +231,18 @@ def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> ze
         except zenoh.ZError as error:
             is_waiting = config["mode"] == "client" and "connect" in str(error)
             if not is_waiting or REAL_TIME.now() + _RETRY_S >= end_s:
-                raise _why_not_open(error, config) from error
+                raise _open_error(error, config) from error
         REAL_TIME.sleep(_RETRY_S)
 
 
-def _why_not_open(error: Exception, config: dict[str, Any]) -> EALError:
+def _open_error(error: Exception, config: dict[str, Any]) -> EALError:
     reason = _reason(error)
-    culprit = next((endpoint for endpoint in config["listen"]["endpoints"] if endpoint in reason), None)
-    place = culprit or ", ".join(endpoints_of(config))
+    failed = next((endpoint for endpoint in config["listen"]["endpoints"] if endpoint in reason), None)
+    place = failed or ", ".join(endpoints_of(config))
     if "in use" in reason:
-        return UnavailableError(f"{place}: cannot listen there, for the port is in use by another program")
+        return UnavailableError(f"{place}: cannot listen there: the port is in use by another program")
     if "assign requested address" in reason:
-        return UnavailableError(f"{place}: cannot listen there, for the address is none of this machine")
+        return UnavailableError(f"{place}: cannot listen there: this machine has no such address")
     if config["mode"] == "client":
         return UnavailableError(f"{place}: no router answers there; `eal router` runs one")
     return UnavailableError(f"{place}: the network session cannot be opened: {reason}")
@@ -253,30 +253,30 @@ def _reason(error: Exception) -> str:
 
 
 def _close_now(session: zenoh.Session) -> None:
-    session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
+    session.close()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
 
 
 def _close(session: zenoh.Session, config: dict[str, Any]) -> None:
-    closing = _Errand(lambda: _close_now(session), "eal-net-close")
+    closing = _BoundedCall(lambda: _close_now(session), "eal-net-close")
     try:
         closing.result(CLOSE_TIMEOUT_S)
     except TimeoutError:
-        message = f"the network session did not close within {CLOSE_TIMEOUT_S:g} s; it is left to itself"
+        message = f"the network session did not close within {CLOSE_TIMEOUT_S:g} s and was abandoned"
         get_logger().warning(message, endpoints=endpoints_of(config))
 
 
-class _Errand(Generic[T]):
-    """A call into zenoh that may hang, on a thread of its own.
+class _BoundedCall(Generic[T]):
+    """Call into zenoh that may hang, in a thread of its own.
 
     Args:
         work: the call.
-        name: of the thread.
-        unwanted: called with a result that comes when nobody waits for it any more.
+        name: name of the thread.
+        discard: called with a result that arrives after the time-out.
     """
 
-    def __init__(self, work: Callable[[], T], name: str, unwanted: Callable[[T], object] | None = None) -> None:
+    def __init__(self, work: Callable[[], T], name: str, discard: Callable[[T], object] | None = None) -> None:
         self._work = work
-        self._unwanted = unwanted
+        self._discard = discard
         self._outcome: Future[T] = Future()
         self._waiter = new_waiter()
         threading.Thread(target=self._run, name=name, daemon=True).start()
@@ -284,22 +284,19 @@ class _Errand(Generic[T]):
     def _run(self) -> None:
         try:
             self._outcome.set_result(self._work())
-        except Exception as error:  # noqa: BLE001  # raised again where it is waited for
+        except Exception as error:  # noqa: BLE001  # raised again by result()
             self._outcome.set_exception(error)
         REAL_TIME.wake(self._waiter)
 
     def result(self, timeout_s: float) -> T:
-        """Return what the call returned, or raise what it raised; TimeoutError if it takes longer.
-
-        Thread: blocks the caller.
-        """
+        """Return the call's result or raise its error; TimeoutError if it takes longer. Thread: blocks the caller."""
         try:
             REAL_TIME.wait(self._waiter, timeout_s)
             return self._outcome.result(timeout=0)
         except (TimeoutError, KeyboardInterrupt):
-            self._outcome.add_done_callback(self._dispose)
+            self._outcome.add_done_callback(self._discard_result)
             raise
 
-    def _dispose(self, outcome: Future[T]) -> None:
-        if self._unwanted is not None and outcome.exception() is None:
-            self._unwanted(outcome.result())
+    def _discard_result(self, outcome: Future[T]) -> None:
+        if self._discard is not None and outcome.exception() is None:
+            self._discard(outcome.result())

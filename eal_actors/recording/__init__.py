@@ -1,14 +1,23 @@
-"""Records of runs: poses and readings while robots work, pictures, the report page, and comparing two runs."""
+"""Records of runs.
+
+Writing: `run_recorder` samples the robots (`sampler`) and listens to the run. It writes poses (`poses`) and `run.mcap`
+(`mcap_file`, whose content `messages` and `schemas` define). `provenance` keeps the run's input; `repair` makes the
+record of an interrupted run whole.
+
+Reading: `run_folder` reads all files of a run, `recorded_run` its values and calls for the replay, and `comparison`
+compares two runs.
+
+Showing: `timeline` is the course of a run, `arena` and `picture` draw, and `report_page` is the HTML page.
+"""
 
 from eal_actors.recording.arena import draw_world
-from eal_actors.recording.continuing import mend_record
-from eal_actors.recording.differences import Difference, differences
-from eal_actors.recording.picture import draw_trajectory
-from eal_actors.recording.pose_sample import PoseSample
-from eal_actors.recording.poses import PoseRecorder
+from eal_actors.recording.comparison import Difference, compare_runs
+from eal_actors.recording.picture import draw_run, draw_trajectory
+from eal_actors.recording.poses import PoseRecorder, PoseSample
 from eal_actors.recording.provenance import keep_provenance, kept_world
+from eal_actors.recording.repair import repair_record
 from eal_actors.recording.report_page import render_report
-from eal_actors.recording.run_folder import RunFolder
+from eal_actors.recording.run_folder import RunFolder, folder_errors, new_run_folder
 from eal_actors.recording.run_recorder import Extent, RunRecorder
 
 __all__ = [
@@ -18,11 +27,14 @@ __all__ = [
     "PoseSample",
     "RunFolder",
     "RunRecorder",
-    "differences",
+    "compare_runs",
+    "draw_run",
     "draw_trajectory",
     "draw_world",
+    "folder_errors",
     "keep_provenance",
     "kept_world",
-    "mend_record",
+    "new_run_folder",
     "render_report",
+    "repair_record",
 ]

@@ -1,17 +1,19 @@
-"""Draw an arena from above: as the ground of the robots' paths, and on its own."""
+"""Plan of an arena, alone or below the robots' paths; and the empty figure of every picture."""
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from eal_actors.device.world import Beacon, BoxObstacle, CircleObstacle, Drop, MovableBox, Poster, WorldModel
-from eal_actors.recording.figure import draw_grid, new_figure
+from eal_actors.kernel.log import get_logger
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
 _Style: TypeAlias = dict[str, Any]
@@ -30,15 +32,34 @@ _LAMP: Final[_Style] = {
 }
 _START: Final[_Style] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": "#b0b0b0"}
 _MOST_NUMBERED: Final = 100
-"""More numbers than these hide what they stand at."""
+"""With more numbers than this, they hide the plan."""
+
+
+def new_figure(width_in: float, height_in: float) -> Figure | None:
+    """Return an empty figure of a size in inches, or None when matplotlib is not installed, which is logged."""
+    if importlib.util.find_spec("matplotlib") is None:
+        get_logger().warning("no picture: matplotlib is missing", remedy="pip install 'eal-actors[sim]'")
+        return None
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def draw_grid(axes: Axes) -> None:
+    """Draw thin lines at the ticks, below everything else."""
+    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
 
 
 def draw_world(world: WorldModel, out: Path) -> Path | None:
-    """Draw a world's plan: obstacles and start poses with their numbers, counted from 0, the rest with their names.
+    """Draw a world's plan: obstacles and start poses with their numbers from 0, other things with their names.
 
     Args:
         world: the world.
-        out: the file to write; its ending tells the format, such as `.png` or `.svg`.
+        out: the file to write; its suffix selects the format, such as `.png` or `.svg`.
 
     Returns:
         The file, or None when matplotlib is not installed, which is logged.
@@ -62,10 +83,10 @@ def draw_world(world: WorldModel, out: Path) -> Path | None:
 
 
 def draw_arena(axes: Axes, world: WorldModel) -> None:
-    """Draw the walls and what stands between them, as it is at first, and set the limits of the axes round it.
+    """Draw the arena at its start, and fit the limits of the axes to it.
 
     Obstacles are grey; drops are hatched; boxes have dashed edges; beacons are dots of their colours; posters are
-    strips on their walls; a dot with a stroke is a start pose and where it faces.
+    strips on their walls; a dot with a line is a start pose with its heading.
     """
     from matplotlib.patches import Circle, Rectangle
 
@@ -135,7 +156,7 @@ def _write_names(axes: Axes, world: WorldModel) -> None:
 
 
 def _legend(world: WorldModel) -> list[Artist]:
-    """Return a sample of each kind of thing that the world has."""
+    """Return one entry for each kind of thing in the world."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -1,4 +1,4 @@
-"""MCAP files: what robot developers exchange, and Foxglove and Lichtblick open."""
+"""`run.mcap`: writing and reading MCAP files, the exchange format that Foxglove and Lichtblick open."""
 
 from __future__ import annotations
 
@@ -11,23 +11,28 @@ from struct import error as StructError  # noqa: N812  # named like the other er
 from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.kernel.errors import ScenarioError, UnsupportedError
+from eal_actors.recording import messages, schemas
 from eal_actors.recording.messages import Message, nanoseconds
-from eal_actors.recording.schemas import SchemaOf
+from eal_actors.recording.poses import POSE_RESOURCE, PoseSample
+from eal_actors.recording.schemas import MessageSchema
+from eal_actors.recording.timeline import log_entry_of
 from eal_actors.scenario.strict_json import as_json
 
 if TYPE_CHECKING:
     from mcap.records import McapRecord
 
 RECORD_FILE: Final = "run.mcap"
+EVENTS_TOPIC: Final = "/events"
+ARENA_TOPIC: Final = "/arena"
 _LIBRARY: Final = "eal_actors"
 _CHUNK_BYTES: Final = 65536
-"""What a crash of the controller may cost of the end of a file; events.jsonl loses nothing."""
+"""A crash of the controller loses at most so much of the end of a file; events.jsonl loses nothing."""
 _JSON: Final = "application/json"
 _NS: Final = 1e9
 
 
 def require_mcap() -> None:
-    """Raise UnsupportedError, which names the extra, where the library is not installed."""
+    """Raise UnsupportedError, which names the extra, if the library is not installed."""
     try:
         import mcap.writer  # noqa: F401
     except ImportError as error:
@@ -39,18 +44,18 @@ def _as_json(value: object) -> bytes:
 
 
 class McapFile:
-    """A file that is being written. The same messages in the same order make the same bytes.
+    """An MCAP file being written. The same messages in the same order make the same bytes.
 
     Args:
-        path: where it is made; what is there is replaced.
+        path: the file; an existing one is replaced.
 
     Attributes:
-        counts: how many messages each topic has.
-        newest_s: the time of the newest of them, in seconds since the run's start.
+        counts: the number of messages of each topic.
+        newest_s: the time of the newest message of each topic, in seconds since the run's start.
 
     Raises:
         UnsupportedError: the library is not installed.
-        OSError: it cannot be made.
+        OSError: the file cannot be created.
 
     Thread: one at a time.
     """
@@ -68,15 +73,15 @@ class McapFile:
         self.counts: dict[str, int] = {}
         self.newest_s: dict[str, float] = {}
 
-    def write(self, topic: str, schema: SchemaOf, time_s: float, message: Message) -> None:
-        """Add a message; `time_s` counts from the run's start.
+    def write(self, topic: str, schema: MessageSchema, time_s: float, message: Message) -> None:
+        """Append a message; `time_s` counts from the run's start.
 
         Raises:
             OSError: it cannot be written.
         """
         self._add(topic, schema, nanoseconds(time_s), _as_json(message))
 
-    def _add(self, topic: str, schema: SchemaOf, time_ns: int, data: bytes) -> None:
+    def _add(self, topic: str, schema: MessageSchema, time_ns: int, data: bytes) -> None:
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._writer.register_channel(topic, "json", self._schema(schema))
@@ -85,27 +90,27 @@ class McapFile:
         self._writer.add_message(channel, log_time=time_ns, publish_time=time_ns, data=data)
 
     def copy(self, path: Path, without: Collection[str] = ()) -> None:
-        """Add what another file holds, as far as that goes; documents and texts that are here already stay as they are.
+        """Append the readable part of another file; attachments and metadata that exist here are kept.
 
         Args:
             path: the other file.
-            without: the topics that are left out.
+            without: topics to omit.
 
         Raises:
-            ScenarioError: it is no such file.
+            ScenarioError: it is no MCAP file.
             OSError: it cannot be read, or this one cannot be written.
         """
         from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
-        schemas: dict[int, SchemaOf] = {}
-        channels: dict[int, tuple[str, SchemaOf]] = {}
-        with _understanding(path):
+        known: dict[int, MessageSchema] = {}
+        channels: dict[int, tuple[str, MessageSchema]] = {}
+        with _errors_of(path):
             for record in _records(path):
                 match record:
                     case Schema():
-                        schemas[record.id] = SchemaOf(record.name, json.loads(record.data))
+                        known[record.id] = MessageSchema(record.name, json.loads(record.data))
                     case Channel():
-                        channels[record.id] = record.topic, schemas[record.schema_id]
+                        channels[record.id] = record.topic, known[record.schema_id]
                     case Message():
                         topic, schema = channels[record.channel_id]
                         if topic not in without:
@@ -113,33 +118,33 @@ class McapFile:
                     case Attachment():
                         self.attach(record.name, json.loads(record.data))
                     case Metadata():
-                        self.note(record.name, record.metadata)
+                        self.add_metadata(record.name, record.metadata)
 
-    def _schema(self, schema: SchemaOf) -> int:
+    def _schema(self, schema: MessageSchema) -> int:
         if schema.name not in self._schemas:
             content = json.dumps(schema.schema, separators=(",", ":")).encode()
             self._schemas[schema.name] = self._writer.register_schema(schema.name, "jsonschema", content)
         return self._schemas[schema.name]
 
     def attach(self, name: str, content: object) -> None:
-        """Add a JSON document, unless there is one of this name."""
+        """Add a JSON document, unless one of this name exists."""
         if name in self._names:
             return
         self._names.add(name)
         self._writer.add_attachment(0, 0, name, _JSON, _as_json(content))
 
-    def note(self, name: str, texts: Mapping[str, str]) -> None:
-        """Add texts by their names, unless there are some under this one."""
+    def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
+        """Add texts by their keys, unless metadata of this name exists."""
         if name in self._names:
             return
         self._names.add(name)
         self._writer.add_metadata(name, dict(texts))
 
     def close(self) -> None:
-        """Write the index and close the file; harmless if it is closed.
+        """Write the index and close the file. Closing it twice is harmless.
 
         Raises:
-            OSError: the index cannot be written; the file is closed all the same.
+            OSError: the index cannot be written; the file is closed nevertheless.
         """
         if self._stream.closed:
             return
@@ -149,15 +154,46 @@ class McapFile:
             self._stream.close()
 
 
+def pose_topic(robot: str) -> str:
+    """Return the topic of a robot's poses."""
+    return f"/{robot}/{POSE_RESOURCE}"
+
+
+def write_pose(file: McapFile, robot: str, sample: PoseSample) -> None:
+    """Write a pose twice: for programs, and as the transform that viewers need.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    file.write(pose_topic(robot), schemas.POSE, sample.time_s, messages.pose_message(sample))
+    file.write("/tf", schemas.TRANSFORMS, sample.time_s, messages.transform_message(robot, sample))
+
+
+def write_event(file: McapFile, event: Mapping[str, Any]) -> None:
+    """Write a line of `events.jsonl`, the call that it ends, and its log line.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    time_s = event["time_s"]
+    file.write(EVENTS_TOPIC, schemas.EVENT, time_s, {**messages.stamped(time_s), **event})
+    if event["event"] == "step_ended" and event["record"]["resource"] is not None:
+        record = event["record"]
+        file.write(f"/{record['robot']}/commands", schemas.COMMAND, record["end_s"], messages.command_message(record))
+    if (entry := log_entry_of(event)) is not None:
+        log = messages.log_message(entry.time_s, entry.level, entry.source, entry.text)
+        file.write("/log", schemas.LOG, entry.time_s, log)
+
+
 @dataclass(frozen=True, slots=True)
-class Entry:
+class RecordedMessage:
     """One message of a file.
 
     Attributes:
-        time_s: since the run's start.
-        topic: where it was written to.
+        time_s: seconds since the run's start.
+        topic: its topic.
         schema: the name of its schema.
-        message: what it says.
+        message: its content.
     """
 
     time_s: float
@@ -168,29 +204,29 @@ class Entry:
 
 @dataclass(slots=True)
 class McapContent:
-    """What a file holds.
+    """The content of a file.
 
     Attributes:
-        entries: its messages, in the order of the file.
+        messages: its messages, in the order of the file.
         attachments: its JSON documents by name.
-        notes: its texts by name.
+        metadata: its texts by name and key.
         schemas: the JSON Schemas of its messages by name.
-        is_whole: False if the end is missing, as after a crash of the controller.
+        is_complete: False if the end is missing, as after a crash of the controller.
     """
 
-    entries: list[Entry] = field(default_factory=list)
+    messages: list[RecordedMessage] = field(default_factory=list)
     attachments: dict[str, Any] = field(default_factory=dict)
-    notes: dict[str, dict[str, str]] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     schemas: dict[str, Any] = field(default_factory=dict)
-    is_whole: bool = False
+    is_complete: bool = False
 
 
 def read_mcap(path: Path) -> McapContent:
-    """Read a file of ours, as far as it goes: one whose writer crashed lacks its end.
+    """Read the readable part of a file: if its writer crashed, the end is missing.
 
     Raises:
         UnsupportedError: the library is not installed.
-        ScenarioError: it is no such file.
+        ScenarioError: it is no MCAP file of a run.
         OSError: it cannot be read.
     """
     require_mcap()
@@ -198,30 +234,31 @@ def read_mcap(path: Path) -> McapContent:
     from mcap.records import Message as MessageRecord
 
     content = McapContent()
-    schemas: dict[int, str] = {}
-    names: dict[int, tuple[str, str]] = {}
-    with _understanding(path):
+    names: dict[int, str] = {}
+    channels: dict[int, tuple[str, str]] = {}
+    with _errors_of(path):
         for record in _records(path):
             match record:
                 case Schema():
-                    schemas[record.id] = record.name
+                    names[record.id] = record.name
                     content.schemas[record.name] = json.loads(record.data)
                 case Channel():
-                    names[record.id] = record.topic, schemas[record.schema_id]
+                    channels[record.id] = record.topic, names[record.schema_id]
                 case MessageRecord():
-                    topic, schema = names[record.channel_id]
-                    content.entries.append(Entry(record.log_time / _NS, topic, schema, json.loads(record.data)))
+                    topic, schema = channels[record.channel_id]
+                    message = json.loads(record.data)
+                    content.messages.append(RecordedMessage(record.log_time / _NS, topic, schema, message))
                 case Attachment():
                     content.attachments[record.name] = json.loads(record.data)
                 case Metadata():
-                    content.notes[record.name] = record.metadata
+                    content.metadata[record.name] = record.metadata
                 case Footer():
-                    content.is_whole = True
+                    content.is_complete = True
     return content
 
 
 def _records(path: Path) -> Iterator[McapRecord]:
-    """Yield a file's records, as far as it goes."""
+    """Yield the readable records of a file."""
     from mcap.exceptions import EndOfFile
     from mcap.stream_reader import StreamReader
 
@@ -233,12 +270,8 @@ def _records(path: Path) -> Iterator[McapRecord]:
 
 
 @contextmanager
-def _understanding(path: Path) -> Iterator[None]:
-    """Say of a file's records that they make no sense.
-
-    Raises:
-        ScenarioError: they make none.
-    """
+def _errors_of(path: Path) -> Iterator[None]:
+    """Raise ScenarioError for every error that a broken file can cause."""
     from mcap.exceptions import McapError
     from zstandard import ZstdError
 

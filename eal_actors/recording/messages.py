@@ -1,16 +1,16 @@
-"""What a record says of poses, values, pictures and arenas: plain data after the schemas of `schemas`."""
+"""Messages of `run.mcap`, as plain data: poses, values, images, arenas and calls in the form of `schemas`."""
 
 from __future__ import annotations
 
 import base64
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
 from eal_actors.device.data import EALData
 from eal_actors.device.world import BoxObstacle, Drop, MovableBox, WorldModel
-from eal_actors.recording.pose_sample import PoseSample
+from eal_actors.recording.poses import PoseSample
 from eal_actors.recording.schemas import UNUSED_SHAPES
 
 Message: TypeAlias = dict[str, Any]
@@ -27,11 +27,11 @@ _INK: Final = (0.1, 0.1, 0.1, 1.0)
 _FLOOR_M: Final = 0.005
 _LABEL_M: Final = 0.15
 FARTHEST_M: Final = sys.float_info.max
-"""Stands for a range without end, which JSON has no number for."""
+"""An infinite range, for which JSON has no number."""
 
 
 def nanoseconds(time_s: float) -> int:
-    """Return a time in whole nanoseconds; one before the start counts as the start."""
+    """Return a time in whole nanoseconds, at least 0."""
     return max(0, round(time_s * _NS))
 
 
@@ -46,12 +46,12 @@ def _stamp(time_s: float) -> Message:
 
 
 def stamped(time_s: float) -> Message:
-    """Return just the time that a message carries."""
+    """Return the part of a message that has its time."""
     return {"timestamp": _stamp(time_s)}
 
 
 def seconds(message: Message) -> float:
-    """Return the time that a message carries, in seconds since the run's start."""
+    """Return the time of a message, in seconds since the run's start."""
     stamp = message["timestamp"]
     return float(stamp["sec"]) + float(stamp["nsec"]) / _NS
 
@@ -104,7 +104,7 @@ def image_message(time_s: float, frame_id: str, file: bytes, encoding: str) -> M
 def scan_message(time_s: float, frame_id: str, ranges_m: Sequence[float], angles_rad: Sequence[float]) -> Message:
     """Return a LaserScan; its rays are evenly spread, counter-clockwise.
 
-    The schema wants numbers: a range without end is the largest one there is, and `invalid` tells which are none.
+    The schema requires numbers: an infinite range becomes FARTHEST_M, and `invalid` lists the ranges that are NaN.
     """
     numbers = [float(range_m) for range_m in ranges_m]
     return {
@@ -122,7 +122,7 @@ def scan_message(time_s: float, frame_id: str, ranges_m: Sequence[float], angles
 
 
 def ranges_of(message: Message) -> list[float]:
-    """Return the ranges of a LaserScan, in m, those without end and those that are no number as they were."""
+    """Return the ranges of a LaserScan in m, with infinities and NaN restored."""
     ends = {FARTHEST_M: math.inf, -FARTHEST_M: -math.inf}
     found = [ends.get(range_m, range_m) for range_m in message["ranges"]]
     for index in message["invalid"]:
@@ -131,7 +131,7 @@ def ranges_of(message: Message) -> list[float]:
 
 
 def value_message(time_s: float, data: EALData) -> Message:
-    """Return any value as JSON has it, bytes in base 64, with what it takes to read it back."""
+    """Return any value as JSON (bytes in base 64), with its type, so that it can be read back."""
     plain = data.value
     if isinstance(plain, bytes):
         plain = base64.b64encode(plain).decode("ascii")
@@ -151,7 +151,7 @@ def value_message(time_s: float, data: EALData) -> Message:
 
 
 def log_message(time_s: float, level: str, name: str, text: str) -> Message:
-    """Return a Log line; `name` is whose it is."""
+    """Return a Log line; `name` is the robot's."""
     return {
         "timestamp": _stamp(time_s),
         "level": _LEVELS[level],
@@ -162,8 +162,22 @@ def log_message(time_s: float, level: str, name: str, text: str) -> Message:
     }
 
 
+def command_message(record: Mapping[str, Any]) -> Message:
+    """Return a Command of a step that was a call, as `summary.json` has it."""
+    return {
+        **stamped(record["start_s"]),
+        "resource": record["resource"],
+        "method": record["kind"],
+        "command": record["command"] or "",
+        "step": record["step"],
+        "outcome": record["outcome"],
+        "duration_s": record["end_s"] - record["start_s"],
+        "error": record["error"]["message"] if record["error"] is not None else "",
+    }
+
+
 def scene_message(world: WorldModel) -> Message:
-    """Return a SceneUpdate that shows an arena as it was at first: walls, obstacles, boxes, beacons and drops."""
+    """Return a SceneUpdate of an arena at its start: walls, obstacles, boxes, beacons and drops."""
     cubes = [*_walls(world), *(_cube(part, part.height_m, _GREY) for part in _boxes(world))]
     cubes += [_cube(box, box.height_m, _WOOD) for box in world.boxes]
     cubes += [_cube(drop, _FLOOR_M, _HOLE) for drop in world.drops]
@@ -193,7 +207,7 @@ def _boxes(world: WorldModel) -> Iterable[BoxObstacle]:
 
 _WALL_M: Final = 0.05
 _LOW_WALL_M: Final = 0.25
-"""Walls are drawn low, so that one can look over them."""
+"""Walls are drawn low so that they hide nothing."""
 
 
 def _walls(world: WorldModel) -> Iterable[Message]:

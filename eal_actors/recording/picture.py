@@ -1,4 +1,4 @@
-"""Draw the robots' paths in their arena."""
+"""Picture of the robots' paths in their arena, and of their headings over time."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias
 
 from eal_actors.device.world import WorldModel
-from eal_actors.recording.arena import draw_arena
-from eal_actors.recording.figure import draw_grid, new_figure
-from eal_actors.recording.pose_sample import PoseSample, stretches
+from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
+from eal_actors.recording.poses import PoseSample, split_at_breaks
+from eal_actors.recording.run_folder import RunFolder, folder_errors
+from eal_actors.scenario.report import Report
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,20 +20,21 @@ if TYPE_CHECKING:
 
 _Dashes: TypeAlias = str | tuple[int, tuple[int, ...]]
 
-# Okabe and Ito's palette: told apart with any colour vision. Each robot has a marker of its own as well.
+# Okabe and Ito's palette can be distinguished with any colour vision. Each robot has a marker of its own too.
 _COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
 _DASHES: Final[tuple[_Dashes, ...]] = ("-", (0, (6, 3)), (0, (1, 2)), (0, (7, 2, 1, 2)), (0, (3, 5)))
-"""Styles of line with gaps that let those underneath show: headings often lie upon each other."""
+"""Line styles with gaps: headings often cover each other."""
 _MOST_IN_LEGEND: Final = 14
 _MOST_TICKS: Final = 8
 _LOST: Final = ("dropped", "failed")
-"""Outcomes that the picture tells of."""
+"""Outcomes that are shown by a cross."""
 _ARROW_M: Final = 0.28
+_PICTURE: Final = "trajectory.png"
 
 
-class _Look(NamedTuple):
-    """How a robot is drawn; `lost_as` is why it ends in a cross, or None."""
+class _RobotStyle(NamedTuple):
+    """The style of a robot's path; `lost_as` is the outcome that a cross at its end shows, or None."""
 
     colour: str
     marker: str
@@ -41,7 +43,7 @@ class _Look(NamedTuple):
 
     @classmethod
     def of(cls, number: int, lost_as: str | None) -> Self:
-        """Return the look of the robot of a number."""
+        """Return the style of the robot with a number."""
         return cls(
             _COLOURS[number % len(_COLOURS)],
             _MARKERS[number % len(_MARKERS)],
@@ -60,16 +62,16 @@ def draw_trajectory(
 ) -> Path | None:
     """Draw each robot's path, from its start (hollow) to its end (filled, with its heading), and its heading over time.
 
-    The second part shows what the first cannot: a robot that turns in place. A robot that failed or was dropped ends
-    in a cross.
+    The headings show a robot that turns in place, which its path cannot. The path of a robot that failed or was dropped
+    ends in a cross.
 
     Args:
         paths: samples by robot, as `PoseRecorder.paths_since` returns them.
-        world: the arena, drawn as it was at first; None draws just the paths.
+        world: the arena at its start; None draws the paths alone.
         out: the PNG file to write.
         title: the picture's title.
-        outcomes: how robots fared, by name, see `RobotReport`; None says nothing of it.
-        breaks_s: when the run, which was cut off, went on; the paths have gaps there.
+        outcomes: the outcomes of robots by name, see `RobotReport`; None shows none.
+        breaks_s: the times at which the run was resumed; the paths have gaps there.
 
     Returns:
         The file, or None when matplotlib is not installed, which is logged.
@@ -81,19 +83,36 @@ def draw_trajectory(
     return out
 
 
+def draw_run(run: RunFolder, report: Report, world: WorldModel | None) -> Path | None:
+    """Draw the robots' paths into the run's folder.
+
+    Returns:
+        The picture; None if no robot has a Pose, or matplotlib is missing, which is logged.
+
+    Raises:
+        ScenarioError: it cannot be written.
+    """
+    if not run.paths:
+        return None
+    title = f"{report.scenario} on {report.fleet}: {report.outcome}"
+    outcomes = {name: robot.outcome for name, robot in report.robots.items()}
+    with folder_errors(run.path):
+        return draw_trajectory(run.paths, world, run.path / _PICTURE, title, outcomes, run.breaks_s)
+
+
 def trajectory_svg(
     paths: Mapping[str, Sequence[PoseSample]],
     world: WorldModel | None,
     outcomes: Mapping[str, str] | None = None,
     breaks_s: Sequence[float] = (),
 ) -> str | None:
-    """Return the same picture, without a title, as an SVG element for a page; None without matplotlib."""
+    """Return the picture without a title as an SVG element for a page; None without matplotlib."""
     figure = _figure(paths, world, "", outcomes, breaks_s)
     if figure is None:
         return None
     out = io.StringIO()
     figure.savefig(out, format="svg")
-    return out.getvalue()[out.getvalue().index("<svg") :]  # the XML head has no place inside a page
+    return out.getvalue()[out.getvalue().index("<svg") :]  # a page must not contain the XML head
 
 
 def _figure(
@@ -112,10 +131,10 @@ def _figure(
     for number, (name, path) in enumerate(paths.items()):
         if path:
             outcome = (outcomes or {}).get(name)
-            look = _Look.of(number, outcome if outcome in _LOST else None)
-            parts = stretches(path, breaks_s)
-            _draw_path(arena, name, parts, look)
-            _draw_heading(headings, parts, look)
+            style = _RobotStyle.of(number, outcome if outcome in _LOST else None)
+            parts = split_at_breaks(path, breaks_s)
+            _draw_path(arena, name, parts, style)
+            _draw_heading(headings, parts, style)
     for break_s in breaks_s:
         headings.axvline(break_s, color="black", linewidth=0.8, linestyle=":")
     _label(arena, headings, title)
@@ -133,33 +152,33 @@ def _label(arena: Axes, headings: Axes, title: str) -> None:
         draw_grid(axes)
 
 
-def _draw_path(axes: Axes, name: str, parts: Sequence[Sequence[PoseSample]], look: _Look) -> None:
+def _draw_path(axes: Axes, name: str, parts: Sequence[Sequence[PoseSample]], style: _RobotStyle) -> None:
     for part in parts:
         xs, ys = [sample.x_m for sample in part], [sample.y_m for sample in part]
-        axes.plot(xs, ys, color=look.colour, linestyle=look.dashes, linewidth=1.8)
-        axes.plot(xs[:1], ys[:1], look.marker, color=look.colour, markerfacecolor="white", markersize=9)
+        axes.plot(xs, ys, color=style.colour, linestyle=style.dashes, linewidth=1.8)
+        axes.plot(xs[:1], ys[:1], style.marker, color=style.colour, markerfacecolor="white", markersize=9)
     end = parts[-1][-1]
-    label = f"{name} ({look.lost_as})" if look.lost_as else name
+    label = f"{name} ({style.lost_as})" if style.lost_as else name
     axes.plot(
-        [end.x_m], [end.y_m], marker=look.marker, color=look.colour, linestyle=look.dashes, markersize=9, label=label
+        [end.x_m], [end.y_m], marker=style.marker, color=style.colour, linestyle=style.dashes, markersize=9, label=label
     )
-    if look.lost_as:
+    if style.lost_as:
         _cross(axes, end.x_m, end.y_m)
     axes.annotate(
         "",
         xy=(end.x_m + _ARROW_M * math.cos(end.yaw_rad), end.y_m + _ARROW_M * math.sin(end.yaw_rad)),
         xytext=(end.x_m, end.y_m),
-        arrowprops={"arrowstyle": "-|>", "color": look.colour, "linewidth": 1.8},
+        arrowprops={"arrowstyle": "-|>", "color": style.colour, "linewidth": 1.8},
     )
 
 
-def _draw_heading(axes: Axes, parts: Sequence[Sequence[PoseSample]], look: _Look) -> None:
+def _draw_heading(axes: Axes, parts: Sequence[Sequence[PoseSample]], style: _RobotStyle) -> None:
     for part in parts:
         times_s = [sample.time_s for sample in part]
         headings_deg = [math.degrees(yaw_rad) for yaw_rad in _unwrapped(sample.yaw_rad for sample in part)]
-        axes.plot(times_s, headings_deg, color=look.colour, linestyle=look.dashes, linewidth=1.8)
-    axes.plot(times_s[-1:], headings_deg[-1:], look.marker, color=look.colour, markersize=6)
-    if look.lost_as:
+        axes.plot(times_s, headings_deg, color=style.colour, linestyle=style.dashes, linewidth=1.8)
+    axes.plot(times_s[-1:], headings_deg[-1:], style.marker, color=style.colour, markersize=6)
+    if style.lost_as:
         _cross(axes, times_s[-1], headings_deg[-1])
 
 
@@ -168,7 +187,7 @@ def _cross(axes: Axes, x: float, y: float) -> None:
 
 
 def tick_quarter_turns(axes: Axes) -> None:
-    """Put the ticks of a heading a quarter turn apart, or two, four, eight, ... so that they stay few."""
+    """Set the ticks of a heading 1, 2, 4, 8, ... quarter turns apart, so that there are few."""
     from matplotlib.ticker import MultipleLocator
 
     low_deg, high_deg = axes.get_ylim()
@@ -179,7 +198,7 @@ def tick_quarter_turns(axes: Axes) -> None:
 
 
 def _unwrapped(angles_rad: Iterable[float]) -> Iterator[float]:
-    """Yield the angles without the jumps between -π and π."""
+    """Yield the angles without jumps between -π and π."""
     previous: float | None = None
     for angle_rad in angles_rad:
         if previous is None:

@@ -1,13 +1,15 @@
-"""Record where robots are while they work, for any robot with a Pose."""
+"""Poses of robots while they work: samples, the recorder that collects them, and `trajectory.csv`."""
 
 from __future__ import annotations
 
+import csv
 import math
-from bisect import bisect_right
-from collections.abc import Iterable
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from operator import attrgetter
-from types import TracebackType
-from typing import Final, Self
+from pathlib import Path
+from typing import IO, Final, NamedTuple, Self
 
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import DataType, EALData
@@ -15,52 +17,87 @@ from eal_actors.device.info import ValueInfo
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.log import get_logger
-from eal_actors.recording.pose_sample import PoseSample
-from eal_actors.recording.sampler import Sampler, Wish
+from eal_actors.recording.sampler import Sampler, SampleSpec
 
 POSE_RESOURCE: Final = "Pose"
-"""The resource that is asked: its value is [x m, y m, yaw rad] in the world frame."""
+"""The sampled resource; its value is [x m, y m, yaw rad] in the world frame."""
 POSE_PERIOD_S: Final = 0.1
 _POSE: Final = ValueInfo(DataType.DOUBLE, shape=(3,))
+_ROUNDING_S: Final = 0.0005
+"""Times in tables are rounded to a thousandth of a second."""
+
+
+class PoseSample(NamedTuple):
+    """A pose in the world frame and its time in seconds, of the fleet's clock or since a run's start."""
+
+    time_s: float
+    x_m: float
+    y_m: float
+    yaw_rad: float
 
 
 def pose_sample(robot: str, data: EALData, clock: Clock) -> PoseSample | None:
-    """Return what a robot's Pose said, in seconds of the fleet's clock; None, which is logged, if it is no pose."""
+    """Return the value of a robot's Pose as a sample of the fleet's clock; log and return None if it is no pose."""
     problem = _POSE.problem(data)
     if problem is None and not all(map(math.isfinite, data.value)):
         problem = f"must be finite, not {data!r}"
     if problem is not None:
-        get_logger(robot=robot).warning("its path is recorded no more", reason=f"the value of its Pose {problem}")
+        get_logger(robot=robot).warning("the path is no longer recorded", reason=f"the value of its Pose {problem}")
         return None
     return PoseSample(data.stamp_s if data.stamp_s is not None else clock.now(), *map(float, data.value))
 
 
-class Paths:
-    """The poses of robots, as they come. Thread: one adds; others read when it is over.
+def split_at_breaks(path: Sequence[PoseSample], breaks_s: Sequence[float]) -> list[Sequence[PoseSample]]:
+    """Split a path at the times at which its run was resumed: nothing is known between two parts.
 
     Args:
-        robots: the names of those with a Pose.
-        clock: the fleet's clock, for poses without a stamp.
+        path: samples in the order of time.
+        breaks_s: the times at which the run was resumed, in the same seconds, in order.
+    """
+    parts, first = [], 0
+    for break_s in breaks_s:
+        last = bisect_left(path, break_s - _ROUNDING_S, key=attrgetter("time_s"))
+        parts.append(path[first:last])
+        first = last
+    return [part for part in (*parts, path[first:]) if part]
+
+
+class PoseRecorder(ExitStack):
+    """Samples the pose of every robot periodically inside its `with` block.
+
+    A robot that does not answer within the period is skipped until it has answered. A robot whose Pose is no pose is
+    not sampled again.
+
+    Args:
+        fleet: a connected fleet.
+        robots: the names of the robots; those without a Pose are ignored.
+        period_s: seconds of the fleet's clock between two samples.
     """
 
-    def __init__(self, robots: Iterable[str], clock: Clock) -> None:
-        self._paths: dict[str, list[PoseSample]] = {name: [] for name in robots}
-        self._clock = clock
+    def __init__(self, fleet: Fleet, robots: Iterable[str], period_s: float = POSE_PERIOD_S) -> None:
+        super().__init__()
+        poses = [fleet[name][POSE_RESOURCE] for name in robots if POSE_RESOURCE in fleet[name]]
+        self._clock = fleet.clock
+        self._paths: dict[str, list[PoseSample]] = {pose.robot: [] for pose in poses}
+        self._sampler = Sampler(fleet.clock, [SampleSpec(pose, period_s) for pose in poses], self._add)
 
-    def add(self, robot: str, data: EALData) -> bool:
-        """Add a pose unless it is no newer than the last; returns False, and logs why, if it is no pose."""
-        sample = pose_sample(robot, data, self._clock)
+    def __enter__(self) -> Self:
+        self.enter_context(self._sampler)
+        return self
+
+    def _add(self, pose: ResourceHandle, data: EALData) -> bool:
+        sample = pose_sample(pose.robot, data, self._clock)
         if sample is None:
             return False
-        path = self._paths[robot]
+        path = self._paths[pose.robot]
         if not path or path[-1].time_s < sample.time_s:
             path.append(sample)
         return True
 
-    def since(self, start_s: float) -> dict[str, list[PoseSample]]:
-        """Return the samples by robot, in the order of time, with times that count from a run's start.
+    def paths_since(self, start_s: float) -> dict[str, list[PoseSample]]:
+        """Return the samples by robot, in the order of time, with times since a run's start.
 
-        Of the samples before the start each path keeps the last one, as of time 0.
+        Each path begins with the last sample before the start, as of time 0.
 
         Args:
             start_s: the start, in seconds of the fleet's clock.
@@ -72,35 +109,40 @@ class Paths:
         return paths
 
 
-class PoseRecorder:
-    """Asks every robot for its pose, period after period, between `with` and its end.
+class TrajectoryTable:
+    """The CSV file of the robots' paths, written line by line so that a crash loses nothing.
 
-    A robot that does not answer within the period is passed over until it has. One whose Pose is no pose is asked no
-    more.
+    A row has robot, time_s to a thousandth, and x_m, y_m and yaw_rad to a millionth.
 
     Args:
-        fleet: a connected fleet.
-        robots: the names of the robots; those without a Pose are left out.
-        period_s: seconds of the fleet's clock between two samples.
+        path: the file; rows are appended if it exists.
+
+    Thread: one at a time.
     """
 
-    def __init__(self, fleet: Fleet, robots: Iterable[str], period_s: float = POSE_PERIOD_S) -> None:
-        poses = [fleet[name][POSE_RESOURCE] for name in robots if POSE_RESOURCE in fleet[name]]
-        self._paths = Paths((pose.robot for pose in poses), fleet.clock)
-        self._sampler = Sampler(fleet.clock, [Wish(pose, period_s) for pose in poses], self._take)
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stream: IO[str] | None = None
 
-    def __enter__(self) -> Self:
-        self._sampler.__enter__()
-        return self
+    def add(self, robot: str, sample: PoseSample) -> None:
+        """Append a row.
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._sampler.__exit__(kind, error, traceback)
+        Raises:
+            OSError: it cannot be written.
+        """
+        if self._stream is None:
+            self._stream = self._path.open("a", encoding="utf-8", newline="", buffering=1)  # by lines
+            self._table = csv.writer(self._stream)
+            if self._stream.tell() == 0:
+                self._table.writerow(["robot", *PoseSample._fields])
+        time_s, *pose = sample
+        self._table.writerow([robot, f"{time_s:.3f}", *(f"{number:z.6f}" for number in pose)])
 
-    def _take(self, pose: ResourceHandle, data: EALData) -> bool:
-        return self._paths.add(pose.robot, data)
+    def close(self) -> None:
+        """Close the file.
 
-    def paths_since(self, start_s: float) -> dict[str, list[PoseSample]]:
-        """Return the samples by robot; see Paths.since."""
-        return self._paths.since(start_s)
+        Raises:
+            OSError: the last rows cannot be written.
+        """
+        if self._stream is not None:
+            self._stream.close()

@@ -1,4 +1,4 @@
-"""What a run was made of: its fleet and scenario as one file each, the arena, and the versions that ran."""
+"""The input of a run, kept in its folder: fleet, world and scenario files, and versions."""
 
 from __future__ import annotations
 
@@ -30,13 +30,12 @@ _HIDDEN: Final = "***"
 
 
 def keep_provenance(directory: Path, config: FleetConfig, scenario: Scenario) -> None:
-    """Write the fleet with what it includes, the arena, the scenario and the versions into a run's folder.
+    """Write the fleet with its includes, the world, the scenario and the versions into a run's folder.
 
-    A scenario that carries out others is kept with them as well, in a folder where they lie to each other as they did.
+    A scenario that runs others is written with them to a folder in which their relative paths are kept.
 
-    Secrets are left out: passwords and queries of URLs, and settings whose names say that they are secret, such as
-    `password` and `api_token`. What the fleet file names beside itself, such as plugin folders, is named as it
-    was, not copied.
+    Secrets are removed: passwords and queries of URLs, and settings with secret names such as `password` and
+    `api_token`. Other files that the fleet file names, such as plugin folders, are not copied.
 
     Raises:
         OSError: a file cannot be written.
@@ -45,19 +44,19 @@ def keep_provenance(directory: Path, config: FleetConfig, scenario: Scenario) ->
     if config.world is not None:
         world = config.world.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
         (directory / WORLD).write_text(_as_yaml({"version": 1, **world}), encoding="utf-8")
-    (directory / SCENARIO).write_text(_text_of(scenario), encoding="utf-8", newline="")
+    (directory / SCENARIO).write_text(_source_text(scenario), encoding="utf-8", newline="")
     if scenario.parts:
         _keep_parts(directory / SCENARIOS, scenario)
     (directory / VERSIONS).write_text(json.dumps(versions(), indent=2) + "\n", encoding="utf-8")
 
 
 def _keep_parts(folder: Path, scenario: Scenario) -> None:
-    """Write a scenario and all that it carries out, so that the paths from one to the other still hold."""
+    """Write a scenario and all that it runs, with their relative paths."""
     files: dict[Path, str] = {}
     waiting = [scenario]
     while waiting:
         one = waiting.pop()
-        files[one.source.resolve()] = _text_of(one)
+        files[one.source.resolve()] = _source_text(one)
         waiting += one.parts.values()
     above = Path(os.path.commonpath([file.parent for file in files]))
     for file, text in files.items():
@@ -66,13 +65,13 @@ def _keep_parts(folder: Path, scenario: Scenario) -> None:
         kept.write_text(text, encoding="utf-8", newline="")
 
 
-def _text_of(scenario: Scenario) -> str:
-    """Return what a scenario's file said when it was read."""
+def _source_text(scenario: Scenario) -> str:
+    """Return the text of a scenario's file as it was read."""
     return "\n".join(scenario.lines)
 
 
 def resolved_fleet(config: FleetConfig) -> dict[str, Any]:
-    """Return a fleet as one file would say it, without includes and without secrets."""
+    """Return the content of a fleet as one file, without includes and secrets."""
     content = {key: value for key, value in config.content.items() if key != "include"}
     content |= {"name": config.name, "seed": config.seed, "clock": {"rate": config.rate}}
     if config.world is not None:
@@ -83,17 +82,17 @@ def resolved_fleet(config: FleetConfig) -> dict[str, Any]:
 
 
 def kept_world(directory: Path) -> WorldModel | None:
-    """Return the arena of a run, or None if it had none.
+    """Return the world of a run, or None if it had none.
 
     Raises:
-        ConfigError: its file was changed, and is none any more.
+        ConfigError: its file was changed and is invalid.
     """
     file = directory / WORLD
     return load_world(file) if file.is_file() else None
 
 
 def versions() -> dict[str, str]:
-    """Return what ran: Python, the system, and the packages that matter, by name."""
+    """Return the versions of Python, the system and the main packages, by name."""
     found = {"python": platform.python_version(), "system": f"{platform.system()} {platform.machine()}"}
     for package in _PACKAGES:
         try:

@@ -1,4 +1,4 @@
-"""A record read back as what robots said and did, for those who play it again."""
+"""`run.mcap` read back as the values and calls of its robots, for the replay."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from eal_actors.device.data import DataType, EALData
 from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.errors import ScenarioError, UnsupportedError, shown
 from eal_actors.recording import schemas
-from eal_actors.recording.mcap_file import Entry, McapContent, read_mcap
+from eal_actors.recording.mcap_file import McapContent, RecordedMessage, read_mcap
 from eal_actors.recording.messages import ranges_of, seconds, yaw_of
 from eal_actors.scenario.strict_json import numbers_again
 
 INFOS: Final = "resources.json"
-"""The attachment in which the robots' resources describe themselves."""
+"""The attachment with the ResourceInfo of each robot's resources."""
 
 
 class RecordedCall(NamedTuple):
-    """A call that is over, in seconds since the run's start."""
+    """A completed call; its times are seconds since the run's start."""
 
     start_s: float
     end_s: float
@@ -36,10 +36,10 @@ class RecordedCall(NamedTuple):
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """What a record holds, by robot and resource.
+    """The values and calls of a record, by robot and resource.
 
     Attributes:
-        content: the file.
+        content: the content of the file.
     """
 
     content: McapContent
@@ -55,15 +55,15 @@ class RecordedRun:
         """
         content = read_mcap(path)
         if INFOS not in content.attachments:
-            raise ScenarioError(f"{path} is no record of a run: it does not say which resources the robots have")
+            raise ScenarioError(f"{path} is no record of a run: it does not list the robots' resources")
         return cls(content)
 
     @cached_property
     def infos(self) -> Mapping[str, Mapping[str, ResourceInfo]]:
-        """What the resources of each robot said of themselves.
+        """The ResourceInfo of each robot's resources, by name.
 
         Raises:
-            ScenarioError: it cannot be understood.
+            ScenarioError: they are invalid.
         """
         try:
             return {
@@ -71,12 +71,12 @@ class RecordedRun:
                 for robot, infos in self.content.attachments[INFOS].items()
             }
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise ScenarioError(f"the record's {INFOS} cannot be understood: {shown(error)}") from error
+            raise ScenarioError(f"the record's {INFOS} is invalid: {shown(error)}") from error
 
     @cached_property
     def duration_s(self) -> float:
-        """From the run's start to the last message."""
-        return max((entry.time_s for entry in self.content.entries), default=0.0)
+        """Seconds from the run's start to the last message."""
+        return max((entry.time_s for entry in self.content.messages), default=0.0)
 
     def has(self, robot: str, resource: str) -> bool:
         """Return whether anything of a resource was recorded: a value or a call."""
@@ -87,18 +87,18 @@ class RecordedRun:
         return f"/{robot}/{resource}" in self._by_topic
 
     def value_at(self, robot: str, resource: str, time_s: float) -> EALData | None:
-        """Return what a resource said last at a time, stamped with when; None if it had said nothing yet.
+        """Return the last value of a resource at a time, with its stamp; None if it had none yet.
 
         Raises:
-            ScenarioError: what it said cannot be understood.
-            UnsupportedError: it is a picture, and OpenCV is not installed.
+            ScenarioError: the value is invalid.
+            UnsupportedError: it is an image, and OpenCV is not installed.
         """
-        said = self._by_topic.get(f"/{robot}/{resource}", ())
-        index = bisect_right(said, time_s, key=attrgetter("time_s"))
-        return _value_of(said[index - 1]) if index else None
+        values = self._by_topic.get(f"/{robot}/{resource}", ())
+        index = bisect_right(values, time_s, key=attrgetter("time_s"))
+        return _value_of(values[index - 1]) if index else None
 
     def calls(self, robot: str, resource: str) -> list[RecordedCall]:
-        """Return the calls of a resource, in the order in which they began."""
+        """Return the calls of a resource, in the order of their begins."""
         found = [
             RecordedCall(
                 seconds(entry.message),
@@ -114,16 +114,16 @@ class RecordedRun:
         return sorted(found, key=attrgetter("start_s", "end_s"))
 
     @cached_property
-    def _by_topic(self) -> Mapping[str, Sequence[Entry]]:
-        topics: dict[str, list[Entry]] = {}
-        for entry in self.content.entries:
+    def _by_topic(self) -> Mapping[str, Sequence[RecordedMessage]]:
+        topics: dict[str, list[RecordedMessage]] = {}
+        for entry in self.content.messages:
             topics.setdefault(entry.topic, []).append(entry)
         for entries in topics.values():
             entries.sort(key=attrgetter("time_s"))
         return topics
 
 
-def _value_of(entry: Entry) -> EALData:
+def _value_of(entry: RecordedMessage) -> EALData:
     message, stamp_s = entry.message, entry.time_s
     try:
         match entry.schema:
@@ -135,13 +135,13 @@ def _value_of(entry: Entry) -> EALData:
             case schemas.IMAGE.name:
                 return EALData.of(_image(message["data"]), frame_id=message["frame_id"], stamp_s=stamp_s)
             case schemas.VALUE.name:
-                return _plain_value(message, stamp_s)
+                return _generic_value(message, stamp_s)
     except (KeyError, TypeError, ValueError) as error:
-        raise ScenarioError(f"what the record has at {stamp_s:.3f} s cannot be understood: {shown(error)}") from error
-    raise ScenarioError(f"the record has a message of the schema {entry.schema} in place of a value")
+        raise ScenarioError(f"the record's value at {stamp_s:.3f} s is invalid: {shown(error)}") from error
+    raise ScenarioError(f"the record has a message of schema {entry.schema} in place of a value")
 
 
-def _plain_value(message: Mapping[str, Any], stamp_s: float) -> EALData:
+def _generic_value(message: Mapping[str, Any], stamp_s: float) -> EALData:
     dtype, kind = message["dtype"], DataType(message["type"])
     value = message["value"] if kind in (DataType.CHAR, DataType.VOID) else numbers_again(message["value"])
     meta: dict[str, Any] = {

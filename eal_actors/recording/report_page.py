@@ -1,4 +1,4 @@
-"""One self-contained HTML page that tells of a run: paths, time lines, latencies, frames and errors."""
+"""The report of a run as one self-contained HTML page: paths, time lines, latencies, images and errors."""
 
 from __future__ import annotations
 
@@ -13,31 +13,30 @@ from typing import Any, Final
 
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import UnsupportedError
-from eal_actors.recording.notes import OF_THE_RUN
 from eal_actors.recording.picture import trajectory_svg
-from eal_actors.recording.pose_sample import PoseSample, stretches
+from eal_actors.recording.poses import PoseSample, split_at_breaks
 from eal_actors.recording.run_folder import RunFolder
-from eal_actors.recording.timeline import TimeLine, time_lines
+from eal_actors.recording.timeline import OF_THE_RUN, RunTimeline, timeline_of
 
 _TEMPLATE: Final = "report.html.j2"
-_MOST_FRAMES: Final = 48
-_FRAME_SUFFIXES: Final = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+_MOST_IMAGES: Final = 48
+_IMAGE_TYPES: Final = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 _PNG_SIZES: Final = slice(16, 24)
-_MOST_FRAME_BYTES: Final = 4_000_000
-"""Of one picture; what is larger is named, not shown."""
+_MOST_IMAGE_BYTES: Final = 4_000_000
+"""A larger image is named, not shown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """How long the calls of one kind took, in seconds of the fleet's clock.
+    """Durations of the successful calls with one label, in seconds of the fleet's clock.
 
     Attributes:
         label: resource and command.
-        count: how many there were.
-        median_s: of those that were done.
-        p99_s: 99 of 100 were done within it.
-        longest_s: of those that were done.
-        failures: how many were not done.
+        count: number of calls, the failed ones included.
+        median_s: median.
+        p99_s: 99th percentile.
+        longest_s: maximum.
+        failures: number of calls that were not done.
     """
 
     label: str
@@ -50,7 +49,7 @@ class Latency:
 
 @dataclass(frozen=True, slots=True)
 class RobotRow:
-    """What the page's first table says of a robot."""
+    """A row of the page's table of robots."""
 
     name: str
     outcome: str
@@ -61,13 +60,13 @@ class RobotRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """A picture that the run saved.
+class SavedImage:
+    """An image that the run saved.
 
     Attributes:
         name: its path in the run's folder.
-        url: itself as a data URL; None for one that is too large to show.
-        is_wide: it is a panorama, which wants the whole width of the page.
+        url: the image as a data URL; None if it is too large to show.
+        is_wide: it is a panorama, which needs the whole width of the page.
     """
 
     name: str
@@ -80,7 +79,7 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
 
     Args:
         run: the run's folder.
-        world: the arena under the paths; None draws just the paths.
+        world: the arena below the paths; None draws the paths alone.
 
     Raises:
         ScenarioError: the folder is broken.
@@ -98,17 +97,17 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
         lstrip_blocks=True,
     )
     environment.filters["seconds"] = lambda value: f"{value:.3f}"
-    lines = time_lines(run.events)
+    line = timeline_of(run.events)
     return environment.get_template(_TEMPLATE).render(
         head=_head(run),
-        robots=_robot_rows(run, lines),
+        robots=_robot_rows(run, line),
         arena=_arena_svg(run, world),
-        chart=lines,
-        ticks=_ticks(lines.duration_s),
+        chart=line,
+        ticks=_ticks(line.duration_s),
         skews=_skews(run.events),
         latencies=_latencies(run),
-        frames=_frames(run.path),
-        notes=lines.notes,
+        images=_images(run.path),
+        log=line.log,
     )
 
 
@@ -119,7 +118,7 @@ def _head(run: RunFolder) -> Mapping[str, Any]:
             "scenario": first.get("scenario", run.path.name),
             "fleet": first.get("fleet", ""),
             "outcome": "unfinished",
-            "error": "the record ends before the run did: its controller crashed or was killed",
+            "error": "the record is incomplete: its controller crashed or was killed",
             "facts": {"folder": run.path.name},
         }
     facts = {
@@ -132,7 +131,7 @@ def _head(run: RunFolder) -> Mapping[str, Any]:
         "folder": run.path.name,
     }
     if run.breaks_s:
-        facts["was cut off"] = f"went on at {', '.join(f'{time_s:.3f} s' for time_s in run.breaks_s)}"
+        facts["interrupted"] = f"resumed at {', '.join(f'{time_s:.3f} s' for time_s in run.breaks_s)}"
     error = f"{summary.error.code}: {summary.error.message}" if summary.error else ""
     return {
         "scenario": summary.scenario,
@@ -143,21 +142,21 @@ def _head(run: RunFolder) -> Mapping[str, Any]:
     }
 
 
-def _robot_rows(run: RunFolder, lines: TimeLine) -> list[RobotRow]:
+def _robot_rows(run: RunFolder, line: RunTimeline) -> list[RobotRow]:
     rows = []
-    for name, bars in lines.bars.items():
+    for name, bars in line.bars.items():
         if name == OF_THE_RUN:
             continue
-        fared = run.summary.robots.get(name) if run.summary else None
+        robot = run.summary.robots.get(name) if run.summary else None
         path = run.paths.get(name)
         rows.append(
             RobotRow(
                 name,
-                fared.outcome if fared else "unfinished",
-                fared.error.message if fared and fared.error else "",
+                robot.outcome if robot else "unfinished",
+                robot.error.message if robot and robot.error else "",
                 len(bars),
                 sum(bar.end_s - bar.start_s for bar in bars),
-                sum(map(_length_m, stretches(path, run.breaks_s))) if path else None,
+                sum(map(_length_m, split_at_breaks(path, run.breaks_s))) if path else None,
             )
         )
     return rows
@@ -185,7 +184,7 @@ def _ticks(duration_s: float) -> list[float]:
 
 
 def _skews(events: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Return the starts that robots made together, each as the report has it."""
+    """Return the synchronized starts, each as the report has it."""
     return [event["start"] for event in events if event["event"] == "started_together"]
 
 
@@ -220,25 +219,25 @@ def _quantile(values: Sequence[float], share: float) -> float:
     return ordered[min(len(ordered) - 1, math.floor(share * len(ordered)))] if ordered else math.nan
 
 
-def _frames(folder: Path) -> list[Frame]:
+def _images(folder: Path) -> list[SavedImage]:
     files = sorted(
-        (path for path in folder.rglob("*") if path.suffix in _FRAME_SUFFIXES and path.name != "trajectory.png"),
+        (path for path in folder.rglob("*") if path.suffix in _IMAGE_TYPES and path.name != "trajectory.png"),
         key=lambda path: path.relative_to(folder).parts,
     )
-    return [_frame(folder, path) for path in files[:_MOST_FRAMES]]
+    return [_image(folder, path) for path in files[:_MOST_IMAGES]]
 
 
-def _frame(folder: Path, path: Path) -> Frame:
+def _image(folder: Path, path: Path) -> SavedImage:
     name = path.relative_to(folder).as_posix()
-    if path.stat().st_size > _MOST_FRAME_BYTES:
-        return Frame(name, None, is_wide=False)
+    if path.stat().st_size > _MOST_IMAGE_BYTES:
+        return SavedImage(name, None, is_wide=False)
     content = path.read_bytes()
-    url = f"data:{_FRAME_SUFFIXES[path.suffix]};base64,{base64.b64encode(content).decode('ascii')}"
-    return Frame(name, url, is_wide=_is_wide(content))
+    url = f"data:{_IMAGE_TYPES[path.suffix]};base64,{base64.b64encode(content).decode('ascii')}"
+    return SavedImage(name, url, is_wide=_is_wide(content))
 
 
 def _is_wide(content: bytes) -> bool:
-    """Return whether a PNG, which tells its size at a fixed place, is more than three times as wide as it is high."""
+    """Return whether an image is a PNG, whose size is at a fixed place, and over three times as wide as high."""
     if not content.startswith(b"\x89PNG") or len(content) < _PNG_SIZES.stop:
         return False
     width, height = struct.unpack(">II", content[_PNG_SIZES])

@@ -1,9 +1,11 @@
-"""A run's folder, read back: what the report, the comparison and the replay have in common."""
+"""The folder of a run: made for a new run, and read back by the report, the comparison and the replay."""
 
 from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,18 +13,48 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from eal_actors.kernel.errors import ScenarioError, shown
+from eal_actors.kernel.clock import wall_time
+from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError, shown
 from eal_actors.recording.mcap_file import RECORD_FILE, McapContent, read_mcap
-from eal_actors.recording.pose_sample import PoseSample
+from eal_actors.recording.poses import PoseSample
 from eal_actors.scenario.report import Report
 from eal_actors.scenario.resuming import EVENTS, SUMMARY
 
 TRAJECTORY: Final = "trajectory.csv"
 
 
+def new_run_folder(runs_dir: Path, scenario: str) -> Path:
+    """Make a folder named after the scenario and the time; an existing folder is never reused.
+
+    Raises:
+        ConfigError: it cannot be made.
+    """
+    name = f"{scenario}-{wall_time():%Y%m%dT%H%M%SZ}"
+    number = 1
+    while True:
+        directory = runs_dir / (name if number == 1 else f"{name}-{number}")
+        try:
+            directory.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        except OSError as error:
+            raise ConfigError([Problem(str(directory), 0, 0, "", f"cannot be made: {error.strerror}")]) from error
+        else:
+            return directory
+
+
+@contextmanager
+def folder_errors(directory: Path) -> Iterator[None]:
+    """Raise ScenarioError, which names the run's folder, for an OSError such as a full disk."""
+    try:
+        yield
+    except OSError as error:
+        raise ScenarioError(f"the run's folder {directory} cannot be written: {error.strerror or error}") from error
+
+
 @dataclass(frozen=True)
 class RunFolder:
-    """What a run left behind.
+    """The files of a run. Each property raises ScenarioError if its file is broken.
 
     Attributes:
         path: the folder.
@@ -35,20 +67,16 @@ class RunFolder:
         """Return the folder of a run.
 
         Raises:
-            ScenarioError: it is none.
+            ScenarioError: it is not the folder of a run.
         """
         if not (path / EVENTS).is_file():
-            what = "there is no such folder" if not path.is_dir() else f"it has no {EVENTS}"
-            raise ScenarioError(f"{path} is no folder of a run: {what}")
+            reason = "there is no such folder" if not path.is_dir() else f"it has no {EVENTS}"
+            raise ScenarioError(f"{path} is no folder of a run: {reason}")
         return cls(path)
 
     @cached_property
     def summary(self) -> Report | None:
-        """The summary; None if the controller crashed before the run was over.
-
-        Raises:
-            ScenarioError: it is broken.
-        """
+        """The summary; None if the controller crashed before the end."""
         file = self.path / SUMMARY
         if not file.is_file():
             return None
@@ -59,11 +87,7 @@ class RunFolder:
 
     @cached_property
     def events(self) -> tuple[dict[str, Any], ...]:
-        """The events in their order; a last line that a crash cut off is left out.
-
-        Raises:
-            ScenarioError: a line is broken, with its number.
-        """
+        """The events in their order, without a last line that a crash cut off."""
         file = self.path / EVENTS
         lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
         events: list[dict[str, Any]] = []
@@ -75,17 +99,13 @@ class RunFolder:
                     break
                 raise ScenarioError(f"{file}:{number}: is no event: {error}") from error
             if not isinstance(event, dict) or not {"event", "time_s"} <= event.keys():
-                raise ScenarioError(f"{file}:{number}: is no event: it does not say what happened and when")
+                raise ScenarioError(f"{file}:{number}: is no event: 'event' or 'time_s' is missing")
             events.append(event)
         return tuple(events)
 
     @cached_property
     def paths(self) -> dict[str, list[PoseSample]]:
-        """Where each robot was; empty if nobody knew. A last line that a crash cut off is left out.
-
-        Raises:
-            ScenarioError: the table is broken.
-        """
+        """The poses of each robot with a Pose, without a last line that a crash cut off."""
         file = self.path / TRAJECTORY
         found: dict[str, list[PoseSample]] = {}
         if not file.is_file():
@@ -101,19 +121,15 @@ class RunFolder:
 
     @cached_property
     def breaks_s(self) -> tuple[float, ...]:
-        """When the run, which was cut off, went on, in seconds since its start; mostly never.
-
-        Raises:
-            ScenarioError: see `events`.
-        """
+        """The times at which the run was resumed, in seconds since its start; usually none."""
         return tuple(event["time_s"] for event in self.events if event["event"] == "run_continued")
 
     @cached_property
     def record(self) -> McapContent:
-        """What `run.mcap` holds.
+        """The content of `run.mcap`.
 
         Raises:
-            ScenarioError: there is none, or it is broken.
+            ScenarioError: it is missing or broken.
             UnsupportedError: the mcap library is not installed.
         """
         file = self.path / RECORD_FILE

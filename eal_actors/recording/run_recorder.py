@@ -1,4 +1,4 @@
-"""Record a run for people and tools: paths in `trajectory.csv`, and these, readings, frames and calls in `run.mcap`."""
+"""The recorder of a run: poses to `trajectory.csv`; poses, values, images, calls and events to `run.mcap`."""
 
 from __future__ import annotations
 
@@ -10,59 +10,44 @@ from types import TracebackType
 from typing import Final, Literal, Self, TypeAlias
 
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.device.data import DataType, EALData
+from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceInfo, ResourceType
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, UnsupportedError
 from eal_actors.kernel.log import get_logger
-from eal_actors.net.images import encode_image
+from eal_actors.net.wire.images import encode_image
 from eal_actors.recording import messages, schemas
-from eal_actors.recording.continuing import PART_FILE, join_record
-from eal_actors.recording.mcap_file import RECORD_FILE, McapFile
-from eal_actors.recording.pose_sample import PoseSample
-from eal_actors.recording.poses import POSE_PERIOD_S, POSE_RESOURCE, pose_sample
-from eal_actors.recording.record_writer import ARENA_TOPIC, write_event, write_pose
+from eal_actors.recording.mcap_file import ARENA_TOPIC, RECORD_FILE, McapFile, write_event, write_pose
+from eal_actors.recording.poses import POSE_PERIOD_S, POSE_RESOURCE, PoseSample, TrajectoryTable, pose_sample
 from eal_actors.recording.recorded_run import INFOS
+from eal_actors.recording.repair import PART_FILE, merge_record
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
-from eal_actors.recording.sampler import Sampler, Wish
-from eal_actors.recording.table import TrajectoryTable
+from eal_actors.recording.sampler import Sampler, SampleSpec
 from eal_actors.scenario.events import Event, RunContinued, RunStarted, StepEnded
 from eal_actors.scenario.report import StepRecord
 
 Extent: TypeAlias = Literal["poses", "sensors", "all"]
-"""What is recorded beside the run's events: poses; the values of every sensor but images; or those as well."""
+"""The extent of a record beside events: poses; also the values of all sensors except cameras; also images."""
 
 SENSOR_PERIOD_S: Final = 0.2
 FRAME_PERIOD_S: Final = 0.2
 _ANGLES: Final = "angles"
-"""The request by which a scanner tells where its rays point."""
+"""The request for the directions of a scanner's rays."""
 RUN: Final = "run"
 
 
-def is_image(info: ResourceInfo) -> bool:
-    """Return whether a resource's values are RGB images."""
-    value = info.value
-    return (
-        value is not None
-        and value.type is DataType.CHAR
-        and len(value.shape) == 3
-        and value.shape[2] == 3
-        and ResourceType.SENSOR in info.types
-    )
-
-
 class RunRecorder:
-    """Listens to a run and asks its robots, between `with` and its end.
+    """Records a run inside its `with` block: samples the robots and listens to the run.
 
     Args:
         fleet: a connected fleet.
         robots: the names of the robots that take part.
-        directory: the run's folder, which must exist. Where a run goes on that was cut off, its record is added to;
-            see `mend_record`. Without the mcap library, which is logged, there is no `run.mcap`.
-        extent: what is asked of the robots.
+        directory: the run's folder, which must exist. The record of an interrupted run is appended to; call
+            `repair_record` first. Without the mcap library, which is logged, there is no `run.mcap`.
+        extent: the extent of the samples.
 
     Raises:
-        OSError: the file cannot be made.
+        OSError: the file cannot be created.
     """
 
     def __init__(self, fleet: Fleet, robots: Iterable[str], directory: Path, extent: Extent = "poses") -> None:
@@ -77,14 +62,14 @@ class RunRecorder:
         self._directory = directory
         self._table: TrajectoryTable | None = TrajectoryTable(directory / TRAJECTORY)
         self._newest_s: dict[str, float] = {}
-        self._wishes = tuple(self._wished(extent))
-        self._sampler = Sampler(fleet.clock, self._wishes, self._take)
+        self._specs = tuple(self._specs_of(extent))
+        self._sampler = Sampler(fleet.clock, self._specs, self._add)
         self._file = _new_file(directory)
 
     def __enter__(self) -> Self:
         if self._file is not None:
             self._guarded(self._open)
-            self._angles = _angles(self._infos, self._wishes)
+            self._angles = _angles(self._infos, self._specs)
         self._sampler.__enter__()
         return self
 
@@ -97,34 +82,34 @@ class RunRecorder:
             if self._table is not None:
                 self._table.close()
             if (self._directory / PART_FILE).exists():
-                join_record(RunFolder.open(self._directory))
+                merge_record(RunFolder.open(self._directory))
         except (OSError, EALError) as error:
-            get_logger().error("the run's record is not whole", reason=str(error))
+            get_logger().error("the run's record is incomplete", reason=str(error))
 
-    def _wished(self, extent: Extent) -> Iterable[Wish]:
+    def _specs_of(self, extent: Extent) -> Iterable[SampleSpec]:
         for robot, infos in self._infos.items():
             for name, info in infos.items():
                 resource = self._fleet[robot][name]
                 if name == POSE_RESOURCE:
-                    yield Wish(resource, POSE_PERIOD_S)
+                    yield SampleSpec(resource, POSE_PERIOD_S)
                 elif extent == "poses" or info.value is None or ResourceType.SENSOR not in info.types:
                     continue
-                elif not is_image(info):
-                    yield Wish(resource, SENSOR_PERIOD_S)
+                elif not info.is_camera:
+                    yield SampleSpec(resource, SENSOR_PERIOD_S)
                 elif extent == "all":
-                    yield Wish(resource, FRAME_PERIOD_S)
+                    yield SampleSpec(resource, FRAME_PERIOD_S)
 
     def _open(self, file: McapFile) -> None:
         config = self._fleet.config
-        file.note(RUN, {"fleet": config.name, "seed": str(config.seed)})
+        file.add_metadata(RUN, {"fleet": config.name, "seed": str(config.seed)})
         infos = {robot: {name: info.to_dict() for name, info in found.items()} for robot, found in self._infos.items()}
         file.attach(INFOS, infos)
         if config.world is not None:
             file.write(ARENA_TOPIC, schemas.SCENE, 0.0, messages.scene_message(config.world))
 
-    # What robots say. Thread: the sampler's.
+    # Samples. Thread: the sampler's.
 
-    def _take(self, resource: ResourceHandle, data: EALData) -> bool:
+    def _add(self, resource: ResourceHandle, data: EALData) -> bool:
         stamp_s = data.stamp_s if data.stamp_s is not None else self._clock.now()
         if resource.name == POSE_RESOURCE:
             sample = pose_sample(resource.robot, data, self._clock)
@@ -134,7 +119,7 @@ class RunRecorder:
         else:
             write = partial(self._write_value, resource, data)
         with self._lock:
-            if self._start_s is None:  # the newest from before the start counts as of the start
+            if self._start_s is None:  # the last value before the start becomes the first one
                 self._early[_topic(resource)] = write
             else:
                 write(self._run_s(stamp_s))
@@ -169,13 +154,13 @@ class RunRecorder:
         try:
             return messages.image_message(time_s, frame_id, encode_image(data, "jpeg"), "jpeg")
         except EALError as error:
-            get_logger().warning("a frame is not recorded", reason=error.message)
+            get_logger().warning("an image is not recorded", reason=error.message)
             return None
 
-    # What the run does. Thread: the run's.
+    # Events. Thread: the run's.
 
     def hear(self, event: Event) -> None:
-        """Record an event of the run; the first one tells when it began."""
+        """Record an event of the run; the first one has the time of its start."""
         with self._lock:
             if isinstance(event, RunStarted | RunContinued) and self._start_s is None:
                 self._start_s = self._clock.now() - event.time_s
@@ -189,18 +174,18 @@ class RunRecorder:
                 self._write_answer(event.record, event.answer)
 
     def _write_answer(self, record: StepRecord, answer: EALData) -> None:
-        """Write what the scenario itself read from a sensor, which costs nobody anything; poses are sampled anyway."""
+        """Write a value that the scenario read from a sensor, in any extent; poses are sampled anyway."""
         robot, name = record.robot or "", record.resource or ""
         if record.kind == "get_value" and name != POSE_RESOURCE and name in self._infos.get(robot, {}):
             stamp_s = self._run_s(answer.stamp_s) if answer.stamp_s is not None else record.end_s
             self._write_value(self._fleet[robot][name], answer, stamp_s)
 
     def _run_s(self, clock_s: float) -> float:
-        """Return a time of the fleet's clock in seconds since the run's start, and not before it goes on."""
+        """Return a time of the fleet's clock in seconds since the run's start, at least the time of its resumption."""
         return max(self._first_s, clock_s - (self._start_s or 0.0))
 
     def _guarded(self, write: Callable[[McapFile], None]) -> None:
-        """Write, unless an earlier write failed: a full disk must not end the run, whose journal tells more."""
+        """Write, unless an earlier write failed: a full disk must not end the run."""
         if self._file is None:
             return
         try:
@@ -215,7 +200,7 @@ def _new_file(directory: Path) -> McapFile | None:
     try:
         return McapFile(path if not path.exists() else directory / PART_FILE)
     except UnsupportedError as error:
-        get_logger().warning("the run is not recorded for other tools", reason=error.message)
+        get_logger().warning("there will be no run.mcap", reason=error.message)
         return None
 
 
@@ -235,11 +220,11 @@ def _topic(resource: ResourceHandle) -> str:
     return f"/{resource.robot}/{resource.name}"
 
 
-def _angles(infos: Mapping[str, Mapping[str, ResourceInfo]], wishes: Iterable[Wish]) -> dict[str, list[float]]:
-    """Return where the rays of each scanner point, by its topic. Thread: waits for the answers."""
+def _angles(infos: Mapping[str, Mapping[str, ResourceInfo]], specs: Iterable[SampleSpec]) -> dict[str, list[float]]:
+    """Return the directions of each scanner's rays, by its topic. Thread: waits for the answers."""
     asked = {
         _topic(resource): resource.send_req(_ANGLES)
-        for resource, _ in wishes
+        for resource, _ in specs
         if any(request.name == _ANGLES for request in infos[resource.robot][resource.name].requests)
     }
     found = {}
@@ -247,5 +232,5 @@ def _angles(infos: Mapping[str, Mapping[str, ResourceInfo]], wishes: Iterable[Wi
         try:
             found[topic] = [float(angle_rad) for angle_rad in answer.get().value]
         except EALError as error:
-            get_logger().warning("a scanner does not tell its angles", topic=topic, reason=error.message)
+            get_logger().warning("the angles of a scanner are unknown", topic=topic, reason=error.message)
     return found

@@ -1,4 +1,4 @@
-"""Ask resources for their values again and again while robots work, through the resource API, so for any robot."""
+"""Periodic sampling of resources through the resource API, so of any robot."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import Clock, new_waiter
 
 _ANSWER_S: Final = 1.0
-"""How long an answer may take, if that is longer than the period, in seconds of the fleet's clock."""
+"""Deadline of an answer in seconds of the fleet's clock, if the period is shorter."""
 _ROUNDING_S: Final = 1e-9
 
 
-class Wish(NamedTuple):
-    """A resource to ask, and how many seconds of the fleet's clock lie between two of its samples."""
+class SampleSpec(NamedTuple):
+    """A resource to sample, and the seconds of the fleet's clock between two samples."""
 
     resource: ResourceHandle
     period_s: float
 
 
-Take: TypeAlias = Callable[[ResourceHandle, EALData], bool]
-"""Keeps a value; False means that the resource is asked no more."""
+SampleSink: TypeAlias = Callable[[ResourceHandle, EALData], bool]
+"""Receives a value; returns False to end the sampling of its resource."""
 
 
 class Sampler:
-    """Asks between `with` and its end, and once more at the end.
+    """Samples resources inside its `with` block, and once more at the end.
 
-    What has not answered when it is due again is passed over until it has: sampling never holds up a run.
+    A resource that has not answered when it is due again is skipped until it has: sampling never delays a run.
 
     Args:
         clock: the fleet's clock.
-        wishes: what to ask.
-        take: called with each value, in the sampler's own thread.
+        specs: what to sample.
+        sink: receives each value. Thread: the sampler's own.
     """
 
-    def __init__(self, clock: Clock, wishes: Iterable[Wish], take: Take) -> None:
+    def __init__(self, clock: Clock, specs: Iterable[SampleSpec], sink: SampleSink) -> None:
         self._clock = clock
-        self._take = take
-        groups: dict[float, list[_Asked]] = {}
-        for resource, period_s in wishes:
-            groups.setdefault(period_s, []).append(_Asked(resource, max(period_s, _ANSWER_S)))
+        self._sink = sink
+        groups: dict[float, list[_SampledResource]] = {}
+        for resource, period_s in specs:
+            groups.setdefault(period_s, []).append(_SampledResource(resource, max(period_s, _ANSWER_S)))
         self._groups = tuple(groups.items())
         self._stop = new_waiter()
-        self._thread = threading.Thread(target=self._sample, name="sampler", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="sampler", daemon=True)
 
     def __enter__(self) -> Self:
         self._clock.start(self._thread)
@@ -60,7 +60,7 @@ class Sampler:
         with self._clock.outside():
             self._thread.join()
 
-    def _sample(self) -> None:
+    def _run(self) -> None:
         if not self._groups:
             return
         due_s = dict.fromkeys((period_s for period_s, _ in self._groups), self._clock.now())
@@ -69,33 +69,33 @@ class Sampler:
             now_s = self._clock.now()
             for period_s, group in self._groups:
                 if now_s >= due_s[period_s] - _ROUNDING_S:
-                    self._ask(group)
+                    self._request(group)
                     due_s[period_s] = max(due_s[period_s] + period_s, now_s)
             stopped = self._clock.wait(self._stop, max(0.0, min(due_s.values()) - self._clock.now()))
             for _, group in self._groups:
-                self._note(group)
+                self._collect(group)
         for _, group in self._groups:
-            self._ask(group)  # where everybody ended up
+            self._request(group)  # the final values
         for _, group in self._groups:
-            self._note(group, wait=True)
+            self._collect(group, wait=True)
 
-    def _ask(self, group: Sequence[_Asked]) -> None:
-        for asked in group:
-            if asked.is_wanted and asked.answer is None:
-                asked.answer = asked.resource.get_value(timeout_s=asked.timeout_s)
+    def _request(self, group: Sequence[_SampledResource]) -> None:
+        for sampled in group:
+            if sampled.is_wanted and sampled.answer is None:
+                sampled.answer = sampled.resource.get_value(timeout_s=sampled.timeout_s)
 
-    def _note(self, group: Sequence[_Asked], *, wait: bool = False) -> None:
-        for asked in group:
-            answer = asked.answer
+    def _collect(self, group: Sequence[_SampledResource], *, wait: bool = False) -> None:
+        for sampled in group:
+            answer = sampled.answer
             if answer is None or not (answer.done() or wait):
                 continue
-            asked.answer = None
+            sampled.answer = None
             if answer.exception() is None:
-                asked.is_wanted = self._take(asked.resource, answer.get())
+                sampled.is_wanted = self._sink(sampled.resource, answer.get())
 
 
-class _Asked:
-    """A resource, and its answer that is still to come."""
+class _SampledResource:
+    """A resource and its pending answer."""
 
     def __init__(self, resource: ResourceHandle, timeout_s: float) -> None:
         self.resource = resource

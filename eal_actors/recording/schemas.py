@@ -1,6 +1,6 @@
-"""The JSON Schemas of what a record holds: those of Foxglove, so that its viewers know what they show, and ours.
+"""JSON Schemas of the messages of `run.mcap`: Foxglove's, which its viewers display, and our own.
 
-Source: the message schemas of the Foxglove documentation, of which only the parts that are used stand here.
+Source: the message schemas of the Foxglove documentation, reduced to the parts that are used.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _TRANSFORM: Final = _object(
     timestamp=_TIME, parent_frame_id=_TEXT, child_frame_id=_TEXT, translation=_VECTOR, rotation=_QUATERNION
 )
 UNUSED_SHAPES: Final = ("metadata", "arrows", "spheres", "lines", "triangles", "models")
-"""What Foxglove's schema wants of an entity besides what an arena has; readers that check insist on them."""
+"""Required members of Foxglove's entity that an arena has no use for; strict readers insist on them."""
 _ENTITY: Final = _object(
     timestamp=_TIME,
     frame_id=_TEXT,
@@ -53,20 +53,20 @@ _ENTITY: Final = _object(
 )
 
 
-class SchemaOf(NamedTuple):
+class MessageSchema(NamedTuple):
     """A schema with its name."""
 
     name: str
     schema: _Schema
 
 
-POSE: Final = SchemaOf("foxglove.PoseInFrame", _object(timestamp=_TIME, frame_id=_TEXT, pose=_POSE))
-TRANSFORMS: Final = SchemaOf("foxglove.FrameTransforms", _object(transforms=_list(_TRANSFORM)))
-IMAGE: Final = SchemaOf(
+POSE: Final = MessageSchema("foxglove.PoseInFrame", _object(timestamp=_TIME, frame_id=_TEXT, pose=_POSE))
+TRANSFORMS: Final = MessageSchema("foxglove.FrameTransforms", _object(transforms=_list(_TRANSFORM)))
+IMAGE: Final = MessageSchema(
     "foxglove.CompressedImage",
     _object(timestamp=_TIME, frame_id=_TEXT, data={**_TEXT, "contentEncoding": "base64"}, format=_TEXT),
 )
-SCAN: Final = SchemaOf(
+SCAN: Final = MessageSchema(
     "foxglove.LaserScan",
     _object(
         timestamp=_TIME,
@@ -76,18 +76,18 @@ SCAN: Final = SchemaOf(
         end_angle=_NUMBER,
         ranges=_list(_NUMBER),
         intensities=_list(_NUMBER),
-        invalid=_list(_WHOLE),  # ours: the indices of ranges that are no number
+        invalid=_list(_WHOLE),  # our own: the indices of ranges that are NaN
     ),
 )
-LOG: Final = SchemaOf(
+LOG: Final = MessageSchema(
     "foxglove.Log",
     _object(timestamp=_TIME, level=_WHOLE, message=_TEXT, name=_TEXT, file=_TEXT, line=_WHOLE),
 )
-SCENE: Final = SchemaOf(
+SCENE: Final = MessageSchema(
     "foxglove.SceneUpdate",
     _object(deletions=_list(_object(timestamp=_TIME, type=_WHOLE, id=_TEXT)), entities=_list(_ENTITY)),
 )
-VALUE: Final = SchemaOf(
+VALUE: Final = MessageSchema(
     "eal.Value",
     _object(
         timestamp=_TIME,
@@ -100,10 +100,10 @@ VALUE: Final = SchemaOf(
         value={},
     ),
 )
-"""What has no schema of Foxglove's: any value, with its type, unit and shape."""
-EVENT: Final = SchemaOf("eal.Event", _object(timestamp=_TIME, event=_TEXT))
-"""An event of the run, as in `events.jsonl`."""
-COMMAND: Final = SchemaOf(
+"""Any value for which Foxglove has no schema, with its type, unit and shape."""
+EVENT: Final = MessageSchema("eal.Event", _object(timestamp=_TIME, event=_TEXT))
+"""A line of `events.jsonl`."""
+COMMAND: Final = MessageSchema(
     "eal.Command",
     _object(
         timestamp=_TIME,
@@ -116,4 +116,4 @@ COMMAND: Final = SchemaOf(
         error=_TEXT,
     ),
 )
-"""A call of a robot that is over; its time is when it began."""
+"""A completed call of a robot; its time is that of its begin."""

@@ -1,16 +1,57 @@
-"""Who did what when: a run's events as one row of bars for each robot."""
+"""The events of a run as people read them: a time line of bars for each robot, and log entries."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from eal_actors.recording.notes import Note, note_of, whose
+OF_THE_RUN: Final = "scenario"
+"""In place of a robot's name, for what no robot does."""
+
+
+class LogEntry(NamedTuple):
+    """A log line: time, level (`info`, `warning` or `error`), the robot or OF_THE_RUN, and the text."""
+
+    time_s: float
+    level: str
+    source: str
+    text: str
+
+
+def source_of(entry: Mapping[str, Any]) -> str:
+    """Return the robot of an event or a step; OF_THE_RUN if it has none."""
+    return entry["robot"] or OF_THE_RUN
+
+
+def log_entry_of(event: Mapping[str, Any]) -> LogEntry | None:
+    """Return the log line of an event of `events.jsonl`; None if the time line shows all of it."""
+    time_s = float(event["time_s"])
+    match event["event"]:
+        case "log":
+            return LogEntry(time_s, "info", source_of(event), event["text"])
+        case "signal":
+            return LogEntry(time_s, "info", source_of(event), f"signal {event['name']}")
+        case "step_retried":
+            text = f"{event['label']}: attempt {event['attempt']} failed: {event['error']['message']}"
+            return LogEntry(time_s, "warning", source_of(event), text)
+        case "step_ended" if event["record"]["error"]:
+            record = event["record"]
+            text = f"{record['label']} {record['outcome']}: {record['error']['message']}"
+            return LogEntry(time_s, "error", source_of(record), text)
+        case "robot_dropped":
+            return LogEntry(time_s, "error", event["robot"], f"dropped: {event['error']['message']}")
+        case "robot_replaced":
+            text = f"replaced by {event['by']}: {event['error']['message']}"
+            return LogEntry(time_s, "warning", source_of(event), text)
+        case "run_continued":
+            text = f"the run was interrupted here, and resumed at steps[{event['first_step']}]"
+            return LogEntry(time_s, "warning", OF_THE_RUN, text)
+    return None
 
 
 class Bar(NamedTuple):
-    """One call of a robot, from its begin to its end, in seconds since the run's start."""
+    """One call of a robot, in seconds since the run's start."""
 
     start_s: float
     end_s: float
@@ -21,37 +62,37 @@ class Bar(NamedTuple):
 
 
 @dataclass(slots=True)
-class TimeLine:
-    """A run, as it went.
+class RunTimeline:
+    """The course of a run.
 
     Attributes:
-        bars: the calls of each robot, by its name, in the order of their ends.
-        notes: log lines, retries, drops and errors.
-        breaks_s: when the run was cut off and went on.
-        duration_s: until the last event.
+        bars: the calls of each robot by its name, in the order of their ends.
+        log: log lines, retries, drops and errors.
+        breaks_s: the times at which the run was resumed.
+        duration_s: the time of the last event.
     """
 
     bars: dict[str, list[Bar]] = field(default_factory=dict)
-    notes: list[Note] = field(default_factory=list)
+    log: list[LogEntry] = field(default_factory=list)
     breaks_s: list[float] = field(default_factory=list)
     duration_s: float = 0.0
 
-    def lanes(self, robot: str) -> list[list[Bar]]:
-        """Return a robot's bars on as few lines as they need not to overlap: calls may run side by side."""
-        lanes: list[list[Bar]] = []
+    def rows(self, robot: str) -> list[list[Bar]]:
+        """Return a robot's bars in as few rows as possible without overlap: calls may run in parallel."""
+        rows: list[list[Bar]] = []
         for bar in sorted(self.bars[robot]):
-            for lane in lanes:
-                if lane[-1].end_s <= bar.start_s:
-                    lane.append(bar)
+            for row in rows:
+                if row[-1].end_s <= bar.start_s:
+                    row.append(bar)
                     break
             else:
-                lanes.append([bar])
-        return lanes or [[]]
+                rows.append([bar])
+        return rows or [[]]
 
 
-def time_lines(events: Iterable[Mapping[str, Any]]) -> TimeLine:
-    """Return the time line of a run's events; calls that never ended last until the run was cut off."""
-    line = TimeLine()
+def timeline_of(events: Iterable[Mapping[str, Any]]) -> RunTimeline:
+    """Return the time line of a run's events; a call that never ended lasts until the run was interrupted."""
+    line = RunTimeline()
     begun: dict[tuple[str, str], Mapping[str, Any]] = {}
     for event in events:
         line.duration_s = max(line.duration_s, float(event["time_s"]))
@@ -62,25 +103,20 @@ def time_lines(events: Iterable[Mapping[str, Any]]) -> TimeLine:
                 line.breaks_s.append(line.duration_s)
                 _add_unfinished(line, begun)
             case "step_started":
-                begun[whose(event), event["step"]] = event
+                begun[source_of(event), event["step"]] = event
             case "step_ended":
                 record = event["record"]
-                begun.pop((whose(record), record["step"]), None)
-                _add(line, record)
-        if (note := note_of(event)) is not None:
-            line.notes.append(note)
+                begun.pop((source_of(record), record["step"]), None)
+                error = record["error"]["message"] if record["error"] else ""
+                bar = Bar(record["start_s"], record["end_s"], record["label"], record["step"], record["outcome"], error)
+                line.bars.setdefault(source_of(record), []).append(bar)
+        if (entry := log_entry_of(event)) is not None:
+            line.log.append(entry)
     _add_unfinished(line, begun)
     return line
 
 
-def _add(line: TimeLine, record: Mapping[str, Any]) -> None:
-    error = record["error"]["message"] if record["error"] else ""
-    bar = Bar(record["start_s"], record["end_s"], record["label"], record["step"], record["outcome"], error)
-    line.bars.setdefault(whose(record), []).append(bar)
-
-
-def _add_unfinished(line: TimeLine, begun: dict[tuple[str, str], Mapping[str, Any]]) -> None:
-    """Add what was under way when the run was cut off."""
+def _add_unfinished(line: RunTimeline, begun: dict[tuple[str, str], Mapping[str, Any]]) -> None:
     for (robot, step), event in begun.items():
         bar = Bar(event["time_s"], line.duration_s, event["label"], step, "unfinished", "")
         line.bars.setdefault(robot, []).append(bar)

@@ -115,6 +115,6 @@ class Odometry(Resource):
 
     @request("travel", ValueInfo(DataType.DOUBLE, "m", shape=(2,)))
     def travel(self) -> EALData:
-        """Return what the left and the right encoder have counted since the start."""
+        """Return the totals of the left and the right encoder since the start."""
         stamp_s = self._talk.latest().stamp_s
         return EALData.of(self._odometer.travel_m, unit="m", stamp_s=stamp_s)

@@ -46,12 +46,12 @@ class Bump(_Sensor):
 
     @request("left", _FLAG)
     def left(self) -> EALData:
-        """Tell whether the left bumper is pressed; something straight ahead presses both."""
+        """Return whether the left bumper is pressed; an obstacle straight ahead presses both."""
         return self._pressed(_LEFT)
 
     @request("right", _FLAG)
     def right(self) -> EALData:
-        """Tell whether the right bumper is pressed; something straight ahead presses both."""
+        """Return whether the right bumper is pressed; an obstacle straight ahead presses both."""
         return self._pressed(_RIGHT)
 
     def _pressed(self, bits: int) -> EALData:
@@ -65,29 +65,29 @@ class Battery(_Sensor):
     value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
 
     def get_value(self) -> EALData:
-        """Return the charge as a part of the capacity."""
+        """Return the charge as a share of the capacity."""
         senses, stamp_s = self._sensed()
         fraction = senses.charge_mah / senses.capacity_mah if senses.capacity_mah > 0 else 0.0
         return EALData.of(min(max(fraction, 0.0), 1.0), stamp_s=stamp_s)
 
     @request("voltage", ValueInfo(DataType.DOUBLE, "V"))
     def voltage(self) -> EALData:
-        """Return the voltage between its poles."""
+        """Return the terminal voltage."""
         return self._figure("voltage_mv", "V")
 
     @request("current", ValueInfo(DataType.DOUBLE, "A"))
     def current(self) -> EALData:
-        """Return the current into it, negative while it is drained."""
+        """Return the charging current, negative while the battery is drained."""
         return self._figure("current_ma", "A")
 
     @request("charge", ValueInfo(DataType.DOUBLE, "A h"))
     def charge(self) -> EALData:
-        """Return what it holds."""
+        """Return the remaining charge."""
         return self._figure("charge_mah", "A h")
 
     @request("capacity", ValueInfo(DataType.DOUBLE, "A h"))
     def capacity(self) -> EALData:
-        """Return what it holds when full."""
+        """Return the full charge."""
         return self._figure("capacity_mah", "A h")
 
     @request("temperature", ValueInfo(DataType.DOUBLE, "degC"))

@@ -73,7 +73,7 @@ class Turret(Resource):
 
     @command("t<degrees>", _TO_ANGLE)
     def turn_to(self, degrees: float) -> Activity:
-        """Turn to an angle to the left of straight ahead, the shorter way round."""
+        """Turn to an angle to the left of straight ahead, in the shorter direction."""
         return self._turn(Verb.AIM, degrees)
 
     @command("s", urgent=True)

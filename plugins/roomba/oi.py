@@ -1,6 +1,6 @@
 """The commands of the Open Interface: bytes out, nothing else.
 
-Drive, Song, Play and most op codes are those of the older Serial Command Interface, see mote_roomba.
+Drive, Song, Play and most op codes are those of the older Serial Command Interface, see sci.py.
 
 Source: iRobot Create 2 Open Interface specification, based on the Roomba 600.
 """

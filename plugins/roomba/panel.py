@@ -221,17 +221,17 @@ class RoombaSong(Resource):
 
     @config("number", _NUMBER)
     def number(self) -> int:
-        """Number of the song that is meant by the commands and the request."""
+        """Number of the song that the commands and the request use."""
         return self._number
 
     @config_setter("number")
     def set_number(self, number: int) -> None:
-        """Choose the song."""
+        """Select the song."""
         self._number = number
 
     @command("notes", _NOTES)
     def set_notes(self, text: str) -> Activity:
-        """Store the song's notes, 16 at most."""
+        """Store the song's notes, at most 16."""
         notes = _parse_notes(text)
         return self._store(text, notes)
 
@@ -239,15 +239,15 @@ class RoombaSong(Resource):
     def play(self) -> Activity:
         """Begin to play the song."""
         if self._number not in self._songs:
-            raise ArgumentError(f"song {self._number} has no notes yet; the command notes gives it some")
+            raise ArgumentError(f"song {self._number} has no notes yet; the command notes sets them")
         left_s = self._plays_until_s - self._roomba.clock.now()
         if left_s > 0:
-            raise UnavailableError(f"a song plays for another {left_s:.2f} s, and cannot be cut off")
+            raise UnavailableError(f"a song plays for another {left_s:.2f} s, and cannot be stopped")
         return self._begin()
 
     @request("notes", ValueInfo(DataType.CHAR))
     def notes(self) -> str:
-        """Tell the song's notes as they were stored; empty for none."""
+        """Return the stored notes of the song; empty for none."""
         return self._songs.get(self._number, "")
 
     def _store(self, text: str, notes: list[tuple[int, int]]) -> Activity:

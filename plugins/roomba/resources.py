@@ -57,12 +57,12 @@ class RoombaBump(RoombaSensor):
 
     @request("left", _FLAG)
     def left(self) -> EALData:
-        """Tell whether the left bumper is pressed; something straight ahead presses both."""
+        """Return whether the left bumper is pressed; an obstacle straight ahead presses both."""
         return self.answer(lambda sees: sees.contacts.bump_left)
 
     @request("right", _FLAG)
     def right(self) -> EALData:
-        """Tell whether the right bumper is pressed; something straight ahead presses both."""
+        """Return whether the right bumper is pressed; an obstacle straight ahead presses both."""
         return self.answer(lambda sees: sees.contacts.bump_right)
 
 
@@ -77,22 +77,22 @@ class RoombaCliff(RoombaSensor):
 
     @request("left", _FLAG)
     def left(self) -> EALData:
-        """Tell whether the sensor 60 degrees to the left sees a drop."""
+        """Return whether the sensor 60 degrees to the left sees a drop."""
         return self.answer(lambda sees: sees.contacts.cliff_left)
 
     @request("front_left", _FLAG)
     def front_left(self) -> EALData:
-        """Tell whether the sensor 20 degrees to the left sees a drop."""
+        """Return whether the sensor 20 degrees to the left sees a drop."""
         return self.answer(lambda sees: sees.contacts.cliff_front_left)
 
     @request("front_right", _FLAG)
     def front_right(self) -> EALData:
-        """Tell whether the sensor 20 degrees to the right sees a drop."""
+        """Return whether the sensor 20 degrees to the right sees a drop."""
         return self.answer(lambda sees: sees.contacts.cliff_front_right)
 
     @request("right", _FLAG)
     def right(self) -> EALData:
-        """Tell whether the sensor 60 degrees to the right sees a drop."""
+        """Return whether the sensor 60 degrees to the right sees a drop."""
         return self.answer(lambda sees: sees.contacts.cliff_right)
 
 
@@ -107,12 +107,12 @@ class OiWheelDrop(RoombaSensor):
 
     @request("left", _FLAG)
     def left(self) -> EALData:
-        """Tell whether the left wheel has dropped."""
+        """Return whether the left wheel has dropped."""
         return self.answer(lambda sees: sees.contacts.drop_left)
 
     @request("right", _FLAG)
     def right(self) -> EALData:
-        """Tell whether the right wheel has dropped."""
+        """Return whether the right wheel has dropped."""
         return self.answer(lambda sees: sees.contacts.drop_right)
 
 
@@ -121,7 +121,7 @@ class SciWheelDrop(OiWheelDrop):
 
     @request("caster", _FLAG)
     def caster(self) -> EALData:
-        """Tell whether the caster, the small wheel in front, has dropped."""
+        """Return whether the caster, the small wheel in front, has dropped."""
         return self.answer(lambda sees: sees.contacts.drop_caster)
 
 
@@ -136,7 +136,7 @@ class RoombaWall(RoombaSensor):
 
     @request("virtual", _FLAG)
     def virtual(self) -> EALData:
-        """Tell whether a virtual wall's beam is seen; a simulated world has none."""
+        """Return whether a virtual wall's beam is seen; a simulated world has none."""
         return self.answer(lambda sees: sees.contacts.virtual_wall)
 
 
@@ -146,27 +146,27 @@ class RoombaBattery(RoombaSensor):
     value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
 
     def get_value(self) -> EALData:
-        """Return the charge as a part of the capacity."""
+        """Return the charge as a share of the capacity."""
         return self.answer(lambda sees: sees.power.fraction)
 
     @request("voltage", ValueInfo(DataType.DOUBLE, "V"))
     def voltage(self) -> EALData:
-        """Return the voltage between its poles."""
+        """Return the terminal voltage."""
         return self.answer(lambda sees: sees.power.voltage_mv / 1000, "V")
 
     @request("current", ValueInfo(DataType.DOUBLE, "A"))
     def current(self) -> EALData:
-        """Return the current into it, negative while it is drained."""
+        """Return the charging current, negative while the battery is drained."""
         return self.answer(lambda sees: sees.power.current_ma / 1000, "A")
 
     @request("charge", ValueInfo(DataType.DOUBLE, "A h"))
     def charge(self) -> EALData:
-        """Return what it holds."""
+        """Return the remaining charge."""
         return self.answer(lambda sees: sees.power.charge_mah / 1000, "A h")
 
     @request("capacity", ValueInfo(DataType.DOUBLE, "A h"))
     def capacity(self) -> EALData:
-        """Return what it holds when full."""
+        """Return the full charge."""
         return self.answer(lambda sees: sees.power.capacity_mah / 1000, "A h")
 
     @request("temperature", ValueInfo(DataType.DOUBLE, "degC"))
@@ -198,7 +198,7 @@ class RoombaOdometry(RoombaSensor):
 
     @request("travel", ValueInfo(DataType.DOUBLE, "m", shape=(2,)))
     def travel(self) -> EALData:
-        """Return what the left and the right encoder have counted since the start."""
+        """Return the totals of the left and the right encoder since the start."""
         reading = self._roomba.latest()
         return EALData.of([reading.left_m, reading.right_m], unit="m", stamp_s=reading.stamp_s)
 
@@ -231,10 +231,10 @@ class RoombaPower(Resource):
 
     @request("mode", _MODE)
     def mode(self) -> str:
-        """Tell the mode of its interface, as far as is known."""
+        """Return the mode of its interface, as far as is known."""
         return self._roomba.mode.value
 
     @request("charging", _CHARGING)
     def charging(self) -> str:
-        """Tell what its charger does."""
+        """Return the state of its charger."""
         return CHARGING_STATES[self._roomba.latest().power.charging_state]

@@ -1,20 +1,20 @@
-"""What a world file puts into a physics space, and where in it robots may stand."""
+"""The geometry of a world file: its solid parts in a physics space, start places, drops, and a space for queries."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Final, TypeAlias
+from typing import Final, Protocol, TypeAlias
 
 import pymunk
 
 from eal_actors.device.world import WorldModel
 
-Pose: TypeAlias = tuple[float, float, float]
+Pose2D: TypeAlias = tuple[float, float, float]
 """x and y in metres, yaw in radians, unwrapped."""
 
 WALL_RADIUS_M: Final = 0.1
-"""Of the walls' rounding: they are thick, so that nothing passes them in one tick."""
+"""Rounding radius of the walls: they are thick, so that nothing passes them in one tick."""
 
 _PITCHES_M: Final = (1.0, 0.5)  # of the grid of places, the coarser first
 _WALL_FRICTION: Final = 0.5
@@ -22,7 +22,7 @@ _WALL_NAMES: Final = ("west", "south", "east", "north")  # in the order of `_wal
 
 
 def add_solids(space: pymunk.Space, model: WorldModel) -> dict[pymunk.Shape, str]:
-    """Put the walls, obstacles and beacons of a world into a space; return what each shape is, for people."""
+    """Add the walls, obstacles and beacons of a world to a space; return a readable name for each shape."""
     body = space.static_body
     named: dict[pymunk.Shape, str] = {}
     for wall, shape in zip(_WALL_NAMES, _walls(body, *model.size_m), strict=True):
@@ -39,21 +39,21 @@ def add_solids(space: pymunk.Space, model: WorldModel) -> dict[pymunk.Shape, str
     return named
 
 
-def places(model: WorldModel) -> Iterator[Pose]:
-    """Yield where robots without a start of their own may stand: the world's start poses, then a free grid."""
+def places(model: WorldModel) -> Iterator[Pose2D]:
+    """Yield places for robots without a start pose: the world's start poses, then a grid."""
     for start in model.start_poses:
         yield start.x_m, start.y_m, math.radians(start.yaw_deg)
     for x_m, y_m in _grid(*model.size_m):
         yield x_m, y_m, 0.0
 
 
-def is_on_floor(model: WorldModel, pose: Pose, radius_m: float) -> bool:
-    """Return whether a disc stands on the floor with all of it, over no drop."""
-    return all(from_drop_m >= radius_m for from_drop_m in from_drops_m(model, pose))
+def is_on_floor(model: WorldModel, pose: Pose2D, radius_m: float) -> bool:
+    """Return whether no part of a disc is over a drop."""
+    return all(distance_m >= radius_m for distance_m in distances_to_drops_m(model, pose))
 
 
-def from_drops_m(model: WorldModel, pose: Pose) -> list[float]:
-    """Return how far a point is from each drop of a world; 0 inside."""
+def distances_to_drops_m(model: WorldModel, pose: Pose2D) -> list[float]:
+    """Return the distance of a point from each drop of a world; 0 inside."""
     x_m, y_m, _ = pose
     found = []
     for drop in model.drops:
@@ -65,13 +65,76 @@ def from_drops_m(model: WorldModel, pose: Pose) -> list[float]:
 
 
 def corners(size_m: tuple[float, float]) -> list[tuple[float, float]]:
-    """Return the corners of a rectangle about its middle."""
+    """Return the corners of a rectangle centred on the origin."""
     half_x, half_y = size_m[0] / 2, size_m[1] / 2
     return [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]
 
 
+class Positioned(Protocol):
+    """An object with a pose: a robot or a box."""
+
+    @property
+    def pose(self) -> Pose2D:
+        """The current pose."""
+
+
+class QuerySpace:
+    """A physics space for queries: the walls and obstacles of a world, and the current shapes of robots and boxes.
+
+    It is updated on access only. Motion and contact use another space, so that no query can change a path.
+
+    Args:
+        model: the world.
+
+    Attributes:
+        is_stale: whether something may have moved since the last query.
+        names: a readable name for each shape.
+
+    Thread: every member is for the holder of the world's lock.
+    """
+
+    def __init__(self, model: WorldModel) -> None:
+        self.is_stale = False
+        self._space = pymunk.Space()
+        self.names = add_solids(self._space, model)
+        self._bodies: dict[Positioned, tuple[pymunk.Body, Pose2D]] = {}
+
+    def add_disc(self, item: Positioned, name: str, radius_m: float, shape_filter: pymunk.ShapeFilter) -> None:
+        """Add a robot."""
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        disc = pymunk.Circle(body, radius_m)
+        disc.filter = shape_filter
+        self._add(item, body, disc, name)
+
+    def add_box(self, item: Positioned, name: str, size_m: tuple[float, float]) -> None:
+        """Add a movable box."""
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        self._add(item, body, pymunk.Poly(body, corners(size_m)), name)
+
+    @property
+    def space(self) -> pymunk.Space:
+        """The space, up to date."""
+        if self.is_stale:
+            self.is_stale = False
+            for item, (body, known_pose) in self._bodies.items():
+                if item.pose != known_pose:
+                    self._set_pose(item, body)
+                    self._space.reindex_shapes_for_body(body)
+        return self._space
+
+    def _add(self, item: Positioned, body: pymunk.Body, shape: pymunk.Shape, name: str) -> None:
+        self.names[shape] = name
+        self._set_pose(item, body)
+        self._space.add(body, shape)
+
+    def _set_pose(self, item: Positioned, body: pymunk.Body) -> None:
+        pose = item.pose
+        body.position, body.angle = pose[:2], pose[2]
+        self._bodies[item] = body, pose
+
+
 def _grid(width_m: float, height_m: float) -> list[tuple[float, float]]:
-    """Return places round the centre, the inner ones first; a coarse grid, then a finer one."""
+    """Return places around the centre, the inner ones first; a coarse grid, then a finer one."""
     spots = []
     for pitch_m in _PITCHES_M:
         columns, rows = (max(0, math.floor((size_m / 2 - pitch_m / 2) / pitch_m)) for size_m in (width_m, height_m))

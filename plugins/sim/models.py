@@ -1,7 +1,7 @@
-"""The makes of robots that can be simulated: their sizes, speeds, errors and batteries.
+"""The makes of simulated robots: their sizes, speeds, errors and batteries.
 
-The wheels' errors are what is left after a calibration. What a robot errs before one stands beside them: a tracked
-base then turns about 17 % too little (a track factor of 1.2), for its tracks skid.
+`errors` are the wheel errors that remain after a calibration, `raw_errors` those before it. An uncalibrated tracked
+base turns about 17 % too little (a track factor of 1.2), because its tracks skid.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ MakeName = Literal["evbot2", "evbot3", "roomba"]
 
 @dataclass(frozen=True, slots=True)
 class WheelErrors:
-    """How a robot's true motion differs from what its wheel encoders count.
+    """The difference between a robot's true motion and its encoder counts.
 
     Attributes:
         k_left: travel of the left wheel per metre counted.
@@ -31,22 +31,22 @@ class WheelErrors:
 
     @classmethod
     def of_umbmark(cls, e_b: float, e_d: float, walk: float) -> WheelErrors:
-        """Return the errors that the UMBmark test tells as E_b and E_d, the right wheel's diameter over the left's."""
+        """Return the errors of UMBmark factors E_b and E_d, the right wheel's diameter over the left's."""
         return cls(2.0 / (e_d + 1.0), 2.0 / (1.0 / e_d + 1.0), e_b, walk)
 
 
 @dataclass(frozen=True, slots=True)
 class BatteryModel:
-    """A battery and what the robot draws from it.
+    """A battery and the robot's power consumption.
 
     Attributes:
-        capacity_ah: what it holds when full.
+        capacity_ah: full charge.
         empty_v: its voltage without load when it is empty.
-        flat_v: its voltages without load at 10 % and at 90 %, between which it falls evenly.
+        flat_v: its voltages without load at 10 % and at 90 %, linear in between.
         full_v: its voltage without load when it is full.
-        resistance_ohm: by which its voltage sags under a current.
-        idle_a: what the robot draws while it stands.
-        drive_as_m: what driving draws besides, in ampere-seconds per metre that the wheels turn on the average.
+        resistance_ohm: internal resistance.
+        idle_a: current of the standing robot.
+        drive_as_m: additional charge for driving, in ampere-seconds per metre of mean wheel travel.
     """
 
     capacity_ah: float
@@ -60,12 +60,12 @@ class BatteryModel:
 
 @dataclass(frozen=True, slots=True)
 class TurretModel:
-    """A turret that turns on its robot without end.
+    """A turret that rotates without end stops.
 
     Attributes:
-        turn_rate_deg_s: turn rate at first.
+        turn_rate_deg_s: initial turn rate.
         max_turn_rate_deg_s: greatest turn rate.
-        acceleration_deg_s2: speeding up and slowing down.
+        acceleration_deg_s2: acceleration and deceleration.
     """
 
     turn_rate_deg_s: float
@@ -75,25 +75,25 @@ class TurretModel:
 
 @dataclass(frozen=True, slots=True)
 class Make:
-    """A make of robot: a disc with two driven wheels or tracks, turning about its centre.
+    """A make of robot: a disc with two driven wheels or tracks, which turns about its centre.
 
     Attributes:
-        name: as the settings spell it.
+        name: as in the settings.
         radius_m: of the disc.
         height_m: from the floor to its top.
         mass_kg: of the whole robot.
         track_m: nominal distance of the wheels.
-        speed_m_s: speed at first.
-        max_speed_m_s: greatest speed, of each wheel too.
-        turn_rate_deg_s: turn rate at first.
+        speed_m_s: initial speed.
+        max_speed_m_s: greatest speed, also of each wheel.
+        turn_rate_deg_s: initial turn rate.
         max_turn_rate_deg_s: greatest turn rate.
-        acceleration_m_s2: of each wheel, speeding up and slowing down.
-        push_n: the force with which it pushes at most, before its wheels slip.
+        acceleration_m_s2: acceleration and deceleration of each wheel.
+        push_n: greatest push force before its wheels slip.
         encoder_step_m: travel of a wheel from one step of its encoder to the next.
-        errors: of its wheels, after a calibration.
-        raw_errors: of its wheels before one.
-        turn_noise_rad: standard deviation of the angle of each turn in place, besides the wheels' errors.
-        battery: its battery.
+        errors: wheel errors after a calibration.
+        raw_errors: wheel errors before a calibration.
+        turn_noise_rad: standard deviation of each turn in place, in addition to the wheel errors.
+        battery: its battery model.
         body_colour: red, green and blue.
         camera_height_m: of its camera over the floor.
         turret: its turret, if it has one.

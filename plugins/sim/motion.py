@@ -1,24 +1,35 @@
-"""Motions: what the wheels of a robot are commanded to travel, cut into physics ticks.
+"""Wheel motions: what the wheels are commanded to travel, what the encoders count, and what the robot travels.
 
-A motion's duration is known beforehand, for the encoders count what was commanded: a robot that pushes a wall ends its
-motion too. Everything here is pure and counts in ticks; no clock is read.
+A motion's duration is known in advance, because the encoders count the commanded travel: a robot that pushes against a
+wall finishes its motion too. Everything here is pure and counts in physics ticks. No clock is read.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final, Protocol
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from typing_extensions import override
 
 from eal_actors.plugin import WheelCalibration
 
+from .arena import Pose2D
 from .models import Make
 
 NOMINAL: Final = WheelCalibration()
-"""Of wheels that are believed to be just as they should be."""
+"""The calibration of wheels without known errors."""
+
+_BLOCK: Final = 128
+"""Normal numbers are drawn in blocks: drawn one by one, they cost more than the rest of a tick."""
+
+_ROUNDING: Final = 1e-6
+"""In encoder steps: a sum that falls short of a step by less counts as the step."""
 
 
 class Trapezoid:
-    """Travel over time: speed up evenly, cruise, slow down evenly; a triangle where the length is short.
+    """Trapezoidal motion profile: constant acceleration, cruise, constant deceleration; a triangle for short lengths.
 
     Args:
         length_m: travel, 0 or more.
@@ -46,35 +57,36 @@ class Trapezoid:
         return self._peak * (time_s - self._ramp_s / 2)
 
 
-class Motion(Protocol):
-    """What the wheels are commanded, tick by tick."""
+class WheelMotion:
+    """Commands to the two wheels, tick by tick.
+
+    Attributes:
+        noise_share: the share of a turn in place per metre of the left wheel; 0 for any other motion.
+    """
+
+    noise_share = 0.0
 
     @property
     def remaining_s(self) -> float:
-        """The time until it is over, as far as is known now; 0 when it is."""
-        ...
+        """The time until the end, as far as it is known; 0 at the end, infinite without an end."""
+        raise NotImplementedError
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing is left to do."""
-        ...
-
-    @property
-    def noise_share(self) -> float:
-        """Which part of a turn in place each metre of the left wheel is; 0 where it is no turn in place."""
-        ...
+        """Whether the motion has ended."""
+        raise NotImplementedError
 
     def step(self) -> tuple[float, float]:
-        """Move on by one tick; return what the left and the right wheel are commanded to travel in it, in metres."""
-        ...
+        """Advance by one tick; return the commanded travel of the left and the right wheel in it, in metres."""
+        raise NotImplementedError
 
 
-class Move:
-    """One straight drive or turn in place.
+class Move(WheelMotion):
+    """A straight drive or a turn in place, over a known length.
 
     Args:
-        left: what the left wheel counts of the profile, under 0 for backwards.
-        right: what the right wheel counts of it.
+        left: factor from the profile to the left wheel; below 0 for backwards.
+        right: factor from the profile to the right wheel.
         profile: the travel of each wheel.
         tick_s: length of a physics tick.
     """
@@ -86,54 +98,44 @@ class Move:
         self._ticks = math.ceil(profile.duration_s / tick_s)
         self._tick = 0
         self._travelled_m = 0.0
-        is_turn = left * right < 0 and profile.length_m > 0
-        self.noise_share = 1.0 / (left * profile.length_m) if is_turn else 0.0
+        if left * right < 0 and profile.length_m > 0:
+            self.noise_share = 1.0 / (left * profile.length_m)
 
     @classmethod
     def straight(
-        cls,
-        make: Make,
-        distance_m: float,
-        speed_m_s: float,
-        tick_s: float,
-        calibration: WheelCalibration = NOMINAL,
+        cls, make: Make, distance_m: float, speed_m_s: float, tick_s: float, calibration: WheelCalibration = NOMINAL
     ) -> Move:
-        """Drive a distance; a negative one is backwards."""
+        """Return a straight drive; a negative distance is backwards."""
         left, right = calibration.counted(math.copysign(1.0, distance_m), 0.0)
         return cls(left, right, Trapezoid(abs(distance_m), speed_m_s, make.acceleration_m_s2), tick_s)
 
     @classmethod
     def turn(
-        cls,
-        make: Make,
-        angle_rad: float,
-        rate_rad_s: float,
-        tick_s: float,
-        calibration: WheelCalibration = NOMINAL,
+        cls, make: Make, angle_rad: float, rate_rad_s: float, tick_s: float, calibration: WheelCalibration = NOMINAL
     ) -> Move:
-        """Turn in place by an angle; a positive one is to the left."""
+        """Return a turn in place; a positive angle is to the left."""
         arm_m = make.track_m / 2
         left, right = calibration.counted(0.0, math.copysign(1.0, angle_rad))
         profile = Trapezoid(abs(angle_rad) * arm_m, rate_rad_s * arm_m, make.acceleration_m_s2)
         return cls(left, right, profile, tick_s)
 
     @property
+    @override
     def remaining_s(self) -> float:
-        """See Motion."""
         return (self._ticks - self._tick) * self._tick_s
 
     @property
     def done_share(self) -> float:
-        """Which part of the way is travelled, 0..1."""
+        """The share of the length that is travelled, 0..1."""
         return self._travelled_m / self._profile.length_m if self._profile.length_m else 1.0
 
     @property
+    @override
     def is_over(self) -> bool:
-        """See Motion."""
         return self._tick >= self._ticks
 
+    @override
     def step(self) -> tuple[float, float]:
-        """See Motion."""
         self._tick += 1
         travelled_m = self._profile.travelled_m(self._tick * self._tick_s)
         if self._tick >= self._ticks:
@@ -142,18 +144,16 @@ class Move:
         return self._left * step_m, self._right * step_m
 
 
-class Drive:
-    """The wheels follow target speeds with the make's acceleration, and rest in the end if the targets are 0.
+class VelocityDrive(WheelMotion):
+    """The wheels follow target speeds with the make's acceleration. Targets of 0 end the motion.
 
     Args:
         make: the make.
-        speeds_m_s: the wheels' speeds at first, left and right.
+        speeds_m_s: initial speeds of the left and the right wheel.
         targets_m_s: the speeds to reach.
         hold_s: the targets become 0 after this time; None for never.
         tick_s: length of a physics tick.
     """
-
-    noise_share = 0.0
 
     def __init__(
         self,
@@ -170,20 +170,20 @@ class Drive:
         self._hold_ticks = math.inf if hold_s is None else round(hold_s / tick_s)
 
     @property
+    @override
     def remaining_s(self) -> float:
-        """See Motion; infinite while nothing ends it."""
         if self._targets_m_s == (0.0, 0.0):
             fastest_m_s = max(abs(self._left_m_s), abs(self._right_m_s))
             return math.ceil(fastest_m_s / (self._acceleration * self._tick_s) - 1e-9) * self._tick_s
         return self._hold_ticks * self._tick_s
 
     @property
+    @override
     def is_over(self) -> bool:
-        """See Motion."""
         return self._targets_m_s == (0.0, 0.0) and self._left_m_s == self._right_m_s == 0.0
 
+    @override
     def step(self) -> tuple[float, float]:
-        """See Motion."""
         left_target, right_target = self._targets_m_s
         if self._left_m_s == left_target and self._right_m_s == right_target and self._hold_ticks > 1:
             self._hold_ticks -= 1
@@ -197,14 +197,107 @@ class Drive:
 
     @property
     def speeds_m_s(self) -> tuple[float, float]:
-        """The wheels' speeds at this moment."""
+        """The current speeds of the left and the right wheel."""
         return self._left_m_s, self._right_m_s
 
     def _follow(self, speed_m_s: float, target_m_s: float) -> tuple[float, float]:
-        """Return the travel in a tick, and the speed after it."""
+        """Return the travel in a tick and the speed after it."""
         change = target_m_s - speed_m_s
         ramp_s = abs(change) / self._acceleration
         if ramp_s <= self._tick_s:
             return target_m_s * self._tick_s - change * ramp_s / 2, target_m_s
         gain = math.copysign(self._acceleration * self._tick_s, change)
         return (speed_m_s + gain / 2) * self._tick_s, speed_m_s + gain
+
+
+class SimWheels:
+    """Two wheels with errors: counts the commanded travel and returns the true one.
+
+    Args:
+        make: supplies the wheel errors.
+        generator: noise source; used only in ticks in which the robot is driven.
+        tick_s: length of a physics tick.
+
+    Attributes:
+        turned_m: total commanded travel in either direction, the mean of both wheels.
+        shares: the share of its command that the left and the right wheel turn: below 1 for weak motors.
+    """
+
+    def __init__(self, make: Make, generator: np.random.Generator, tick_s: float) -> None:
+        self._errors = make.errors
+        self._turn_noise_rad = make.turn_noise_rad
+        self._step_m = make.encoder_step_m
+        self._track_m = make.track_m * make.errors.track_factor
+        self._walk_per_tick = make.errors.walk * math.sqrt(tick_s)
+        self._normals = _normals(generator)
+        self._left_factor = self._right_factor = 1.0
+        self._noise_rad_m = 0.0
+        self._left_m = self._right_m = 0.0
+        self.turned_m = 0.0
+        self.shares = (1.0, 1.0)
+
+    def start(self, motion: WheelMotion) -> None:
+        """Begin a motion: reset the random walk and draw the noise of a turn in place."""
+        self._left_factor, self._right_factor = self._errors.k_left, self._errors.k_right
+        self._noise_rad_m = 0.0
+        if self._turn_noise_rad and motion.noise_share:
+            self._noise_rad_m = next(self._normals) * self._turn_noise_rad * motion.noise_share
+
+    def travel(self, left_m: float, right_m: float) -> tuple[float, float]:
+        """Count one tick's command; return the robot's travel ahead in metres and its turn in radians."""
+        self.turned_m += (abs(left_m) + abs(right_m)) / 2
+        left_m, right_m = left_m * self.shares[0], right_m * self.shares[1]
+        self._left_m += left_m
+        self._right_m += right_m
+        if self._walk_per_tick:
+            self._left_factor += self._walk_per_tick * next(self._normals)
+            self._right_factor += self._walk_per_tick * next(self._normals)
+        left, right = left_m * self._left_factor, right_m * self._right_factor
+        return (left + right) / 2, (right - left) / self._track_m + left_m * self._noise_rad_m
+
+    @property
+    def counted_m(self) -> tuple[float, float]:
+        """The encoder totals of the left and the right wheel, in whole steps."""
+        step_m = self._step_m
+        return (
+            math.floor(self._left_m / step_m + _ROUNDING) * step_m,
+            math.floor(self._right_m / step_m + _ROUNDING) * step_m,
+        )
+
+
+class WheelOdometer:
+    """Dead reckoning from the encoders, the nominal track and the wheel calibration.
+
+    Args:
+        track_m: the nominal distance of the wheels.
+        counted_m: the encoder totals at the start.
+
+    Attributes:
+        pose: x_m, y_m, yaw_rad, from (0, 0, 0) at first; yaw unwrapped.
+    """
+
+    def __init__(self, track_m: float, counted_m: tuple[float, float]) -> None:
+        self.pose = (0.0, 0.0, 0.0)
+        self._track_m = track_m
+        self._counted_m = counted_m
+
+    def follow(self, counted_m: tuple[float, float], calibration: WheelCalibration = NOMINAL) -> None:
+        """Update the pose from new encoder totals."""
+        before_m = self._counted_m
+        self._counted_m = counted_m
+        ahead_m, arc_m = calibration.travelled(counted_m[0] - before_m[0], counted_m[1] - before_m[1])
+        self.pose = moved(self.pose, ahead_m, arc_m / (self._track_m / 2))
+
+
+def moved(pose: Pose2D, ahead_m: float, turn_rad: float) -> Pose2D:
+    """Return the pose at the end of an arc of length `ahead_m` with a constant turn by `turn_rad`."""
+    x_m, y_m, yaw_rad = pose
+    half_rad = turn_rad / 2
+    chord_m = ahead_m * math.sin(half_rad) / half_rad if abs(half_rad) > 1e-9 else ahead_m
+    heading_rad = yaw_rad + half_rad
+    return x_m + chord_m * math.cos(heading_rad), y_m + chord_m * math.sin(heading_rad), yaw_rad + turn_rad
+
+
+def _normals(generator: np.random.Generator) -> Iterator[float]:
+    while True:
+        yield from generator.standard_normal(_BLOCK).tolist()

@@ -1,6 +1,6 @@
-"""The sim plugin: one robot of the world that all simulated robots of a fleet share."""
+"""The sim plugin: one robot in the world that all simulated robots of a fleet share."""
 
-# ruff: noqa: N802, N816  # the plugin API names the functions after the resources
+# ruff: noqa: N802, N816  # the plugin API derives these names from the resources
 from __future__ import annotations
 
 import math
@@ -15,12 +15,11 @@ from . import resources
 from .faults import SENSORS, FaultPlan, PlannedFault
 from .models import MAKES, Make, MakeName
 from .port import open_port
-from .resources.faulty import under_faults
-from .resources.on_robot import OnRobot
+from .resources.robot_resource import RobotResource, apply_faults
 from .robot import SimRobot
 from .world import SimWorld, world_of
 
-_R = TypeVar("_R", bound=OnRobot)
+_R = TypeVar("_R", bound=RobotResource)
 
 __all__ = ["Settings", "SimPlugin", "connect", "disconnect", "open_port"]
 
@@ -28,8 +27,8 @@ _ALL_MAKES = ("Base", "Odometry", "Battery", "Pose", "Bump", "Range", "Compass",
 _ROOMBA_ALONE = ("Cliff", "WheelDrop", "Wall", "Buttons", "Leds", "Song")
 
 
-class Start(PluginSettingsModel):
-    """Where the robot stands at first, in the world's frame: the origin in the middle, x right, y up."""
+class StartSettings(PluginSettingsModel):
+    """The start pose, in the world's frame: the origin in the middle, x right, y up."""
 
     x_m: float
     y_m: float
@@ -37,22 +36,22 @@ class Start(PluginSettingsModel):
 
 
 class Settings(PluginSettingsModel):
-    """What the fleet file may set."""
+    """The plugin's settings in the fleet file."""
 
     model: MakeName
     """The make of the robot."""
-    start: Start | None = None
-    """Without it the robot gets one of the world's start poses, or a free place, in the order of the robots' names."""
+    start: StartSettings | None = None
+    """Default: one of the world's start poses or a free place, in the order of the robots' names."""
     noise: bool = True
     """Whether the wheels have the make's errors."""
     calibrated: bool = True
-    """Whether they have only what is left of the errors after a calibration."""
+    """Whether only the errors that remain after a calibration are simulated."""
     calibration: WheelCalibration = WheelCalibration()
-    """What the base knows of its wheels and makes up for, as `eal calibrate` finds it out."""
+    """The wheel errors that the base compensates, as measured by `eal calibrate`."""
     charge: float = Field(default=1.0, ge=0, le=1)
-    """How full the battery is at first."""
+    """The initial charge of the battery."""
     faults: tuple[PlannedFault, ...] = Field(default=(), strict=False)
-    """What is to go wrong on purpose, and when."""
+    """Injected faults, with their times."""
 
     @model_validator(mode="after")
     def _check_frozen(self) -> Self:
@@ -72,7 +71,7 @@ class SimPlugin(EALPlugin):
 
 
 def resources_of(make: Make) -> tuple[str, ...]:
-    """Return the names of the resources that a make has."""
+    """Return the names of the resources of a make."""
     turret = ("Turret",) if make.has_turret else ()
     return _ALL_MAKES + turret + (_ROOMBA_ALONE if make.name == "roomba" else ())
 
@@ -81,7 +80,7 @@ def connect(context: PluginContext) -> SimPlugin:
     """Put the robot into the world.
 
     Raises:
-        PluginError: its start is not free, or it is there already with other settings.
+        PluginError: its start is not free, or it is in the world with other settings.
     """
     settings, world = context.settings, world_of(context.services)
     at = settings.start
@@ -95,33 +94,33 @@ def connect(context: PluginContext) -> SimPlugin:
         charge=settings.charge,
         calibration=settings.calibration,
     )
-    beside = ("Faults", "Pose")  # they are no part of the robot
+    beside = ("Faults", "Pose")  # link faults do not affect these: they are not part of the robot
     context.services.link(context.robot).spare(beside + tuple(f"{context.instance}.{name}" for name in beside))
     return SimPlugin(world, robot)
 
 
 def disconnect(plugin: SimPlugin) -> None:
-    """Stop the robot; it stays where it stands."""
+    """Stop the robot; it stays in the world."""
     with plugin.world.caught_up():
         plugin.world.stop(plugin.robot)
 
 
 def _creator(kind: type[_R]) -> Callable[[PluginContext], _R]:
     def create(context: PluginContext) -> _R:
-        """Make the resource."""
+        """Create the resource."""
         robot = context.plugin.robot
-        return under_faults(kind(context.plugin.world, robot), robot)
+        return apply_faults(kind(context.plugin.world, robot), robot)
 
     return create
 
 
 def create_Pose(context: PluginContext) -> resources.Pose:
-    """Make the ground truth, which no fault touches."""
+    """Create the true pose, which no fault affects."""
     return resources.Pose(context.plugin.world, context.plugin.robot)
 
 
 def create_Faults(context: PluginContext) -> resources.Faults:
-    """Make the faults; their plan outlives the resource, so that a restart does not begin it anew."""
+    """Create the faults; their plan outlives the resource, so that a restart does not begin it again."""
     services, robot = context.services, context.plugin.robot
     plan = services.shared(("sim.faults", context.robot), lambda: FaultPlan(context.settings.faults))
     sensors = [name for name in resources_of(robot.make) if name in SENSORS]
@@ -130,7 +129,7 @@ def create_Faults(context: PluginContext) -> resources.Faults:
 
 
 def _destroy(resource: Resource) -> None:
-    """Let go of what `create_...` took: nothing, the robot stays in the world."""
+    """Do nothing: the robot stays in the world."""
 
 
 create_Base, destroy_Base = _creator(resources.Base), _destroy

@@ -1,53 +1,29 @@
-"""Simulated serial ports: a driver's emulator at the far end, and a robot of the world as its body.
+"""Simulated serial ports: a driver's emulator at the other end, connected to a robot of the world.
 
-A driver that is told `port: sim://world/roomba-1` speaks its own wire protocol to its own emulator, which drives and
-feels the robot of that name. Nothing waits: the bytes of an answer are there when the write returns.
+A driver with `port: sim://world/roomba-1` uses its own wire protocol with its own emulator, which drives and senses the
+robot of that name. Nothing blocks: the bytes of an answer are there when the write returns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, Final, Protocol, runtime_checkable
+from typing import Any, Final
 from urllib.parse import urlsplit
 
 from eal_actors.plugin import PluginContext, PluginError, UnavailableError
 
-from .battery import Battery
 from .models import MAKES
-from .robot import SimRobot
+from .robot import SimBattery, SimRobot, SimTurret
 from .sensors import dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
-from .turret import Turret
 from .world import SimWorld, world_of
 
-_MOST_WAITING: Final = 65536
-"""Bytes that may wait to be read; what comes on top is lost, as in any serial buffer."""
+_BUFFER_SIZE: Final = 65536
+"""Bytes that may wait to be read; further bytes are lost, as in any serial buffer."""
 
 
-class Emulator(Protocol):
-    """A device at the far end of a wire."""
-
-    def feed(self, data: bytes, now_s: float) -> bytes:
-        """Take bytes from the wire and return the reply to them."""
-        ...
-
-
-@runtime_checkable
-class BusyEmulator(Emulator, Protocol):
-    """A device that has things to do by itself, such as to end a motion, also while no byte comes."""
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether it has."""
-        ...
-
-    def tick(self, now_s: float) -> None:
-        """Do what is due; called once a physics tick while it is busy."""
-        ...
-
-
-class SimBody:
-    """A robot of the world, as an emulator drives and feels it. Thread: inside the world's `caught_up`."""
+class SimVehicle:
+    """The interface of an emulator to a robot of the world. Thread: inside the world's `caught_up`."""
 
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         self._world = world
@@ -59,7 +35,7 @@ class SimBody:
         return self._world.tick_s
 
     @property
-    def turret(self) -> Turret | None:
+    def turret(self) -> SimTurret | None:
         """The turret, if the make has one."""
         return self._robot.turret
 
@@ -68,15 +44,15 @@ class SimBody:
         if left_m_s == right_m_s == 0.0:
             self._world.stop(self._robot)
             return
-        with suppress(UnavailableError):  # an empty battery turns no wheel, and says nothing of it
+        with suppress(UnavailableError):  # as on a real robot, an empty battery reports no error on the wire
             self._world.drive(self._robot, left_m_s, right_m_s)
 
     def travel_m(self) -> tuple[float, float]:
-        """Return what the left and the right wheel's encoder have counted in all, forward positive."""
+        """Return the totals of the left and the right encoder, forward positive."""
         return self._robot.travel_m
 
     def strained(self) -> bool:
-        """Return whether the motors strain against something that holds the robot up."""
+        """Return whether something blocks the motors."""
         return self._robot.is_blocked
 
     def bumps(self) -> tuple[bool, bool]:
@@ -95,75 +71,76 @@ class SimBody:
         """Return whether there is something close to the right-hand side."""
         return is_wall_near(self._robot)
 
-    def battery(self) -> Battery:
+    def battery(self) -> SimBattery:
         """Return the battery."""
         return self._robot.battery
 
 
 class SimulatedPort:
-    """A port as pyserial's, with the five members that drivers use. Thread: any; nothing blocks.
+    """A port with the five members of pyserial's that drivers use. Thread: any; does not block.
 
     Args:
-        world: the world that the robot is in.
+        world: the world of the robot.
         robot: the robot behind the emulator.
-        emulate: makes the emulator for a body.
+        emulate: creates the emulator of a vehicle. The emulator has `feed(data, now_s) -> reply`. If it also has
+            `is_busy` and `tick(now_s)`, it is ticked at every physics tick while it is busy.
     """
 
-    def __init__(self, world: SimWorld, robot: SimRobot, emulate: Callable[[Any], Emulator]) -> None:
+    def __init__(self, world: SimWorld, robot: SimRobot, emulate: Callable[[Any], Any]) -> None:
         self._world = world
         self._robot = robot
-        self._arrived = bytearray()
+        self._received = bytearray()
         self._is_open = True
         with world.caught_up():
-            self._emulator = emulate(SimBody(world, robot))
-            self._busy = self._emulator if isinstance(self._emulator, BusyEmulator) else None
+            self._emulator = emulate(SimVehicle(world, robot))
+            self._is_ticked = hasattr(self._emulator, "is_busy")
 
     @property
     def in_waiting(self) -> int:
-        """How many bytes can be read."""
+        """The number of bytes that can be read."""
         with self._world.caught_up():
             self._check_open()
-            return len(self._arrived)
+            return len(self._received)
 
     def write(self, data: bytes) -> int:
-        """Send bytes to the device; return how many."""
+        """Send bytes to the device; return their number."""
         with self._world.caught_up() as now_s:
             self._check_open()
             self._feed(bytes(data), now_s)
         return len(data)
 
     def read(self, size: int = 1) -> bytes:
-        """Return what has arrived, at most so many bytes; empty for nothing."""
+        """Return at most `size` received bytes; empty for none."""
         with self._world.caught_up() as now_s:
             self._check_open()
             self._feed(b"", now_s)
-            taken = bytes(self._arrived[:size])
-            del self._arrived[:size]
+            taken = bytes(self._received[:size])
+            del self._received[:size]
         return taken
 
     def reset_input_buffer(self) -> None:
-        """Forget what has arrived."""
+        """Discard the received bytes."""
         with self._world.caught_up():
-            self._arrived.clear()
+            self._received.clear()
 
     def close(self) -> None:
-        """Let go of the port; the robot stays as it is, as a real one does."""
+        """Close the port; the robot stays as it is, as a real one does."""
         self._is_open = False
 
     def _feed(self, data: bytes, now_s: float) -> None:
-        if not self._has_power:  # nobody answers
+        if not self._has_power:  # a device without power does not answer
             return
-        self._arrived += self._emulator.feed(data, now_s)
-        del self._arrived[_MOST_WAITING:]
-        if self._busy is not None and self._busy.is_busy:
-            self._world.attend(self._tick)
+        self._received += self._emulator.feed(data, now_s)
+        del self._received[_BUFFER_SIZE:]
+        if self._is_ticked and self._emulator.is_busy:
+            self._world.add_tick_callback(self._tick)
 
     def _tick(self, now_s: float) -> bool:
-        """Let the emulator do what is due; return whether it wants another tick."""
-        if self._busy is None or not self._has_power:
+        """Tick the emulator; return whether it needs another tick."""
+        if not (self._is_ticked and self._has_power):
             return False
-        self._busy.tick(now_s)
-        return self._busy.is_busy
+        self._emulator.tick(now_s)
+        return bool(self._emulator.is_busy)
 
     @property
     def _has_power(self) -> bool:
@@ -174,25 +151,25 @@ class SimulatedPort:
             raise OSError("the port is closed")
 
 
-def open_port(context: PluginContext, url: str, model: str, emulate: Callable[[Any], Emulator]) -> SimulatedPort:
-    """Return the port of a URL `sim://world/<robot>`; the robot joins the world if it is not there.
+def open_port(context: PluginContext, url: str, model: str, emulate: Callable[[Any], Any]) -> SimulatedPort:
+    """Return the port of a URL `sim://world/<robot>`; the robot joins the world if it is new.
 
     Args:
         context: of the driver.
         url: names the robot in the world; without a path it is the driver's own.
         model: the robot's make.
-        emulate: makes the emulator for a body.
+        emulate: creates the emulator of a vehicle; see `SimulatedPort`.
 
     Raises:
-        PluginError: the URL names nothing that can be, or the robot is of another make.
+        PluginError: the URL is invalid, or the robot is of another make.
     """
     parts = urlsplit(url)
     name = parts.path.strip("/") or context.robot
     if parts.netloc != "world" or "/" in name or parts.query or parts.fragment:
-        raise PluginError(f"port {url!r}: a simulated port is called sim://world/<robot>")
+        raise PluginError(f"port {url!r}: a simulated port has the form sim://world/<robot>")
     make = next((make for make in MAKES.values() if make.name == model), None)
     if make is None:
-        raise PluginError(f"port {url!r}: no robot of the simulation is a {model!r}; there are {', '.join(MAKES)}")
+        raise PluginError(f"port {url!r}: the simulation has no make {model!r}; use {', '.join(MAKES)}")
     world = world_of(context.services)
     robot = world.robot_of(name) or world.join(name, make, noise=True, start=None)
     if robot.make.name != model:

@@ -1,24 +1,148 @@
-"""One simulated robot: where it is, the motion it carries out, its encoders, battery and turret."""
+"""One simulated robot: its pose, motion, encoders, battery, turret and faults."""
 
 from __future__ import annotations
 
 import math
+import types
 import zlib
 from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 import pymunk
 
-from eal_actors.plugin import UnavailableError, WheelCalibration
+from eal_actors.plugin import Activity, UnavailableError, WheelCalibration
 
-from .arena import Pose
-from .battery import Battery
+from .arena import Pose2D, QuerySpace
 from .faults import HEALTHY, FaultSet
-from .models import Make
-from .motion import Drive, Motion
-from .turret import Turret
-from .view import View
-from .wheels import DeadReckoning, Wheels, moved
+from .models import BatteryModel, Make, TurretModel
+from .motion import SimWheels, Trapezoid, VelocityDrive, WheelMotion, WheelOdometer, moved
+
+ROOM_C: Final = 22.0
+_WARMING_C_A2: Final = 0.8
+_SECONDS_PER_HOUR: Final = 3600.0
+_REVIVAL_POLL_S: Final = 60.0
+"""Poll interval of an interrupted activity of a dead robot, until the robot is alive again."""
+
+
+class SimBattery:
+    """A battery, drained by time and by driving. It is computed on access.
+
+    Args:
+        model: the battery model of the make.
+        fraction: initial charge, 0..1.
+
+    Attributes:
+        has_failed: whether it is treated as empty, whatever its charge.
+
+    Thread: every member is for the holder of the world's lock.
+    """
+
+    def __init__(self, model: BatteryModel, fraction: float = 1.0) -> None:
+        self._model = model
+        self._capacity_as = model.capacity_ah * _SECONDS_PER_HOUR
+        self._before_as = (1.0 - fraction) * model.capacity_ah * _SECONDS_PER_HOUR
+        self._drawn_as = self._speed_m_s = 0.0
+        self.has_failed = False
+
+    def follow(self, now_s: float, turned_m: float, speed_m_s: float) -> None:
+        """Update from the time, the total travel and the speed of the wheels, each the mean of both wheels.
+
+        The drawn charge follows from the totals, so it does not depend on how often this is called.
+        """
+        self._drawn_as = self._model.idle_a * now_s + self._model.drive_as_m * turned_m
+        self._speed_m_s = speed_m_s
+
+    def is_empty_after(self, now_s: float, turned_m: float) -> bool:
+        """Return whether it is empty at a time and a total travel: a shortcut for each tick."""
+        drawn_as = self._before_as + self._model.idle_a * now_s + self._model.drive_as_m * turned_m
+        return self.has_failed or drawn_as >= self._capacity_as
+
+    @property
+    def capacity_ah(self) -> float:
+        """The full charge."""
+        return self._model.capacity_ah
+
+    @property
+    def charge_ah(self) -> float:
+        """The remaining charge."""
+        if self.has_failed:
+            return 0.0
+        return max(0.0, self._model.capacity_ah - (self._before_as + self._drawn_as) / _SECONDS_PER_HOUR)
+
+    @property
+    def fraction(self) -> float:
+        """The remaining charge as a share of the capacity, 0..1."""
+        return self.charge_ah / self._model.capacity_ah
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no charge remains."""
+        return self.charge_ah <= 0.0
+
+    @property
+    def current_a(self) -> float:
+        """The charging current: negative while drained, 0 when empty."""
+        if self.is_empty:
+            return 0.0
+        return -(self._model.idle_a + self._model.drive_as_m * self._speed_m_s)
+
+    @property
+    def voltage_v(self) -> float:
+        """The terminal voltage under the present current."""
+        model, fraction = self._model, self.fraction
+        low_v, high_v = model.flat_v
+        if fraction < 0.1:
+            open_v = model.empty_v + (low_v - model.empty_v) * fraction / 0.1
+        elif fraction > 0.9:
+            open_v = high_v + (model.full_v - high_v) * (fraction - 0.9) / 0.1
+        else:
+            open_v = low_v + (high_v - low_v) * (fraction - 0.1) / 0.8
+        return open_v + self.current_a * model.resistance_ohm
+
+    @property
+    def temperature_c(self) -> float:
+        """Its temperature: room temperature, plus warming by the current."""
+        return ROOM_C + _WARMING_C_A2 * self.current_a**2
+
+
+class SimTurret:
+    """A massless joint with limited rate and acceleration, independent of the robot's motion. Computed on access.
+
+    Args:
+        model: the turret model of the make.
+        now_s: returns the world's time, in seconds.
+
+    Thread: every member is for the holder of the world's lock.
+    """
+
+    def __init__(self, model: TurretModel, now_s: Callable[[], float]) -> None:
+        self.model = model
+        self._now_s = now_s
+        self._from_rad = 0.0
+        self._sense = 1.0
+        self._profile = Trapezoid(0.0, 1.0, 1.0)
+        self._since_s = 0.0
+
+    @property
+    def yaw_rad(self) -> float:
+        """Its angle, counter-clockwise from straight ahead, unwrapped."""
+        return self._from_rad + self._sense * self._profile.travelled_m(self._now_s() - self._since_s)
+
+    @property
+    def remaining_s(self) -> float:
+        """The time until it rests; 0 at rest."""
+        return max(0.0, self._since_s + self._profile.duration_s - self._now_s())
+
+    def turn(self, angle_rad: float, rate_rad_s: float) -> None:
+        """Begin to turn by an angle, positive to the left, in place of the running turn."""
+        self._from_rad, self._since_s = self.yaw_rad, self._now_s()
+        self._sense = math.copysign(1.0, angle_rad)
+        self._profile = Trapezoid(abs(angle_rad), rate_rad_s, math.radians(self.model.acceleration_deg_s2))
+
+    def stop(self) -> None:
+        """Stop at once."""
+        self.turn(0.0, 1.0)
 
 
 class SimRobot:
@@ -28,21 +152,21 @@ class SimRobot:
         name: the robot's name.
         make: its make.
         noise: whether its wheels have the errors of its make.
-        group: over 0, its own in the world: its rays do not see itself.
+        group: collision group, over 0 and unique in the world: queries skip the robot's own shape.
         seed: the fleet's seed.
         tick_s: length of a physics tick.
-        now_s: tells the world's time, in seconds.
-        charge: how full its battery is at first, 0..1.
+        now_s: returns the world's time, in seconds.
+        charge: initial charge of its battery, 0..1.
 
     Attributes:
-        motion: what it carries out; None while it stands.
-        next_pose: where it will be after the present tick, if nothing is in its way.
-        clear_until_tick: until this tick of the world, it can touch nothing.
+        motion: the running motion; None while it stands.
+        next_pose: its pose after the present tick, if nothing is in its way.
+        clear_until_tick: it cannot touch anything before this tick of the world.
         tick_s: length of a physics tick.
-        odometer: follows the encoders, if somebody wants it to.
-        calibration: what its base and its odometer know of its wheels.
+        odometer: dead reckoning from its encoders, once an Odometry resource exists.
+        calibration: the wheel calibration used by its base and its odometry.
         turret: its turret, if it has one.
-        sensor_generator: the source of all noise of its sensors.
+        sensor_generator: the noise source of all its sensors.
 
     Thread: every member is for the holder of the world's lock.
     """
@@ -63,36 +187,36 @@ class SimRobot:
         self.make = make
         self.noise = noise
         self.filter = pymunk.ShapeFilter(group=group)
-        self.motion: Motion | None = None
-        self.next_pose: Pose = (0.0, 0.0, 0.0)
+        self.motion: WheelMotion | None = None
+        self.next_pose: Pose2D = (0.0, 0.0, 0.0)
         self.clear_until_tick = 0
-        self.odometer: DeadReckoning | None = None
+        self.odometer: WheelOdometer | None = None
         self.calibration = WheelCalibration()
-        self.turret = Turret(make.turret, now_s) if make.turret else None
+        self.turret = SimTurret(make.turret, now_s) if make.turret else None
         name_seed = zlib.crc32(name.encode())
         motion_generator, self.sensor_generator = (np.random.default_rng([seed, name_seed, use]) for use in range(2))
-        self._wheels = Wheels(make if noise else make.without_errors(), motion_generator, tick_s)
-        self._battery = Battery(make.battery, charge)
+        self._wheels = SimWheels(make if noise else make.without_errors(), motion_generator, tick_s)
+        self._battery = SimBattery(make.battery, charge)
         self.tick_s = tick_s
         self._faults = HEALTHY
         self._now_s = now_s
-        self._pose: Pose | None = None
-        self._view: View | None = None
+        self._pose: Pose2D | None = None
+        self._queries: QuerySpace | None = None
         self._command_m = self._gone = self._wanted = (0.0, 0.0)
 
     @property
     def space(self) -> pymunk.Space:
-        """A space that shows where everything is now: for looking, not for changing.
+        """A space with the current places of everything, for queries only.
 
         Raises:
             UnavailableError: it has no place in the world.
         """
-        if self._view is None:
+        if self._queries is None:
             raise self._no_place()
-        return self._view.space
+        return self._queries.space
 
     @property
-    def pose(self) -> Pose:
+    def pose(self) -> Pose2D:
         """Its true x and y in metres and yaw in radians, unwrapped, in the world's frame.
 
         Raises:
@@ -103,33 +227,28 @@ class SimRobot:
         return self._pose
 
     @property
-    def is_placed(self) -> bool:
-        """Whether it has a place in the world."""
-        return self._pose is not None
-
-    @property
     def is_blocked(self) -> bool:
-        """Whether it moves at less than half the speed it is driven at."""
+        """Whether it moves at less than half its commanded speed."""
         arm_m = self.make.track_m / 2
         wanted, gone = (abs(ahead_m) + abs(turn_rad) * arm_m for ahead_m, turn_rad in (self._wanted, self._gone))
-        stands = gone == 0.0 and any(self._command_m)  # with both wheels stuck it is not even wanted to move
+        stands = gone == 0.0 and any(self._command_m)  # with both wheels stuck, `wanted` is 0 as well
         return self.motion is not None and (gone < wanted / 2 or stands)
 
     @property
     def travel_m(self) -> tuple[float, float]:
-        """What the left and the right encoder have counted since it joined, in whole steps."""
+        """The totals of the left and the right encoder since it joined, in whole steps."""
         return self._wheels.counted_m
 
     @property
     def wheel_speeds_m_s(self) -> tuple[float, float]:
-        """What the left and the right wheel are commanded at this moment."""
+        """The commanded speeds of the left and the right wheel at this moment."""
         if self.motion is None:
             return 0.0, 0.0
         left_m, right_m = self._command_m
         return left_m / self.tick_s, right_m / self.tick_s
 
     @property
-    def battery(self) -> Battery:
+    def battery(self) -> SimBattery:
         """Its battery at this moment."""
         left_m_s, right_m_s = self.wheel_speeds_m_s
         self._battery.follow(self._now_s(), self._wheels.turned_m, (abs(left_m_s) + abs(right_m_s)) / 2)
@@ -137,7 +256,7 @@ class SimRobot:
 
     @property
     def faults(self) -> FaultSet:
-        """What is wrong with it on purpose. Thread: any, for reading."""
+        """Its injected faults. Thread: any, for reading."""
         return self._faults
 
     @faults.setter
@@ -156,16 +275,16 @@ class SimRobot:
         """Its turret's angle, counter-clockwise from straight ahead, unwrapped; 0 without a turret."""
         return self.turret.yaw_rad if self.turret else 0.0
 
-    def place(self, view: View, pose: Pose) -> None:
+    def place(self, queries: QuerySpace, pose: Pose2D) -> None:
         """Put it into the world, standing."""
-        self._view = view
+        self._queries = queries
         self._pose = pose
 
-    def start(self, motion: Motion) -> None:
+    def start(self, motion: WheelMotion) -> None:
         """Release the brakes and begin a motion.
 
         Raises:
-            UnavailableError: it has no place in the world, or its battery is empty, or it is dead.
+            UnavailableError: it has no place in the world, its battery is empty, or it is dead.
         """
         if self._pose is None:
             raise self._no_place()
@@ -173,7 +292,7 @@ class SimRobot:
             raise UnavailableError(f"robot {self.name!r} is dead")
         if self.battery.is_empty:
             raise UnavailableError(f"battery is empty: robot {self.name!r} cannot drive")
-        if not (isinstance(self.motion, Drive) and isinstance(motion, Drive)):
+        if not (isinstance(self.motion, VelocityDrive) and isinstance(motion, VelocityDrive)):
             self._wheels.start(motion)
         self.motion = motion
 
@@ -183,7 +302,7 @@ class SimRobot:
         self._command_m = self._gone = self._wanted = (0.0, 0.0)
 
     def predict(self) -> None:
-        """Turn its wheels for one tick, and work out where it will be then if nothing is in its way."""
+        """Turn its wheels for one tick, and compute the pose after it if nothing is in its way."""
         if self.motion is None or self._pose is None:
             return
         self._command_m = self.motion.step()
@@ -193,7 +312,7 @@ class SimRobot:
         self.next_pose = moved(self._pose, ahead_m, turn_rad)
 
     def drive_on(self, tick: int, ticks: int) -> None:
-        """Drive for some ticks from a tick of the world on with nothing in the way, or until the motion is done."""
+        """Drive freely for some ticks after tick number `tick`, or until the motion is done."""
         for after in range(tick + 1, tick + ticks + 1):
             self.predict()
             self.arrive(self.next_pose)
@@ -201,13 +320,13 @@ class SimRobot:
                 return
 
     def is_done(self, now_s: float) -> bool:
-        """Return whether its motion is over, or its battery empty, when the world's time is `now_s` seconds."""
+        """Return whether its motion is over, or its battery empty, at the world's time `now_s`."""
         if self.motion is None or self.motion.is_over:
             return True
         return self._battery.is_empty_after(now_s, self._wheels.turned_m)
 
-    def arrive(self, pose: Pose) -> None:
-        """Take a pose at the end of a tick."""
+    def arrive(self, pose: Pose2D) -> None:
+        """Set its pose at the end of a tick."""
         if pose is self.next_pose:
             self._gone = self._wanted
         else:
@@ -215,5 +334,29 @@ class SimRobot:
             self._gone = math.hypot(pose[0] - x_m, pose[1] - y_m), pose[2] - yaw_rad
         self._pose = pose
 
+    def actuate(self, method: Callable[..., Any], *args: Any) -> Any:
+        """Call a method of an actuator. If the robot dies during the activity, its result is lost. Thread: any."""
+        begun = method(*args)
+        return self._run_while_alive(begun) if isinstance(begun, types.GeneratorType) else begun
+
+    def _run_while_alive(self, activity: Activity) -> Activity:
+        try:
+            result = yield from activity
+        except UnavailableError:
+            if not self.is_dead:
+                raise
+            result = None
+        if not self.is_dead:
+            return result
+        while self.is_dead:
+            yield _REVIVAL_POLL_S
+        raise UnavailableError(f"robot {self.name!r} was dead meanwhile")
+
     def _no_place(self) -> UnavailableError:
         return UnavailableError(f"the simulated world has no free place for robot {self.name!r}")
+
+
+def wrapped_rad(angle_rad: float) -> float:
+    """Return the angle in (-pi, pi]."""
+    wrapped = math.remainder(angle_rad, 2 * math.pi)
+    return math.pi if wrapped == -math.pi else wrapped

@@ -17,43 +17,40 @@ from eal_actors.device.proximity import ProximityObserver
 from eal_actors.device.world import WorldModel
 from eal_actors.plugin import ArgumentError, Clock, FleetServices, PluginError, UnavailableError, WheelCalibration
 
-from .arena import Pose, is_on_floor, places
-from .clearance import Clearance
+from .arena import Pose2D, QuerySpace, is_on_floor, places
 from .models import Make
-from .motion import NOMINAL, Drive, Motion
-from .nearness import Nearness
+from .motion import NOMINAL, VelocityDrive, WheelMotion
+from .physics import ContactEngine, ContactSearch, ProximityReporter, SimBox
 from .robot import SimRobot
-from .touching import SimBox, Touching
-from .view import View
 
 __all__ = ["EMPTY_ROOM", "SimBox", "SimWorld", "world_of"]
 
 EMPTY_ROOM: Final = WorldModel(version=1, name="empty-room", size_m=(6.0, 4.0))
 
-Attendant: TypeAlias = Callable[[float], bool]
-"""Called with the world's time; returns whether it wants to be called again."""
+TickCallback: TypeAlias = Callable[[float], bool]
+"""Receives the world's time; returns whether to call it again at the next tick."""
 
 _TICKS_AT_ONCE: Final = 10
-_ROUNDING: Final = 1e-6  # of a tick: a sum of times that falls short of a tick by less has reached it
+_ROUNDING: Final = 1e-6  # in ticks: a sum of times that falls short of a tick by less counts as the tick
 
 
 class SimWorld:
-    """Walls, obstacles, boxes and robots in one room, which follows the fleet's clock lazily.
+    """Walls, obstacles, boxes and robots in one room.
 
-    It has no thread: whoever looks at it or changes it does so inside `caught_up`, which first runs the physics
-    ticks that have become due. While no robot is driven and no box slides, nothing can move, and due ticks are skipped.
+    The world has no thread. It is stepped lazily: `caught_up` first runs the physics ticks that are due by the fleet's
+    clock. While no robot is driven and no box slides, nothing can move, and due ticks are skipped.
 
     A robot's path depends only on the fleet's seed, the robot's name and its motions, as long as robots do not touch
-    each other: a motion runs in whole ticks and ends in them, whoever looks and however often.
+    each other: a motion lasts whole ticks, whatever thread steps the world and however often.
 
     Args:
         clock: the fleet's clock.
         seed: the fleet's seed.
         model: size, obstacles and tick rate; None for an empty room.
-        observer: is told how near the robots come to each other and to all else; None where nobody wants to know.
+        observer: receives the gaps around the robots; None for no reports.
 
     Attributes:
-        model: what it is made from.
+        model: the world file's model.
         tick_s: length of a physics tick.
 
     Thread: any; one lock.
@@ -66,7 +63,7 @@ class SimWorld:
         self._clock = clock
         self._seed = seed
         self._lock = threading.Lock()
-        self._hold = _Hold(self)
+        self._lock_context = _WorldLock(self)
         self._rate_hz = self.model.physics.rate_hz
         self.tick_s: Final = 1.0 / self._rate_hz
         self._tick = 0
@@ -75,14 +72,16 @@ class SimWorld:
         self._waiting: list[SimRobot] = []
         self._without_start: set[SimRobot] = set()
         self._driven: list[SimRobot] = []
-        self._attendants: list[Attendant] = []
+        self._tick_callbacks: list[TickCallback] = []
         self._groups = count(1)
-        self._touching = Touching(self.model, self.tick_s)
-        self._nearness = Nearness(self._touching, self.tick_s)
-        self._view = View(self.model)
-        for box in self._touching.boxes:
-            self._view.add_box(box, f"box {box.name}", box.model.size_m)
-        self._clearance = Clearance(self.model, self._view, observer, self.tick_s) if observer is not None else None
+        self._engine = ContactEngine(self.model, self.tick_s)
+        self._contacts = ContactSearch(self._engine, self.tick_s)
+        self._queries = QuerySpace(self.model)
+        for box in self._engine.boxes:
+            self._queries.add_box(box, f"box {box.name}", box.model.size_m)
+        self._proximity = (
+            ProximityReporter(self.model, self._queries, observer, self.tick_s) if observer is not None else None
+        )
 
     @property
     def robots(self) -> tuple[SimRobot, ...]:
@@ -92,7 +91,7 @@ class SimWorld:
     @property
     def boxes(self) -> tuple[SimBox, ...]:
         """The movable boxes, in the order of the world file. Thread: their poses inside `caught_up`."""
-        return self._touching.boxes
+        return self._engine.boxes
 
     def robot_of(self, name: str) -> SimRobot | None:
         """Return the robot of that name, or None. Thread: any."""
@@ -105,34 +104,32 @@ class SimWorld:
         make: Make,
         *,
         noise: bool,
-        start: tuple[float, float, float] | None,
+        start: Pose2D | None,
         charge: float = 1.0,
         calibration: WheelCalibration = NOMINAL,
     ) -> SimRobot:
-        """Return the robot of that name, which is made and placed if it is new.
+        """Return the robot of that name; create and place it if it is new.
 
-        A robot stays in the world for good, as a real one stays where its software ends: joining again finds it
-        where it stands.
+        A robot stays in the world for good: after a restart of its software it joins again at its last pose.
 
         Args:
             name: the robot's name.
             make: its make.
             noise: whether its wheels have errors.
-            start: x and y in metres and yaw in radians. Without it, it gets one of the world's start poses, or a free
-                place of a grid, when the world is first used: by then the whole fleet has joined, and places are
-                given in the order of the names.
-            charge: how full its battery is at first, 0..1.
-            calibration: what is known of its wheels from now on.
+            start: x and y in metres and yaw in radians. None for one of the world's start poses, or a free place of a
+                grid. These are assigned on first use of the world, in the order of the names, after the fleet joined.
+            charge: initial charge of its battery, 0..1.
+            calibration: its wheel calibration from now on.
 
         Raises:
-            PluginError: the start is not free, or the robot is there already as another make.
+            PluginError: the start is not free, or the robot is in the world as another make.
         """
         with self._lock:
             if known := self._robots.get(name):
                 if (known.make, known.noise) != (make, noise):
                     raise PluginError(f"robot {name!r} is in the simulated world already, with other settings")
                 if start is not None and known in self._without_start and known.motion is None:
-                    self._start_at(known, start)  # a driver on a simulated port was here first
+                    self._start_at(known, start)  # a driver on a simulated port added it without a start
                 known.calibration = calibration
                 return known
             robot = SimRobot(
@@ -154,7 +151,7 @@ class SimWorld:
             self._robots[name] = robot
             return robot
 
-    def _start_at(self, robot: SimRobot, start: Pose) -> None:
+    def _start_at(self, robot: SimRobot, start: Pose2D) -> None:
         if not self._is_free(start, robot.make.radius_m, robot.filter):
             raise PluginError(
                 f"robot {robot.name!r} cannot start at x {start[0]:g} m, y {start[1]:g} m: it would touch another "
@@ -165,15 +162,15 @@ class SimWorld:
         if robot in self._waiting:
             self._waiting.remove(robot)
 
-    def carry(self, robot: SimRobot, pose: Pose) -> None:
-        """Put a robot that stands down elsewhere, as a person would. Thread: inside `caught_up`.
+    def carry(self, robot: SimRobot, pose: Pose2D) -> None:
+        """Move a standing robot to another place, as a person would carry it. Thread: inside `caught_up`.
 
         Raises:
             ArgumentError: that place is not free.
-            UnavailableError: it is driven.
+            UnavailableError: the robot is driven.
         """
         if robot.motion is not None:
-            raise UnavailableError(f"robot {robot.name!r} is driven: halt it before it is put elsewhere")
+            raise UnavailableError(f"robot {robot.name!r} is driven: halt it before you move it")
         if not self._is_free(pose, robot.make.radius_m, robot.filter):
             raise ArgumentError(
                 f"robot {robot.name!r} cannot stand at x {pose[0]:g} m, y {pose[1]:g} m: it would touch another "
@@ -182,11 +179,11 @@ class SimWorld:
         self._place(robot, pose)
 
     def caught_up(self) -> AbstractContextManager[float]:
-        """Hold the lock on a world that is up to date; gives the world's time in seconds of the fleet's clock."""
-        return self._hold
+        """Hold the lock on an up-to-date world; yields the world's time in seconds of the fleet's clock."""
+        return self._lock_context
 
-    def hold(self) -> float:
-        """Take the lock and catch up; see `caught_up`."""
+    def acquire(self) -> float:
+        """Take the lock and run the due ticks; used by `caught_up`."""
         self._lock.acquire()
         try:
             self._catch_up()
@@ -195,12 +192,12 @@ class SimWorld:
             raise
         return self._now_s()
 
-    def let_go(self) -> None:
-        """Give the lock back."""
+    def release(self) -> None:
+        """Release the lock."""
         self._lock.release()
 
-    def start(self, robot: SimRobot, motion: Motion) -> None:
-        """Begin a robot's motion with the next tick, in place of a running one. Thread: inside `caught_up`.
+    def start(self, robot: SimRobot, motion: WheelMotion) -> None:
+        """Begin a robot's motion at the next tick, in place of the running one. Thread: inside `caught_up`.
 
         Raises:
             UnavailableError: the robot has no place in the world, or its battery is empty.
@@ -209,42 +206,43 @@ class SimWorld:
         self._begin(robot, motion)
 
     def drive(self, robot: SimRobot, left_m_s: float, right_m_s: float, hold_s: float | None = None) -> None:
-        """Have a robot's wheels reach these speeds with its make's acceleration. Thread: inside `caught_up`.
+        """Set the target speeds of a robot's wheels. Thread: inside `caught_up`.
 
-        Both 0 brings it to rest, and then puts the brakes on.
+        Targets of 0 bring it to rest and put the brakes on.
 
         Args:
             robot: the robot.
-            left_m_s: of the left wheel; what is over the make's greatest speed is cut off.
+            left_m_s: of the left wheel; limited to the make's greatest speed.
             right_m_s: of the right wheel, likewise.
-            hold_s: the wheels are brought to rest after this time; None to go on until something else is wanted.
+            hold_s: the wheels are brought to rest after this time; None to go on until the next call.
 
         Raises:
             UnavailableError: the robot has no place in the world, or its battery is empty.
         """
         most_m_s = robot.make.max_speed_m_s
         left_m_s, right_m_s = (min(max(speed_m_s, -most_m_s), most_m_s) for speed_m_s in (left_m_s, right_m_s))
-        speeds_m_s = robot.motion.speeds_m_s if isinstance(robot.motion, Drive) else robot.wheel_speeds_m_s
-        self._begin(robot, Drive(robot.make, speeds_m_s, (left_m_s, right_m_s), hold_s, self.tick_s))
+        motion = robot.motion
+        speeds_m_s = motion.speeds_m_s if isinstance(motion, VelocityDrive) else robot.wheel_speeds_m_s
+        self._begin(robot, VelocityDrive(robot.make, speeds_m_s, (left_m_s, right_m_s), hold_s, self.tick_s))
 
     def stop(self, robot: SimRobot) -> None:
         """Stop a robot at once. Thread: inside `caught_up`."""
         if robot.motion is not None:
             robot.stop()
             self._driven.remove(robot)
-            self._touching.settle(robot)
+            self._engine.settle(robot)
 
-    def attend(self, attendant: Attendant) -> None:
-        """Have somebody called before each tick, with the time, until it returns False. Thread: inside `caught_up`."""
-        if attendant not in self._attendants:
-            self._attendants.append(attendant)
+    def add_tick_callback(self, callback: TickCallback) -> None:
+        """Call a function before each tick, until it returns False. Thread: inside `caught_up`."""
+        if callback not in self._tick_callbacks:
+            self._tick_callbacks.append(callback)
 
-    def _begin(self, robot: SimRobot, motion: Motion) -> None:
+    def _begin(self, robot: SimRobot, motion: WheelMotion) -> None:
         was_driven = robot.motion is not None
         robot.start(motion)
         if not was_driven:
             self._driven.append(robot)
-            self._touching.release(robot)
+            self._engine.release(robot)
         self._without_start.discard(robot)
         if motion.is_over:
             self.stop(robot)
@@ -256,23 +254,23 @@ class SimWorld:
         if self._waiting:
             self._place_waiting()
         due = math.floor(self._clock.now() * self._rate_hz + _ROUNDING)
-        while self._tick < due and (self._attendants or self._driven or self._touching.is_awake):
-            if self._attendants:
+        while self._tick < due and (self._tick_callbacks or self._driven or self._engine.is_awake):
+            if self._tick_callbacks:
                 now_s = self._now_s()
-                self._attendants = [attendant for attendant in self._attendants if attendant(now_s)]
+                self._tick_callbacks = [callback for callback in self._tick_callbacks if callback(now_s)]
             self._run_ticks(due - self._tick)
         self._tick = max(self._tick, due)
-        if self._clearance is not None and self._clearance.is_stale:
-            self._clearance.look(self._placed, self._tick)
+        if self._proximity is not None and self._proximity.is_stale:
+            self._proximity.report(self._placed, self._tick)
 
     def _run_ticks(self, most: int) -> None:
-        """Run a few ticks, `most` at most.
+        """Run a few ticks, at most `most`.
 
-        Robots that can come upon nothing meanwhile drive them all one robot after the other: so the data of each are
-        fetched into the processor's cache once, and not for every tick.
+        Robots that cannot touch anything meanwhile drive all the ticks one robot after the other, so that each robot's
+        data enter the processor's cache once, and not once a tick.
         """
-        self._view.is_stale = True
-        ticks = 1 if self._attendants or self._clearance is not None else min(most, _TICKS_AT_ONCE)
+        self._queries.is_stale = True
+        ticks = 1 if self._tick_callbacks or self._proximity is not None else min(most, _TICKS_AT_ONCE)
         end = self._tick + ticks
         free = [robot for robot in self._driven if robot.clear_until_tick >= end] if ticks > 1 else []
         others = [robot for robot in self._driven if robot.clear_until_tick < end] if free else self._driven.copy()
@@ -285,18 +283,18 @@ class SimWorld:
         self._stop_done(free)
 
     def _run_tick(self, robots: list[SimRobot], free: list[SimRobot], ahead: int) -> None:
-        """Run a tick of robots that may come upon something, beside free ones that are so many ticks ahead."""
+        """Run a tick of robots that may touch something; the free robots are `ahead` ticks ahead."""
         for robot in robots:
             robot.predict()
-        pushing = self._nearness.pushing(robots, self._tick, free, ahead)
-        held = self._touching.run_tick(pushing)
+        pushing = self._contacts.find(robots, self._tick, free, ahead)
+        stopped = self._engine.run_tick(pushing)
         for robot in robots:
-            robot.arrive(held.get(robot, robot.next_pose) if held else robot.next_pose)
-        if self._clearance is not None:
-            self._clearance.look(self._placed, self._tick)
+            robot.arrive(stopped.get(robot, robot.next_pose) if stopped else robot.next_pose)
+        if self._proximity is not None:
+            self._proximity.report(self._placed, self._tick)
 
     def _stop_done(self, robots: list[SimRobot]) -> None:
-        """Stop those whose motion is over, and take them from the list."""
+        """Stop the robots whose motion is over, and remove them from the list."""
         now_s = self._now_s()
         for robot in [robot for robot in robots if robot.is_done(now_s)]:
             robots.remove(robot)
@@ -304,7 +302,7 @@ class SimWorld:
 
     def _place_waiting(self) -> None:
         spots = list(places(self.model))
-        for robot in sorted(self._waiting, key=lambda robot: _counted(robot.name)):
+        for robot in sorted(self._waiting, key=lambda robot: _natural_key(robot.name)):
             radius_m = robot.make.radius_m
             free = (
                 number
@@ -315,43 +313,43 @@ class SimWorld:
                 self._place(robot, spots.pop(number))
         self._waiting.clear()
 
-    def _place(self, robot: SimRobot, pose: Pose) -> None:
-        robot.place(self._view, pose)
+    def _place(self, robot: SimRobot, pose: Pose2D) -> None:
+        robot.place(self._queries, pose)
         if robot in self._placed:
-            self._view.is_stale = True
+            self._queries.is_stale = True
         else:
-            self._view.add_disc(robot, robot.name, robot.make.radius_m, robot.filter)
+            self._queries.add_disc(robot, robot.name, robot.make.radius_m, robot.filter)
             self._placed += (robot,)
-        self._touching.settle(robot)
+        self._engine.settle(robot)
         for known in self._robots.values():
             known.clear_until_tick = 0
-        if self._clearance is not None:
-            self._clearance.is_stale = True
+        if self._proximity is not None:
+            self._proximity.is_stale = True
 
-    def _is_free(self, pose: Pose, radius_m: float, ignoring: pymunk.ShapeFilter | None = None) -> bool:
+    def _is_free(self, pose: Pose2D, radius_m: float, ignoring: pymunk.ShapeFilter | None = None) -> bool:
         x_m, y_m, _ = pose
         width_m, height_m = self.model.size_m
         inside = abs(x_m) + radius_m <= width_m / 2 and abs(y_m) + radius_m <= height_m / 2
-        space = self._view.space
+        space = self._queries.space
         return inside and space.point_query_nearest((x_m, y_m), radius_m, ignoring or pymunk.ShapeFilter()) is None
 
 
-def _counted(name: str) -> tuple[list[str | int], str]:
-    """Return what orders names as one counts: robot2 comes before robot10."""
+def _natural_key(name: str) -> tuple[list[str | int], str]:
+    """Return a sort key that puts robot2 before robot10."""
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)], name
 
 
-class _Hold:
-    """The context of `SimWorld.caught_up`: one for all, for the lock lets one in at a time."""
+class _WorldLock:
+    """The context manager of `SimWorld.caught_up`. One object is enough, because the lock admits one holder."""
 
     def __init__(self, world: SimWorld) -> None:
         self._world = weakref.proxy(world)
 
     def __enter__(self) -> float:
-        return self._world.hold()  # type: ignore[no-any-return]  # a proxy has no types
+        return self._world.acquire()  # type: ignore[no-any-return]  # a proxy has no types
 
     def __exit__(self, *_: object) -> None:
-        self._world.let_go()
+        self._world.release()
 
 
 def world_of(services: FleetServices) -> SimWorld:

@@ -22,8 +22,7 @@ from eal_actors.device.resource import Activity, Resource, command
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.host import Host
-from eal_actors.net.server import RobotServer
+from eal_actors.net.server.host import RobotHost
 from eal_actors.net.session import open_session, robot_config
 from tests.robots import running_robot
 
@@ -112,15 +111,15 @@ def main() -> None:
     config = fleet_of(robots, port)
     with ExitStack() as stack:
         session = stack.enter_context(open_session(robot_config(config, "bot1")))
-        host = Host(config.name, session, config.network.dead_man_s).launch()
+        host = RobotHost(config.name, session, config.network).launch()
         stack.callback(host.close, 5.0)
         for name in config.robots:
             made: dict[str, Callable[[], Resource]] = {"Lamp": Lamp}
             if robots <= 100:
                 made["Eye"] = Eye if robots == 1 else SmallEye
             robot = stack.enter_context(running_robot(made, name=name, clock=SystemClock()))
-            server = RobotServer(config.name, robot, session, config.network, host).launch()
-            stack.callback(server.close, 5.0)
+            server = host.serve(robot)
+            stack.callback(server.close)
 
         def answer(query: zenoh.Query) -> None:
             key = str(query.key_expr)

@@ -26,8 +26,7 @@ from eal_actors.actors.robot_view import RobotState
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.host import Host
-from eal_actors.net.server import RobotServer
+from eal_actors.net.server.host import RobotHost
 from eal_actors.net.session import open_session, robot_config
 
 PLUGINS: Final = Path(__file__).parent / "scale_plugins"
@@ -131,10 +130,10 @@ def host(config: FleetConfig) -> None:
         stack.callback(fleet.close)
         sys.stdout.write(json.dumps({**measured(fleet), "bare_s": reference_s}) + "\n")
         session = stack.enter_context(open_session(robot_config(config, "bot1")))
-        shared = Host(config.name, session, config.network.dead_man_s).launch()
+        shared = RobotHost(config.name, session, config.network).launch()
         stack.callback(shared.close, 5.0)
         for robot in fleet.values():
-            stack.callback(RobotServer(config.name, robot, session, config.network, shared).launch().close, 5.0)
+            stack.callback(shared.serve(robot).close)
         sys.stdout.write("up\n")
         sys.stdout.flush()
         sys.stdin.read()

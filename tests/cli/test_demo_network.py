@@ -50,7 +50,7 @@ def test_a_port_that_is_taken_is_told(start: Start, served_slides: Path, move: P
         process = start("demo-network", move, "--fleet", served_slides, "--runs-dir", tmp_path / "runs")
         _, err = process.communicate(timeout=60)
     assert process.returncode == 3
-    assert f"{address}: cannot listen there, for the port is in use by another program" in err
+    assert f"{address}: cannot listen there: the port is in use by another program" in err
     assert "Error: two: its server has ended" in err
     assert not (tmp_path / "runs").exists()
 

@@ -11,7 +11,7 @@ import pytest
 
 from eal_actors.facade.service import RobotService
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.net.certificates import make_authority, make_certificate
+from eal_actors.net.security.certificates import make_authority, make_certificate
 from eal_actors.operate.doctor.plugins import check_plugins
 from tests.net.links import free_port
 

@@ -140,7 +140,7 @@ def test_what_to_do_about_missing_modules(eal: Any, slides: Path) -> None:
 @pytest.mark.parametrize(
     "message",
     [
-        "tcp/127.0.0.1:50001: cannot listen there, for the port is in use by another program",
+        "tcp/127.0.0.1:50001: cannot listen there: the port is in use by another program",
         "metrics cannot be served at port 9000: Address already in use",
     ],
 )

@@ -100,21 +100,23 @@ def check_cut_off(summary: Report, events_before: Sequence[Mapping[str, Any]]) -
 
 def check_whole(record: McapContent, run: RunFolder, break_s: float) -> None:
     """The record for other tools holds every event, every pose and every call, from before and from after."""
-    assert record.is_whole
-    events = [entry.message for entry in record.entries if entry.topic == "/events"]
+    assert record.is_complete
+    events = [entry.message for entry in record.messages if entry.topic == "/events"]
     assert [{key: event[key] for key in event if key != "timestamp"} for event in events] == list(run.events)
     for robot, path in run.paths.items():
-        poses = [entry for entry in record.entries if entry.topic == f"/{robot}/Pose"]
+        poses = [entry for entry in record.messages if entry.topic == f"/{robot}/Pose"]
         wanted = [(sample.time_s, sample.x_m, sample.y_m) for sample in path]
         found = [(pose.time_s, *(pose.message["pose"]["position"][key] for key in "xy")) for pose in poses]
         assert len(found) == len(wanted)
         for one, other in zip(found, wanted, strict=True):
             assert one == pytest.approx(other, abs=0.0006)
-    calls = [entry.message["command"] for entry in record.entries if entry.topic == "/roomba-1/commands"]
+    calls = [entry.message["command"] for entry in record.messages if entry.topic == "/roomba-1/commands"]
     assert calls == ["f0.2", "f0.3", "f0.3", "r90"]
-    (line,) = [entry for entry in record.entries if entry.topic == "/log" and "cut off" in entry.message["message"]]
+    (line,) = [
+        entry for entry in record.messages if entry.topic == "/log" and "interrupted" in entry.message["message"]
+    ]
     assert line.time_s == pytest.approx(break_s)
-    assert len([entry for entry in record.entries if entry.topic == "/arena"]) <= 1
+    assert len([entry for entry in record.messages if entry.topic == "/arena"]) <= 1
     assert "resources.json" in record.attachments
 
 
@@ -137,8 +139,8 @@ def test_a_run_that_was_cut_off_twice(eal: Any, killed: Path) -> None:
     assert run.breaks_s[0] == first
     assert run.summary.continued_s == run.breaks_s
     content = read_mcap(killed / "run.mcap")
-    assert content.is_whole
-    assert len([entry for entry in content.entries if entry.topic == "/events"]) >= len(run.events)
+    assert content.is_complete
+    assert len([entry for entry in content.messages if entry.topic == "/events"]) >= len(run.events)
 
 
 def test_the_report_shows_the_break(eal: Any, killed: Path) -> None:
@@ -146,8 +148,8 @@ def test_the_report_shows_the_break(eal: Any, killed: Path) -> None:
     assert eal("report", killed).exit_code == 0
     page = (killed / "report.html").read_text(encoding="utf-8")
     (break_s,) = RunFolder.open(killed).breaks_s
-    assert f"went on at {break_s:.3f} s" in page
-    assert "the run was cut off here, and goes on at steps[1]" in page
+    assert f"resumed at {break_s:.3f} s" in page
+    assert "the run was interrupted here, and resumed at steps[1]" in page
     assert 'class="break"' in page
 
 

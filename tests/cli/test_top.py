@@ -18,18 +18,18 @@ from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import PreemptedError, StoppedError
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.operate.metrics.tally import CallWatch
-from eal_actors.operate.top.figures import Recent
-from eal_actors.operate.top.newest_run import newest_run, progress_of
-from eal_actors.operate.top.screen import Details, LastLines, TopApp
+from eal_actors.operate.metrics.call_observer import CallObserver
+from eal_actors.operate.top.call_statistics import RecentCalls
+from eal_actors.operate.top.run_progress import latest_run, progress_of
+from eal_actors.operate.top.screen import Details, LogBuffer, TopApp
 from tests.net.links import eventually, free_port
 
 Script = Callable[[TopApp, Pilot[None]], Awaitable[None]]
 
 
-def watch(fleet: Fleet, runs: Path, script: Script, lines: LastLines | None = None) -> None:
+def watch(fleet: Fleet, runs: Path, script: Script, lines: LogBuffer | None = None) -> None:
     """Run the screen without a terminal and without timers, and the script on it."""
-    calls = Recent()
+    calls = RecentCalls()
     clock = fleet.clock
 
     async def play() -> None:
@@ -37,7 +37,7 @@ def watch(fleet: Fleet, runs: Path, script: Script, lines: LastLines | None = No
         async with app.run_test(size=(140, 30)) as pilot:
             await script(app, pilot)
 
-    with CallWatch(clock, lambda call, _, took_s: calls.note(call.cell.robot, clock.now(), took_s)):
+    with CallObserver(clock, lambda call, _, took_s: calls.note(call.cell.robot, clock.now(), took_s)):
         asyncio.run(play())
 
 
@@ -113,7 +113,7 @@ class TestRobots:
         watch(fleet, tmp_path, script)
 
     def test_log_lines_do_not_tear_the_screen(self, fleet: Fleet, tmp_path: Path) -> None:
-        lines = LastLines(most=2)
+        lines = LogBuffer(most=2)
 
         async def script(app: TopApp, _: Pilot[None]) -> None:
             lines.write("first\nsecond\n")
@@ -167,13 +167,13 @@ class TestRuns:
 
     def test_runs_of_other_fleets_are_not(self, eal: Any, slides: Path, move: Path, tmp_path: Path) -> None:
         eal("run", move, "--fleet", slides, "--runs-dir", tmp_path / "runs", "--rate", "max")
-        assert newest_run(tmp_path / "runs", "others") is None
-        assert newest_run(tmp_path / "nowhere", "slides") is None
+        assert latest_run(tmp_path / "runs", "others") is None
+        assert latest_run(tmp_path / "nowhere", "slides") is None
 
 
 class TestFigures:
     def test_quantiles_and_rates_of_the_last_seconds(self) -> None:
-        recent = Recent()
+        recent = RecentCalls()
         recent.note("one", 0.0, 9.0)  # too long ago
         for number in range(100):
             recent.note("one", 10.5, (number + 1) / 100)
@@ -182,7 +182,7 @@ class TestFigures:
         assert recent.figures("two", 11.0).p50_s is None
 
     def test_a_flood_is_counted_by_what_is_kept_of_it(self) -> None:
-        recent = Recent()
+        recent = RecentCalls()
         for number in range(10_000):
             recent.note("one", number / 10_000, 0.001)
         assert recent.figures("one", 1.0).calls_per_s == pytest.approx(10_000, rel=0.01)

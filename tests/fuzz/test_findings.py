@@ -10,15 +10,15 @@ import pytest
 
 from eal_actors.device.data import EALData
 from eal_actors.kernel.errors import ProtocolError, UnavailableError
-from eal_actors.net.frames import Frame, decode_frame, encode_frame
-from eal_actors.net.wire import RobotTime
+from eal_actors.net.wire.frames import StreamFrame, decode_frame, encode_frame
+from eal_actors.net.wire.messages import RobotTime
 
 TIME = RobotTime("8f3a", 2.5)
 IMAGE = EALData.of(np.zeros((4, 6, 3), np.uint8))
 
 
 def sent(encoding: str) -> tuple[bytes, bytes]:
-    envelope, payload = encode_frame(Frame(IMAGE, TIME), encoding)  # type: ignore[arg-type]
+    envelope, payload = encode_frame(StreamFrame(IMAGE, TIME), encoding)  # type: ignore[arg-type]
     return envelope, bytes(payload)
 
 
@@ -58,5 +58,5 @@ def test_what_is_no_bomb_is_decoded() -> None:
         content = decode_frame(*sent(encoding)).content
         assert isinstance(content, EALData)
         assert content.shape == (4, 6, 3)
-    envelope, payload = encode_frame(Frame(UnavailableError("away"), TIME), "png")
+    envelope, payload = encode_frame(StreamFrame(UnavailableError("away"), TIME), "png")
     assert isinstance(decode_frame(envelope, payload).content, UnavailableError)

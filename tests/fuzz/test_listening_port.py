@@ -19,7 +19,7 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import EALError
-from eal_actors.net.session import open_session, visitor_config
+from eal_actors.net.session import open_session, probe_config
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Process, Rig, ready, served
 
@@ -62,7 +62,7 @@ def greeting() -> bytes:
 
         listening = threading.Thread(target=listen)
         listening.start()
-        with contextlib.suppress(EALError), open_session(visitor_config(endpoint), timeout_s=1.0):
+        with contextlib.suppress(EALError), open_session(probe_config(endpoint), timeout_s=1.0):
             pass
         listening.join(WAIT_S)
     assert heard

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.house import javascript
+
 ROOT = Path(__file__).parents[2]
 SCRIPTS = Path(sysconfig.get_path("scripts"))
 
@@ -25,6 +27,15 @@ SCRIPTS = Path(sysconfig.get_path("scripts"))
 )
 def test_the_house_is_in_order(command: list[str]) -> None:
     done = subprocess.run([SCRIPTS / command[0], *command[1:]], cwd=ROOT, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.timeout(2 * javascript.LIMIT_S)
+def test_the_dashboards_javascript_is_in_order() -> None:
+    try:
+        done = javascript.check()
+    except javascript.NotCheckedError as error:
+        pytest.skip(str(error))
     assert done.returncode == 0, done.stdout + done.stderr
 
 

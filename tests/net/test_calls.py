@@ -32,7 +32,7 @@ from eal_actors.kernel.errors import (
     StaleCommandError,
     UnsupportedError,
 )
-from eal_actors.net.wire import MAX_PAYLOAD_BYTES
+from eal_actors.net.wire.packing import MAX_PAYLOAD_BYTES
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, failure, ready
 
@@ -178,7 +178,7 @@ def test_one_byte_more_is_refused_in_both_directions(remote: RobotHandle) -> Non
         count = MAX_PAYLOAD_BYTES + 1
         assert str(error) == f"r1/Eye: a value of {count} bytes is over the {count - 1} that one message may carry"
     assert remote["Eye"].get_status().exception(timeout=WAIT_S) is not None  # unsupported, but it answers
-    assert not remote._actor.lane._running  # type: ignore[attr-defined]  # what could not be sent is not kept
+    assert not remote._actor.calls.tracker.commands  # type: ignore[attr-defined]  # what could not be sent is not kept
 
 
 # Time.
@@ -273,7 +273,7 @@ def test_cancelling_at_once_leaves_nothing_running(rig: Rig, remote: RobotHandle
         remote["Arm"].send_cmd(f"move{30 + n}").cancel()
     assert remote["Arm"].send_cmd("step1").get() == 1
     assert eventually(lambda: remote["Arm"].get_status().get() == 0)
-    assert not remote._actor.lane._running  # type: ignore[attr-defined]
+    assert not remote._actor.calls.tracker.commands  # type: ignore[attr-defined]
     assert not rig.notes("end")
 
 

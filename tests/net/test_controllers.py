@@ -27,8 +27,8 @@ from eal_actors.kernel.errors import (
     StoppedError,
     UnavailableError,
 )
-from eal_actors.net.host import Host
-from eal_actors.net.lane import MOST_UNDER_WAY
+from eal_actors.net.controller.call_queue import MAX_PENDING_CALLS
+from eal_actors.net.server.host import RobotHost
 from tests.net.links import eventually
 from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, becomes, failure, ready
 
@@ -83,11 +83,11 @@ def test_a_stop_of_another_controller_is_a_stop(rig: Rig) -> None:
 def hold_up(remote: RobotHandle, gate: threading.Event) -> None:
     """Keep calls from being sent until the gate opens, as a stalled link would."""
     controller = remote._actor._controller  # type: ignore[attr-defined]
-    controller.pace.sent()  # as if one were under way: so none leaves from its caller's thread
+    controller.window.sent()  # as if one were under way: so none leaves from its caller's thread
 
     def wait() -> None:
         gate.wait(WAIT_S)
-        controller.pace.answered()
+        controller.window.answered()
 
     controller.sender.actor_inbox.call_soon(wait)
 
@@ -115,8 +115,8 @@ def test_what_waits_to_be_sent_does_not_get_stale(rig: Rig, remote: RobotHandle)
 def test_no_more_than_so_many_calls_to_a_robot_are_under_way(rig: Rig, remote: RobotHandle) -> None:
     gate = threading.Event()
     hold_up(remote, gate)
-    calls = [remote["Gauge"].get_value() for _ in range(MOST_UNDER_WAY + 1)]
-    assert f"{MOST_UNDER_WAY} calls to the robot are under way" in str(failure(calls.pop(), BusyError))
+    calls = [remote["Gauge"].get_value() for _ in range(MAX_PENDING_CALLS + 1)]
+    assert f"{MAX_PENDING_CALLS} calls to the robot are under way" in str(failure(calls.pop(), BusyError))
     gate.set()
     gather(calls).get()
 
@@ -124,7 +124,7 @@ def test_no_more_than_so_many_calls_to_a_robot_are_under_way(rig: Rig, remote: R
 def test_a_status_is_asked_for_while_no_more_calls_are_taken(rig: Rig, remote: RobotHandle) -> None:
     gate = threading.Event()
     hold_up(remote, gate)
-    calls = [remote["Gauge"].get_value() for _ in range(MOST_UNDER_WAY)]
+    calls = [remote["Gauge"].get_value() for _ in range(MAX_PENDING_CALLS)]
     status = remote["Arm"].get_status()
     gate.set()
     assert status.get() == 0
@@ -134,7 +134,7 @@ def test_a_status_is_asked_for_while_no_more_calls_are_taken(rig: Rig, remote: R
 def test_what_is_given_up_before_it_leaves_takes_no_call_s_place(rig: Rig, remote: RobotHandle) -> None:
     gate = threading.Event()
     hold_up(remote, gate)
-    for n in range(4 * MOST_UNDER_WAY):
+    for n in range(4 * MAX_PENDING_CALLS):
         step = remote["Arm"].send_cmd(f"step{n}")
         step.cancel()
         failure(step, CallCancelledError)  # and not BusyError
@@ -147,7 +147,7 @@ def test_what_is_given_up_before_it_leaves_takes_no_call_s_place(rig: Rig, remot
 def test_a_stop_is_not_held_up_by_other_robots_links(rig: Rig, remote: RobotHandle) -> None:
     gate = threading.Event()
     controller = remote._actor._controller  # type: ignore[attr-defined]
-    for sender in (controller.sender, controller._urgent):
+    for sender in (controller.sender, controller._urgent_sender):
         sender.actor_inbox.call_soon(lambda: gate.wait(WAIT_S) and None)
     remote.stop("a stalled link elsewhere").get()
     assert remote["Arm"].halt().get() == 1
@@ -196,7 +196,7 @@ def test_a_server_that_loses_its_own_actor_halts_its_robots(rig: Rig) -> None:
     with RobotService(rig.config, "r1") as service, ready(Fleet(rig.config)) as fleet:
         running = fleet["r1"]["Arm"].send_cmd("move30")
         assert rig.begun("move30")
-        (host,) = ActorRegistry.get_by_class(Host)
+        (host,) = ActorRegistry.get_by_class(RobotHost)
 
         def die() -> None:
             raise SystemExit("an error of ours")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,7 +18,8 @@ from eal_actors.actors.running import Running, process_name
 from eal_actors.device.data import EALData
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.errors import PreemptedError, UnavailableError
-from eal_actors.net.messages import Event
+from eal_actors.net.controller.controller import RobotListener
+from eal_actors.net.wire.messages import RobotEvent
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served
 
@@ -83,17 +86,17 @@ def test_a_short_command_is_never_listed(fleet: Fleet) -> None:
 
 
 def test_an_outcome_whose_event_got_lost_is_asked_for(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
-    connection = fleet["r1"]._actor
-    lost: list[Event] = []
-    tell = connection.tell  # type: ignore[attr-defined]
+    connection: Any = fleet["r1"]._actor
+    listener: RobotListener = connection._listener
+    lost: list[RobotEvent] = []
 
-    def lossy(event: Event) -> None:
+    def lossy(event: RobotEvent) -> None:
         if event.kind == "result" and not lost:
             lost.append(event)
         else:
-            tell(event)
+            listener.on_event(event)
 
-    monkeypatch.setattr(connection, "tell", lossy)
+    monkeypatch.setitem(connection._controller._listeners, "r1", replace(listener, on_event=lossy))
     assert fleet["r1"]["Arm"].send_cmd("move0.5", timeout_s=WAIT_S).get() == 7
     assert len(lost) == 1
     assert not fleet["r1"].running
@@ -102,7 +105,7 @@ def test_an_outcome_whose_event_got_lost_is_asked_for(fleet: Fleet, monkeypatch:
 def test_an_outcome_that_comes_behind_the_sign_of_life_is_the_outcome(rig: Rig, fleet: Fleet) -> None:
     robot = fleet["r1"]
     move = robot["Arm"].send_cmd("move0.05")
-    robot._actor.gone("goes")  # type: ignore[attr-defined]  # before anything is answered: the move takes longer
+    robot._actor._listener.on_gone("goes")  # type: ignore[attr-defined]  # before anything is answered: the move takes longer
     assert move.get() == 7
     assert len(rig.notes("begin")) == 1
 
@@ -157,9 +160,9 @@ def test_values_are_stamped_by_the_readers_clock(tmp_path: Path, rate: int) -> N
 
 
 def test_the_shown_names_hold_no_tricks() -> None:
-    from eal_actors.net.names import Names
+    from eal_actors.net.server.admission import ControllerNames
 
-    names = Names()
+    names = ControllerNames()
     assert names.of("ab") == "ab"
     names.note("ab", " anna@\x1b[31mlab\n ")
     assert names.of("ab") == "anna@[31mlab"

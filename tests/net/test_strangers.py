@@ -27,12 +27,12 @@ from eal_actors.kernel.errors import (
     StaleCommandError,
     UnavailableError,
 )
-from eal_actors.net.certificates import make_authority, make_certificate
-from eal_actors.net.errand import ask_robots
-from eal_actors.net.keys import STOP
-from eal_actors.net.packing import PROTOCOL_VERSION
+from eal_actors.net.controller.broadcast import ask_robots
+from eal_actors.net.security.certificates import make_authority, make_certificate
 from eal_actors.net.session import controller_config, open_session, robot_config
-from eal_actors.net.wire import Answer, CallHeader, Reply, RobotTime, decode_reply, encode_call
+from eal_actors.net.wire.keys import STOP
+from eal_actors.net.wire.messages import Answer, CallHeader, CallReply, RobotTime, decode_reply, encode_call
+from eal_actors.net.wire.packing import PROTOCOL_VERSION
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served, servers
 
@@ -86,7 +86,7 @@ class Stranger:
         assert answer.attachment is not None
         self._heard.put((answer.attachment.to_bytes(), answer.payload.to_bytes()))
 
-    def ask(self, key: str, envelope: bytes, payload: bytes = b"", client: str = CLIENT) -> Reply:
+    def ask(self, key: str, envelope: bytes, payload: bytes = b"", client: str = CLIENT) -> CallReply:
         """Return the answer to a call; there must be one."""
         self._session.put(f"eal/f/r1/{key}/_/{client}", payload, attachment=envelope)
         reply = decode_reply(*self._heard.get(timeout=WAIT_S))
@@ -228,7 +228,7 @@ def test_a_robot_of_another_release_is_seen_and_told_apart_until_it_is_updated(r
             assert robot.state is RobotState.LOST
             assert f"version {other} of the protocol, this one {PROTOCOL_VERSION}" in str(robot.problems[0])
             failure(robot.ping(), UnavailableError)
-            ask_robots(rig.config, ["r1"], STOP, tell=told.__setitem__, timeout_s=WAIT_S)
+            ask_robots(rig.config, ["r1"], STOP, on_result=told.__setitem__, timeout_s=WAIT_S)
             assert isinstance(told["r1"], ProtocolError)
             assert str(other) in told["r1"].message
             old.close()

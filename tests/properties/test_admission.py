@@ -1,4 +1,4 @@
-"""Which commands a robot lets begin: receipts, leases and dead-man's switch together, against a model of the whole.
+"""Which commands a robot lets begin: history, leases and dead-man's switch together, against a model of the whole.
 
 The parts have machines of their own in tests/unit/net. Here controllers with clocks that differ speak through a network
 that delays, repeats, reorders and swallows, to a robot that is frozen now and then; the model knows the true time.
@@ -15,9 +15,9 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ResourceBusyError, StaleCommandError, UnavailableError
-from eal_actors.net.admission import Admission
-from eal_actors.net.receipts import Receipt, Stamper
-from eal_actors.net.wire import CallHeader, CallId
+from eal_actors.net.freshness import CommandRecord, Stamper
+from eal_actors.net.server.admission import Admission
+from eal_actors.net.wire.messages import CallHeader, CallId
 
 CLIENTS = ("a" * 16, "b" * 16)
 ACTUATORS = ["Arm", "Wheels"]
@@ -121,7 +121,7 @@ class AdmissionMachine(RuleBasedStateMachine):
         try:
             begin_within_s = self.admission.check(letter.header, letter.method, letter.resource)
         except StaleCommandError:
-            return  # whether that was right is the matter of ReceiptsMachine
+            return  # whether that was right is the matter of HistoryMachine
         except ResourceBusyError:
             self.refused(call, holder)
             return
@@ -150,11 +150,11 @@ class AdmissionMachine(RuleBasedStateMachine):
         call = data.draw(st.sampled_from(sorted(call for call, has_ended in self.begun.items() if not has_ended)))
         self.admission.finish(call, 7)
         self.begun[call] = True
-        assert self.admission.recall(call) == Receipt(True, 7)
+        assert self.admission.recall(call) == CommandRecord(True, 7)
 
     @rule(who=WHO)
     def beat(self, who: int) -> None:
-        self.admission.hear(CLIENTS[who])
+        self.admission.heard(CLIENTS[who])
         self.hear(CLIENTS[who])
 
     @rule(who=WHO, resource=RESOURCES)
@@ -207,7 +207,7 @@ class AdmissionMachine(RuleBasedStateMachine):
     def remembers_what_runs(self) -> None:
         for call, has_ended in self.begun.items():
             if not has_ended:
-                assert self.admission.recall(call) == Receipt(False)
+                assert self.admission.recall(call) == CommandRecord(False)
 
 
 AdmissionMachine.TestCase.settings = settings(max_examples=100, stateful_step_count=40)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.recording import Difference, RunFolder, differences
+from eal_actors.recording import Difference, RunFolder, compare_runs
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def change_event(run: Path, number: int, change: dict[str, Any]) -> None:
 
 
 def compared(run: Path, other: Path, tolerance: float = 0.0) -> list[Difference]:
-    return list(differences(RunFolder.open(run), RunFolder.open(other), tolerance))
+    return list(compare_runs(RunFolder.open(run), RunFolder.open(other), tolerance))
 
 
 def test_a_changed_event_is_named_with_both_values(run: Path, other: Path) -> None:

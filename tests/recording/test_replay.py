@@ -11,7 +11,7 @@ import pytest
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import NotReadyError, ResourceFaultError, RobotFailedError
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.recording import RunFolder, differences
+from eal_actors.recording import RunFolder, compare_runs
 from eal_actors.scenario import Run, load_scenario, make_plan
 
 
@@ -75,4 +75,4 @@ def test_a_robot_that_is_not_in_the_record_says_which_are(run: Path) -> None:
 
 
 def test_runs_that_repeat_do_not_differ(run: Path) -> None:
-    assert list(differences(RunFolder.open(run), RunFolder.open(run))) == []
+    assert list(compare_runs(RunFolder.open(run), RunFolder.open(run))) == []

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors.recording import RunFolder, kept_world, render_report
-from eal_actors.recording.timeline import Bar, time_lines
+from eal_actors.recording.timeline import Bar, timeline_of
 
 
 class _Page(HTMLParser):
@@ -75,12 +75,12 @@ def test_a_run_whose_controller_crashed_has_a_page_too(run: Path, tmp_path: Path
     text = (copy / "events.jsonl").read_text().splitlines()
     (copy / "events.jsonl").write_text("\n".join(text[:5]) + "\n")
     page = render_report(RunFolder.open(copy))
-    assert "the record ends before the run did" in page
+    assert "the record is incomplete" in page
     assert re.search(r'class="unfinished"', page)
 
 
 def test_calls_side_by_side_take_two_lanes() -> None:
-    line = time_lines([])
+    line = timeline_of([])
     one, other, later = (Bar(a, b, "x", "s", "done", "") for a, b in ((0.0, 2.0), (1.0, 3.0), (2.0, 4.0)))
     line.bars["r"] = [one, other, later]
-    assert line.lanes("r") == [[one, later], [other]]
+    assert line.rows("r") == [[one, later], [other]]

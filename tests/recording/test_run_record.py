@@ -41,7 +41,7 @@ def test_the_poses_of_the_record_are_those_of_the_trajectory(run: Path) -> None:
 
 
 def test_messages_are_stamped_in_the_time_of_the_run(run: Path) -> None:
-    entries = read_mcap(run / "run.mcap").entries
+    entries = read_mcap(run / "run.mcap").messages
     last_s = max(entry.time_s for entry in entries)
     end_s = poses(run, "roomba-1")[-1][0]
     assert min(entry.time_s for entry in entries) == 0.0
@@ -49,7 +49,7 @@ def test_messages_are_stamped_in_the_time_of_the_run(run: Path) -> None:
 
 
 def test_it_holds_transforms_scans_frames_calls_and_the_arena(run: Path) -> None:
-    entries = read_mcap(run / "run.mcap").entries
+    entries = read_mcap(run / "run.mcap").messages
     schema_of = {entry.topic: entry.schema for entry in entries}
     assert schema_of["/tf"] == "foxglove.FrameTransforms"
     assert schema_of["/arena"] == "foxglove.SceneUpdate"
@@ -64,7 +64,7 @@ def test_it_holds_transforms_scans_frames_calls_and_the_arena(run: Path) -> None
 
 
 def test_the_arena_has_every_field_that_foxglove_requires_of_an_entity(run: Path) -> None:
-    (entity,) = next(e.message["entities"] for e in read_mcap(run / "run.mcap").entries if e.topic == "/arena")
+    (entity,) = next(e.message["entities"] for e in read_mcap(run / "run.mcap").messages if e.topic == "/arena")
     assert set(entity) == {
         *("timestamp", "frame_id", "id", "lifetime", "frame_locked", "metadata", "arrows", "cubes", "spheres"),
         *("cylinders", "lines", "triangles", "texts", "models"),
@@ -72,7 +72,7 @@ def test_the_arena_has_every_field_that_foxglove_requires_of_an_entity(run: Path
 
 
 def test_a_transform_turns_with_the_robot(run: Path) -> None:
-    entries = read_mcap(run / "run.mcap").entries
+    entries = read_mcap(run / "run.mcap").messages
     turns = [
         transform["rotation"]
         for entry in entries
@@ -108,9 +108,9 @@ def test_a_record_without_its_end_is_read_as_far_as_it_goes(run: Path, tmp_path:
     torn = tmp_path / "run.mcap"
     torn.write_bytes(whole[: len(whole) // 2])
     content = read_mcap(torn)
-    assert not content.is_whole
-    assert content.entries == read_mcap(run / "run.mcap").entries[: len(content.entries)]
-    assert content.entries
+    assert not content.is_complete
+    assert content.messages == read_mcap(run / "run.mcap").messages[: len(content.messages)]
+    assert content.messages
 
 
 def test_what_is_no_record_says_so(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_what_is_no_record_says_so(tmp_path: Path) -> None:
 
 def test_frames_that_the_scenario_takes_are_recorded_though_cameras_are_not(tmp_path: Path) -> None:
     directory = record_run(tmp_path / "one" / "run", "poses")
-    frames = [entry for entry in read_mcap(directory / "run.mcap").entries if entry.topic.endswith("/Camera")]
+    frames = [entry for entry in read_mcap(directory / "run.mcap").messages if entry.topic.endswith("/Camera")]
     assert sorted(frame.topic for frame in frames) == ["/evbot3-1/Camera", "/roomba-1/Camera"]
     assert {frame.schema for frame in frames} == {"foxglove.CompressedImage"}
     assert '"answer"' not in (directory / "events.jsonl").read_text(encoding="utf-8")
@@ -135,6 +135,6 @@ def test_poses_are_recorded_where_a_run_goes_on(tmp_path: Path) -> None:
         with recorder:
             recorder.hear(RunContinued(30.0, 1, "", "round", "sim", ("roomba-1",), 3))
             fleet.clock.sleep(1.0)
-    times_s = [entry.time_s for entry in read_mcap(tmp_path / "run.mcap").entries if entry.topic == "/roomba-1/Pose"]
+    times_s = [entry.time_s for entry in read_mcap(tmp_path / "run.mcap").messages if entry.topic == "/roomba-1/Pose"]
     assert len(times_s) > 5
     assert max(times_s) == pytest.approx(31.0, abs=0.2)

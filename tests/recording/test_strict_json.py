@@ -180,7 +180,7 @@ def problems_of(content: McapContent) -> Iterator[str]:
     validators = {name: jsonschema.Draft202012Validator(schema) for name, schema in content.schemas.items()}
     for validator in validators.values():
         validator.check_schema(validator.schema)
-    for entry in content.entries:
+    for entry in content.messages:
         for error in validators[entry.schema].iter_errors(entry.message):
             yield f"{entry.topic} at {entry.time_s}: {error.json_path}: {error.message}"
 
@@ -201,9 +201,9 @@ def every_key_declared(schema: Any, message: Any, path: str = "$") -> Iterator[s
 def test_every_message_is_what_its_schema_says(odd_run: Path, run: Path) -> None:
     for folder in (odd_run, run):
         content = read_mcap(folder / "run.mcap")
-        assert len(content.entries) > 10
+        assert len(content.messages) > 10
         assert list(problems_of(content)) == []
-        for entry in content.entries:
+        for entry in content.messages:
             if entry.schema != "eal.Event":  # of which only the common keys are declared
                 assert list(every_key_declared(content.schemas[entry.schema], entry.message)) == [], entry.topic
     assert {"foxglove.LaserScan", "foxglove.CompressedImage", "foxglove.PoseInFrame"} <= set(content.schemas)
@@ -225,5 +225,5 @@ def test_the_makers_own_reader_reads_it(run: Path) -> None:
     assert summary.statistics.message_count == len(found)
     times = [time_ns for _, time_ns, _ in found]
     assert times == sorted(times)
-    ours = read_mcap(run / "run.mcap").entries
+    ours = read_mcap(run / "run.mcap").messages
     assert sorted(topic for topic, _, _ in found) == sorted(entry.topic for entry in ours)

@@ -17,7 +17,7 @@ from eal_actors.device.world.formation import Formation, formation_poses
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.lab.choreography.aiming import leg_commands
 from eal_actors.recording import PoseRecorder
-from eal_actors.recording.pose_sample import PoseSample
+from eal_actors.recording.poses import PoseSample
 from eal_actors.scenario import Event, LogLine, Report, load_scenario, run_scenario
 from eal_actors.testing import Simulation
 from scenarios import formation as formation_py

@@ -19,7 +19,7 @@ from eal_actors.lab.choreography.views import compare_views
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import ManifestFile
 from eal_actors.managers.plugins import EALPluginManager
-from eal_actors.net.certificates import make_authority, make_certificate
+from eal_actors.net.security.certificates import make_authority, make_certificate
 from eal_actors.operate.dashboard import Dashboard
 from eal_actors.scenario import check_scenario, run_scenario
 from evbotos.definitions import load_definitions

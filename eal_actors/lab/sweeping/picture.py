@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.lab.sweeping.results import Result
 from eal_actors.lab.sweeping.sweep import Job
-from eal_actors.recording.figure import draw_grid, new_figure
+from eal_actors.recording.arena import draw_grid, new_figure
 from eal_actors.scenario import Scenario
 
 if TYPE_CHECKING:

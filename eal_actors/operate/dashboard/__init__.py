@@ -1,12 +1,11 @@
-"""The dashboard: one page by which people watch a fleet, and steer it.
+"""The dashboard: a web page to watch and control a fleet.
 
     with Fleet.load("fleets/sim.yaml") as fleet, Dashboard(fleet) as dashboard:
         print(dashboard.link)
 
-The fleet's side and the browsers' side meet in the `Hub`, a plain object that keeps the newest state and counts what
-changed. Threads of the fleet's side (`watcher`, `cameras`, `steering`) write into it and never wait for anybody. Each
-browser (`browser`, in the thread of the web server) reads at its own pace what is new to it. So a browser that stops
-reading costs the memory of one message, and holds up nobody.
+Threads that poll the fleet (`fleet_poller`, `cameras`, `teleop`) write into the `StateStore`, a plain object with the
+newest state, and never wait for a browser. Each `BrowserSession`, in the thread of the web server, reads changes from
+it at the pace of its browser. So a browser that stops reading costs the memory of one message and delays nobody.
 """
 
 from eal_actors.operate.dashboard.access import Access

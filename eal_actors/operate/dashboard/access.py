@@ -1,4 +1,4 @@
-"""Who may look, and who may command: the rules alone, without a web server."""
+"""Access: who may watch and who may command. Pure rules, without a web server."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _TOKEN_BYTES: Final = 24
 
 
 def new_token() -> str:
-    """Return a token that nobody guesses."""
+    """Return a random token."""
     return secrets.token_urlsafe(_TOKEN_BYTES)
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether an address to listen at is reached from this machine alone."""
+    """Return whether only this machine can reach a listening address."""
     if host == "localhost":
         return True
     try:
@@ -30,18 +30,18 @@ def is_loopback(host: str) -> bool:
 
 @dataclass(frozen=True)
 class Access:
-    """The rules of one dashboard.
+    """The access rules of one dashboard.
 
-    With a token, whoever shows it may command, and everybody else may look. Without one, everybody may command where
-    the dashboard listens on loopback alone, and nobody where others reach it.
+    With a token, its holders may command and everybody else may watch. Without a token, everybody may command on a
+    loopback address, and nobody elsewhere.
 
-    A page of another site must not speak to the dashboard in the name of its user: `Origin` must be the dashboard
-    itself. Nor may another site's name lead here, so that it would be the same origin: `Host` must be an address,
-    this machine's name, or the name that the dashboard was told to listen at.
+    A page of another site must not use the dashboard in the name of its user, so `Origin` must be the dashboard itself.
+    Another site's name could resolve to this machine and pass as the same origin (DNS rebinding), so `Host` must be an
+    address, this machine's name, or the name that the dashboard listens at.
 
     Attributes:
-        host: where it listens.
-        token: what those who may command show; None for no such thing.
+        host: the listening address.
+        token: proof of permission to command; None for no token.
     """
 
     host: str
@@ -53,7 +53,7 @@ class Access:
         return self.token is None and is_loopback(self.host)
 
     def refusal(self, shown: str | None) -> str | None:
-        """Return why somebody who shows a token, or none, may not command; None if he may."""
+        """Return why the holder of a token, or of none, may not command; None if it may."""
         if self.is_open:
             return None
         if self.token is None:
@@ -65,7 +65,7 @@ class Access:
         return None
 
     def knows_host(self, host_header: str | None) -> bool:
-        """Return whether a request's `Host` is a name of this dashboard."""
+        """Return whether a request's `Host` names this dashboard."""
         name = _hostname(f"//{host_header}") if host_header else None
         if name is None:
             return False

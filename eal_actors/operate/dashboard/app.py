@@ -1,4 +1,4 @@
-"""The web application: the page's files and reports of runs by GET, everything else through one websocket."""
+"""The web application: the page's files and reports of runs by GET, everything else by one websocket."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from starlette.websockets import WebSocket
 
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.access import Access
-from eal_actors.operate.dashboard.browser import Backstage, Browser
 from eal_actors.operate.dashboard.limits import MAX_BROWSERS
 from eal_actors.operate.dashboard.pages import INDEX, REPORT_HEADERS, SECURITY_HEADERS, read_pages
 from eal_actors.operate.dashboard.run_record import REPORT
+from eal_actors.operate.dashboard.session import AppState, BrowserSession
 
 TRY_AGAIN_LATER: Final = 1013
 
 
 class _Guard:
-    """Refuses requests under a foreign name or from a foreign page, and puts the security headers on all answers."""
+    """Refuses requests with a foreign `Host` or `Origin`, and adds the security headers to all answers."""
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app = app
@@ -38,7 +38,7 @@ class _Guard:
         headers = Headers(scope=scope)
         host = headers.get("host")
         if not self._access.knows_host(host):
-            await self._refuse(scope, receive, send, "this is not the name of the dashboard")
+            await self._refuse(scope, receive, send, "the request's Host is no name of the dashboard")
         elif scope["type"] == "websocket" and not self._access.knows_origin(headers.get("origin"), host):
             await self._refuse(scope, receive, send, "only the dashboard's own page may connect")
         else:
@@ -46,7 +46,7 @@ class _Guard:
 
     async def _refuse(self, scope: Scope, receive: Receive, send: Send, reason: str) -> None:
         headers = Headers(scope=scope)
-        get_logger().warning("refused", reason=reason, host=headers.get("host"), origin=headers.get("origin"))
+        get_logger().warning("request refused", reason=reason, host=headers.get("host"), origin=headers.get("origin"))
         if scope["type"] == "websocket":
             await WebSocket(scope, receive, send).close()
         else:
@@ -68,24 +68,24 @@ class App:
     """The application of one dashboard.
 
     Args:
-        backstage: what its browsers share.
+        app_state: the application state.
 
     Attributes:
-        browsers: those connected now.
+        browsers: the connected browsers.
         asgi: the application itself.
     """
 
-    def __init__(self, backstage: Backstage) -> None:
-        self._backstage = backstage
+    def __init__(self, app_state: AppState) -> None:
+        self._app_state = app_state
         self._pages = read_pages()
-        self.browsers: set[Browser] = set()
+        self.browsers: set[BrowserSession] = set()
         routes = [
             Route("/", self._file, methods=["GET"]),
             Route("/static/{name:path}", self._file, methods=["GET"]),
             Route(f"/runs/{{name}}/{REPORT}", self._report, methods=["GET"]),
             WebSocketRoute("/ws", self._connect),
         ]
-        self.asgi: ASGIApp = _Guard(Starlette(routes=routes), backstage.access)
+        self.asgi: ASGIApp = _Guard(Starlette(routes=routes), app_state.access)
 
     async def _file(self, request: Request) -> Response:
         page = self._pages.get(request.path_params.get("name", INDEX))
@@ -94,12 +94,12 @@ class App:
         return Response(page.content, media_type=page.media_type)
 
     async def _report(self, request: Request) -> Response:
-        report = self._backstage.report(request.path_params["name"])
+        report = self._app_state.report(request.path_params["name"])
         if report is None:
             raise HTTPException(404)
         try:
             page = await asyncio.to_thread(report.read_bytes)
-        except OSError:  # somebody has moved or removed it
+        except OSError:  # moved or removed since
             raise HTTPException(404) from None
         return Response(page, media_type="text/html; charset=utf-8", headers=REPORT_HEADERS)
 
@@ -108,7 +108,7 @@ class App:
             await websocket.accept()
             await websocket.close(TRY_AGAIN_LATER, f"{MAX_BROWSERS} browsers are connected already")
             return
-        browser = Browser(websocket, self._backstage)
+        browser = BrowserSession(websocket, self._app_state)
         self.browsers.add(browser)
         try:
             await browser.serve()

@@ -1,4 +1,8 @@
-"""Control: who of the dashboard commands what; what nobody commands any more is free for other controllers."""
+"""ControlRegistry: which browser or scenario of the dashboard controls which resource.
+
+Robots on the network reserve a resource for the controller that commands it. The dashboard releases a resource IDLE_S
+after its last command there, so that other controllers can use it.
+"""
 
 from __future__ import annotations
 
@@ -13,28 +17,28 @@ from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.log import get_logger
 
 IDLE_S: Final = 2.0
-"""Real seconds after the last command's end until its resource is let go."""
+"""Real seconds from the end of the last command to the release of its resource."""
 WHOLE: Final = ""
-"""In place of a resource: all of the robot's, as a scenario may command any of them."""
+"""In place of a resource: the whole robot, because a scenario may command all of its resources."""
 
 
 @dataclass(slots=True)
 class _Use:
-    """The commands of one resource that are under way, and whose the last of them is."""
+    """The current commands of one resource, and who gave the newest."""
 
     by: str
     count: int = 0
     ended_s: float = 0.0
 
 
-class Control:
-    """Keeps who commands what from here.
+class ControlRegistry:
+    """Counts the current commands of each resource, by browser or scenario.
 
-    Whoever is about to command says `take` before, and `done` when the command has ended. So what is let go cannot
-    overtake a command: it was sent before, or it is not sent.
+    Callers `acquire` a resource before a command and call `done` at its end. So a release cannot overtake a command:
+    it is sent before the command, or not at all.
 
     Args:
-        clock: counts IDLE_S.
+        clock: measures IDLE_S.
 
     Thread: any; never blocks.
     """
@@ -44,39 +48,39 @@ class Control:
         self._lock = threading.Lock()
         self._uses: dict[tuple[str, str], _Use] = {}
 
-    def take(self, robot: str, resource: str, by: str) -> None:
-        """Note that somebody is about to command a resource, or WHOLE for any of the robot's."""
+    def acquire(self, robot: str, resource: str, by: str) -> None:
+        """Record that a command to a resource, or to WHOLE, is about to start."""
         with self._lock:
             use = self._uses.setdefault((robot, resource), _Use(by))
             use.by = by
             use.count += 1
 
     def done(self, robot: str, resource: str) -> None:
-        """Note that a command has ended."""
+        """Record the end of a command."""
         with self._lock:
             use = self._uses[robot, resource]
             use.count -= 1
             use.ended_s = self._clock.now()
 
     def users(self, robot: str) -> dict[str, str]:
-        """Return who commands the robot's resources now, or did within IDLE_S, by their names or WHOLE."""
+        """Return the controllers of the robot's resources, now or within IDLE_S, by resource or WHOLE."""
         with self._lock:
             return {name: use.by for (owner, name), use in self._uses.items() if owner == robot and self._is_fresh(use)}
 
     def by(self, robot: str, resource: str) -> str | None:
-        """Return who commanded a resource last; None if nobody did from here."""
+        """Return the last controller of a resource; None if the dashboard has never commanded it."""
         with self._lock:
             uses = [use for name in (resource, WHOLE) if (use := self._uses.get((robot, name))) is not None]
             return max(uses, key=lambda use: (use.count > 0, use.ended_s)).by if uses else None
 
-    def let_go(self, robot: RobotHandle, held: Iterable[str]) -> None:
-        """Let go of those of the held resources that nobody here commands any more. Does not wait for the robot."""
+    def release_idle(self, robot: RobotHandle, held: Iterable[str]) -> None:
+        """Release those of the held resources that nobody here controls. Does not wait for the robot."""
         with self._lock:
             if self._is_used(robot.name, WHOLE):
                 return
             idle = [resource for resource in held if not self._is_used(robot.name, resource)]
             if idle:
-                robot.release(*idle).add_done_callback(lambda done: _tell_unreleased(robot.name, done))
+                robot.release(*idle).add_done_callback(lambda done: _log_failure(robot.name, done))
 
     def _is_used(self, robot: str, resource: str) -> bool:
         use = self._uses.get((robot, resource))
@@ -86,7 +90,7 @@ class Control:
         return use.count > 0 or self._clock.now() < use.ended_s + IDLE_S
 
 
-def _tell_unreleased(robot: str, released: Future[None]) -> None:
+def _log_failure(robot: str, released: Future[None]) -> None:
     error = released.exception()
-    if error is not None:  # it is tried again, as long as the robot says that we hold something
-        get_logger(robot=robot).debug("resources could not be let go", reason=str(error))
+    if error is not None:  # retried as long as the robot reports the resource as held by us
+        get_logger(robot=robot).debug("resources could not be released", reason=str(error))

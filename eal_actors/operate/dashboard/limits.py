@@ -1,11 +1,11 @@
-"""How much one browser may ask for."""
+"""Limits for each browser."""
 
 from __future__ import annotations
 
 from typing import Final
 
 MAX_MESSAGE_BYTES: Final = 16 * 1024
-"""A browser's message may be this long."""
+"""The size of a message from a browser."""
 MAX_BROWSERS: Final = 32
 MAX_CAMERAS: Final = 4
 """Cameras that one browser may watch at once."""
@@ -16,12 +16,12 @@ MESSAGES_PER_S: Final = 60.0
 MESSAGES_AT_ONCE: Final = 120.0
 
 
-class Allowance:
-    """So many in a second on average, and so many at once.
+class TokenBucket:
+    """A rate limit: an average rate, and a burst.
 
     Args:
-        per_s: how many come back in a second.
-        at_once: how many there are at first, and at most.
+        per_s: tokens that are added per second.
+        at_once: tokens at the start, and at most.
     """
 
     def __init__(self, per_s: float, at_once: float) -> None:
@@ -31,7 +31,7 @@ class Allowance:
         self._last_s: float | None = None
 
     def take(self, now_s: float) -> bool:
-        """Take one; returns False if none is left."""
+        """Take a token; return False if none is left."""
         if self._last_s is not None:
             self._left = min(self._most, self._left + (now_s - self._last_s) * self._per_s)
         self._last_s = now_s

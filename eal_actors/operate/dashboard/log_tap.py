@@ -1,9 +1,8 @@
-"""Brings log lines to the page, beside wherever else they go."""
+"""LogTap: copies log lines to the page."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -11,33 +10,33 @@ import structlog
 
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.log import get_logger
-from eal_actors.operate.dashboard.doings import Doings
-from eal_actors.operate.dashboard.hub import Hub
+from eal_actors.operate.dashboard.current_steps import CurrentSteps
+from eal_actors.operate.dashboard.state_store import StateStore
 
 LEAST_LEVEL: Final = logging.INFO
-"""What the page gets, however little the terminal shows."""
+"""The page's level, whatever the level of the terminal."""
 _OWN_KEYS: Final = frozenset({"event", "level", "timestamp", "robot", "resource", "exc_info", "exception"})
 _MOST_CHARACTERS: Final = 2000
 
 
 class LogTap:
-    """Copies log lines to the hub, between `with` and its end.
+    """Copies log lines to the store, between `with` and its end.
 
-    Lines below the level of the terminal come to the page alone.
+    Lines below the level of the terminal go to the page only.
 
     Args:
-        hub: where lines go.
-        doings: where errors of robots are noted.
+        store: where lines go.
+        steps: where errors of robots are recorded.
     """
 
-    def __init__(self, hub: Hub, doings: Doings) -> None:
-        self._hub = hub
-        self._doings = doings
+    def __init__(self, store: StateStore, steps: CurrentSteps) -> None:
+        self._store = store
+        self._steps = steps
         self._before: dict[str, Any] = {}
         self._terminal_level = LEAST_LEVEL
 
     def __enter__(self) -> Self:
-        logger = get_logger()  # which configures logging, should nobody have done so yet
+        logger = get_logger()  # configures logging unless that has been done
         self._terminal_level = logger.get_effective_level()
         self._before = structlog.get_config()
         *shared, renderer = self._before["processors"]
@@ -55,9 +54,9 @@ class LogTap:
     def _copy(self, _: object, method: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
         level = str(event.get("level", method))
         robot = event.get("robot")
-        text = _short(event.get("event", ""))
-        details = {key: _short(value) for key, value in event.items() if key not in _OWN_KEYS}
-        self._hub.tell(
+        text = _to_text(event.get("event", ""))
+        details = {key: _to_text(value) for key, value in event.items() if key not in _OWN_KEYS}
+        self._store.append(
             "logs",
             {
                 "at": wall_time().isoformat(timespec="milliseconds"),
@@ -70,16 +69,15 @@ class LogTap:
         )
         if isinstance(robot, str) and level in ("error", "critical"):
             reason = details.get("reason") or details.get("error")
-            self._doings.fail(robot, f"{text}: {reason}" if reason else text)
+            self._steps.record_error(robot, f"{text}: {reason}" if reason else text)
         if logging.getLevelNamesMapping().get(level.upper(), logging.ERROR) < self._terminal_level:
             raise structlog.DropEvent
         return event
 
 
-def _short(value: object) -> str:
-    text: Callable[[object], str] = str
+def _to_text(value: object) -> str:
     try:
-        shown = text(value)
-    except Exception:  # noqa: BLE001  # a value's own __str__ may do anything, and a log line must not
+        text = str(value)
+    except Exception:  # noqa: BLE001  # a value's __str__ may raise anything, but a log call must not
         return type(value).__name__
-    return shown if len(shown) <= _MOST_CHARACTERS else f"{shown[:_MOST_CHARACTERS]}..."
+    return text if len(text) <= _MOST_CHARACTERS else f"{text[:_MOST_CHARACTERS]}..."

@@ -1,4 +1,4 @@
-"""What a browser may say: one JSON object with `do`, strictly as one of these models."""
+"""Messages from browsers: JSON objects, told apart by their key `do`."""
 
 from __future__ import annotations
 
@@ -27,35 +27,56 @@ class Hello(StrictModel):
 
 
 class Watch(StrictModel):
-    """Which cameras to show from now on, in place of those before."""
+    """Choose the cameras to show, in place of the previous ones."""
 
     do: Literal["watch"]
     cameras: Annotated[tuple[tuple[Word, Word], ...], Field(strict=False, max_length=MAX_CAMERAS)] = ()
     """Robots and their resources."""
     rate_hz: float = Field(default=5.0, gt=0, le=MAX_FRAMES_PER_S)
-    """Frames in a real second."""
+    """Frames per real second."""
 
 
-class Describe(StrictModel):
-    """Tell what a robot's resources offer."""
+class DriveRobot(StrictModel):
+    """Drive at a twist; repeated while a key is held."""
 
-    do: Literal["describe"]
-    id: Number
+    do: Literal["drive"]
+    robot: Word
+    press: Number
+    """The number of this key press, higher than all before it of this page."""
+    speed_m_s: float = Field(ge=-10, le=10)
+    turn_rad_s: float = Field(ge=-20, le=20)
+
+
+class ReleaseRobot(StrictModel):
+    """End a key press: halt the robot."""
+
+    do: Literal["release"]
     robot: Word
 
 
-class ListScenarios(StrictModel):
-    """Tell which scenarios there are, and their parameters."""
+class _Request(StrictModel):
+    """A message that is answered under its number."""
 
-    do: Literal["scenarios"]
     id: Number
 
 
-class CallResource(StrictModel):
+class Describe(_Request):
+    """Describe a robot's resources."""
+
+    do: Literal["describe"]
+    robot: Word
+
+
+class ListScenarios(_Request):
+    """List the scenarios and their parameters."""
+
+    do: Literal["scenarios"]
+
+
+class CallResource(_Request):
     """Call a method of a resource."""
 
     do: Literal["call"]
-    id: Number
     robot: Word
     resource: Word
     method: CallMethod
@@ -64,75 +85,63 @@ class CallResource(StrictModel):
     value: CallValue = None
 
 
-class Stop(StrictModel):
-    """Emergency stop of every robot."""
+class StopAll(_Request):
+    """Stop every robot: the emergency stop."""
 
     do: Literal["stop"]
-    id: Number
 
 
-class Resume(StrictModel):
+class ResumeAll(_Request):
     """End the emergency stop."""
 
     do: Literal["resume"]
-    id: Number
 
 
-class Drive(StrictModel):
-    """Go on driving: said again and again while a key is held."""
-
-    do: Literal["drive"]
-    robot: Word
-    grip: Number
-    """Number of the time that the keys are held, higher than all before of this page."""
-    speed_m_s: float = Field(ge=-10, le=10)
-    turn_rad_s: float = Field(ge=-20, le=20)
-
-
-class LetGo(StrictModel):
-    """Drive no more."""
-
-    do: Literal["let_go"]
-    robot: Word
-
-
-class StartRun(StrictModel):
-    """Carry out a scenario."""
+class StartRun(_Request):
+    """Run a scenario."""
 
     do: Literal["start"]
-    id: Number
     file: Word
     parameters: dict[Word, Scalar | Annotated[tuple[Scalar, ...], Field(strict=False)]] = Field(default={})
 
 
-class ControlRun(StrictModel):
+class ControlRun(_Request):
     """Control the run."""
 
     do: Literal["control"]
-    id: Number
     what: Literal["pause", "resume", "step", "abort"]
 
 
 Message = Annotated[
-    Hello | Watch | Describe | ListScenarios | CallResource | Stop | Resume | Drive | LetGo | StartRun | ControlRun,
+    Hello
+    | Watch
+    | DriveRobot
+    | ReleaseRobot
+    | Describe
+    | ListScenarios
+    | CallResource
+    | StopAll
+    | ResumeAll
+    | StartRun
+    | ControlRun,
     Field(discriminator="do"),
 ]
 
-COMMANDS = (CallResource, Stop, Resume, Drive, LetGo, StartRun, ControlRun)
-"""What only those may say who may command."""
+COMMANDS = (CallResource, StopAll, ResumeAll, DriveRobot, ReleaseRobot, StartRun, ControlRun)
+"""Messages that need permission to command."""
 
 _ADAPTER: TypeAdapter[Any] = TypeAdapter(Message)
 
 
 def parse_message(text: str) -> Any:
-    """Return the message that a browser's text means.
+    """Return the message in a browser's text.
 
     Raises:
-        ArgumentError: it means none, and what is wrong with it.
+        ArgumentError: the text is no valid message.
     """
     try:
         return _ADAPTER.validate_json(text)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False, include_input=False)[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise ArgumentError(f"this message makes no sense: {place}: {first['msg']}") from None
+        raise ArgumentError(f"invalid message: {place}: {first['msg']}") from None

@@ -1,8 +1,8 @@
-"""The files of the page, and what every answer says about how they may be used."""
+"""The files of the page, and the HTTP headers of every answer."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Final, NamedTuple
@@ -36,7 +36,7 @@ REPORT_HEADERS: Final[Mapping[str, str]] = {
         "base-uri 'none'; form-action 'none'; frame-ancestors 'none'; sandbox"
     )
 }
-"""Of a report of a run: one page with its styles and pictures in it, which can do nothing but be looked at."""
+"""For the report of a run: one page that contains its styles and pictures, and runs no scripts."""
 
 
 class Page(NamedTuple):
@@ -47,16 +47,14 @@ class Page(NamedTuple):
 
 
 def read_pages() -> Mapping[str, Page]:
-    """Return the files that the browser needs, by the names under which it asks for them: nothing else is served."""
+    """Return the files that browsers may request, by name. No other file is served."""
     return dict(_pages(files("eal_actors.operate.dashboard") / "static", ""))
 
 
-def _pages(folder: Traversable, prefix: str) -> list[tuple[str, Page]]:
-    found: list[tuple[str, Page]] = []
+def _pages(folder: Traversable, prefix: str) -> Iterator[tuple[str, Page]]:
     for file in folder.iterdir():
         suffix = file.name[file.name.rfind(".") :]
         if file.is_dir():
-            found += _pages(file, f"{prefix}{file.name}/")
+            yield from _pages(file, f"{prefix}{file.name}/")
         elif suffix in _TYPES:
-            found.append((f"{prefix}{file.name}", Page(file.read_bytes(), _TYPES[suffix])))
-    return found
+            yield f"{prefix}{file.name}", Page(file.read_bytes(), _TYPES[suffix])

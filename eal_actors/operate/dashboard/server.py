@@ -1,4 +1,4 @@
-"""Dashboard: puts the fleet's side, the hub and the web server together."""
+"""Dashboard: connects the parts of the dashboard, and starts and stops them."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import Any, Final, Self
 from eal_actors.facade.fleet import Fleet
 from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.app import App
-from eal_actors.operate.dashboard.arena import arena_of
-from eal_actors.operate.dashboard.bell import Bell
-from eal_actors.operate.dashboard.browser import Backstage
 from eal_actors.operate.dashboard.cameras import Cameras
-from eal_actors.operate.dashboard.commander import Commander
-from eal_actors.operate.dashboard.control import Control
-from eal_actors.operate.dashboard.doings import Doings
-from eal_actors.operate.dashboard.hub import Hub
+from eal_actors.operate.dashboard.control import ControlRegistry
+from eal_actors.operate.dashboard.current_steps import CurrentSteps
+from eal_actors.operate.dashboard.dispatcher import Dispatcher
+from eal_actors.operate.dashboard.fleet_poller import FleetPoller
 from eal_actors.operate.dashboard.limits import MAX_CAMERAS, MAX_FRAMES_PER_S
 from eal_actors.operate.dashboard.log_tap import LogTap
-from eal_actors.operate.dashboard.runs import Runs
-from eal_actors.operate.dashboard.steering import SILENCE_S, Steering
-from eal_actors.operate.dashboard.watcher import Watcher
+from eal_actors.operate.dashboard.notifier import Notifier
+from eal_actors.operate.dashboard.run_manager import RunManager
+from eal_actors.operate.dashboard.session import AppState
+from eal_actors.operate.dashboard.state_store import StateStore
+from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop
 from eal_actors.operate.dashboard.web_server import WebServer, listen_at
+from eal_actors.operate.dashboard.world_map import world_map
 
 DEFAULT_PORT: Final = 8080
 _ANYWHERE: Final = ("0.0.0.0", "::")  # noqa: S104  # compared with, not listened at
@@ -32,18 +32,18 @@ _ANYWHERE: Final = ("0.0.0.0", "::")  # noqa: S104  # compared with, not listene
 class Dashboard:
     """The dashboard of one fleet, between `with` and its end.
 
-    When it ends, a run that it started is aborted, what is steered by hand is halted, and no thread is left. The fleet
-    stays connected.
+    At its end the dashboard aborts its run, halts what is driven by hand, and leaves no thread. The fleet stays
+    connected.
 
     Args:
-        fleet: a connected fleet, whose clock runs as time does: with `rate: max` there is nothing to watch.
-        access: where it listens, and who may command.
-        port: 0 for any that is free.
-        scenarios: the folder of scenarios that can be started; None for none.
-        runs_dir: where the folders of runs are made; None keeps no records, and scenarios that save files do not start.
+        fleet: a connected fleet. Its clock must follow real time: with `rate: max` there is nothing to watch.
+        access: the listening address and the access rules.
+        port: the port; 0 for any free port.
+        scenarios: the folder of scenarios that the page can start; None for none.
+        runs_dir: the parent of the runs' folders; None keeps no records, and scenarios that save files cannot start.
 
     Raises:
-        ConfigError: it cannot listen there.
+        ConfigError: it cannot listen at that address.
     """
 
     def __init__(
@@ -59,20 +59,27 @@ class Dashboard:
         self._fleet = fleet
         self._listener = listen_at(self.access.host, port)
         self.port: Final[int] = self._listener.getsockname()[1]
-        bell = Bell()
-        self.hub: Final = Hub(bell.ring)
-        doings, control = Doings(), Control()
-        self._log_tap = LogTap(self.hub, doings)
-        self._cameras = Cameras(fleet, bell.ring)
-        self._steering = Steering(fleet, control)
-        self._runs = Runs(fleet, self.hub, doings, control, scenarios, runs_dir)
-        commander = Commander(fleet, doings, control, self._runs, self._steering, self._cameras)
-        self.backstage: Final = Backstage(
-            self.hub, bell, self.access, commander, self._cameras, fleet.clock, self._introduction, self._runs.report
+        notifier = Notifier()
+        self.store: Final = StateStore(notifier.notify)
+        steps, control = CurrentSteps(), ControlRegistry()
+        self._log_tap = LogTap(self.store, steps)
+        self._cameras = Cameras(fleet, notifier.notify)
+        self._teleop = Teleop(fleet, control)
+        self._runs = RunManager(fleet, self.store, steps, control, scenarios, runs_dir)
+        dispatcher = Dispatcher(fleet, steps, control, self._runs, self._teleop, self._cameras)
+        self.app_state: Final = AppState(
+            self.store,
+            notifier,
+            self.access,
+            dispatcher,
+            self._cameras,
+            fleet.clock,
+            self._introduction,
+            self._runs.report,
         )
-        self.app: Final = App(self.backstage)
-        self._watcher = Watcher(fleet, self.hub, doings, control, lambda: bool(self.app.browsers))
-        self._web_server = WebServer(self.app.asgi, self._listener, bell)
+        self.app: Final = App(self.app_state)
+        self._poller = FleetPoller(fleet, self.store, steps, control, lambda: bool(self.app.browsers))
+        self._web_server = WebServer(self.app.asgi, self._listener, notifier)
         self._stack = ExitStack()
 
     def _introduction(self) -> dict[str, Any]:
@@ -80,8 +87,8 @@ class Dashboard:
         return {
             "fleet": config.name,
             "robots": list(self._fleet),
-            "arena": arena_of(config.world),
-            "trails": self._watcher.trails(),
+            "world": world_map(config.world),
+            "trails": self._poller.trails(),
             "rate": self._fleet.clock.of_real(1.0),
             "silence_s": SILENCE_S,
             "max_cameras": MAX_CAMERAS,
@@ -90,17 +97,17 @@ class Dashboard:
 
     @property
     def url(self) -> str:
-        """Where to look, without a token."""
+        """The page's address, without a token."""
         host = "127.0.0.1" if self.access.host in _ANYWHERE else self.access.host
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
     @property
     def link(self) -> str:
-        """Where to look, with the token if there is one: behind the `#` it is never sent to a server or its logs."""
+        """The page's address with the token, if there is one. Behind the `#`, browsers send it to no server."""
         return self.url if self.access.token is None else f"{self.url}#token={self.access.token}"
 
     def start(self) -> Self:
-        """Begin to serve.
+        """Start to serve.
 
         Raises:
             UnavailableError: the web server did not start.
@@ -110,18 +117,18 @@ class Dashboard:
         with ExitStack() as stack:
             stack.enter_context(self._log_tap)
             stack.callback(self._cameras.close)
-            self._watcher.start()
-            stack.callback(self._watcher.close)
+            self._poller.start()
+            stack.callback(self._poller.close)
             self._web_server.start()
             stack.callback(self._web_server.close)
             stack.callback(self._runs.close)
-            self._steering.start()
-            stack.callback(self._steering.close)
+            self._teleop.start()
+            stack.callback(self._teleop.close)
             self._stack = stack.pop_all()
         return self
 
     def close(self) -> None:
-        """Halt what is steered, abort the run, and end; harmless the second time. Thread: blocks the caller."""
+        """Halt what is driven by hand, abort the run, and end; idempotent. Thread: blocks the caller."""
         self._stack.close()
         self._listener.close()
 

@@ -1,4 +1,4 @@
-"""The web server: uvicorn in a thread of its own, which ends when it is told to, whatever its browsers do."""
+"""WebServer: uvicorn in its own thread, whose end never waits for browsers."""
 
 from __future__ import annotations
 
@@ -9,72 +9,75 @@ from typing import Any, Final
 
 import uvicorn
 from starlette.types import ASGIApp
+from typing_extensions import override
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from eal_actors.kernel.errors import ConfigError, Problem, UnavailableError
-from eal_actors.operate.dashboard.bell import Bell
 from eal_actors.operate.dashboard.limits import MAX_BROWSERS, MAX_MESSAGE_BYTES
+from eal_actors.operate.dashboard.notifier import Notifier
 
 _GRACE_S: Final = 0.5
-"""Real seconds in which browsers may take their leave."""
+"""Real seconds for browsers to close their connections at the end."""
 _START_S: Final = 10.0
 _PING_S: Final = 5.0
 _BACKLOG: Final = 64
 _SEND_BUFFER_BYTES: Final = 256 * 1024
-"""What the system may keep for a browser that does not read: the less, the newer is what a slow one gets."""
+"""The system's buffer for a browser that does not read. A small buffer holds fewer outdated updates."""
 
 
 def listen_at(host: str, port: int) -> socket.socket:
-    """Return a socket that listens.
+    """Return a listening socket.
 
     Args:
         host: a name or address of this machine.
-        port: 0 for any that is free.
+        port: 0 for any free port.
 
     Raises:
-        ConfigError: the port is in use, or the address is none of this machine.
+        ConfigError: the port is in use, or the address is not this machine's.
     """
+    opened = None
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         opened = socket.socket(family, kind, protocol)
-    except OSError as error:
-        raise ConfigError([Problem(f"{host}:{port}", 0, 0, "", f"cannot listen there: {error.strerror}")]) from None
-    try:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)  # of each connection too
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)  # connections inherit it
         opened.bind(address)
         opened.listen(_BACKLOG)
     except OSError as error:
-        opened.close()
+        if opened is not None:
+            opened.close()
         raise ConfigError([Problem(f"{host}:{port}", 0, 0, "", f"cannot listen there: {error.strerror}")]) from None
     return opened
 
 
-class _Protocol(WebSocketsSansIOProtocol):
-    """Lets the application cut off a browser whose buffers are full, which an orderly close would wait for."""
+class _AbortableProtocol(WebSocketsSansIOProtocol):
+    """Gives the application a function that drops a connection whose buffers are full: an orderly close would wait."""
 
+    @override
     def handle_connect(self, event: Any) -> None:
         super().handle_connect(event)
         scope: Any = getattr(self, "scope", None)
-        if scope is not None:  # the application's task begins after this
+        if scope is not None:  # the application's task starts after this
             scope["state"]["abort"] = self.transport.abort
 
 
 class _Server(uvicorn.Server):
-    """Tells when it has started, and does not wait for browsers that do not answer at the end."""
+    """Attaches the notifier to its loop, and aborts connections that do not close at the end."""
 
-    def __init__(self, config: uvicorn.Config, bell: Bell) -> None:
+    def __init__(self, config: uvicorn.Config, notifier: Notifier) -> None:
         super().__init__(config)
-        self._bell = bell
+        self._notifier = notifier
         self.is_up = threading.Event()
 
+    @override
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
-        self._bell.hang(asyncio.get_running_loop())
+        self._notifier.attach(asyncio.get_running_loop())
         self.is_up.set()
 
+    @override
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        self._bell.hang(None)
+        self._notifier.attach(None)
         asyncio.get_running_loop().call_later(_GRACE_S, self._abort_rest)
         await super().shutdown(sockets)
 
@@ -89,16 +92,16 @@ class WebServer:
 
     Args:
         app: the application.
-        listener: where it listens; closed at the end.
-        bell: rings in the server's loop while that runs.
+        listener: the listening socket; closed at the end.
+        notifier: attached to the server's loop while it runs.
     """
 
-    def __init__(self, app: ASGIApp, listener: socket.socket, bell: Bell) -> None:
+    def __init__(self, app: ASGIApp, listener: socket.socket, notifier: Notifier) -> None:
         self._listener = listener
         config = uvicorn.Config(
             app,
             http="h11",
-            ws=_Protocol,
+            ws=_AbortableProtocol,
             ws_max_size=MAX_MESSAGE_BYTES,
             ws_ping_interval=_PING_S,
             ws_ping_timeout=_PING_S,
@@ -112,11 +115,11 @@ class WebServer:
             limit_concurrency=4 * MAX_BROWSERS,
             timeout_graceful_shutdown=2,
         )
-        self._server = _Server(config, bell)
+        self._server = _Server(config, notifier)
         self._thread = threading.Thread(target=self._serve, name="dashboard web server", daemon=True)
 
     def start(self) -> None:
-        """Begin to serve.
+        """Start to serve.
 
         Raises:
             UnavailableError: the server did not start.
@@ -136,7 +139,7 @@ class WebServer:
             self._server.is_up.set()
 
     def close(self) -> None:
-        """End. Thread: blocks the caller until the thread has ended, at most for some seconds."""
+        """Stop serving. Thread: blocks the caller for at most a few seconds."""
         self._server.should_exit = True
         if self._thread.ident is not None:
             self._thread.join()

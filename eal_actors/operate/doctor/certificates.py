@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final
 from eal_actors.kernel.clock import wall_time
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, SecurityConfig, parse_endpoint
-from eal_actors.net.certificates import AUTHORITY, certificate_file, key_file
-from eal_actors.operate.doctor.finding import Finding, ok, problem, warning
+from eal_actors.net.security.certificates import AUTHORITY, certificate_file, key_file
+from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
 
 if TYPE_CHECKING:
     from cryptography.x509 import Certificate
@@ -26,7 +26,7 @@ _COPY: Final = "Make it with `eal keys` where the fleet's authority is, and copy
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class RequiredCertificate:
     """A certificate that this machine needs.
 
     Attributes:
@@ -40,27 +40,29 @@ class Wanted:
     host: str | None = None
 
 
-_AUTHORITY: Final = Wanted(AUTHORITY, "eal keys init --force, which makes every other certificate worthless")
+_AUTHORITY: Final = RequiredCertificate(
+    AUTHORITY, "eal keys init --force, which makes every other certificate worthless"
+)
 
 
-def wanted_certificates(security: SecurityConfig, served_here: Iterable[RobotConfig]) -> list[Wanted]:
+def required_certificates(security: SecurityConfig, served_here: Iterable[RobotConfig]) -> list[RequiredCertificate]:
     """Return what this machine needs: the certificates of the robots that it serves, and the controller's.
 
     A machine that serves robots, and has no certificate of the controller, is none that commands.
     """
     wanted = [_of_robot(robot) for robot in served_here if robot.address is not None]
     if not wanted or certificate_file(security.keys, security.controller).exists():
-        wanted.insert(0, Wanted(security.controller, f"eal keys controller {security.controller} --force"))
+        wanted.insert(0, RequiredCertificate(security.controller, f"eal keys controller {security.controller} --force"))
     return wanted
 
 
-def _of_robot(robot: RobotConfig) -> Wanted:
+def _of_robot(robot: RobotConfig) -> RequiredCertificate:
     address = robot.address or BEHIND_ROUTER
     host = None if address == BEHIND_ROUTER else parse_endpoint(address).host
-    return Wanted(robot.name, f"eal keys robot {robot.name} --force", host)
+    return RequiredCertificate(robot.name, f"eal keys robot {robot.name} --force", host)
 
 
-def check_certificates(config: FleetConfig, served_here: Iterable[RobotConfig]) -> Iterator[Finding]:
+def check_certificates(config: FleetConfig, served_here: Iterable[RobotConfig]) -> Iterator[Diagnostic]:
     """Yield what is to be said of the keys of a fleet whose network is closed to strangers."""
     security = config.network.security
     if security is None:
@@ -70,17 +72,17 @@ def check_certificates(config: FleetConfig, served_here: Iterable[RobotConfig]) 
         yield warning(_AREA, "cannot be read: the package cryptography is not installed", advice)
         return
     authority = _read(certificate_file(security.keys, AUTHORITY))
-    if isinstance(authority, Finding):
+    if isinstance(authority, Diagnostic):
         yield authority
         return
     yield from judge_validity(_AUTHORITY, authority.not_valid_before_utc, authority.not_valid_after_utc, wall_time())
-    for wanted in wanted_certificates(security, served_here):
+    for wanted in required_certificates(security, served_here):
         yield from _check_one(security.keys, wanted, authority)
 
 
-def _check_one(folder: Path, wanted: Wanted, authority: Certificate) -> Iterator[Finding]:
+def _check_one(folder: Path, wanted: RequiredCertificate, authority: Certificate) -> Iterator[Diagnostic]:
     certificate = _read(certificate_file(folder, wanted.name))
-    if isinstance(certificate, Finding):
+    if isinstance(certificate, Diagnostic):
         yield certificate
         return
     before, after = certificate.not_valid_before_utc, certificate.not_valid_after_utc
@@ -95,7 +97,9 @@ def _check_one(folder: Path, wanted: Wanted, authority: Certificate) -> Iterator
         yield ok(_AREA, f"{wanted.name} is in order, until {after:%Y-%m-%d}")
 
 
-def judge_validity(wanted: Wanted, begins: datetime, ends: datetime, now: datetime) -> Iterator[Finding]:
+def judge_validity(
+    wanted: RequiredCertificate, begins: datetime, ends: datetime, now: datetime
+) -> Iterator[Diagnostic]:
     """Yield that a certificate is not valid now, or not for long any more."""
     name, advice = wanted.name, f"Where the authority is: {wanted.command}"
     if now < begins:
@@ -106,13 +110,13 @@ def judge_validity(wanted: Wanted, begins: datetime, ends: datetime, now: dateti
         yield warning(_AREA, f"{name} expires on {ends:%Y-%m-%d}, in {left} days", advice)
 
 
-def judge_mode(file: Path, mode: int) -> Iterator[Finding]:
+def judge_mode(file: Path, mode: int) -> Iterator[Diagnostic]:
     """Yield that a private key can be read, or replaced, by others than its owner."""
     if mode & 0o077:
         yield problem(_AREA, f"{file} has the mode {mode:o}: others can read or change it", f"chmod 600 {file}")
 
 
-def _read(file: Path) -> Certificate | Finding:
+def _read(file: Path) -> Certificate | Diagnostic:
     from cryptography import x509
 
     try:
@@ -123,7 +127,7 @@ def _read(file: Path) -> Certificate | Finding:
         return problem(_AREA, f"{file} cannot be read: {error}", _COPY)
 
 
-def _chain(name: str, certificate: Certificate, authority: Certificate) -> Iterator[Finding]:
+def _chain(name: str, certificate: Certificate, authority: Certificate) -> Iterator[Diagnostic]:
     from cryptography.exceptions import InvalidSignature
 
     try:
@@ -133,7 +137,7 @@ def _chain(name: str, certificate: Certificate, authority: Certificate) -> Itera
         yield problem(_AREA, f"{name} was not signed by the authority of ca.pem", advice)
 
 
-def _names(wanted: Wanted, certificate: Certificate) -> Iterator[Finding]:
+def _names(wanted: RequiredCertificate, certificate: Certificate) -> Iterator[Diagnostic]:
     from cryptography import x509
     from cryptography.x509.oid import NameOID
 
@@ -155,7 +159,7 @@ def _names(wanted: Wanted, certificate: Certificate) -> Iterator[Finding]:
         )
 
 
-def _key(file: Path, name: str, certificate: Certificate) -> Iterator[Finding]:
+def _key(file: Path, name: str, certificate: Certificate) -> Iterator[Diagnostic]:
     from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_private_key
 
     try:

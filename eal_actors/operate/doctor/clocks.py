@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from eal_actors.kernel.clock import REAL_TIME, wall_time
-from eal_actors.operate.doctor.finding import Finding, ok, problem, warning
+from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
 
 _AREA: Final = "clock"
 _NOT_BEFORE: Final = datetime(2025, 1, 1, tzinfo=UTC)
@@ -29,19 +29,19 @@ class StepWatch:
         self._start = wall_time()
         self._start_s = REAL_TIME.now()
 
-    def findings(self) -> Iterator[Finding]:
+    def findings(self) -> Iterator[Diagnostic]:
         """Yield what is to be said of the time since this was made."""
         passed_s = REAL_TIME.now() - self._start_s
         yield from judge_steps((wall_time() - self._start).total_seconds() - passed_s)
 
 
-def check_clock() -> Iterator[Finding]:
+def check_clock() -> Iterator[Diagnostic]:
     """Yield what is to be said of the time of day. Thread: blocks the caller while it asks the system."""
     yield from judge_date(wall_time())
     yield judge_synchronised(_is_synchronised())
 
 
-def judge_date(now: datetime) -> Iterator[Finding]:
+def judge_date(now: datetime) -> Iterator[Diagnostic]:
     """Yield what is wrong with the date itself."""
     if now < _NOT_BEFORE:
         yield problem(
@@ -51,7 +51,7 @@ def judge_date(now: datetime) -> Iterator[Finding]:
         )
 
 
-def judge_synchronised(synchronised: bool | None) -> Finding:
+def judge_synchronised(synchronised: bool | None) -> Diagnostic:
     """Return what it means that a time server keeps the clock right, or does not; None is not known."""
     if synchronised:
         return ok(_AREA, "kept right by a time server")
@@ -64,7 +64,7 @@ def judge_synchronised(synchronised: bool | None) -> Finding:
     )
 
 
-def judge_steps(step_s: float) -> Iterator[Finding]:
+def judge_steps(step_s: float) -> Iterator[Diagnostic]:
     """Yield that the time of day was set while we looked; `step_s` is by how much, in seconds, either way."""
     if abs(step_s) > _STEP_S:
         yield warning(

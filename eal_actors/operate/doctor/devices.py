@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import DeviceSection, PluginManifest
-from eal_actors.operate.doctor.finding import Finding, ok, problem, warning
+from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
 
 _AREA: Final = "devices"
 _CAMERAS: Final = "cameras"
@@ -107,7 +107,7 @@ def _texts(value: Any) -> Iterator[str]:
             yield from _texts(item)
 
 
-def check_devices(devices: Iterable[NamedDevice]) -> Iterator[Finding]:
+def check_devices(devices: Iterable[NamedDevice]) -> Iterator[Diagnostic]:
     """Yield the findings on devices of this machine."""
     for device in devices:
         facts = read_facts(device.path)
@@ -140,7 +140,7 @@ def read_facts(path: Path) -> DeviceFacts:
     )
 
 
-def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Iterable[str] = ()) -> Finding:
+def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Iterable[str] = ()) -> Diagnostic:
     """Return whether a plugin will be able to open its device.
 
     Args:
@@ -167,7 +167,7 @@ def judge_device(device: NamedDevice, facts: DeviceFacts, user: str, others: Ite
     return problem(_AREA, f"{name} may not be used by {user}", advice)
 
 
-def judge_camera(device: NamedDevice, capabilities: bytes | None) -> Finding:
+def judge_camera(device: NamedDevice, capabilities: bytes | None) -> Diagnostic:
     """Return whether a device captures pictures.
 
     Args:

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
-from eal_actors.operate.doctor.finding import Finding, ok, problem
+from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem
 
 DISTRIBUTION: Final = "eal-actors"
 
@@ -18,7 +18,7 @@ _REQUIREMENT: Final = re.compile(r"([A-Za-z0-9._-]+)\s*(?:\[[^\]]*\])?\s*([^;]*)
 _BOUND: Final = re.compile(r"(>=|<)\s*([0-9][0-9.]*)")
 
 
-def check_packages() -> Iterator[Finding]:
+def check_packages() -> Iterator[Diagnostic]:
     """Yield what is to be said of Python and of the installed packages."""
     metadata = importlib.metadata.metadata(DISTRIBUTION)
     yield judge_python(sys.version_info[:3], metadata["Requires-Python"] or "")
@@ -27,7 +27,7 @@ def check_packages() -> Iterator[Finding]:
     yield from judge_requirements(requirements, versions)
 
 
-def judge_python(version: tuple[int, ...], required: str) -> Finding:
+def judge_python(version: tuple[int, ...], required: str) -> Diagnostic:
     """Return whether a version of Python will do.
 
     Args:
@@ -40,7 +40,7 @@ def judge_python(version: tuple[int, ...], required: str) -> Finding:
     return problem("python", f"Python {shown} is not {required}", f"Install Python {required}, and eal-actors in it.")
 
 
-def judge_requirements(requirements: Iterable[str], installed: Mapping[str, str]) -> Iterator[Finding]:
+def judge_requirements(requirements: Iterable[str], installed: Mapping[str, str]) -> Iterator[Diagnostic]:
     """Yield what is wrong with the packages that every installation needs; one line if nothing is.
 
     Args:

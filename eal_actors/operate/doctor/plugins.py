@@ -9,19 +9,19 @@ from eal_actors.kernel.errors import Problem
 from eal_actors.managers.fleet_model import FleetConfig, PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest
 from eal_actors.managers.plugins import EALPluginManager
-from eal_actors.operate.doctor.finding import Finding, ok, problem, warning
+from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
 
 _AREA = "plugins"
 
 
-def check_plugins(config: FleetConfig, here: Iterable[RobotConfig]) -> Iterator[Finding]:
+def check_plugins(config: FleetConfig, here: Iterable[RobotConfig]) -> Iterator[Diagnostic]:
     """Yield what is to be said of the plugins of the robots that run on this machine; they are imported for it."""
     manager = EALPluginManager(config.plugin_dirs)
     for unread in manager.errors:
         yield warning(_AREA, str(unread), "Mend its plugin.yaml; fleets that do not name it run all the same.")
     problems: dict[Problem, None] = {}
     fine: set[str] = set()
-    findings: dict[Finding, None] = {}
+    findings: dict[Diagnostic, None] = {}
     for robot in here:
         for instance, settings in robot.plugins.items():
             wrong, broken = manager.check(replace(robot, plugins={instance: settings}))
@@ -36,7 +36,7 @@ def check_plugins(config: FleetConfig, here: Iterable[RobotConfig]) -> Iterator[
         yield ok(_AREA, ", ".join(sorted(fine)))
 
 
-def _broken(manifest: PluginManifest, message: str) -> Finding:
+def _broken(manifest: PluginManifest, message: str) -> Diagnostic:
     if not manifest.missing_modules():
         return problem(_AREA, message, f"eal plugin check {manifest.folder}")
     what, _, remedy = message.partition(": pip install ")

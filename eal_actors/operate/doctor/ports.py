@@ -9,7 +9,7 @@ from typing import Final
 
 from eal_actors.managers.fleet_model import RobotConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, Endpoint, parse_endpoint
-from eal_actors.operate.doctor.finding import Finding, ok, problem, warning
+from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
 
 _AREA: Final = "ports"
 _DATAGRAMS: Final = ("udp", "quic")
@@ -22,7 +22,7 @@ def is_here(robot: RobotConfig) -> bool:
     return robot.address != BEHIND_ROUTER and _bind_error(parse_endpoint(robot.address), port=0) is None
 
 
-def check_ports(robots: Iterable[RobotConfig], answering: Iterable[str]) -> Iterator[Finding]:
+def check_ports(robots: Iterable[RobotConfig], answering: Iterable[str]) -> Iterator[Diagnostic]:
     """Yield what is to be said of the ports of robots that are served on this machine.
 
     Args:
@@ -38,7 +38,7 @@ def check_ports(robots: Iterable[RobotConfig], answering: Iterable[str]) -> Iter
         yield judge_port(robot.name, text, is_served=robot.name in there, error=error)
 
 
-def judge_port(robot: str, endpoint: str, *, is_served: bool, error: OSError | None) -> Finding:
+def judge_port(robot: str, endpoint: str, *, is_served: bool, error: OSError | None) -> Diagnostic:
     """Return what it means that a port could be taken, or not.
 
     Args:

@@ -11,14 +11,14 @@ from eal_actors.actors.robot_view import Ping, RobotState, release
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.operate.doctor.finding import Finding, ok, problem, warning
+from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
 
 _AREA: Final = "robots"
 _SLOW_S: Final = 0.1
 _PING_S: Final = 5.0
 
 
-def ping_robots(config: FleetConfig, names: Iterable[str]) -> tuple[dict[str, Ping], list[Finding]]:
+def ping_robots(config: FleetConfig, names: Iterable[str]) -> tuple[dict[str, Ping], list[Diagnostic]]:
     """Ask robots how they are; returns their answers, and what is to be said of each.
 
     Nothing is moved, and robots of this process are not started.
@@ -27,7 +27,7 @@ def ping_robots(config: FleetConfig, names: Iterable[str]) -> tuple[dict[str, Pi
     """
     wanted = list(names)
     answers: dict[str, Ping] = {}
-    findings: list[Finding] = []
+    findings: list[Diagnostic] = []
     if not wanted:
         return answers, findings
     only = replace(config, robots={name: config.robots[name] for name in wanted})
@@ -50,7 +50,7 @@ def _ping(robot: RobotHandle) -> Ping:
     return robot.ping().get(timeout=robot.clock.of_real(_PING_S))
 
 
-def _unreached(name: str, address: str, error: EALError) -> Finding:
+def _unreached(name: str, address: str, error: EALError) -> Diagnostic:
     advice = (
         f"On the robot: eal serve --fleet FLEET --robot {name}. Then see that it is switched on, that {address} is its "
         "address, that no firewall is between, and that both ends have keys of one authority."
@@ -58,7 +58,7 @@ def _unreached(name: str, address: str, error: EALError) -> Finding:
     return problem(_AREA, f"{name}: {error.message}", advice)
 
 
-def judge_ping(name: str, ping: Ping, ours: str) -> Iterator[Finding]:
+def judge_ping(name: str, ping: Ping, ours: str) -> Iterator[Diagnostic]:
     """Yield what a robot's answer means.
 
     Args:

@@ -17,7 +17,7 @@ from eal_actors.actors.robot_view import RobotState
 from eal_actors.device.data import DataType, EALData
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import UnavailableError
-from eal_actors.operate.metrics.tally import DONE, CallWatch
+from eal_actors.operate.metrics.call_observer import DONE, CallObserver
 
 LOOPBACK: Final = "127.0.0.1"
 _BUCKETS_S: Final = (0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
@@ -62,7 +62,7 @@ class FleetMetrics:
         )
         self._frames = Counter("eal_frames", "Pictures read.", ("robot", "resource"), registry=self._registry)
         self._registry.register(_Standing(robots, dead_man_trips))
-        self._watch = CallWatch(clock, self._count)
+        self._watch = CallObserver(clock, self._count)
         self._stack = ExitStack()
 
     @property

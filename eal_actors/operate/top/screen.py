@@ -21,9 +21,9 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError
-from eal_actors.operate.top.figures import Recent
-from eal_actors.operate.top.newest_run import RunProgress, newest_run
-from eal_actors.operate.top.snapshot import Row, row_of
+from eal_actors.operate.top.call_statistics import RecentCalls
+from eal_actors.operate.top.robot_row import RobotRow, robot_row
+from eal_actors.operate.top.run_progress import RunProgress, latest_run
 
 LOOK_EACH_S: Final = 0.5
 STOP_REASON: Final = "stopped at eal top"
@@ -37,7 +37,7 @@ _STYLES: Final = {
 }
 
 
-class LastLines(io.TextIOBase):
+class LogBuffer(io.TextIOBase):
     """Where log lines go while the screen is shown, which they would tear: the last ones are kept."""
 
     def __init__(self, most: int = 3) -> None:
@@ -81,17 +81,17 @@ class TopApp(App[None]):
     def __init__(
         self,
         fleet: Fleet,
-        calls: Recent,
+        calls: RecentCalls,
         runs_dir: Path,
-        log: LastLines | None = None,
+        log: LogBuffer | None = None,
         look_each_s: float | None = LOOK_EACH_S,
     ) -> None:
         super().__init__()
         self.fleet = fleet
-        self.rows: dict[str, Row] = {}
-        self._calls, self._pings = calls, Recent()
+        self.rows: dict[str, RobotRow] = {}
+        self._calls, self._pings = calls, RecentCalls()
         self._runs_dir = runs_dir
-        self._lines = log or LastLines()
+        self._lines = log or LogBuffer()
         self._look_each_s = look_each_s
         self._answers: dict[str, Ping] = {}
         self._asked: dict[str, Future[Ping]] = {}
@@ -127,13 +127,13 @@ class TopApp(App[None]):
         """Look at the fleet, and show what is new."""
         for name, robot in self.fleet.items():
             self._ping(robot)
-            row = self.rows[name] = row_of(robot, self._calls, self._pings, self._answers.get(name))
+            row = self.rows[name] = robot_row(robot, self._calls, self._pings, self._answers.get(name))
             for column, cell in zip(_COLUMNS, _cells(row), strict=True):
                 self._table.update_cell(name, column, cell)
         base = self.screen_stack[0]
         ready = sum(row.state == RobotState.READY.value for row in self.rows.values())
         base.query_one("#head", Static).update(f"{self.fleet.name}: {ready} of {len(self.rows)} robots ready")
-        base.query_one("#run", Static).update(_shown_run(newest_run(self._runs_dir, self.fleet.name)))
+        base.query_one("#run", Static).update(_shown_run(latest_run(self._runs_dir, self.fleet.name)))
         base.query_one("#told", Static).update(Text("\n".join(self._lines.lines)))
         self._tell_orders()
         if isinstance(self.screen, Details):
@@ -210,12 +210,12 @@ class Details(Screen[None]):
             yield Static(id="details")
         yield Footer()
 
-    def show(self, robot: RobotHandle, row: Row) -> None:
+    def show(self, robot: RobotHandle, row: RobotRow) -> None:
         """Show how things stand."""
         self.query_one("#details", Static).update(Text("\n".join(_details(robot, row))))
 
 
-def _cells(row: Row) -> list[Text | str]:
+def _cells(row: RobotRow) -> list[Text | str]:
     running = "; ".join(
         f"{run.resource} {run.command} {_percent(run.progress.fraction if run.progress else None)}".rstrip()
         for run in row.running
@@ -234,7 +234,7 @@ def _cells(row: Row) -> list[Text | str]:
     ]
 
 
-def _details(robot: RobotHandle, row: Row) -> list[str]:
+def _details(robot: RobotHandle, row: RobotRow) -> list[str]:
     kind = f" ({robot.type})" if robot.type else ""
     lines = [f"{row.name}{kind}: {row.state}, {'in another process' if row.is_remote else 'in this process'}", ""]
     restarts = robot.restarts

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from .base import Base
-from .battery import Battery
+from .actuators import Base, Turret
 from .camera import Camera
 from .faults import Faults
-from .odometry import Odometry
-from .pose import Pose
+from .pose import Odometry, Pose
 from .roomba import Buttons, Leds, Song
-from .sensing import Beacons, Bump, Cliff, Compass, Light, Range, Wall, WheelDrop
-from .turret import Turret
+from .sensing import Battery, Beacons, Bump, Cliff, Compass, Light, Range, Wall, WheelDrop
 
 __all__ = [
     "Base",

@@ -7,6 +7,8 @@ import threading
 from typing import TYPE_CHECKING, Final
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from eal_actors.plugin import (
     ArgumentError,
     DataType,
@@ -21,22 +23,22 @@ from eal_actors.plugin import (
 
 from ..robot import SimRobot
 from ..world import SimWorld
-from .on_robot import OnRobot
+from .robot_resource import RobotResource
 
 if TYPE_CHECKING:
     from ..camera.eye import Eye, Lens
     from ..camera.movers import Mover
     from ..camera.scene import Scene
 
-_FROM_WALL_M: Final = 0.002  # a camera at the rim of a robot that pushes a wall is still in the room
+_FROM_WALL_M: Final = 0.002  # keeps a camera at the rim of a robot that pushes a wall inside the room
 _SIZE: Final = ValueInfo(DataType.INT, "px", 16, 4096)
 
 _scenes: Final[WeakKeyDictionary[SimWorld, Scene]] = WeakKeyDictionary()
 _scenes_lock: Final = threading.Lock()
 
 
-class Camera(OnRobot):
-    """Camera that looks ahead, or where the turret faces: pictures of the room, what stands in it, other robots."""
+class Camera(RobotResource):
+    """Camera that faces ahead, or with the turret: pictures of the room, its objects and other robots."""
 
     types = ResourceType.SENSOR
     value = ValueInfo(DataType.CHAR, shape=(None, None, 3), description="RGB, rows from the top")
@@ -50,7 +52,7 @@ class Camera(OnRobot):
         self._offset_m = 0.0
 
     def get_value(self) -> EALData:
-        """Return the picture of this moment, shape (height, width, 3); the first one of a world takes longest.
+        """Return the current picture, shape (height, width, 3); the first picture of a world takes longest.
 
         Raises:
             UnavailableError: OpenCV is not installed, or the robot has no place in the world.
@@ -65,11 +67,13 @@ class Camera(OnRobot):
             eye, movers = self._eye(), self._movers()
             seed = int(self._robot.sensor_generator.integers(2**63)) if self._noise else 0
         image = exposed(render(scene, movers, eye), self._exposure, self._noise, seed)
+        if self._robot.faults.camera_black:
+            image = np.zeros_like(image)
         return EALData.of(image, frame_id=f"{self._robot.name}/camera", stamp_s=now_s)
 
     @request("intrinsics", ValueInfo(DataType.DOUBLE, "px", shape=(3, 3)))
     def intrinsics(self) -> EALData:
-        """Tell the camera matrix: from x right, y down, z ahead to pixels, the middle of the first one at 0, 0."""
+        """Return the camera matrix: from x right, y down, z ahead to pixels, the centre of the first one at 0, 0."""
         return EALData.of(self._lens().matrix, unit="px")
 
     @config("width", _SIZE)
@@ -104,7 +108,7 @@ class Camera(OnRobot):
 
     @config("noise", ValueInfo(DataType.DOUBLE, minimum=0, maximum=100, description="grey levels"))
     def noise(self) -> float:
-        """Standard deviation of the noise of every number of a picture, in grey levels."""
+        """Standard deviation of the noise of every colour value, in grey levels."""
         return self._noise
 
     @config_setter("noise")
@@ -114,7 +118,7 @@ class Camera(OnRobot):
 
     @config("exposure", ValueInfo(DataType.DOUBLE, minimum=0, maximum=16, description="factor on the grey levels"))
     def exposure(self) -> float:
-        """Factor on the grey levels: 2 is twice as bright, and what gets too bright is white."""
+        """Factor on the grey levels: 2 is twice as bright, clipped at white."""
         return self._exposure
 
     @config_setter("exposure")
@@ -124,17 +128,17 @@ class Camera(OnRobot):
 
     @config("offset_m", ValueInfo(DataType.DOUBLE, "m", -1, 1))
     def offset_m(self) -> float:
-        """How far ahead of the axis that it turns on the camera is."""
+        """Distance of the camera ahead of its axis of rotation."""
         return self._offset_m
 
     @config_setter("offset_m")
     def set_offset_m(self, offset_m: float) -> None:
-        """Put the camera elsewhere on its robot."""
+        """Set the distance of the camera ahead of its axis."""
         most_m = self._robot.make.radius_m
         if abs(offset_m) > most_m:
             raise ArgumentError(
                 f"configuration key 'offset_m': the {self._robot.make.name} has a radius of {most_m:g} m, "
-                f"and {offset_m:g} m is beyond it"
+                f"{offset_m:g} m is outside"
             )
         self._offset_m = float(offset_m)
 
@@ -154,7 +158,7 @@ class Camera(OnRobot):
         return Eye(x_m, y_m, self._robot.make.camera_height_m, yaw_rad, self._lens())
 
     def _movers(self) -> list[Mover]:
-        """Return the boxes and the other robots where they are. Thread: inside `caught_up`."""
+        """Return the boxes and the other robots at their poses. Thread: inside `caught_up`."""
         from ..camera.movers import BoxAt, Look, RobotAt
 
         movers: list[Mover] = [BoxAt(number, *box.pose) for number, box in enumerate(self._world.boxes)]
@@ -167,7 +171,7 @@ class Camera(OnRobot):
 
 
 def _scene_of(world: SimWorld) -> Scene:
-    """Return the scene of a world, which is made when the first picture of it is taken."""
+    """Return the scene of a world; create it on first use."""
     from ..camera.scene import Scene
 
     with _scenes_lock:

@@ -1,4 +1,4 @@
-"""Faults on purpose, by plan and by call."""
+"""The resource that injects faults, by call and by plan."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
+
+from typing_extensions import override
 
 from eal_actors.plugin import (
     Activity,
@@ -25,7 +27,7 @@ from eal_actors.plugin import (
 from ..faults import HEALTHY, FaultPlan, FaultSet
 from ..robot import SimRobot
 from ..world import SimWorld
-from .on_robot import OnRobot
+from .robot_resource import RobotResource
 
 _FROZEN: Final = "frozen"
 _UNITS: Final = {"link_delay_s": "s"}
@@ -47,22 +49,22 @@ _CONFIGS: Final = tuple(
 )
 
 
-class Faults(OnRobot):
-    """Makes something wrong with the robot on purpose; get_status: 0 nothing is wrong, 1 something is.
+class Faults(RobotResource):
+    """Injects faults into the robot; get_status: 0 healthy, 1 faulty.
 
-    It stands beside the robot: it answers over a cut link too, and when the robot is dead.
+    It is not part of the robot: it answers over a cut link, and when the robot is dead.
 
     Args:
-        world: the world that the robot is in.
+        world: the world of the robot.
         robot: the robot.
-        link: the way from controllers to the robot.
-        plan: what is to happen by itself.
+        link: the simulated link between controllers and the robot.
+        plan: the planned faults.
         clock: the fleet's clock, which the plan follows.
         sensors: the robot's sensors that can freeze.
     """
 
     types = ResourceType.OTHER
-    value = ValueInfo(DataType.CHAR, description="JSON object of the faults that are there")
+    value = ValueInfo(DataType.CHAR, description="JSON object of the present faults")
 
     def __init__(
         self, world: SimWorld, robot: SimRobot, link: Link, plan: FaultPlan, clock: Clock, sensors: Sequence[str]
@@ -74,7 +76,7 @@ class Faults(OnRobot):
         self._sensors = tuple(sensors)
 
     def info(self) -> ResourceInfo:
-        """Return what it says of itself; each fault is a configuration key."""
+        """Return its description, with each fault as a configuration key."""
         return replace(super().info(), configs=_CONFIGS)
 
     def background(self) -> Activity | None:
@@ -82,69 +84,61 @@ class Faults(OnRobot):
         return self._carry_out() if self._plan.next_s < math.inf else None
 
     def get_status(self) -> int:
-        """Return 0 while nothing is wrong, 1 while something is."""
+        """Return 0 while the robot is healthy, 1 while it has a fault."""
         return int(bool(self._robot.faults.present))
 
     def get_value(self) -> EALData:
-        """Return the faults that are there as a JSON object, such as `{"motor_left": 0.5}`."""
+        """Return the present faults as a JSON object, such as `{"motor_left": 0.5}`."""
         return EALData.of(json.dumps(self._robot.faults.present), stamp_s=self._clock.now())
 
+    @override
     def get_config(self, key: str) -> EALData:
-        """Return a fault's value.
-
-        Raises:
-            ArgumentError: there is no such fault.
-        """
         name = self.info().config(key).name
         value = getattr(self._robot.faults, name)
         return EALData.of(",".join(value) if name == _FROZEN else value)
 
+    @override
     def set_config(self, key: str, data: EALData | None = None) -> None:
-        """Set a fault's value.
-
-        Raises:
-            ArgumentError: there is no such fault, or the value is outside its type or range.
-        """
         info = self.info().config(key)
         if data is None:
             raise ArgumentError(f"configuration key {key!r} needs a value: {info.value.describe()}")
         info.value.check(data, f"configuration key {key!r}")
         value = data.value
         if key == _FROZEN:
-            value = self._checked_sensors(value)
+            value = self._parse_sensors(value)
         elif info.value.type is DataType.DOUBLE:
             value = float(value)
-        self._inflict({key: value})
+        self._apply({key: value})
 
     @command("clear")
     def clear(self) -> None:
-        """End all faults; what is still planned happens nevertheless."""
-        self._inflict(HEALTHY.model_dump())
+        """End all faults; planned faults still begin."""
+        self._apply(HEALTHY.model_dump())
 
     def _carry_out(self) -> Activity:
         while True:
             now_s = self._clock.now()
             if self._plan.next_s <= now_s:
-                self._inflict(self._plan.take_due(now_s))
+                self._apply(self._plan.take_due(now_s))
             if self._plan.next_s == math.inf:
                 return
             yield self._plan.next_s - now_s
 
-    def _inflict(self, changes: dict[str, Any]) -> None:
+    def _apply(self, changes: dict[str, Any]) -> None:
         with self._world.caught_up():
-            faults = self._robot.faults = self._robot.faults.with_changes(changes)
+            faults = self._robot.faults = self._robot.faults.model_copy(update=changes)
             if faults.dead or faults.battery_empty:
                 self._world.stop(self._robot)
             if faults.dead and self._robot.turret:
                 self._robot.turret.stop()
         self._link.impair(delay_s=faults.link_delay_s, loss=faults.link_loss, is_cut=faults.link_cut or faults.dead)
 
-    def _checked_sensors(self, text: str) -> tuple[str, ...]:
+    def _parse_sensors(self, text: str) -> tuple[str, ...]:
         names = tuple(name.strip() for name in text.split(",") if name.strip())
         for name in names:
             if name not in self._sensors:
                 raise ArgumentError(
-                    f"{name!r} is no sensor of robot {self._robot.name!r} that can freeze; "
-                    f"these can: {', '.join(self._sensors)}"
+                    f"robot {self._robot.name!r} has no sensor {name!r} that can freeze; "
+                    f"use: {', '.join(self._sensors)}"
                 )
         return names

@@ -1,4 +1,4 @@
-"""What only a Roomba has: buttons, lights and songs, as the plugin roomba has them."""
+"""The buttons, lights and songs of a simulated Roomba. They have the interface of the real robot's resources."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from eal_actors.plugin import (
 
 from ..robot import SimRobot
 from ..world import SimWorld
-from .on_robot import OnRobot
+from .robot_resource import RobotResource
 
 _FLAG: Final = ValueInfo(DataType.BOOL)
 _STATUS: Final = ValueInfo(DataType.CHAR, choices=("off", "red", "green", "amber"))
@@ -30,39 +30,35 @@ _NOTES: Final = ValueInfo(DataType.CHAR, description="MIDI notes 31..127, each w
 _MOST_NOTES: Final = 16
 
 
-class Buttons(OnRobot):
+class Buttons(RobotResource):
     """Whether any button on the robot is pressed."""
 
     types = ResourceType.SENSOR
     value = _FLAG
 
     def get_value(self) -> EALData:
-        """Return whether any of the four is pressed now: nobody in the simulated world presses one."""
-        return self._released()
+        """Return whether any of the four is pressed now; in simulation, none ever is."""
+        return self._read(lambda _: False)
 
     @request("max", _FLAG)
     def max(self) -> EALData:
         """Return whether MAX is pressed."""
-        return self._released()
+        return self._read(lambda _: False)
 
     @request("clean", _FLAG)
     def clean(self) -> EALData:
         """Return whether CLEAN is pressed."""
-        return self._released()
+        return self._read(lambda _: False)
 
     @request("spot", _FLAG)
     def spot(self) -> EALData:
         """Return whether SPOT is pressed."""
-        return self._released()
+        return self._read(lambda _: False)
 
     @request("power", _FLAG)
     def power(self) -> EALData:
         """Return whether POWER is pressed."""
-        return self._released()
-
-    def _released(self) -> EALData:
-        with self._world.caught_up() as now_s:
-            return EALData.of(False, stamp_s=now_s)
+        return self._read(lambda _: False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +72,7 @@ class _Lights:
     power_intensity: int = 0
 
 
-class Leds(OnRobot):
+class Leds(RobotResource):
     """The lights on the robot; requests return their last settings."""
 
     types = ResourceType.ACTUATOR
@@ -167,7 +163,7 @@ class Leds(OnRobot):
         self._lights = replace(self._lights, **changes)
 
 
-class Song(OnRobot):
+class Song(RobotResource):
     """Plays songs of notes; get_status: 0 is silent, 1 plays."""
 
     types = ResourceType.ACTUATOR
@@ -183,37 +179,37 @@ class Song(OnRobot):
         return int(self._left_s() > 0)
 
     def halt(self) -> None:
-        """Do nothing: a song moves nothing, and once begun it cannot be cut off."""
+        """Do nothing: a song moves nothing, and a playing song cannot be stopped."""
 
     @config("number", _NUMBER)
     def number(self) -> int:
-        """Number of the song that is meant by the commands and the request."""
+        """Number of the song that the commands and the request use."""
         return self._number
 
     @config_setter("number")
     def set_number(self, number: int) -> None:
-        """Choose the song."""
+        """Select the song."""
         self._number = number
 
     @command("notes", _NOTES)
     def set_notes(self, text: str) -> None:
-        """Store the song's notes, 16 at most."""
-        _parsed(text)
+        """Store the song's notes, at most 16."""
+        _parse_notes(text)
         self._songs[self._number] = text
 
     @command("play")
     def play(self) -> None:
         """Begin to play the song."""
         if self._number not in self._songs:
-            raise ArgumentError(f"song {self._number} has no notes yet; the command notes gives it some")
+            raise ArgumentError(f"song {self._number} has no notes yet; the command notes sets them")
         if (left_s := self._left_s()) > 0:
-            raise UnavailableError(f"a song plays for another {left_s:.2f} s, and cannot be cut off")
+            raise UnavailableError(f"a song plays for another {left_s:.2f} s, and cannot be stopped")
         with self._world.caught_up() as now_s:
-            self._plays_until_s = now_s + sum(duration for _, duration in _parsed(self._songs[self._number])) / 64
+            self._plays_until_s = now_s + sum(duration for _, duration in _parse_notes(self._songs[self._number])) / 64
 
     @request("notes", ValueInfo(DataType.CHAR))
     def notes(self) -> str:
-        """Tell the song's notes as they were stored; empty for none."""
+        """Return the stored notes of the song; empty for none."""
         return self._songs.get(self._number, "")
 
     def _left_s(self) -> float:
@@ -221,11 +217,11 @@ class Song(OnRobot):
             return self._plays_until_s - now_s
 
 
-def _parsed(text: str) -> list[tuple[int, int]]:
-    """Return the pairs of note and duration in 1/64 s that a text such as `72:16 76:32` names.
+def _parse_notes(text: str) -> list[tuple[int, int]]:
+    """Return the pairs of note and duration in 1/64 s of a text such as `72:16 76:32`.
 
     Raises:
-        ArgumentError: it is no such text, a number is outside its range, or there are too few or too many notes.
+        ArgumentError: the text has another form, a number is out of range, or there are too few or too many notes.
     """
     notes = []
     for word in text.split():

@@ -1,4 +1,4 @@
-"""What a simulated robot senses of the world round it."""
+"""The sensors of a simulated robot: its battery and what it senses of the world."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ..sensors import (
     MAX_RANGE_M,
     RAY_ANGLES_RAD,
     RAYS,
+    Array,
     Cliffs,
     DroppedWheels,
     compass_rad,
@@ -26,12 +27,48 @@ from ..sensors import (
     seen_cliffs,
 )
 from ..world import SimWorld
-from .on_robot import OnRobot
+from .robot_resource import RobotResource
 
 _BOOL = ValueInfo(DataType.BOOL)
 
 
-class Bump(OnRobot):
+class Battery(RobotResource):
+    """How full the battery is, 0 to 1."""
+
+    types = ResourceType.SENSOR
+    value = ValueInfo(DataType.DOUBLE, None, 0, 1, description="fraction of the capacity that is left")
+
+    def get_value(self) -> EALData:
+        """Return the charge as a share of the capacity."""
+        return self._read(lambda _: float(self._robot.battery.fraction))
+
+    @request("voltage", ValueInfo(DataType.DOUBLE, "V"))
+    def voltage(self) -> EALData:
+        """Return the terminal voltage."""
+        return self._read(lambda _: self._robot.battery.voltage_v, "V")
+
+    @request("current", ValueInfo(DataType.DOUBLE, "A"))
+    def current(self) -> EALData:
+        """Return the charging current, negative while the battery is drained."""
+        return self._read(lambda _: self._robot.battery.current_a, "A")
+
+    @request("charge", ValueInfo(DataType.DOUBLE, "A h"))
+    def charge(self) -> EALData:
+        """Return the remaining charge."""
+        return self._read(lambda _: self._robot.battery.charge_ah, "A h")
+
+    @request("capacity", ValueInfo(DataType.DOUBLE, "A h"))
+    def capacity(self) -> EALData:
+        """Return the full charge."""
+        return self._read(lambda _: self._robot.battery.capacity_ah, "A h")
+
+    @request("temperature", ValueInfo(DataType.DOUBLE, "degC"))
+    def temperature(self) -> EALData:
+        """Return its temperature."""
+        return self._read(lambda _: self._robot.battery.temperature_c, "degC")
+
+
+class Bump(RobotResource):
     """Whether something touches the front half of the robot."""
 
     types = ResourceType.SENSOR
@@ -39,27 +76,23 @@ class Bump(OnRobot):
 
     def get_value(self) -> EALData:
         """Return whether any bumper is pressed now."""
-        (left, right), now_s = self._pressed()
-        return EALData.of(left or right, stamp_s=now_s)
+        return self._read(lambda _: any(self._pressed()))
 
     @request("left", _BOOL)
     def left(self) -> EALData:
-        """Tell whether the left bumper is pressed; something straight ahead presses both."""
-        (left, _), now_s = self._pressed()
-        return EALData.of(left, stamp_s=now_s)
+        """Return whether the left bumper is pressed; an obstacle straight ahead presses both."""
+        return self._read(lambda _: self._pressed()[0])
 
     @request("right", _BOOL)
     def right(self) -> EALData:
-        """Tell whether the right bumper is pressed; something straight ahead presses both."""
-        (_, right), now_s = self._pressed()
-        return EALData.of(right, stamp_s=now_s)
+        """Return whether the right bumper is pressed; an obstacle straight ahead presses both."""
+        return self._read(lambda _: self._pressed()[1])
 
-    def _pressed(self) -> tuple[tuple[bool, bool], float]:
-        with self._world.caught_up() as now_s:
-            return pressed_bumpers(self._robot), now_s
+    def _pressed(self) -> tuple[bool, bool]:
+        return pressed_bumpers(self._robot)
 
 
-class Cliff(OnRobot):
+class Cliff(RobotResource):
     """Whether the floor falls away under the robot's front edge."""
 
     types = ResourceType.SENSOR
@@ -67,39 +100,33 @@ class Cliff(OnRobot):
 
     def get_value(self) -> EALData:
         """Return whether any of the four sensors sees a drop now."""
-        cliffs, now_s = self._cliffs()
-        return EALData.of(any(cliffs), stamp_s=now_s)
+        return self._read(lambda _: any(self._cliffs()))
 
     @request("left", _BOOL)
     def left(self) -> EALData:
-        """Tell whether the sensor 60 degrees to the left sees a drop."""
-        cliffs, now_s = self._cliffs()
-        return EALData.of(cliffs.left, stamp_s=now_s)
+        """Return whether the sensor 60 degrees to the left sees a drop."""
+        return self._read(lambda _: self._cliffs().left)
 
     @request("front_left", _BOOL)
     def front_left(self) -> EALData:
-        """Tell whether the sensor 20 degrees to the left sees a drop."""
-        cliffs, now_s = self._cliffs()
-        return EALData.of(cliffs.front_left, stamp_s=now_s)
+        """Return whether the sensor 20 degrees to the left sees a drop."""
+        return self._read(lambda _: self._cliffs().front_left)
 
     @request("front_right", _BOOL)
     def front_right(self) -> EALData:
-        """Tell whether the sensor 20 degrees to the right sees a drop."""
-        cliffs, now_s = self._cliffs()
-        return EALData.of(cliffs.front_right, stamp_s=now_s)
+        """Return whether the sensor 20 degrees to the right sees a drop."""
+        return self._read(lambda _: self._cliffs().front_right)
 
     @request("right", _BOOL)
     def right(self) -> EALData:
-        """Tell whether the sensor 60 degrees to the right sees a drop."""
-        cliffs, now_s = self._cliffs()
-        return EALData.of(cliffs.right, stamp_s=now_s)
+        """Return whether the sensor 60 degrees to the right sees a drop."""
+        return self._read(lambda _: self._cliffs().right)
 
-    def _cliffs(self) -> tuple[Cliffs, float]:
-        with self._world.caught_up() as now_s:
-            return seen_cliffs(self._world, self._robot), now_s
+    def _cliffs(self) -> Cliffs:
+        return seen_cliffs(self._world, self._robot)
 
 
-class WheelDrop(OnRobot):
+class WheelDrop(RobotResource):
     """Whether a wheel hangs over a drop."""
 
     types = ResourceType.SENSOR
@@ -107,33 +134,28 @@ class WheelDrop(OnRobot):
 
     def get_value(self) -> EALData:
         """Return whether any wheel has dropped."""
-        dropped, now_s = self._dropped()
-        return EALData.of(any(dropped), stamp_s=now_s)
+        return self._read(lambda _: any(self._dropped()))
 
     @request("left", _BOOL)
     def left(self) -> EALData:
-        """Tell whether the left wheel has dropped."""
-        dropped, now_s = self._dropped()
-        return EALData.of(dropped.left, stamp_s=now_s)
+        """Return whether the left wheel has dropped."""
+        return self._read(lambda _: self._dropped().left)
 
     @request("right", _BOOL)
     def right(self) -> EALData:
-        """Tell whether the right wheel has dropped."""
-        dropped, now_s = self._dropped()
-        return EALData.of(dropped.right, stamp_s=now_s)
+        """Return whether the right wheel has dropped."""
+        return self._read(lambda _: self._dropped().right)
 
     @request("caster", _BOOL)
     def caster(self) -> EALData:
-        """Tell whether the caster, the small wheel in front, has dropped."""
-        dropped, now_s = self._dropped()
-        return EALData.of(dropped.caster, stamp_s=now_s)
+        """Return whether the caster, the small wheel in front, has dropped."""
+        return self._read(lambda _: self._dropped().caster)
 
-    def _dropped(self) -> tuple[DroppedWheels, float]:
-        with self._world.caught_up() as now_s:
-            return dropped_wheels(self._world, self._robot), now_s
+    def _dropped(self) -> DroppedWheels:
+        return dropped_wheels(self._world, self._robot)
 
 
-class Wall(OnRobot):
+class Wall(RobotResource):
     """Whether something is within 5 cm of the hull at the right-hand side, a little ahead."""
 
     types = ResourceType.SENSOR
@@ -141,18 +163,15 @@ class Wall(OnRobot):
 
     def get_value(self) -> EALData:
         """Return whether something is near at the right-hand side."""
-        with self._world.caught_up() as now_s:
-            is_near = is_wall_near(self._robot)
-        return EALData.of(is_near, stamp_s=now_s)
+        return self._read(lambda _: is_wall_near(self._robot))
 
     @request("virtual", _BOOL)
     def virtual(self) -> EALData:
-        """Tell whether a virtual wall's beam is seen; a simulated world has none."""
-        with self._world.caught_up() as now_s:
-            return EALData.of(False, stamp_s=now_s)
+        """Return whether a virtual wall's beam is seen; a simulated world has none."""
+        return self._read(lambda _: False)
 
 
-class Range(OnRobot):
+class Range(RobotResource):
     """Distances from the robot's centre along 16 rays, the first ahead, then to the left; at most 4 m."""
 
     types = ResourceType.SENSOR
@@ -162,22 +181,22 @@ class Range(OnRobot):
         super().__init__(world, robot)
         self._noise_m = 0.0
         self._max_range_m = MAX_RANGE_M
-        self._frame_id = f"{robot.name}/base"
 
     def get_value(self) -> EALData:
-        """Return the distances, the greatest range where a ray meets nothing; noise does not make them longer."""
-        with self._world.caught_up() as now_s:
-            found_m = ranges_m(self._world, self._robot, now_s)
-            if self._noise_m:
-                noise_m = self._noise_m * self._robot.sensor_generator.standard_normal(RAYS)
-                is_echo = found_m < self._max_range_m
-                found_m = np.where(is_echo, np.maximum(found_m + noise_m, 0.0), found_m)
-        return EALData.of(np.minimum(found_m, self._max_range_m), unit="m", frame_id=self._frame_id, stamp_s=now_s)
+        """Return the distances, the greatest range where a ray hits nothing; noise does not exceed that range."""
+        return self._read(self._distances_m, "m", "base")
+
+    def _distances_m(self, now_s: float) -> Array:
+        found_m = ranges_m(self._world, self._robot, now_s)
+        if self._noise_m:
+            noise_m = self._noise_m * self._robot.sensor_generator.standard_normal(RAYS)
+            found_m = np.where(found_m < self._max_range_m, np.maximum(found_m + noise_m, 0.0), found_m)
+        return np.minimum(found_m, self._max_range_m)
 
     @request("angles", ValueInfo(DataType.DOUBLE, "rad", shape=(RAYS,)))
     def angles(self) -> EALData:
         """Return the rays' angles from straight ahead, counter-clockwise."""
-        return EALData.of(RAY_ANGLES_RAD, unit="rad", frame_id=self._frame_id)
+        return EALData.of(RAY_ANGLES_RAD, unit="rad", frame_id=f"{self._robot.name}/base")
 
     @config("noise_m", ValueInfo(DataType.DOUBLE, "m", 0, 1))
     def noise_m(self) -> float:
@@ -191,7 +210,7 @@ class Range(OnRobot):
 
     @config("max_range_m", ValueInfo(DataType.DOUBLE, "m", 0.1, MAX_RANGE_M))
     def max_range_m(self) -> float:
-        """Greatest range; what is farther away is not seen."""
+        """Greatest range; anything farther away is not seen."""
         return self._max_range_m
 
     @config_setter("max_range_m")
@@ -200,7 +219,7 @@ class Range(OnRobot):
         self._max_range_m = float(max_range_m)
 
 
-class Compass(OnRobot):
+class Compass(RobotResource):
     """The robot's yaw in rad, in (-pi, pi], counter-clockwise from the world's x axis."""
 
     types = ResourceType.SENSOR
@@ -227,7 +246,7 @@ class Compass(OnRobot):
         self._noise_rad = float(noise_rad)
 
 
-class Light(OnRobot):
+class Light(RobotResource):
     """The light that falls on the top of the robot, in lux."""
 
     types = ResourceType.SENSOR
@@ -235,12 +254,10 @@ class Light(OnRobot):
 
     def get_value(self) -> EALData:
         """Return the light of the room and of the lamps in sight."""
-        with self._world.caught_up() as now_s:
-            lux = light_lux(self._world, self._robot, now_s)
-        return EALData.of(lux, unit="lx", stamp_s=now_s)
+        return self._read(lambda now_s: light_lux(self._world, self._robot, now_s), "lx")
 
 
-class Beacons(OnRobot):
+class Beacons(RobotResource):
     """Bearing in rad and distance in m of each beacon, in the order of the world file; NaN where it is not seen."""
 
     types = ResourceType.SENSOR
@@ -248,9 +265,7 @@ class Beacons(OnRobot):
 
     def get_value(self) -> EALData:
         """Return one row for each beacon; bearings are counter-clockwise from straight ahead, in (-pi, pi]."""
-        with self._world.caught_up() as now_s:
-            seen = seen_beacons(self._world, self._robot, now_s)
-        return EALData.of(seen, frame_id=f"{self._robot.name}/base", stamp_s=now_s)
+        return self._read(lambda now_s: seen_beacons(self._world, self._robot, now_s), frame="base")
 
     @request("names", ValueInfo(DataType.CHAR, description="JSON list of strings"))
     def names(self) -> EALData:

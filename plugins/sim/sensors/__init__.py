@@ -1,16 +1,17 @@
-"""What a simulated robot senses of the world round it. Everything is geometry of the moment, without memory."""
+"""The measurements of a simulated robot's sensors: geometry of the current world, without memory."""
 
 from __future__ import annotations
 
 from .contact import Cliffs, DroppedWheels, dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
 from .field import compass_rad, light_lux, seen_beacons
-from .geometry import wrapped_rad
+from .geometry import Array
 from .rays import MAX_RANGE_M, RAY_ANGLES_RAD, RAYS, ranges_m
 
 __all__ = [
     "MAX_RANGE_M",
     "RAYS",
     "RAY_ANGLES_RAD",
+    "Array",
     "Cliffs",
     "DroppedWheels",
     "compass_rad",
@@ -21,5 +22,4 @@ __all__ = [
     "ranges_m",
     "seen_beacons",
     "seen_cliffs",
-    "wrapped_rad",
 ]

@@ -1,4 +1,4 @@
-"""What a robot feels of the floor under it and of what it all but touches."""
+"""Sensors of the floor under a robot and of objects very close to it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import Final, NamedTuple
 
 from eal_actors.device.world import WorldModel
 
-from ..robot import SimRobot
+from ..robot import SimRobot, wrapped_rad
 from ..world import SimWorld
-from .geometry import wrapped_rad
 
 _BUMPER_REACH_M: Final = 0.003
 _BUMPERS_OVERLAP_RAD: Final = math.radians(10)
@@ -37,7 +36,7 @@ class Cliffs(NamedTuple):
 
 
 def pressed_bumpers(robot: SimRobot) -> tuple[bool, bool]:
-    """Return whether the left and the right half of the front bumper are pressed; straight ahead presses both.
+    """Return whether the left and the right half of the front bumper are pressed; a contact ahead presses both.
 
     Raises:
         UnavailableError: the robot has no place in the world.

@@ -1,7 +1,7 @@
-"""What reaches a robot from afar: north, light and the signals of beacons.
+"""Sensors of distant sources: compass, light and beacons.
 
-The sensors sit on top of the robot. Obstacles and boxes hide what lies behind them where they rise above the line of
-sight; robots and beacons hide nothing.
+The sensors sit on top of the robot. An obstacle or a box that rises above the line of sight blocks it. Robots and
+beacons do not.
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..robot import SimRobot
+from ..robot import SimRobot, wrapped_rad
 from ..world import SimWorld
-from .geometry import Array, wrapped_rad
-from .scene import Scene
-from .shared import shared
+from .arrays import WorldArrays, shared
+from .geometry import Array
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,8 +24,8 @@ def compass_rad(robot: SimRobot, noise_rad: float) -> float:
     """Return the robot's yaw in (-pi, pi].
 
     Args:
-        robot: whose compass it is.
-        noise_rad: standard deviation of normal noise; 0 draws nothing.
+        robot: the robot.
+        noise_rad: standard deviation of normal noise; 0 draws no random number.
 
     Raises:
         UnavailableError: the robot has no place in the world.
@@ -38,9 +37,9 @@ def compass_rad(robot: SimRobot, noise_rad: float) -> float:
 
 
 def light_lux(world: SimWorld, robot: SimRobot, now_s: float) -> float:
-    """Return the light that falls on the top of the robot: the ambient light and that of the lamps in sight.
+    """Return the light on the top of the robot: the ambient light and that of the lamps in sight.
 
-    A lamp shines evenly to all sides, so it gives lumens / (4 pi d²), times the cosine of its angle from the zenith.
+    A lamp is isotropic: it gives lumens / (4 pi d²), times the cosine of its angle from the zenith.
 
     Raises:
         UnavailableError: the robot has no place in the world.
@@ -59,11 +58,11 @@ def light_lux(world: SimWorld, robot: SimRobot, now_s: float) -> float:
 
 
 def seen_beacons(world: SimWorld, robot: SimRobot, now_s: float) -> Array:
-    """Return bearing_rad, in (-pi, pi] from straight ahead, and distance_m of each beacon's middle.
+    """Return the bearing_rad, in (-pi, pi] from straight ahead, and distance_m of each beacon's centre.
 
     Returns:
-        Shape (n, 2), in the order of the world file; NaN for a beacon out of reach or out of sight. The sight is of
-        the beacon's top.
+        Shape (n, 2), in the order of the world file; NaN for a beacon out of reach or out of sight. The line of
+        sight ends at the beacon's top.
 
     Raises:
         UnavailableError: the robot has no place in the world.
@@ -85,18 +84,18 @@ def seen_beacons(world: SimWorld, robot: SimRobot, now_s: float) -> Array:
 
 
 def _in_sight(world: SimWorld, now_s: float, eye: Array, targets: Array) -> NDArray[np.bool_]:
-    """Return which targets, shape (n, 3), nothing hides from the eye, shape (3,)."""
-    scene = shared(world, Scene)
-    scene.follow(world, now_s)
+    """Return which targets, shape (n, 3), have a free line of sight to the eye, shape (3,)."""
+    arrays = shared(world, WorldArrays)
+    arrays.update(world, now_s)
     to = (targets - eye)[:, :, np.newaxis]
-    distance_m = np.maximum(np.hypot(to[:, 0], to[:, 1]), 1e-9)  # over the floor; a lamp may hang right above
+    distance_m = np.maximum(np.hypot(to[:, 0], to[:, 1]), 1e-9)  # horizontal; a lamp may hang right above
     ux, uy, slope = to[:, 0] / distance_m, to[:, 1] / distance_m, to[:, 2] / distance_m
     hidden = np.zeros(len(targets), dtype=np.bool_)
-    pillars, rectangles = slice(scene.first_hiding, scene.first_rectangle), slice(scene.first_rectangle, None)
-    for bodies, span_m in ((pillars, scene.disc_span_m), (rectangles, scene.rectangle_span_m)):
-        dx, dy = scene.x_m[bodies] - eye[0], scene.y_m[bodies] - eye[1]
+    pillars, rectangles = slice(arrays.first_opaque, arrays.first_rectangle), slice(arrays.first_rectangle, None)
+    for bodies, span_m in ((pillars, arrays.disc_span_m), (rectangles, arrays.rectangle_span_m)):
+        dx, dy = arrays.x_m[bodies] - eye[0], arrays.y_m[bodies] - eye[1]
         enter_m, leave_m = span_m(bodies, dx, dy, ux, uy)
         enter_m, leave_m = np.maximum(enter_m, 0.0), np.minimum(leave_m, distance_m)
         lowest_m = eye[2] + np.minimum(slope * enter_m, slope * leave_m)
-        hidden |= ((enter_m < leave_m) & (scene.height_m[bodies] > lowest_m)).any(axis=1)
+        hidden |= ((enter_m < leave_m) & (arrays.height_m[bodies] > lowest_m)).any(axis=1)
     return ~hidden

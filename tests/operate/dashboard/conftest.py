@@ -14,7 +14,7 @@ from tests.chromium import FLAGS, MISSING, find_chromium
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
-    """The browser, for one module: its driver keeps an event loop in the main thread, which others must not meet."""
+    """The browser, for one module: its driver runs an event loop in the main thread, which disturbs other tests."""
     program = find_chromium()
     if program is None:
         pytest.skip(MISSING)
@@ -26,15 +26,15 @@ def chromium() -> Iterator[Browser]:
 
 @pytest.fixture
 def open_page(chromium: Browser) -> Iterator[Callable[..., Any]]:
-    """Opens pages by their links; whatever they complain of fails the test."""
-    complaints: list[str] = []
+    """Opens pages by their links; errors on their console fail the test."""
+    errors: list[str] = []
 
     @contextmanager
     def opened(link: str, **options: Any) -> Iterator[Page]:
         context = chromium.new_context(**options)
         page = context.new_page()
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("console", lambda line: complaints.append(line.text) if line.type == "error" else None)
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
         page.goto(link)
         try:
             yield page
@@ -42,4 +42,4 @@ def open_page(chromium: Browser) -> Iterator[Callable[..., Any]]:
             context.close()
 
     yield opened
-    assert not complaints
+    assert not errors

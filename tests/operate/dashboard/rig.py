@@ -1,4 +1,4 @@
-"""Dashboards of fleets made in the test, and browsers' words without a browser."""
+"""Dashboards of fleets made in the test, and a page without a browser."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from eal_actors.operate.dashboard import Access, Dashboard
 
 ROOT = Path(__file__).parents[3]
 SIM = ROOT / "fleets/sim.yaml"
-WAIT_S = 20.0
-"""Real seconds after which a test that waits for something gives up."""
+WAIT_S = 60.0
+"""Real seconds after which a waiting test fails."""
 
 COUNTING_PLUGIN = """\
 import threading
@@ -124,7 +124,7 @@ def counting_fleet(folder: Path, *robots: str) -> Fleet:
 
 
 class Page:
-    """What a page does, without a browser: says things, and keeps what it hears."""
+    """A page without a browser: sends messages, and keeps updates."""
 
     def __init__(self, socket: ClientConnection, token: str | None) -> None:
         self.socket = socket
@@ -135,7 +135,7 @@ class Page:
         self.logs: list[dict[str, Any]] = []
         self.events: list[dict[str, Any]] = []
         self.answers: dict[int | None, dict[str, Any]] = {}
-        self.troubles: list[dict[str, Any]] = []
+        self.drive_errors: list[dict[str, Any]] = []
         self.say(do="hello", token=token)
         self.hello: dict[str, Any] = json.loads(socket.recv(WAIT_S))["hello"]
 
@@ -143,19 +143,19 @@ class Page:
         self.socket.send(json.dumps(message))
 
     def ask(self, **message: Any) -> dict[str, Any]:
-        """Say something, and return the answer."""
+        """Send a request, and return the answer."""
         self._number += 1
         self.say(**message, id=self._number)
         self.hear_until(lambda: self._number in self.answers)
         return self.answers[self._number]
 
     def hear_until(self, is_so: Callable[[], bool]) -> None:
-        """Take in what comes until something is so; pytest's own time-out ends a test in which it never is."""
+        """Receive updates until a condition holds; pytest's time-out ends a test in which it never does."""
         while not is_so():
             self._hear()
 
     def hear_the_end(self) -> int:
-        """Take in what comes until the server ends the connection; return with which code."""
+        """Receive updates until the server closes the connection; return its code."""
         with pytest.raises(ConnectionClosed) as end:
             self.hear_until(lambda: False)
         assert end.value.rcvd is not None, "the connection broke off"
@@ -165,36 +165,36 @@ class Page:
         message = self.socket.recv(WAIT_S)
         if isinstance(message, bytes):
             return
-        news = json.loads(message)
-        self.robots.update(news.get("robots", {}))
-        self.poses.update(news.get("poses", {}))
-        self.run = news.get("run", {}).get("", self.run)
-        self.logs += news.get("logs", [])
-        self.events += news.get("events", [])
-        for answer in news.get("answers", []):
-            if "trouble" in answer:
-                self.troubles.append(answer["trouble"])
+        update = json.loads(message)
+        self.robots.update(update.get("robots", {}))
+        self.poses.update(update.get("poses", {}))
+        self.run = update.get("run", {}).get("", self.run)
+        self.logs += update.get("logs", [])
+        self.events += update.get("events", [])
+        for answer in update.get("answers", []):
+            if "drive_error" in answer:
+                self.drive_errors.append(answer["drive_error"])
             else:
                 self.answers[answer["id"]] = answer
 
 
 def connect_to(dashboard: Dashboard) -> ClientConnection:
-    """Return a connection as from the dashboard's own page; to be entered."""
+    """Return a connection as from the dashboard's own page, not entered yet."""
     place = f"127.0.0.1:{dashboard.port}"
     return connect(f"ws://{place}/ws", origin=Origin(f"http://{place}"), compression=None, proxy=None)
 
 
 @contextmanager
 def page_of(dashboard: Dashboard, token: str | None = None) -> Iterator[Page]:
-    """Yield a page that has said hello."""
+    """Yield a page that has sent hello."""
     with connect_to(dashboard) as socket:
         yield Page(socket, token)
 
 
 def wait_for(base: Any, is_so: Callable[[], bool]) -> None:
-    """Wait until something is so of a counting robot's Base, which tells of its changes."""
+    """Wait until a condition of a counting robot's Base holds."""
     with base.changed:
-        assert base.changed.wait_for(is_so, WAIT_S), "it never came to that"
+        assert base.changed.wait_for(is_so, WAIT_S), "the condition never held"
 
 
 def open_dashboard(fleet: Fleet, token: str | None = None, **options: Any) -> Dashboard:
@@ -202,5 +202,5 @@ def open_dashboard(fleet: Fleet, token: str | None = None, **options: Any) -> Da
 
 
 def resource_of(fleet: Fleet, robot: str, name: str) -> Any:
-    """Return the resource object itself, to look at what it counted."""
+    """Return the resource object itself, to read its counts."""
     return fleet[robot][name].resource()

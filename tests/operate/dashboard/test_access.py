@@ -1,4 +1,4 @@
-"""Who may look and who may command; what is refused, and how it is told."""
+"""Access: who may watch and who may command, and how requests are refused."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from websockets.exceptions import ConnectionClosed
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.operate.dashboard import Access, Dashboard
 from eal_actors.operate.dashboard.access import is_loopback
-from eal_actors.operate.dashboard.limits import COMMANDS_AT_ONCE, MAX_BROWSERS, MESSAGES_AT_ONCE, Allowance
+from eal_actors.operate.dashboard.limits import COMMANDS_AT_ONCE, MAX_BROWSERS, MESSAGES_AT_ONCE, TokenBucket
 from tests.operate.dashboard.rig import WAIT_S, connect_to, counting_fleet, open_dashboard, page_of
 
-TOKEN = "the-token-of-these-tests"  # noqa: S105  # fixed, for it is in the names of tests
+TOKEN = "the-token-of-these-tests"  # noqa: S105  # fixed, because it is part of test names
 ALL = "0.0.0.0"  # noqa: S104  # nothing is bound to it here
 
 
@@ -30,7 +30,7 @@ def dashboard(tmp_path: Path) -> Iterator[Dashboard]:
 
 @pytest.fixture
 def client(dashboard: Dashboard) -> Iterator[TestClient]:
-    """Speaks with the application itself: for what needs no hub."""
+    """Speaks with the application itself: without a server."""
     with TestClient(dashboard.app.asgi, base_url=f"http://127.0.0.1:{dashboard.port}") as opened:
         yield opened
 
@@ -80,7 +80,7 @@ def test_anything_else_is_not(host: str) -> None:
         (None, False),
     ],
 )
-def test_names_of_others_do_not_lead_here(header: str | None, is_known: bool) -> None:
+def test_only_names_of_this_machine_are_known_hosts(header: str | None, is_known: bool) -> None:
     assert Access("127.0.0.1").knows_host(header) is is_known
 
 
@@ -96,15 +96,15 @@ def test_names_of_others_do_not_lead_here(header: str | None, is_known: bool) ->
         (None, False),
     ],
 )
-def test_pages_of_others_do_not_speak_for_their_users(origin: str | None, is_own: bool) -> None:
+def test_only_the_own_origin_is_known(origin: str | None, is_own: bool) -> None:
     assert Access("127.0.0.1").knows_origin(origin, "127.0.0.1:8080") is is_own
 
 
-def test_an_allowance_comes_back_with_time() -> None:
-    allowance = Allowance(per_s=2, at_once=3)
-    assert [allowance.take(0.0) for _ in range(4)] == [True, True, True, False]
-    assert [allowance.take(0.5), allowance.take(0.5)] == [True, False]
-    assert [allowance.take(100.0) for _ in range(4)] == [True, True, True, False]
+def test_a_token_bucket_refills() -> None:
+    bucket = TokenBucket(per_s=2, at_once=3)
+    assert [bucket.take(0.0) for _ in range(4)] == [True, True, True, False]
+    assert [bucket.take(0.5), bucket.take(0.5)] == [True, False]
+    assert [bucket.take(100.0) for _ in range(4)] == [True, True, True, False]
 
 
 # The application.
@@ -138,7 +138,7 @@ def test_nothing_is_commanded_by_http(client: TestClient, method: str) -> None:
     assert client.request(method, "/").status_code == 405
 
 
-def test_a_request_under_a_foreign_name_is_refused(client: TestClient) -> None:
+def test_a_request_with_a_foreign_host_is_refused(client: TestClient) -> None:
     assert client.get("/", headers={"host": "evil.example"}).status_code == 403
 
 
@@ -158,7 +158,7 @@ def test_only_the_dashboards_own_page_can_connect(client: TestClient, headers: d
 
 
 @pytest.mark.parametrize("token", [None, "wrong", TOKEN + "x"])
-def test_without_the_token_one_may_look_and_nothing_else(dashboard: Dashboard, token: str) -> None:
+def test_without_the_token_one_may_only_watch(dashboard: Dashboard, token: str) -> None:
     with page_of(dashboard, token) as page:
         page.hear_until(lambda: "one" in page.poses)
         assert page.hello["may_command"] is False
@@ -173,7 +173,7 @@ def test_without_the_token_one_may_look_and_nothing_else(dashboard: Dashboard, t
         for command in commands:
             answer = page.ask(**command)
             assert (answer["ok"], answer["code"]) == (False, "access_denied"), command
-        page.say(do="drive", robot="one", grip=1, speed_m_s=0.1, turn_rad_s=0.0)
+        page.say(do="drive", robot="one", press=1, speed_m_s=0.1, turn_rad_s=0.0)
         page.hear_until(lambda: None in page.answers)
         assert page.answers[None]["code"] == "access_denied"
         assert page.robots["one"]["stopped"] is None
@@ -185,7 +185,7 @@ def test_with_the_token_one_may_command(dashboard: Dashboard) -> None:
         assert page.ask(do="call", robot="one", resource="Base", method="send_cmd", text="turn90")["ok"] is True
 
 
-def test_reading_a_value_is_a_command_too_for_it_reaches_the_robot(dashboard: Dashboard) -> None:
+def test_reading_a_value_is_a_command_because_it_reaches_the_robot(dashboard: Dashboard) -> None:
     with page_of(dashboard) as page:
         answer = page.ask(do="call", robot="one", resource="Pose", method="get_value")
         assert answer["code"] == "access_denied"
@@ -202,20 +202,20 @@ def test_reading_a_value_is_a_command_too_for_it_reaches_the_robot(dashboard: Da
         '{"do": "stop"}',
         '{"do": "stop", "id": -1}',
         '{"do": "stop", "id": 1, "more": 1}',
-        '{"do": "drive", "robot": "one", "grip": 1, "speed_m_s": 1e99, "turn_rad_s": 0}',
-        '{"do": "drive", "robot": "one", "grip": 1, "speed_m_s": NaN, "turn_rad_s": 0}',
+        '{"do": "drive", "robot": "one", "press": 1, "speed_m_s": 1e99, "turn_rad_s": 0}',
+        '{"do": "drive", "robot": "one", "press": 1, "speed_m_s": NaN, "turn_rad_s": 0}',
         '{"do": "watch", "cameras": [["a","b"],["a","b"],["a","b"],["a","b"],["a","b"]]}',
         '{"do": "call", "id": 1, "robot": "one", "resource": "Base", "method": "write_comm"}',
         '{"do": "describe", "id": 1, "robot": "' + "x" * 300 + '"}',
     ],
 )
-def test_a_message_without_sense_ends_the_connection(dashboard: Dashboard, text: str) -> None:
+def test_an_invalid_message_ends_the_connection(dashboard: Dashboard, text: str) -> None:
     with page_of(dashboard, TOKEN) as page:
         page.socket.send(text)
         assert page.hear_the_end() == 1008
 
 
-def test_who_does_not_say_hello_first_is_turned_away(dashboard: Dashboard) -> None:
+def test_a_browser_that_does_not_send_hello_first_is_disconnected(dashboard: Dashboard) -> None:
     with connect_to(dashboard) as socket:
         socket.send(json.dumps({"do": "stop", "id": 1}))
         with pytest.raises(ConnectionClosed) as ending:
@@ -240,11 +240,11 @@ def test_a_flood_ends_the_connection(dashboard: Dashboard) -> None:
     with page_of(dashboard, TOKEN) as page:
         with contextlib.suppress(ConnectionClosed):
             for _ in range(int(MESSAGES_AT_ONCE) * 3):
-                page.say(do="let_go", robot="one")
+                page.say(do="release", robot="one")
         assert page.hear_the_end() == 1008
 
 
-def test_there_are_only_so_many_browsers(dashboard: Dashboard) -> None:
+def test_the_number_of_browsers_is_limited(dashboard: Dashboard) -> None:
     with contextlib.ExitStack() as stack:
         for _ in range(MAX_BROWSERS):
             stack.enter_context(page_of(dashboard))
@@ -258,7 +258,7 @@ def test_the_link_keeps_the_token_where_no_server_sees_it(dashboard: Dashboard) 
     assert dashboard.link == f"{dashboard.url}#token={TOKEN}"
 
 
-def test_a_port_in_use_is_told(dashboard: Dashboard, tmp_path: Path) -> None:
+def test_a_port_in_use_is_reported(dashboard: Dashboard, tmp_path: Path) -> None:
     fleet = counting_fleet(tmp_path / "other", "two")
     with pytest.raises(ConfigError, match="cannot listen there"):
         Dashboard(fleet, port=dashboard.port)

@@ -1,4 +1,4 @@
-"""`eal dashboard` as people start it."""
+"""`eal dashboard` in a process of its own."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def started(folder: Path, *options: str) -> Iterator[tuple[subprocess.Popen[str]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_serves_until_a_signal_and_ends_well(tmp_path: Path, number: signal.Signals) -> None:
+def test_it_serves_until_a_signal(tmp_path: Path, number: signal.Signals) -> None:
     with started(tmp_path) as (process, address):
         with urlopen(address, timeout=WAIT_S) as answer:  # noqa: S310  # its own address
             assert b"<title>eal dashboard</title>" in answer.read()
@@ -66,7 +66,7 @@ def test_the_link_holds_a_token_once_and_it_commands(tmp_path: Path) -> None:
         assert token not in out + err
 
 
-def test_other_machines_may_only_look_without_a_token(tmp_path: Path) -> None:
+def test_other_machines_may_only_watch_without_a_token(tmp_path: Path) -> None:
     with started(tmp_path, "--host", "0.0.0.0") as (process, address):  # noqa: S104
         place = address.removeprefix("http://").rstrip("/")
         with connect(f"ws://{place}/ws", origin=Origin(f"http://{place}"), compression=None, proxy=None) as opened:
@@ -77,7 +77,7 @@ def test_other_machines_may_only_look_without_a_token(tmp_path: Path) -> None:
         assert process.stdout.readline().startswith("read-only: --token")
 
 
-def test_a_port_in_use_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_port_in_use_is_reported_in_one_line(tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

@@ -1,4 +1,4 @@
-"""What a page asks for happens on the robots, and the page hears what came of it: without a browser."""
+"""Requests of a page reach the robots, and are answered. Without a browser."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import EALError, ResourceBusyError, StaleCommandError, UnsupportedError
 from eal_actors.operate.dashboard import Dashboard
-from eal_actors.operate.dashboard.control import Control
-from eal_actors.operate.dashboard.steering import SILENCE_S, Steering, Twist
-from tests.operate.dashboard.rig import WAIT_S, counting_fleet, open_dashboard, page_of, resource_of
+from eal_actors.operate.dashboard.control import ControlRegistry
+from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop, Twist
+from tests.operate.dashboard.rig import WAIT_S, counting_fleet, open_dashboard, page_of, resource_of, wait_for
 
 SCENARIO = """\
 version: 1
@@ -49,7 +49,7 @@ def dashboard(fleet: Fleet, tmp_path: Path) -> Iterator[Dashboard]:
         yield opened
 
 
-def test_a_panel_is_made_of_what_the_resources_say(dashboard: Dashboard) -> None:
+def test_describe_returns_the_descriptions_of_the_resources(dashboard: Dashboard) -> None:
     with page_of(dashboard) as page:
         base, pose = page.ask(do="describe", robot="one")["resources"]
     assert (base["name"], pose["name"]) == ("Base", "Pose")
@@ -57,7 +57,7 @@ def test_a_panel_is_made_of_what_the_resources_say(dashboard: Dashboard) -> None
     assert (turn["argument"]["unit"], turn["argument"]["minimum"], turn["argument"]["maximum"]) == ("deg", 0, 360)
 
 
-def test_calls_are_answered_and_what_is_out_of_range_is_refused(dashboard: Dashboard) -> None:
+def test_calls_are_answered_and_checked(dashboard: Dashboard) -> None:
     with page_of(dashboard) as page:
         call = {"do": "call", "robot": "one", "resource": "Base", "method": "send_cmd"}
         assert page.ask(**call, text="turn45")["value"] == "1"
@@ -71,7 +71,7 @@ def test_calls_are_answered_and_what_is_out_of_range_is_refused(dashboard: Dashb
         assert page.ask(**{**call, "resource": "Bse"}, text="turn45")["code"] == "resource_not_found"
 
 
-def test_what_runs_is_shown_and_stop_ends_it_and_latches(dashboard: Dashboard, fleet: Fleet) -> None:
+def test_stop_ends_running_commands_and_latches(dashboard: Dashboard, fleet: Fleet) -> None:
     hold = {"do": "call", "resource": "Base", "method": "send_cmd", "text": "hold"}
     with page_of(dashboard) as page, page_of(dashboard) as other:
         for number, robot in enumerate(fleet):
@@ -91,7 +91,7 @@ def test_what_runs_is_shown_and_stop_ends_it_and_latches(dashboard: Dashboard, f
         assert page.ask(do="call", robot="one", resource="Base", method="send_cmd", text="turn5")["ok"] is True
 
 
-def test_scenarios_are_those_of_the_folder_alone(dashboard: Dashboard) -> None:
+def test_only_scenarios_of_the_folder_are_listed_and_started(dashboard: Dashboard) -> None:
     with page_of(dashboard) as page:
         broken, wait = page.ask(do="scenarios")["scenarios"]
         assert (broken["file"], bool(broken["problems"])) == ("broken.yaml", True)
@@ -107,12 +107,12 @@ def test_a_run_is_started_paused_resumed_and_aborted(dashboard: Dashboard, tmp_p
     with page_of(dashboard) as page:
         assert page.ask(do="start", file="wait.yaml", parameters={"rounds": 2})["ok"] is True
         page.hear_until(lambda: sum(event["event"] == "step_started" for event in page.events) == 2)
-        assert page.ask(do="start", file="wait.yaml")["error"] == "a scenario is running already"
+        assert page.ask(do="start", file="wait.yaml")["error"] == "a scenario is already running"
         page.ask(do="control", what="pause")
         page.hear_until(lambda: page.run["phase"] == "paused")
         page.ask(do="control", what="resume")
         page.hear_until(lambda: page.run["phase"] == "running")
-        with page_of(dashboard) as late:  # who comes later gets the time line from its begin
+        with page_of(dashboard) as late:  # a later page gets the events from the start
             late.hear_until(lambda: any(event["event"] == "run_resumed" for event in late.events))
             assert late.events[0]["event"] == "run_started"
         page.ask(do="control", what="abort")
@@ -134,74 +134,73 @@ def test_stop_aborts_the_run_too(dashboard: Dashboard, fleet: Fleet) -> None:
         assert page.run["outcome"] in ("aborted", "failed")
 
 
-# Steering.
+# Driving by hand.
 
 
-def test_a_robot_moves_while_its_driver_says_so(dashboard: Dashboard, fleet: Fleet) -> None:
+def test_a_robot_moves_while_drive_messages_come(dashboard: Dashboard, fleet: Fleet) -> None:
     base = resource_of(fleet, "one", "Base")
     with page_of(dashboard) as page, page_of(dashboard) as other:
-        page.say(do="drive", robot="one", grip=1, speed_m_s=0.2, turn_rad_s=0.1)
+        page.say(do="drive", robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.1)
         assert page.ask(do="call", robot="one", resource="Base", method="get_status")["ok"] in (True, False)
         assert base.twists >= 1
-        page.hear_until(lambda: bool(page.troubles))  # nothing more was said
-        assert "silence" in page.troubles[0]["error"]
-        page.say(do="drive", robot="one", grip=1, speed_m_s=0.2, turn_rad_s=0.1)
-        page.hear_until(lambda: len(page.troubles) == 2)
-        assert (page.troubles[1]["code"], page.troubles[1]["grip"]) == ("stale_command", 1)
+        page.hear_until(lambda: bool(page.drive_errors))  # no more drive messages
+        assert "no drive message" in page.drive_errors[0]["error"]
+        page.say(do="drive", robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.1)
+        page.hear_until(lambda: len(page.drive_errors) == 2)
+        assert (page.drive_errors[1]["code"], page.drive_errors[1]["press"]) == ("stale_command", 1)
         assert base.twist == [0.0, 0.0]
-        other.say(do="drive", robot="one", grip=1, speed_m_s=0.2, turn_rad_s=0.0)
-        other.hear_until(lambda: bool(other.troubles))
+        other.say(do="drive", robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.0)
+        other.hear_until(lambda: bool(other.drive_errors))
 
 
-def test_a_browser_that_goes_halts_what_it_steers(dashboard: Dashboard, fleet: Fleet) -> None:
+def test_a_browser_that_disconnects_halts_its_robot(dashboard: Dashboard, fleet: Fleet) -> None:
     base = resource_of(fleet, "one", "Base")
     with page_of(dashboard) as page:
-        page.say(do="drive", robot="one", grip=1, speed_m_s=0.2, turn_rad_s=0.1)
+        page.say(do="drive", robot="one", press=1, speed_m_s=0.2, turn_rad_s=0.1)
         page.ask(do="call", robot="one", resource="Base", method="get_status")
-    fleet["one"]["Base"].get_status().exception(timeout=WAIT_S)
-    assert (base.halts >= 1, base.twist) == (True, [0.0, 0.0])
+    wait_for(base, lambda: base.halts >= 1 and base.twist == [0.0, 0.0])
 
 
 class _Driver:
-    """Steers with a clock that the test moves."""
+    """Drives by hand, with a manual clock."""
 
     def __init__(self, fleet: Fleet) -> None:
         self.clock = ManualClock()
-        self.steering = Steering(fleet, Control(self.clock), self.clock)
-        self.troubles: list[EALError] = []
-        self.is_troubled = threading.Event()
+        self.teleop = Teleop(fleet, ControlRegistry(self.clock), self.clock)
+        self.errors: list[EALError] = []
+        self.has_failed = threading.Event()
 
-    def heed(self, robot: str, error: EALError) -> None:
-        self.troubles.append(error)
-        self.is_troubled.set()
+    def on_error(self, robot: str, error: EALError) -> None:
+        self.errors.append(error)
+        self.has_failed.set()
 
-    def drive(self, driver: str, robot: str, grip: int) -> None:
-        self.steering.drive(driver, robot, grip, Twist(0.1, 0.0), self.heed)
+    def drive(self, driver: str, robot: str, press: int) -> None:
+        self.teleop.drive(driver, robot, press, Twist(0.1, 0.0), self.on_error)
 
 
 @pytest.fixture
 def driver(fleet: Fleet) -> Iterator[_Driver]:
     made = _Driver(fleet)
-    made.steering.start()
+    made.teleop.start()
     yield made
-    made.steering.close()
+    made.teleop.close()
 
 
-def test_silence_halts_within_its_time_and_ends_the_grip(driver: _Driver, fleet: Fleet) -> None:
+def test_silence_halts_in_time_and_ends_the_press(driver: _Driver, fleet: Fleet) -> None:
     driver.drive("a", "one", 1)
     driver.clock.advance(SILENCE_S * 0.9)
     driver.drive("a", "one", 1)
     driver.clock.advance(SILENCE_S * 0.9)
-    assert not driver.is_troubled.is_set()
+    assert not driver.has_failed.is_set()
     driver.clock.advance(SILENCE_S * 0.2)
-    assert driver.is_troubled.wait(WAIT_S)
-    assert isinstance(driver.troubles[0], StaleCommandError)
-    with pytest.raises(StaleCommandError, match="let the keys go"):
+    assert driver.has_failed.wait(WAIT_S)
+    assert isinstance(driver.errors[0], StaleCommandError)
+    with pytest.raises(StaleCommandError, match="release the keys"):
         driver.drive("a", "one", 1)
     driver.drive("a", "one", 2)
 
 
-def test_a_late_word_does_not_undo_the_silence_before_it(driver: _Driver) -> None:
+def test_a_late_message_does_not_undo_the_silence_before_it(driver: _Driver) -> None:
     driver.drive("a", "one", 5)
     driver.clock.advance(SILENCE_S)
     with pytest.raises(StaleCommandError):
@@ -212,25 +211,25 @@ def test_one_driver_at_a_time(driver: _Driver) -> None:
     driver.drive("a", "one", 1)
     with pytest.raises(ResourceBusyError, match="another browser"):
         driver.drive("b", "one", 1)
-    driver.steering.let_go("b", "one")  # which is not his to let go
+    driver.teleop.release("b", "one")  # another browser's press
     with pytest.raises(ResourceBusyError):
         driver.drive("b", "one", 1)
-    driver.steering.let_go("a", "one")
+    driver.teleop.release("a", "one")
     driver.drive("b", "one", 1)
 
 
-def test_after_a_stop_nothing_is_steered(driver: _Driver, fleet: Fleet) -> None:
+def test_after_a_stop_driving_is_refused(driver: _Driver, fleet: Fleet) -> None:
     driver.drive("a", "one", 1)
     fleet.stop("test").get(timeout=WAIT_S)
     driver.drive("a", "one", 1)
-    assert driver.is_troubled.wait(WAIT_S)
-    assert driver.troubles[0].code == "stopped"
+    assert driver.has_failed.wait(WAIT_S)
+    assert driver.errors[0].code == "stopped"
 
 
-def test_what_takes_no_twist_cannot_be_steered(driver: _Driver, tmp_path: Path) -> None:
+def test_a_robot_that_takes_no_twist_cannot_be_driven(driver: _Driver, tmp_path: Path) -> None:
     from eal_actors.kernel.bundled import bundled_path
 
     with Fleet.load(bundled_path("fleets/local.yaml")).connect() as local:
-        steering = Steering(local, Control())
+        teleop = Teleop(local, ControlRegistry())
         with pytest.raises(UnsupportedError, match="no Base that takes a twist"):
-            steering.drive("a", next(iter(local)), 1, Twist(0, 0), driver.heed)
+            teleop.drive("a", next(iter(local)), 1, Twist(0, 0), driver.on_error)

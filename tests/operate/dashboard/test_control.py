@@ -1,4 +1,4 @@
-"""Who commands what, as the page tells, and how it is let go: with robots that other controllers want too."""
+"""Control of resources: how the page shows it and when it is released, with robots that others command too."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from eal_actors import Fleet
 from eal_actors.actors.running import process_name
 from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ResourceBusyError
-from eal_actors.operate.dashboard.control import IDLE_S, WHOLE, Control
+from eal_actors.operate.dashboard.control import IDLE_S, WHOLE, ControlRegistry
 from tests.net.links import eventually
 from tests.net.rig import Rig, failure, ready
 from tests.operate.dashboard.rig import counting_fleet, open_dashboard, page_of
 
 
 class TestControl:
-    """What it keeps; its clock is moved by hand."""
+    """The registry alone, with a manual clock."""
 
-    def test_the_last_one_counts_until_a_while_after_the_end(self) -> None:
+    def test_control_ends_a_while_after_the_last_command(self) -> None:
         clock = ManualClock()
-        control = Control(clock)
-        control.take("one", "Base", "browser 1")
-        control.take("one", "Base", "browser 2")
+        control = ControlRegistry(clock)
+        control.acquire("one", "Base", "browser 1")
+        control.acquire("one", "Base", "browser 2")
         control.done("one", "Base")
         clock.advance(10 * IDLE_S)
-        assert control.users("one") == {"Base": "browser 2"}  # one is under way still
+        assert control.users("one") == {"Base": "browser 2"}  # one command is still running
         control.done("one", "Base")
         clock.advance(IDLE_S * 0.9)
         assert control.users("one") == {"Base": "browser 2"}
@@ -37,10 +37,10 @@ class TestControl:
         assert control.by("one", "Base") == "browser 2"
 
     def test_a_scenario_has_the_whole_robot(self) -> None:
-        control = Control(ManualClock())
-        control.take("one", "Base", "browser 1")
+        control = ControlRegistry(ManualClock())
+        control.acquire("one", "Base", "browser 1")
         control.done("one", "Base")
-        control.take("one", WHOLE, "scenario dance")
+        control.acquire("one", WHOLE, "scenario dance")
         assert control.by("one", "Base") == "scenario dance"
         assert control.by("one", "Arm") == "scenario dance"
         assert control.by("two", "Base") is None
@@ -54,7 +54,7 @@ def served(tmp_path: Path) -> Iterator[tuple[Fleet, Fleet]]:
         yield fleet, other
 
 
-def test_what_the_page_has_commanded_others_may_command_a_moment_later(tmp_path: Path) -> None:
+def test_others_may_command_a_resource_a_moment_after_the_page(tmp_path: Path) -> None:
     with served(tmp_path) as (fleet, other), open_dashboard(fleet) as dashboard, page_of(dashboard) as page:
         arm = other["r1"]["Arm"]
         assert page.ask(do="call", robot="r1", resource="Arm", method="send_cmd", text="step1")["ok"] is True
@@ -64,7 +64,7 @@ def test_what_the_page_has_commanded_others_may_command_a_moment_later(tmp_path:
         assert arm.send_cmd("step3").get() == 3
 
 
-def test_what_still_runs_is_not_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_resource_with_a_running_command_is_not_released(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("eal_actors.operate.dashboard.control.IDLE_S", 0.0)
     with served(tmp_path) as (fleet, other), open_dashboard(fleet) as dashboard, page_of(dashboard) as page:
         page.say(do="call", id=900, robot="r1", resource="Arm", method="send_cmd", text="move30")
@@ -76,7 +76,7 @@ def test_what_still_runs_is_not_let_go(tmp_path: Path, monkeypatch: pytest.Monke
         assert eventually(lambda: other["r1"]["Arm"].send_cmd("step2").exception() is None)
 
 
-def test_the_page_names_another_controller_and_what_it_has_the_robot_do(tmp_path: Path) -> None:
+def test_the_page_shows_another_controller_and_its_commands(tmp_path: Path) -> None:
     with served(tmp_path) as (fleet, other), open_dashboard(fleet) as dashboard, page_of(dashboard) as page:
         move = other["r1"]["Arm"].send_cmd("move30")
         page.hear_until(lambda: bool(page.robots.get("r1", {}).get("running")))
@@ -88,13 +88,13 @@ def test_the_page_names_another_controller_and_what_it_has_the_robot_do(tmp_path
         page.hear_until(lambda: page.robots["r1"]["running"] == [])
 
 
-def test_a_command_tells_its_progress(tmp_path: Path) -> None:
+def test_the_page_shows_the_progress_of_a_command(tmp_path: Path) -> None:
     with (
         counting_fleet(tmp_path, "one").connect() as fleet,
         open_dashboard(fleet) as dashboard,
         page_of(dashboard) as page,
     ):
-        far = fleet["one"]["Base"].send_cmd("far", timeout_s=3600)  # by somebody else than the page
+        far = fleet["one"]["Base"].send_cmd("far", timeout_s=3600)  # not by the page
         page.hear_until(lambda: bool(page.robots.get("one", {}).get("running")))
         (running,) = page.robots["one"]["running"]
         assert (running["command"], running["by"]) == ("far", None)

@@ -1,4 +1,4 @@
-"""The page in a real Chromium, against simulated and counting fleets."""
+"""The page in a real Chromium, with simulated and counting fleets."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def connected(page: Page) -> None:
 # A scenario, from its start to the stop.
 
 
-def test_the_dance_is_started_seen_and_stopped_from_the_page(open_page: OpenPage, tmp_path: Path) -> None:
+def test_the_page_starts_shows_and_stops_the_dance(open_page: OpenPage, tmp_path: Path) -> None:
     with (
         Fleet.load(SIM).connect() as fleet,
         open_dashboard(fleet, scenarios=ROOT / "scenarios", runs_dir=tmp_path / "runs") as dashboard,
@@ -83,14 +83,14 @@ def test_the_dance_is_started_seen_and_stopped_from_the_page(open_page: OpenPage
         assert all(robot.stopped_because for robot in fleet.values())
 
 
-def test_what_runs_shows_its_progress_and_who_commands_it(
+def test_a_running_command_shows_its_progress_and_controller(
     open_page: OpenPage, fleet: Fleet, dashboard: Dashboard
 ) -> None:
     with open_page(dashboard.link + "#/robot/one") as page, open_page(dashboard.link) as other:
         far = page.locator("form", has=page.locator("code", has_text=re.compile("^far$")))
         far.get_by_role("button").click()
         expect(page.locator("main")).to_contain_text("▶ far, 25 % a quarter")
-        expect(page.locator("main")).to_contain_text("commanded by Base: this page")
+        expect(page.locator("main")).to_contain_text("controlled by Base: this page")
         row = other.locator("tr[data-robot='one']")
         expect(row).to_contain_text("▶ far, 25 % a quarter")
         expect(row).to_contain_text(re.compile(r"Base: another page \(browser \d+\)"))
@@ -146,7 +146,7 @@ def test_a_camera_that_freezes_is_marked(open_page: OpenPage) -> None:
         expect(tile).not_to_have_class(re.compile("frozen"))
 
 
-def test_a_robot_that_is_unplugged_is_seen_to_be_lost_and_to_come_back(open_page: OpenPage, tmp_path: Path) -> None:
+def test_an_unplugged_robot_is_shown_as_lost_and_comes_back(open_page: OpenPage, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "fleets", tmp_path / "fleets")
     file = tmp_path / "fleets/served.yaml"
     robots = {name: f'{{address: "tcp/127.0.0.1:{free_port()}"}}' for name in ("evbot2-1", "roomba-1")}
@@ -181,7 +181,7 @@ def test_escape_stops_every_robot_from_every_view(
         connected(page)
         fields = page.locator("main input[type=text], main input[type=search]")
         if view in ("logs", "robot/one"):
-            fields.first.focus()  # as somebody who types
+            fields.first.focus()  # as if the user typed
         page.keyboard.press("Escape")
         for name in fleet:
             wait_until_halted(resource_of(fleet, name, "Base"))
@@ -214,7 +214,7 @@ def test_two_browsers_see_one_fleet_and_either_may_resume(
 # Access.
 
 
-def test_a_wrong_token_may_look_and_the_right_one_may_command(open_page: OpenPage, fleet: Fleet) -> None:
+def test_a_wrong_token_may_watch_and_the_right_one_may_command(open_page: OpenPage, fleet: Fleet) -> None:
     token = new_token()
     with open_dashboard(fleet, token) as dashboard:
         with open_page(f"{dashboard.url}#token=wrong") as page:
@@ -237,7 +237,7 @@ def test_a_wrong_token_may_look_and_the_right_one_may_command(open_page: OpenPag
 # A robot's panel.
 
 
-def test_the_panel_checks_ranges_and_shows_what_robots_say_as_text(open_page: OpenPage, dashboard: Dashboard) -> None:
+def test_the_panel_checks_ranges_and_shows_robots_texts_as_text(open_page: OpenPage, dashboard: Dashboard) -> None:
     with open_page(dashboard.link + "#/robot/one") as page:
         degrees = page.get_by_label("turn<degrees>", exact=True)
         form = page.locator("form", has=degrees)
@@ -260,14 +260,14 @@ def test_the_panel_checks_ranges_and_shows_what_robots_say_as_text(open_page: Op
 
 @pytest.fixture
 def driving(open_page: OpenPage, dashboard: Dashboard) -> Iterator[Page]:
-    """A page whose W key is about to move robot one."""
+    """A page on which the W key drives robot one."""
     with open_page(dashboard.link + "#/robot/one") as page:
         page.get_by_role("button", name="Drive with keys").click()
         yield page
 
 
 def hold(page: Page, fleet: Fleet) -> Any:
-    """Hold W until the robot was told to move several times."""
+    """Hold W until the robot has received several twists."""
     base = resource_of(fleet, "one", "Base")
     twists = base.twists
     page.keyboard.down("w")
@@ -280,35 +280,35 @@ def halted(base: Any) -> None:
     wait_for(base, lambda: base.twist == [0.0, 0.0])
 
 
-def test_letting_go_halts(driving: Page, fleet: Fleet) -> None:
+def test_releasing_the_key_halts(driving: Page, fleet: Fleet) -> None:
     base = hold(driving, fleet)
     driving.keyboard.up("w")
     halted(base)
 
 
-def test_a_page_that_hangs_is_halted_and_its_key_is_spent(driving: Page, fleet: Fleet) -> None:
+def test_a_hanging_page_halts_its_robot_and_ends_the_press(driving: Page, fleet: Fleet) -> None:
     base = hold(driving, fleet)
     driving.evaluate("const end = Date.now() + 1500; while (Date.now() < end);")
     halted(base)
-    expect(driving.locator("main")).to_contain_text("Halted: halted after 0.3 s of silence")
+    expect(driving.locator("main")).to_contain_text("Halted: no drive message for 0.3 s")
     assert base.twist == [0.0, 0.0]  # though the key is still down
     driving.keyboard.up("w")
     hold(driving, fleet)
 
 
-def test_a_tab_that_loses_the_focus_lets_go(driving: Page, fleet: Fleet) -> None:
+def test_a_tab_that_loses_the_focus_releases_the_keys(driving: Page, fleet: Fleet) -> None:
     base = hold(driving, fleet)
     driving.evaluate("window.dispatchEvent(new Event('blur'))")
     halted(base)
 
 
-def test_another_view_lets_go(driving: Page, fleet: Fleet) -> None:
+def test_another_view_releases_the_keys(driving: Page, fleet: Fleet) -> None:
     base = hold(driving, fleet)
     go(driving, "map")
     halted(base)
 
 
-def test_a_closed_page_lets_go(driving: Page, fleet: Fleet) -> None:
+def test_a_closed_page_releases_the_keys(driving: Page, fleet: Fleet) -> None:
     base = hold(driving, fleet)
     driving.close()
     halted(base)
@@ -324,7 +324,7 @@ def test_keys_do_nothing_before_they_are_armed(open_page: OpenPage, dashboard: D
         assert base.twists == 0
 
 
-# How it looks and can be reached.
+# Layout and accessibility.
 
 
 @pytest.mark.parametrize("view", VIEWS)

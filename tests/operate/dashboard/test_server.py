@@ -1,4 +1,4 @@
-"""The server as a whole, with real sockets: browsers that stop reading, and an end that leaves nothing."""
+"""The whole server with real sockets: browsers that stop reading, and an end without leftovers."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.operate.dashboard import Dashboard, browser
-from eal_actors.operate.dashboard.hub import MOST_LINES
+from eal_actors.operate.dashboard import Dashboard, session
+from eal_actors.operate.dashboard.state_store import MOST_LINES
 from tests.operate.dashboard.rig import WAIT_S, counting_fleet, open_dashboard, page_of, resource_of
 
 LONG = "x" * 2000
@@ -24,7 +24,7 @@ LONG = "x" * 2000
 
 @contextmanager
 def deaf_browser(dashboard: Dashboard) -> Iterator[socket.socket]:
-    """Yield a connection that has said hello and reads nothing, with as little room as the system allows."""
+    """Yield a connection that has sent hello and reads nothing, with the smallest buffer that the system allows."""
     with socket.socket() as opened:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
         opened.settimeout(WAIT_S)
@@ -40,7 +40,7 @@ def deaf_browser(dashboard: Dashboard) -> Iterator[socket.socket]:
             answer += opened.recv(1)
         assert answer.startswith(b"HTTP/1.1 101")
         opened.sendall(_frame(json.dumps({"do": "hello"})))
-        assert opened.recv(1) == b"\x81"  # the begin of the answer to hello
+        assert opened.recv(1) == b"\x81"  # the start of the answer to hello
         yield opened
 
 
@@ -50,15 +50,15 @@ def _frame(text: str) -> bytes:
 
 
 def flood(dashboard: Dashboard) -> None:
-    """Tell far more than all buffers on the way to a browser hold."""
+    """Log far more than all buffers between server and browser hold."""
     for _ in range(3 * MOST_LINES["logs"]):
-        dashboard.hub.tell("logs", {"level": "info", "text": LONG, "details": {}, "at": "", "robot": None})
+        dashboard.store.append("logs", {"level": "info", "text": LONG, "details": {}, "at": "", "robot": None})
 
 
 def test_a_browser_that_stops_reading_slows_neither_the_fleet_nor_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(browser, "STUCK_S", 1000.0)  # it stays: being rid of it is another test's matter
+    monkeypatch.setattr(session, "STUCK_S", 1000.0)  # it stays connected: another test covers its disconnection
     with counting_fleet(tmp_path, "one", "two").connect() as fleet, open_dashboard(fleet) as dashboard:
         poses = [resource_of(fleet, name, "Pose") for name in fleet]
         with page_of(dashboard) as page:
@@ -74,8 +74,8 @@ def test_a_browser_that_stops_reading_slows_neither_the_fleet_nor_others(
                 assert page.ask(do="stop")["confirmed"] == ["one", "two"]
 
 
-def test_a_browser_that_stops_reading_is_cut_off_in_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(browser, "STUCK_S", 0.5)
+def test_a_browser_that_stops_reading_is_disconnected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, "STUCK_S", 0.5)
     with (
         counting_fleet(tmp_path, "one").connect() as fleet,
         open_dashboard(fleet) as dashboard,
@@ -83,13 +83,13 @@ def test_a_browser_that_stops_reading_is_cut_off_in_the_end(tmp_path: Path, monk
         deaf_browser(dashboard) as deaf,
     ):
         flood(dashboard)
-        page.hear_until(lambda: any("was cut off" in line["text"] for line in page.logs))
+        page.hear_until(lambda: any(line["details"].get("reason") == "it stopped reading" for line in page.logs))
         with contextlib.suppress(ConnectionResetError):
             while deaf.recv(65536):  # the last bytes on their way, then the end
                 pass
 
 
-def test_the_end_waits_for_no_browser(tmp_path: Path) -> None:
+def test_close_waits_for_no_browser(tmp_path: Path) -> None:
     with counting_fleet(tmp_path, "one").connect() as fleet:
         before = set(threading.enumerate())
         dashboard = open_dashboard(fleet).start()
@@ -108,7 +108,7 @@ def test_the_same_port_can_be_used_again_at_once(tmp_path: Path) -> None:
             assert second.port == port
 
 
-def test_a_run_and_what_is_steered_end_with_the_dashboard(tmp_path: Path) -> None:
+def test_close_aborts_the_run_and_halts_the_robots(tmp_path: Path) -> None:
     scenarios = tmp_path / "scenarios"
     scenarios.mkdir()
     (scenarios / "hold.yaml").write_text(
@@ -121,19 +121,19 @@ def test_a_run_and_what_is_steered_end_with_the_dashboard(tmp_path: Path) -> Non
             with page_of(dashboard) as page:
                 assert page.ask(do="start", file="hold.yaml")["ok"] is True
                 page.hear_until(lambda: bool(page.robots["one"]["running"]))
-            assert dashboard.hub.get("run", "")["phase"] == "running"  # whoever started it may go
-        assert dashboard.hub.get("run", "")["outcome"] == "aborted"
+            assert dashboard.store.get("run", "")["phase"] == "running"  # the browser that started it may disconnect
+        assert dashboard.store.get("run", "")["outcome"] == "aborted"
         assert base.halts >= 1
 
 
-def test_nobody_is_asked_for_poses_while_nobody_looks(tmp_path: Path) -> None:
+def test_no_poses_are_asked_for_without_a_browser(tmp_path: Path) -> None:
     with counting_fleet(tmp_path, "one").connect() as fleet, open_dashboard(fleet) as dashboard:
         pose = resource_of(fleet, "one", "Pose")
         with page_of(dashboard) as page:
             page.hear_until(lambda: "one" in page.poses)
         looks = threading.Event()
-        dashboard.hub.on_change = looks.set
-        fleet.stop("seen").get(timeout=WAIT_S)  # the next state that the hub is told comes after all poses asked for
+        dashboard.store.on_change = looks.set
+        fleet.stop("seen").get(timeout=WAIT_S)  # the next state is stored after all poses asked for
         assert looks.wait(WAIT_S)
         asked = pose.asked
         looks.clear()

@@ -18,8 +18,8 @@ from eal_actors.device.info import ResourceType, ValueInfo
 from eal_actors.device.resource import Activity, Resource, command
 from eal_actors.kernel.clock import ManualClock, SystemClock
 from eal_actors.kernel.errors import ResourceFaultError, UnavailableError
+from eal_actors.operate.metrics.call_observer import CallObserver
 from eal_actors.operate.metrics.fleet_metrics import FleetMetrics
-from eal_actors.operate.metrics.tally import CallWatch
 from tests.operate.metrics.scraping import samples, scrape
 from tests.robots import WAIT_S, advance_until_done, running_robot
 
@@ -112,7 +112,7 @@ class TestCalls:
     def test_nothing_watches_when_nobody_measures(self) -> None:
         heard: list[Any] = []
         with running_robot({"Base": Base}) as robot:
-            with CallWatch(robot.clock, lambda call, outcome, _: heard.append((call.method, outcome))):
+            with CallObserver(robot.clock, lambda call, outcome, _: heard.append((call.method, outcome))):
                 robot["Base"].get_status().get()
                 assert len(calls._watchers) == 1
             assert not calls._watchers

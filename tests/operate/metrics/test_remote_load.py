@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from eal_actors.actors.combine import gather
-from eal_actors.operate.top.figures import Recent
-from eal_actors.operate.top.snapshot import row_of
+from eal_actors.operate.top.call_statistics import RecentCalls
+from eal_actors.operate.top.robot_row import robot_row
 from tests.net.links import eventually
 from tests.net.rig import Rig
 
@@ -20,7 +20,7 @@ def test_a_busy_resource_tells_what_waits_and_since_when(tmp_path: Path) -> None
         assert eventually(lambda: dict(robot.ping().get().mailboxes).get("Gauge") is not None)
         assert eventually(lambda: robot.ping().get().mailboxes["Gauge"].count == 3)
         ping = robot.ping().get()
-        row = row_of(robot, Recent(), Recent(), ping)
+        row = robot_row(robot, RecentCalls(), RecentCalls(), ping)
         assert row.waiting == 3
         assert 0.0 < row.oldest_s < 1.5
         gather([slow, *readings]).get()

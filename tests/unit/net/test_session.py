@@ -13,8 +13,8 @@ import pytest
 import zenoh
 
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.certificates import make_authority, make_certificate
-from eal_actors.net.security import controller_access, robot_access, router_access
+from eal_actors.net.security.access import controller_access, robot_access, router_access
+from eal_actors.net.security.certificates import make_authority, make_certificate
 from eal_actors.net.session import controller_config, endpoints_of, robot_config, router_config
 from tests.net.links import fleet_of
 
@@ -163,7 +163,7 @@ class TestSecurity:
 
 def test_the_network_is_imported_only_where_it_is_used() -> None:
     program = (
-        "import sys, eal_actors, eal_actors.cli.app, eal_actors.net.session, eal_actors.net.certificates\n"
+        "import sys, eal_actors, eal_actors.cli.app, eal_actors.net.session, eal_actors.net.security.certificates\n"
         "print([name for name in ('zenoh', 'cryptography') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)

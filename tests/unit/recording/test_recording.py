@@ -16,7 +16,7 @@ from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import PoseRecorder, PoseSample, RunRecorder, draw_trajectory
 from eal_actors.recording.picture import tick_quarter_turns
-from eal_actors.recording.table import TrajectoryTable
+from eal_actors.recording.poses import TrajectoryTable
 from eal_actors.scenario import Run, load_scenario, make_plan
 from tests.patience import patient_fleet
 
@@ -122,7 +122,7 @@ def test_a_pose_that_is_none_costs_just_that_robot_its_path(
 
     assert paths["odd"] == []
     assert {sample[1:] for sample in paths["sound"]} == {(1.0, 2.5, 0.0)}
-    warnings = [line for line in capsys.readouterr().err.splitlines() if "its path is recorded no more" in line]
+    warnings = [line for line in capsys.readouterr().err.splitlines() if "the path is no longer recorded" in line]
     assert len(warnings) == 1
     assert "odd" in warnings[0]
     assert f"the value of its Pose {problem}" in warnings[0]

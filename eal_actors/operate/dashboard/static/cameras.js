@@ -1,121 +1,171 @@
-// Up to four cameras: the newest frame of each, how old it is, and whether it still changes.
+// Up to four cameras: the newest frame of each, its age, and whether the picture still changes.
 
-import { el, seconds, setText } from "./dom.js";
-import { say } from "./link.js";
+import { send } from "./connection.js";
+import { contextOf, el, formatSeconds, setText } from "./dom.js";
 import { store } from "./store.js";
 
-const FROZEN_S = 2, SAME_S = 3;
-const RATES = [1, 2, 5, 10, 15];
-let shown = null;
-let chosen = null, rate = 5;
+/** @import { FrameHeader, View } from "./types" */
 
-export function takeFrame(header, picture) {
-  shown?.get(`${header.robot}/${header.resource}`)?.take(header, picture);
+const FROZEN_S = 2; // no new frame for this long
+const UNCHANGED_S = 3; // new frames, but the same picture for this long
+const RATES_HZ = [1, 2, 5, 10, 15];
+const MAX_CAMERAS = 4;
+/** @type {Map<string, Tile>} Tiles by `robot/resource`. */
+const tiles = new Map();
+/** @type {Set<string> | null} The cameras that the user chose; null before the first visit. */
+let chosen = null;
+let rate_hz = 5;
+
+/** @param {FrameHeader} header @param {Blob | null} jpeg */
+export function showFrame(header, jpeg) {
+  tiles.get(`${header.robot}/${header.resource}`)?.show(header, jpeg);
 }
 
+/** @param {HTMLElement} root @returns {View} */
 export function camerasView(root) {
   const list = el("div", { class: "row choices" });
-  const tiles = el("div", { class: "cameras" });
-  const none = el("p", { class: "faint" }, "Choose a camera.");
-  const select = el("select", { "aria-label": "Frames a second", onchange: () => {
-    rate = Number(select.value);
-    watch();
-  } }, ...RATES.map((value) => el("option", { value, selected: value === rate }, `${value} a second`)));
-  root.append(el("div", { class: "row" }, el("h1", { class: "grow" }, "Cameras"), el("label", {}, "Frames", select)),
-    el("div", { class: "panel stack" }, el("span", { class: "small faint" }, "At most four at once"), list), none, tiles);
-  shown = new Map();
-  let known = "";
+  const grid = el("div", { class: "cameras" });
+  const hint = el("p", { class: "faint" }, "Choose a camera.");
+  const rates = el(
+    "select",
+    {
+      onchange: () => {
+        rate_hz = Number(rates.value);
+        watch();
+      },
+    },
+    ...RATES_HZ.map((value) =>
+      el("option", { value: String(value), selected: value === rate_hz }, `${value} per second`),
+    ),
+  );
+  root.append(
+    el("div", { class: "row" }, el("h1", { class: "grow" }, "Cameras"), el("label", {}, "Frames", rates)),
+    el("div", { class: "panel stack" }, el("span", { class: "small faint" }, "Choose up to four cameras"), list),
+    hint,
+    grid,
+  );
+  let shownKeys = "";
 
   function watch() {
-    say({ do: "watch", cameras: [...shown.values()].map((tile) => [tile.robot, tile.resource]), rate_hz: rate });
-    none.hidden = shown.size > 0;
+    const cameras = [...tiles.values()].map((tile) => tile.camera);
+    send({ do: "watch", cameras, rate_hz });
+    hint.hidden = tiles.size > 0;
   }
 
-  function choose(key, isOn) {
-    isOn ? chosen.add(key) : chosen.delete(key);
-    arrange();
-  }
-
-  function arrange() {
-    for (const [key, tile] of shown) if (!chosen.has(key)) {
+  /** @param {Set<string>} keys */
+  function showTiles(keys) {
+    for (const [key, tile] of tiles) {
+      if (keys.has(key)) continue;
       tile.node.remove();
-      shown.delete(key);
+      tiles.delete(key);
     }
-    for (const key of chosen) if (!shown.has(key)) {
-      const slash = key.indexOf("/");
-      const tile = new Tile(key.slice(0, slash), key.slice(slash + 1));
-      shown.set(key, tile);
-      tiles.append(tile.node);
+    for (const key of keys) {
+      if (tiles.has(key)) continue;
+      const tile = new Tile(key);
+      tiles.set(key, tile);
+      grid.append(tile.node);
     }
-    for (const box of list.querySelectorAll("input")) box.disabled = !box.checked && chosen.size >= (store.hello?.max_cameras ?? 4);
+    const isFull = keys.size >= (store.hello?.max_cameras ?? MAX_CAMERAS);
+    for (const box of list.querySelectorAll("input")) box.disabled = !box.checked && isFull;
     watch();
   }
 
-  function update(changed) {
-    const keys = store.names().flatMap((robot) => (store.robots[robot]?.cameras ?? []).map((camera) => `${robot}/${camera}`));
-    if (keys.join() !== known) {
-      known = keys.join();
-      chosen = chosen ? new Set([...chosen].filter((key) => keys.includes(key))) : new Set(keys.slice(0, keys.length > 4 ? 1 : 4));
-      list.replaceChildren(...(keys.length ? keys.map((key) => el("label", {},
-        el("input", { type: "checkbox", checked: chosen.has(key), onchange: (event) => choose(key, event.target.checked) }), key))
-        : [el("span", { class: "faint" }, "No robot has a camera.")]));
-      arrange();
-    } else if (changed.has("hello")) watch();
+  /** @param {string} key @param {Set<string>} keys */
+  function choiceOf(key, keys) {
+    const box = el("input", { type: "checkbox", checked: keys.has(key) });
+    box.onchange = () => {
+      if (box.checked) keys.add(key);
+      else keys.delete(key);
+      showTiles(keys);
+    };
+    return el("label", {}, box, key);
   }
-  const timer = setInterval(() => shown?.forEach((tile) => tile.age()), 200);
+
+  /** @type {View["update"]} */
+  function update(changed) {
+    const keys = store
+      .names()
+      .flatMap((robot) => (store.robots[robot]?.cameras ?? []).map((camera) => `${robot}/${camera}`));
+    if (keys.join() !== shownKeys) {
+      shownKeys = keys.join();
+      const atFirst = keys.slice(0, keys.length > MAX_CAMERAS ? 1 : MAX_CAMERAS);
+      const current = new Set(chosen ? keys.filter((key) => chosen?.has(key)) : atFirst);
+      chosen = current;
+      list.replaceChildren(...keys.map((key) => choiceOf(key, current)));
+      if (!keys.length) list.append(el("span", { class: "faint" }, "No robot has a camera."));
+      showTiles(current);
+    } else if (changed.has("hello")) {
+      watch();
+    }
+  }
+  const timer = setInterval(() => {
+    for (const tile of tiles.values()) tile.showAge();
+  }, 200);
   return {
     update,
     leave() {
       clearInterval(timer);
-      shown = null;
-      say({ do: "watch", cameras: [] });
+      tiles.clear();
+      send({ do: "watch", cameras: [] });
     },
   };
 }
 
 class Tile {
-  constructor(robot, resource) {
-    Object.assign(this, { robot, resource, header: null, isDrawing: false });
-    this.canvas = el("canvas", { role: "img", "aria-label": `Camera ${robot}/${resource}` });
+  /** @type {FrameHeader | null} */
+  header = null;
+  isDrawing = false;
+  frames = 0;
+
+  /** @param {string} key - `robot/resource`. */
+  constructor(key) {
+    const slash = key.indexOf("/");
+    /** @type {[string, string]} */
+    this.camera = [key.slice(0, slash), key.slice(slash + 1)];
+    this.canvas = el("canvas", { role: "img", "aria-label": `Camera ${key}` });
     this.mark = el("div", { class: "mark", role: "status", hidden: true });
     this.text = el("span", { class: "number" }, "waiting for a frame");
-    this.same = el("span", { class: "chip", hidden: true });
-    this.node = el("figure", { class: "panel camera" },
+    this.unchanged = el("span", { class: "chip", hidden: true });
+    this.node = el(
+      "figure",
+      { class: "panel camera", "data-camera": key },
       el("div", { class: "picture" }, this.canvas, this.mark),
-      el("figcaption", { class: "caption" }, el("strong", {}, `${robot}/${resource}`), this.same, this.text));
-    this.node.style.margin = "0";
-    this.node.dataset.camera = `${robot}/${resource}`;
+      el("figcaption", { class: "caption" }, el("strong", {}, key), this.unchanged, this.text),
+    );
   }
 
-  async take(header, picture) {
+  /** @param {FrameHeader} header @param {Blob | null} jpeg */
+  async show(header, jpeg) {
     this.header = header;
-    this.age();
-    if (!picture || this.isDrawing) return;
+    this.showAge();
+    if (!jpeg || this.isDrawing) return; // a slow page skips frames
     this.isDrawing = true;
     try {
-      const image = await createImageBitmap(picture);
+      const image = await createImageBitmap(jpeg);
       this.canvas.width = image.width;
       this.canvas.height = image.height;
-      this.canvas.getContext("2d").drawImage(image, 0, 0);
+      contextOf(this.canvas).drawImage(image, 0, 0);
       image.close();
-      this.node.dataset.frames = String(Number(this.node.dataset.frames ?? 0) + 1);
+      this.frames += 1;
+      this.node.dataset.frames = String(this.frames);
     } finally {
       this.isDrawing = false;
     }
   }
 
-  age() {
-    const header = this.header;
-    if (!header) return;
-    const realRate = store.hello?.rate ?? 1;
-    const age = header.stamp_s === null ? null : Math.max(0, store.fleetNow() - header.stamp_s) / realRate;
-    const isFrozen = age !== null && age > Math.max(FROZEN_S, 3 / rate);
-    const same = header.same_since_s === null ? 0 : (header.stamp_s - header.same_since_s) / realRate;
-    setText(this.text, age === null ? "no frame yet" : `${seconds(age)} old`);
-    this.same.hidden = isFrozen || same < SAME_S;
-    setText(this.same, `unchanged for ${seconds(same)}`);
+  showAge() {
+    if (!this.header) return;
+    const { stamp_s, same_since_s, error } = this.header;
+    const rate = store.hello?.rate ?? 1;
+    const age_s = stamp_s === null ? null : Math.max(0, store.fleetNow() - stamp_s) / rate;
+    const isFrozen = age_s !== null && age_s > Math.max(FROZEN_S, 3 / rate_hz);
+    const same_s = stamp_s === null || same_since_s === null ? 0 : (stamp_s - same_since_s) / rate;
+    setText(this.text, age_s === null ? "no frame yet" : `${formatSeconds(age_s)} old`);
+    this.unchanged.hidden = isFrozen || same_s < UNCHANGED_S;
+    setText(this.unchanged, `unchanged for ${formatSeconds(same_s)}`);
     this.node.classList.toggle("frozen", isFrozen);
-    this.mark.hidden = !isFrozen && !header.error;
-    setText(this.mark, isFrozen ? `✕ FROZEN: no new frame for ${seconds(age)}${header.error ? `. ${header.error}` : ""}` : header.error ? `▲ ${header.error}` : "");
+    this.mark.hidden = !isFrozen && !error;
+    const frozen = isFrozen ? `✕ FROZEN: no new frame for ${formatSeconds(age_s)}.` : "▲";
+    setText(this.mark, [frozen, error].filter(Boolean).join(" "));
   }
 }

@@ -1,46 +1,88 @@
-// What comes from robots and files is only ever text: nothing here takes HTML.
+// Helpers for the DOM. Texts of robots and files are always set as text: nothing here takes HTML.
 
-export function el(tag, properties = {}, ...children) {
+/**
+ * Create an element. Properties that are null, undefined or false are left out.
+ *
+ * @template {keyof HTMLElementTagNameMap} Tag
+ * @param {Tag} tag
+ * @param {import("./types").Properties<Tag>} [properties] - DOM properties, else attributes.
+ * @param {...import("./types").Child} children
+ * @returns {HTMLElementTagNameMap[Tag]}
+ */
+export function el(tag, properties, ...children) {
   const node = document.createElement(tag);
-  for (const [name, value] of Object.entries(properties)) {
+  for (const [name, value] of Object.entries(properties ?? {})) {
     if (value === null || value === undefined || value === false) continue;
-    if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
-    else if (name === "class") node.className = value;
-    else if (name in node && !name.startsWith("aria") && name !== "list") node[name] = value;
-    else node.setAttribute(name, value === true ? "" : value);
+    if (name === "class") node.className = String(value);
+    else if (name in node) Reflect.set(node, name, value);
+    else node.setAttribute(name, String(value));
   }
-  node.append(...children.filter((child) => child !== null && child !== undefined && child !== false));
+  for (const child of children) if (child) node.append(child);
   return node;
 }
 
+/**
+ * Return an element of the page's frame, which index.html holds.
+ *
+ * @template {HTMLElement} [T=HTMLElement]
+ * @param {string} id
+ * @returns {T}
+ */
+export function byId(id) {
+  const node = document.getElementById(id);
+  if (!node) throw new Error(`index.html has no #${id}`);
+  return /** @type {T} */ (node);
+}
+
+/** @param {Node} node @param {string} text */
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
-// So many digits after the point, and no minus before nothing.
-export function fixed(value, digits) {
-  return value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
+/**
+ * Format a number with a fixed number of decimals, without a minus before zero.
+ *
+ * @param {number} value
+ * @param {number} decimals
+ */
+export function fixed(value, decimals) {
+  return value.toFixed(decimals).replace(/^-(0\.?0*)$/, "$1");
 }
 
-export function seconds(value) {
+/** @param {number} value - in seconds. */
+export function formatSeconds(value) {
   if (value < 10) return `${value.toFixed(1)} s`;
   if (value < 120) return `${Math.round(value)} s`;
   return value < 7200 ? `${Math.round(value / 60)} min` : `${Math.round(value / 3600)} h`;
 }
 
+/** @param {string} name - of a custom property in style.css, such as `--ink`. */
 export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
 
-// A canvas as sharp as the screen; returns its context and its size in CSS pixels.
+/** @param {HTMLCanvasElement} canvas */
+export function contextOf(canvas) {
+  const context = canvas.getContext("2d");
+  if (!context) throw new Error("this browser cannot draw on a canvas");
+  return context;
+}
+
+/**
+ * Give a canvas the resolution of the screen, and return its context, which counts CSS pixels.
+ *
+ * @param {HTMLCanvasElement} canvas
+ * @param {number} width
+ * @param {number} height
+ */
 export function fitCanvas(canvas, width, height) {
   const ratio = window.devicePixelRatio || 1;
-  const wide = Math.round(width * ratio), high = Math.round(height * ratio);
-  if (canvas.width !== wide || canvas.height !== high) {
-    canvas.width = wide;
-    canvas.height = high;
+  const [devicePixelsX, devicePixelsY] = [Math.round(width * ratio), Math.round(height * ratio)];
+  if (canvas.width !== devicePixelsX || canvas.height !== devicePixelsY) {
+    canvas.width = devicePixelsX;
+    canvas.height = devicePixelsY;
   }
-  const context = canvas.getContext("2d");
+  const context = contextOf(canvas);
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   return context;
 }

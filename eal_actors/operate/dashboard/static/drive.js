@@ -1,156 +1,222 @@
-// Driving by hand. Motion lasts only while a key or button is held and this page says so, ten times a second: the
-// server halts the robot when it hears nothing for a moment, and so does this page when it is left.
+// Driving by hand. The robot moves only while a key or button is held and this page says so, ten times a second. The
+// server halts the robot when these messages stop; the page releases it when it loses the focus or shows another view.
 
+import { send } from "./connection.js";
 import { el, setText } from "./dom.js";
-import { say } from "./link.js";
 import { store } from "./store.js";
 
-const PERIOD_MS = 100;
-const KEYS = { w: "ahead", arrowup: "ahead", s: "back", arrowdown: "back", a: "left", arrowleft: "left", d: "right", arrowright: "right" };
-const PAD = [[null, "ahead", null], ["left", null, "right"], [null, "back", null]];
-const SIGNS = { ahead: "▲ W", back: "▼ S", left: "◀ A", right: "D ▶" };
-let grips = Date.now(), active = null;
+/** @import { DriveError } from "./types" */
+/** @typedef {"ahead" | "back" | "left" | "right"} Direction */
 
-// What has been pressed is let go, whatever happens to the page.
+const PERIOD_MS = 100;
+/** @type {Record<string, Direction>} */
+const KEYS = {
+  w: "ahead",
+  arrowup: "ahead",
+  s: "back",
+  arrowdown: "back",
+  a: "left",
+  arrowleft: "left",
+  d: "right",
+  arrowright: "right",
+};
+/** @type {(Direction | null)[]} */
+const PAD = [null, "ahead", null, "left", null, "right", null, "back", null];
+const SIGNS = { ahead: "▲ W", back: "▼ S", left: "◀ A", right: "D ▶" };
+const HINT_ARMED = "Hold W A S D or an arrow key to drive. The robot halts when you release it.";
+const HINT_UNARMED = "Press the button to drive with W A S D or the arrow keys, or hold an arrow here.";
+// Each time that keys are held has a number. Numbers grow, also after a reload of the page.
+let lastPress = Date.now();
+/** @type {DrivePanel | null} */
+let active = null;
+
 export function releaseAll() {
   active?.release();
 }
 
-// Something went wrong while driving; returns whether it was shown.
-export function troubled(trouble) {
-  if (!active || (trouble.robot && trouble.robot !== active.robot)) return false;
-  if (trouble.grip !== undefined && trouble.grip !== active.grip) return true; // of keys that were let go since
-  return active.trouble(trouble.error) || trouble.grip !== undefined;
+/**
+ * Show an error at the panel that it concerns; return whether one did.
+ *
+ * @param {DriveError} driveError
+ */
+export function showDriveError({ error, robot, press }) {
+  if (!active || (robot && robot !== active.robot)) return false;
+  if (press !== undefined && press !== active.pressNumber) return true; // of keys that were released since
+  return active.fail(error) || press !== undefined;
 }
 
 window.addEventListener("blur", releaseAll);
 window.addEventListener("pagehide", releaseAll);
 document.addEventListener("visibilitychange", () => document.hidden && releaseAll());
 
-export class Drive {
+export class DrivePanel {
+  /** @type {Set<Direction>} */
+  held = new Set();
+  isArmed = false;
+  /** @type {number | null} */
+  pressNumber = null;
+  /** @type {ReturnType<typeof setInterval> | null} Sends messages while keys are held. */
+  timer = null;
+  /** Whether an error ended this press: nothing moves until all keys are up and one is pressed again. */
+  hasFailed = false;
+  /** @type {Map<Direction, HTMLButtonElement>} */
+  buttons = new Map();
+
+  /** @param {string} robot */
   constructor(robot) {
-    Object.assign(this, { robot, held: new Set(), isArmed: false, grip: null, timer: null, isSpent: false });
+    this.robot = robot;
     this.status = el("p", { class: "small faint", role: "status" });
-    this.arm = el("button", { type: "button", "aria-pressed": "false", onclick: () => this.setArmed(!this.isArmed) }, "Drive with keys");
-    this.speed = range("Speed", 0.05, 0.5, 0.05, 0.2, "m/s");
-    this.turn = range("Turn", 0.2, 2, 0.1, 0.8, "rad/s");
-    this.buttons = {};
+    this.arm = el(
+      "button",
+      { type: "button", "aria-pressed": "false", onclick: () => this.setArmed(!this.isArmed) },
+      "Drive with keys",
+    );
+    this.speed = slider("Speed", "m/s", { min: "0.05", max: "0.5", step: "0.05", value: "0.2" });
+    this.turn = slider("Turn", "rad/s", { min: "0.2", max: "2", step: "0.1", value: "0.8" });
     const pad = el("div", { class: "pad", role: "group", "aria-label": "Hold to drive" });
-    for (const name of PAD.flat()) pad.append(name ? this.button(name) : el("span"));
-    this.node = el("section", { class: "panel stack", "aria-label": "Drive by hand" }, el("h2", {}, "Drive by hand"), this.arm, pad,
-      this.speed.node, this.turn.node, this.status);
-    this.down = (event) => this.key(event, true);
-    this.up = (event) => this.key(event, false);
-    window.addEventListener("keydown", this.down);
-    window.addEventListener("keyup", this.up);
+    for (const direction of PAD) pad.append(direction ? this.addButton(direction) : el("span"));
+    this.node = el(
+      "section",
+      { class: "panel stack", "aria-label": "Drive by hand" },
+      el("h2", {}, "Drive by hand"),
+      this.arm,
+      pad,
+      this.speed.node,
+      this.turn.node,
+      this.status,
+    );
+    window.addEventListener("keydown", this.onKeyDown);
+    window.addEventListener("keyup", this.onKeyUp);
     active = this;
-    this.tell();
+    this.showHint();
   }
 
-  button(name) {
-    const button = el("button", { type: "button", "aria-label": `Hold to drive ${name}` }, SIGNS[name]);
+  /** @param {Direction} direction */
+  addButton(direction) {
+    const button = el("button", { type: "button", "aria-label": `Hold to drive ${direction}` }, SIGNS[direction]);
     button.onpointerdown = (event) => {
       event.preventDefault();
       button.setPointerCapture(event.pointerId);
-      this.press(name);
+      this.press(direction);
     };
-    for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) button.addEventListener(kind, () => this.lift(name));
-    button.addEventListener("contextmenu", (event) => event.preventDefault());
-    this.buttons[name] = button;
+    button.onpointerup = button.onpointercancel = button.onlostpointercapture = () => this.lift(direction);
+    button.oncontextmenu = (event) => event.preventDefault();
+    this.buttons.set(direction, button);
     return button;
   }
 
   leave() {
     this.release();
-    window.removeEventListener("keydown", this.down);
-    window.removeEventListener("keyup", this.up);
+    window.removeEventListener("keydown", this.onKeyDown);
+    window.removeEventListener("keyup", this.onKeyUp);
     if (active === this) active = null;
   }
 
+  /** @param {boolean} isArmed */
   setArmed(isArmed) {
     this.release();
     this.isArmed = isArmed && store.mayCommand();
     this.arm.setAttribute("aria-pressed", String(this.isArmed));
     this.node.classList.toggle("driving", this.isArmed);
-    this.tell();
+    this.showHint();
   }
 
-  tell(text = null) {
-    setText(this.status, text ?? (!store.mayCommand() ? "Read only." : this.isArmed
-      ? "Hold W A S D or the arrow keys. Letting go halts the robot." : "Press the button to drive with W A S D or the arrow keys, or hold the arrows here."));
+  showHint() {
+    if (!store.mayCommand()) setText(this.status, "Read only.");
+    else setText(this.status, this.isArmed ? HINT_ARMED : HINT_UNARMED);
   }
 
-  key(event, isDown) {
-    const name = KEYS[event.key.toLowerCase()];
-    if (!name) return;
-    if (!isDown) return this.lift(name);
-    const target = event.target;
-    if (!this.isArmed || event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|TEXTAREA)$/.test(target.tagName)) return;
+  /** @param {KeyboardEvent} event */
+  onKeyDown = (event) => {
+    const direction = KEYS[event.key.toLowerCase()];
+    if (!direction || !this.isArmed || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.target instanceof Element && event.target.matches("input, select, textarea")) return;
     event.preventDefault();
-    if (!event.repeat) this.press(name);
-  }
+    if (!event.repeat) this.press(direction);
+  };
 
-  press(name) {
-    if (!store.mayCommand()) return this.tell();
-    this.held.add(name);
-    this.show();
-    if (this.isSpent || this.timer !== null) {
-      if (!this.isSpent) this.send();
+  /** @param {KeyboardEvent} event */
+  onKeyUp = (event) => {
+    const direction = KEYS[event.key.toLowerCase()];
+    if (direction) this.lift(direction);
+  };
+
+  /** @param {Direction} direction */
+  press(direction) {
+    if (!store.mayCommand()) {
+      this.showHint();
       return;
     }
-    this.grip = ++grips;
-    this.timer = setInterval(() => this.send(), PERIOD_MS);
-    this.tell("Driving.");
+    this.held.add(direction);
+    this.showHeld();
+    if (this.hasFailed) return;
+    if (this.timer === null) {
+      this.pressNumber = ++lastPress;
+      this.timer = setInterval(() => this.send(), PERIOD_MS);
+      setText(this.status, "Driving.");
+    }
     this.send();
   }
 
-  lift(name) {
-    if (!this.held.delete(name)) return;
-    this.show();
+  /** @param {Direction} direction */
+  lift(direction) {
+    if (!this.held.delete(direction)) return;
+    this.showHeld();
     if (this.held.size === 0) this.release();
-    else if (!this.isSpent) this.send();
+    else if (!this.hasFailed) this.send();
   }
 
   send() {
-    const axis = (plus, minus) => Number(this.held.has(plus)) - Number(this.held.has(minus));
-    const message = { do: "drive", robot: this.robot, grip: this.grip,
-      speed_m_s: axis("ahead", "back") * this.speed.value(), turn_rad_s: axis("left", "right") * this.turn.value() };
-    if (!say(message)) this.trouble("there is no connection");
+    if (this.pressNumber === null) return;
+    const isSent = send({
+      do: "drive",
+      robot: this.robot,
+      press: this.pressNumber,
+      speed_m_s: this.axis("ahead", "back") * this.speed.value(),
+      turn_rad_s: this.axis("left", "right") * this.turn.value(),
+    });
+    if (!isSent) this.fail("there is no connection");
+  }
+
+  /** @param {Direction} plus @param {Direction} minus */
+  axis(plus, minus) {
+    return Number(this.held.has(plus)) - Number(this.held.has(minus));
   }
 
   release() {
-    if (this.timer !== null) {
-      clearInterval(this.timer);
-      this.timer = null;
-      say({ do: "let_go", robot: this.robot });
-    }
+    if (this.stopTimer()) send({ do: "release", robot: this.robot });
     this.held.clear();
-    if (!this.isSpent) this.tell();
-    this.isSpent = false;
-    this.show();
+    if (!this.hasFailed) this.showHint();
+    this.hasFailed = false;
+    this.showHeld();
   }
 
-  // The grip has ended: nothing moves until all keys are up and one is pressed anew.
-  trouble(text) {
-    if (this.timer === null) return false;
-    clearInterval(this.timer);
-    this.timer = null;
-    this.isSpent = true;
-    this.tell(`Halted: ${text}`);
+  /** @param {string} error */
+  fail(error) {
+    if (!this.stopTimer()) return false;
+    this.hasFailed = true;
+    setText(this.status, `Halted: ${error}`);
     return true;
   }
 
-  show() {
-    for (const [name, button] of Object.entries(this.buttons)) button.classList.toggle("held", this.held.has(name));
+  stopTimer() {
+    if (this.timer === null) return false;
+    clearInterval(this.timer);
+    this.timer = null;
+    return true;
+  }
+
+  showHeld() {
+    for (const [direction, button] of this.buttons) button.classList.toggle("held", this.held.has(direction));
   }
 }
 
-function range(label, min, max, step, value, unit) {
-  const shown = el("output", { class: "number" });
-  const input = el("input", { type: "range", min, max, step, "aria-label": `${label} in ${unit}`, class: "grow" });
-  input.value = value;
-  const show = () => setText(shown, `${Number(input.value).toFixed(2)} ${unit}`);
+/** @param {string} label @param {string} unit @param {{ min: string, max: string, step: string, value: string }} range */
+function slider(label, unit, range) {
+  const output = el("output", { class: "number" });
+  const input = el("input", { type: "range", ...range, "aria-label": `${label} in ${unit}`, class: "grow" });
+  const show = () => setText(output, `${Number(input.value).toFixed(2)} ${unit}`);
   input.oninput = show;
   show();
-  return { node: el("label", {}, el("span", {}, label), input, shown), value: () => Number(input.value) };
+  return { node: el("label", {}, el("span", {}, label), input, output), value: () => Number(input.value) };
 }

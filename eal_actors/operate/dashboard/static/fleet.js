@@ -1,39 +1,50 @@
 // All robots, one row each.
 
 import { el, setText } from "./dom.js";
-import { controlText, doingsOf, doingText, stateOf, store } from "./store.js";
+import { activitiesOf, activityText, controlText, stateOf, store } from "./store.js";
 
-const COLUMNS = ["Robot", "State", "Battery", "Link", "Doing", "Control", "Last error"];
+/** @import { Robot, Tone, View } from "./types" */
 
+const COLUMNS = ["Robot", "State", "Battery", "Round trip", "Activity", "Controlled by", "Last error"];
+const LOW_BATTERY = 0.2;
+
+/** @param {HTMLElement} root @returns {View} */
 export function fleetView(root) {
-  const tiles = el("div", { class: "tiles", "aria-label": "Summary" });
+  const summary = el("div", { class: "tiles", "aria-label": "Summary" });
   const body = el("tbody");
-  const table = el("table", { class: "table" },
-    el("caption", { class: "skip" }, "Robots of the fleet"),
-    el("thead", {}, el("tr", {}, ...COLUMNS.map((title) => el("th", { scope: "col" }, title)))), body);
-  root.append(el("h1", {}, "Fleet"), tiles, table);
-  const rows = new Map();
+  const titles = COLUMNS.map((title) => el("th", { scope: "col" }, title));
+  root.append(
+    el("h1", {}, "Fleet"),
+    summary,
+    el(
+      "table",
+      { class: "table" },
+      el("caption", { class: "skip" }, "Robots of the fleet"),
+      el("thead", {}, el("tr", {}, ...titles)),
+      body,
+    ),
+  );
+  /** @type {Row[]} */
+  let rows = [];
   const timer = setInterval(() => update(new Set(["time"])), 500);
 
+  /** @type {View["update"]} */
   function update(changed) {
     if (changed.has("hello")) {
-      rows.clear();
-      body.replaceChildren();
-      for (const name of store.names()) {
-        const row = new Row(name);
-        rows.set(name, row);
-        body.append(row.node);
-      }
+      rows = store.names().map((name) => new Row(name));
+      body.replaceChildren(...rows.map((row) => row.node));
     }
     if (changed.has("hello") || changed.has("robots") || changed.has("time")) {
-      for (const row of rows.values()) row.update();
-      summarize(tiles);
+      for (const row of rows) row.update();
+      summarize(summary);
     }
   }
   return { update, leave: () => clearInterval(timer) };
 }
 
-function summarize(tiles) {
+/** @param {HTMLElement} summary */
+function summarize(summary) {
+  /** @type {Map<string, { shape: string, tone: Tone, count: number }>} */
   const counts = new Map();
   for (const name of store.names()) {
     const [shape, word, tone] = stateOf(store.robots[name]);
@@ -42,60 +53,80 @@ function summarize(tiles) {
     counts.set(word, entry);
   }
   const text = JSON.stringify([...counts]);
-  if (tiles.dataset.shown === text) return;
-  tiles.dataset.shown = text;
-  tiles.replaceChildren(
+  if (summary.dataset.shown === text) return;
+  summary.dataset.shown = text;
+  summary.replaceChildren(
     el("span", { class: "tile" }, el("b", {}, String(store.names().length)), "robots"),
     ...[...counts].map(([word, { shape, tone, count }]) =>
-      el("span", { class: `tile state ${tone}` }, el("b", {}, String(count)), `${shape} ${word}`)));
+      el("span", { class: `tile state ${tone}` }, el("b", {}, String(count)), `${shape} ${word}`),
+    ),
+  );
 }
 
 class Row {
+  /** @param {string} name */
   constructor(name) {
     this.name = name;
     this.shown = "";
     this.cells = COLUMNS.map((title) => el("td", { "data-label": title }));
-    this.node = el("tr", {}, ...this.cells);
-    this.node.dataset.robot = name;
+    this.node = el("tr", { "data-robot": name }, ...this.cells);
     for (const index of [0, 4, 5, 6]) this.cells[index].classList.add("wide");
   }
 
   update() {
     const robot = store.robots[this.name];
-    const doings = doingsOf(robot), told = doings.map(doingText), control_ = controlText(robot);
-    const calls = ["running", "paused"].includes(store.run.phase) ? store.run.done_by?.[this.name] : undefined;
-    const text = JSON.stringify([robot, told, control_, calls]);
-    if (text === this.shown) return;
-    this.shown = text;
-    const [shape, word, tone] = stateOf(robot);
-    const [who, state, battery, way, doing, control, error] = this.cells;
-    who.replaceChildren(el("a", { href: `#/robot/${encodeURIComponent(this.name)}` }, this.name), " ",
-      el("span", { class: "faint small" }, robot?.type ?? ""));
-    state.replaceChildren(el("span", { class: `state ${tone}` }, el("span", { "aria-hidden": "true" }, shape), word));
-    for (const [resource, reason] of Object.entries(robot?.not_ready ?? {})) state.append(el("div", { class: "small" }, `${resource}: ${reason}`));
-    for (const problem of robot?.problems ?? []) state.append(el("div", { class: "small" }, problem));
-    battery.replaceChildren(...batteryParts(robot?.battery));
-    setText(way, !robot ? "" : !robot.is_remote ? "this process" : robot.round_trip_ms === null ? "▲ no answer" : `${robot.round_trip_ms.toFixed(1)} ms`);
-    way.className = "number";
-    doing.replaceChildren(...(doings.length ? doings.map((one, index) => el("div", {}, progressOf(one.fraction), `▶ ${told[index]}`))
-      : [el("span", { class: "faint" }, robot?.can_drive ? "idle" : "")]),
-      calls === undefined ? "" : el("div", { class: "small faint" }, `${store.run.scenario}: ${calls} calls done`));
-    control.replaceChildren(control_ || el("span", { class: "faint" }, "nobody"));
+    const activities = activitiesOf(robot).map((activity) => ({ ...activity, line: activityText(activity) }));
+    const controllers = controlText(robot);
+    const run = store.run;
+    const isRunning = run.phase === "running" || run.phase === "paused";
+    const calls = isRunning && this.name in run.done_by ? `${run.scenario}: ${run.done_by[this.name]} calls done` : "";
+    const content = JSON.stringify([robot, activities, controllers, calls]);
+    if (content === this.shown) return;
+    this.shown = content;
+    const [name, state, battery, roundTrip, activity, control, error] = this.cells;
+    const type = el("span", { class: "faint small" }, robot?.type);
+    name.replaceChildren(el("a", { href: `#/robot/${encodeURIComponent(this.name)}` }, this.name), " ", type);
+    state.replaceChildren(...stateParts(robot));
+    battery.replaceChildren(...batteryParts(robot?.battery ?? null));
+    setText(roundTrip, roundTripText(robot));
+    roundTrip.className = "number";
+    const lines = activities.map(({ fraction, line }) => el("div", {}, meterOf(fraction), `▶ ${line}`));
+    if (!lines.length) lines.push(el("div", { class: "faint" }, robot?.can_drive && "idle"));
+    activity.replaceChildren(...lines, el("div", { class: "small faint" }, calls));
+    control.replaceChildren(controllers || el("span", { class: "faint" }, "nobody"));
     setText(error, robot?.last_error ?? "");
     error.classList.toggle("empty", !robot?.last_error);
   }
 }
 
-function progressOf(fraction) {
+/** @param {Robot | undefined} robot */
+function stateParts(robot) {
+  const [shape, word, tone] = stateOf(robot);
+  const reasons = Object.entries(robot?.not_ready ?? {}).map(([resource, reason]) => `${resource}: ${reason}`);
+  return [
+    el("span", { class: `state ${tone}` }, el("span", { "aria-hidden": "true" }, shape), word),
+    ...[...reasons, ...(robot?.problems ?? [])].map((text) => el("div", { class: "small" }, text)),
+  ];
+}
+
+/** @param {Robot | undefined} robot */
+function roundTripText(robot) {
+  if (!robot) return "";
+  if (!robot.is_remote) return "this process";
+  return robot.round_trip_ms === null ? "▲ no answer" : `${robot.round_trip_ms.toFixed(1)} ms`;
+}
+
+/** @param {number | null} fraction @param {string} [kind] */
+function meterOf(fraction, kind = "") {
   if (fraction === null) return null;
   const bar = el("span");
   bar.style.width = `${Math.round(fraction * 100)}%`;
-  return el("span", { class: "meter", "aria-hidden": "true" }, bar);
+  return el("span", { class: `meter ${kind}`, "aria-hidden": "true" }, bar);
 }
 
-function batteryParts(level) {
-  if (level === null || level === undefined) return [el("span", { class: "faint" }, "–")];
-  const bar = el("span");
-  bar.style.width = `${Math.round(level * 100)}%`;
-  return [el("span", { class: `meter${level < 0.2 ? " low" : ""}`, "aria-hidden": "true" }, bar), `${Math.round(level * 100)} %${level < 0.2 ? " low" : ""}`];
+/** @param {number | null} charge */
+function batteryParts(charge) {
+  if (charge === null) return [el("span", { class: "faint" }, "–")];
+  const low = charge < LOW_BATTERY ? "low" : "";
+  return [meterOf(charge, low) ?? "", `${Math.round(charge * 100)} % ${low}`.trim()];
 }

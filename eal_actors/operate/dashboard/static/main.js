@@ -1,16 +1,19 @@
-// The frame of the page: views, the connection, STOP.
+// The frame of the page: views, the connection's state, notices and STOP.
 
-import { el, setText } from "./dom.js";
-import { ask, begin, link } from "./link.js";
-import { store } from "./store.js";
+import { camerasView, showFrame } from "./cameras.js";
+import { connect, connection, request } from "./connection.js";
+import { byId, el, setText } from "./dom.js";
+import { releaseAll, showDriveError } from "./drive.js";
 import { fleetView } from "./fleet.js";
-import { mapView } from "./map.js";
-import { camerasView, takeFrame } from "./cameras.js";
-import { scenarioView } from "./scenario.js";
 import { logsView } from "./logs.js";
+import { mapView } from "./map.js";
 import { robotView } from "./robot.js";
-import { releaseAll, troubled } from "./drive.js";
+import { scenarioView } from "./scenario.js";
+import { store } from "./store.js";
 
+/** @import { Change, Failure, View } from "./types" */
+
+/** @type {[string, string, (root: HTMLElement) => View][]} */
 const VIEWS = [
   ["fleet", "Fleet", fleetView],
   ["map", "Map", mapView],
@@ -18,39 +21,53 @@ const VIEWS = [
   ["scenario", "Scenario", scenarioView],
   ["logs", "Logs", logsView],
 ];
-const byId = (id) => document.getElementById(id);
+const NOTICE_MS = 12000;
+const MAX_NOTICES = 4;
+const MAX_NAMES = 4;
 const main = byId("main");
-let view = null, place = null, dirty = new Set(), isDue = false;
+const dialog = /** @type {HTMLDialogElement} */ (byId("confirm"));
+/** @type {View | null} */
+let view = null;
+/** @type {string | null} */
+let place = null;
+/** @type {Set<Change>} */
+let changes = new Set();
 
 // Views.
 
 function route() {
-  const [name, argument] = location.hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
-  const wanted = name === "robot" && argument ? `robot/${argument}` : (VIEWS.find(([key]) => key === name)?.[0] ?? "fleet");
+  const [name, robot] = location.hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
+  const entry = VIEWS.find(([key]) => key === name) ?? VIEWS[0];
+  const wanted = name === "robot" && robot ? `robot/${robot}` : entry[0];
   if (wanted === place) return;
   releaseAll();
   view?.leave?.();
   place = wanted;
   main.replaceChildren();
   main.className = "";
-  view = wanted.startsWith("robot/") ? robotView(main, argument) : VIEWS.find(([key]) => key === wanted)[2](main);
-  for (const anchor of byId("nav").children) {
-    const isHere = anchor.dataset.view === wanted || (wanted.startsWith("robot/") && anchor.dataset.view === "fleet");
-    isHere ? anchor.setAttribute("aria-current", "page") : anchor.removeAttribute("aria-current");
+  const isRobot = wanted.startsWith("robot/");
+  view = isRobot ? robotView(main, robot) : entry[2](main);
+  for (const anchor of byId("nav").querySelectorAll("a")) {
+    if (anchor.dataset.view === (isRobot ? "fleet" : wanted)) anchor.setAttribute("aria-current", "page");
+    else anchor.removeAttribute("aria-current");
   }
-  document.title = `${wanted} · ${store.hello?.fleet ?? "eal"}`;
+  showTitle();
   view.update(new Set(["hello", "robots", "poses", "run", "logs", "events"]));
 }
 
+function showTitle() {
+  document.title = `${place} · ${store.hello?.fleet ?? "eal"}`;
+}
+
+// Updates come up to 60 times a second: the page is drawn at most once a frame.
 store.onChange = (changed) => {
-  for (const kind of changed) dirty.add(kind);
-  if (changed.has("hello")) document.title = `${place} · ${store.hello.fleet}`;
-  if (isDue) return;
-  isDue = true;
+  const isDue = changes.size > 0;
+  for (const kind of changed) changes.add(kind);
+  if (changed.has("hello")) showTitle();
+  if (isDue || !changes.size) return;
   requestAnimationFrame(() => {
-    isDue = false;
-    const now = dirty;
-    dirty = new Set();
+    const now = changes;
+    changes = new Set();
     if (now.has("robots") || now.has("hello")) showStop();
     view?.update(now);
   });
@@ -58,88 +75,107 @@ store.onChange = (changed) => {
 
 // The connection.
 
-link.onState = () => {
+connection.onState = () => {
   const chip = byId("connection");
-  chip.className = `chip ${link.isOpen ? "good" : "bad"}`;
-  setText(chip, link.isOpen ? "● connected" : `▲ no connection${link.refusal ? `: ${link.refusal}` : "; trying again"}`);
-  if (!link.isOpen) troubled({ error: "the connection was lost" });
+  chip.className = `chip ${connection.isOpen ? "good" : "bad"}`;
+  const reason = connection.closeReason ? `: ${connection.closeReason}` : "";
+  setText(chip, connection.isOpen ? "● connected" : `▲ no connection${reason}; reconnecting`);
+  if (!connection.isOpen) showDriveError({ error: "the connection was lost" });
   setText(byId("fleet-name"), store.hello?.fleet ?? "eal");
   const permission = byId("permission");
   permission.hidden = store.mayCommand() || !store.hello;
-  permission.className = "chip warn";
   setText(permission, `◇ ${store.hello?.why ?? ""}`);
-  document.body.dataset.command = String(store.mayCommand() && link.isOpen);
+  document.body.dataset.command = String(canCommand());
   showStop();
 };
-
-link.onTrouble = (trouble) => {
-  if (!troubled(trouble)) notify(trouble.robot ? `${trouble.robot}: ${trouble.error}` : trouble.error, true);
+connection.onDriveError = (error) => {
+  if (!showDriveError(error)) connection.onError(error.robot ? `${error.robot}: ${error.error}` : error.error);
 };
-link.onFrame = takeFrame;
+connection.onError = (error) => notify(error, true);
+connection.onFrame = showFrame;
+
+function canCommand() {
+  return store.mayCommand() && connection.isOpen;
+}
 
 setInterval(() => {
-  if (!link.isOpen) return;
-  byId("connection").title = `${store.updatesPerSecond().toFixed(0)} updates a second`;
+  if (!connection.isOpen) return;
+  byId("connection").title = `${store.updatesPerSecond().toFixed(0)} updates per second`;
   document.body.dataset.rate = store.updatesPerSecond().toFixed(1);
 }, 500);
 
 // Notices.
 
-export function notify(text, isBad = false) {
+/** @param {string} text @param {boolean} [isBad] */
+function notify(text, isBad = false) {
   const close = el("button", { type: "button", "aria-label": "Dismiss" }, "×");
   const notice = el("div", { class: `notice${isBad ? " bad" : ""}` }, el("span", {}, text), close);
-  const remove = () => notice.remove();
-  close.onclick = remove;
-  setTimeout(remove, 12000);
-  byId("notices").append(notice);
-  while (byId("notices").children.length > 4) byId("notices").firstChild.remove();
+  close.onclick = () => notice.remove();
+  setTimeout(() => notice.remove(), NOTICE_MS);
+  const notices = byId("notices");
+  notices.append(notice);
+  while (notices.children.length > MAX_NOTICES) notices.firstChild?.remove();
 }
 
-// Stop: from every view, by a click or by Escape, and nothing comes before it.
+/** @param {Failure} answer */
+function describeFailure(answer) {
+  const robots = Object.entries(answer.failed ?? {}).map(([name, reason]) => `${name} (${reason})`);
+  return robots.join(", ") || (answer.error ?? "");
+}
+
+// STOP: from every view, by the button or by Escape, and before anything else.
 
 async function stop() {
   releaseAll();
-  if (!store.mayCommand() || !link.isOpen) {
-    notify(link.isOpen ? `STOP was not sent: ${store.hello?.why}` : "STOP was not sent: there is no connection", true);
+  if (!canCommand()) {
+    const reason = connection.isOpen ? (store.hello?.why ?? "") : "there is no connection";
+    notify(`STOP was not sent: ${reason}`, true);
     return;
   }
-  const answer = await ask({ do: "stop" });
+  const answer = await request("stop", {});
   if (answer.ok) notify(`${answer.confirmed.length} robots confirmed the stop.`);
-  else notify(`Not confirmed: ${Object.entries(answer.failed ?? {}).map(([name, why]) => `${name} (${why})`).join(", ") || answer.error}`, true);
+  else notify(`Stop not confirmed: ${describeFailure(answer)}`, true);
 }
 
 function showStop() {
   const stopped = store.stopped();
   byId("stopped").hidden = !stopped.length;
   if (stopped.length) {
-    const who = stopped.length === store.names().length ? "All robots" : stopped.slice(0, 4).join(", ") + (stopped.length > 4 ? ` and ${stopped.length - 4} more` : "");
-    setText(byId("stopped-why"), `${who} refuse to move: ${store.robots[stopped[0]].stopped}.`);
+    const rest = stopped.length - MAX_NAMES;
+    const some = stopped.slice(0, MAX_NAMES).join(", ") + (rest > 0 ? ` and ${rest} more` : "");
+    const robots = stopped.length === store.names().length ? "All robots" : some;
+    setText(byId("stopped-why"), `${robots} refuse to move: ${store.robots[stopped[0]].stopped}.`);
   }
-  byId("stop").setAttribute("aria-disabled", String(!(store.mayCommand() && link.isOpen)));
-  byId("resume").disabled = !store.mayCommand();
+  byId("stop").setAttribute("aria-disabled", String(!canCommand()));
+  /** @type {HTMLButtonElement} */ (byId("resume")).disabled = !store.mayCommand();
+}
+
+async function resume() {
+  dialog.close();
+  const answer = await request("resume", {});
+  if (!answer.ok) notify(`Not resumed: ${describeFailure(answer)}`, true);
 }
 
 byId("stop").onclick = stop;
-window.addEventListener("keydown", (event) => {
-  if (event.key !== "Escape" || event.repeat) return;
-  event.preventDefault();
-  byId("confirm").close();
-  stop();
-}, { capture: true });
-
-byId("resume").onclick = () => byId("confirm").showModal();
-byId("confirm-no").onclick = () => byId("confirm").close();
-byId("confirm-yes").onclick = async () => {
-  byId("confirm").close();
-  const answer = await ask({ do: "resume" });
-  if (!answer.ok) notify(`Not resumed: ${Object.keys(answer.failed ?? {}).join(", ") || answer.error}`, true);
-};
+window.addEventListener(
+  "keydown",
+  (event) => {
+    if (event.key !== "Escape" || event.repeat) return;
+    event.preventDefault();
+    dialog.close();
+    stop();
+  },
+  { capture: true },
+);
+byId("resume").onclick = () => dialog.showModal();
+byId("confirm-no").onclick = () => dialog.close();
+byId("confirm-yes").onclick = resume;
 
 for (const [key, title] of VIEWS) byId("nav").append(el("a", { href: `#/${key}`, "data-view": key }, title));
-document.querySelector(".skip").onclick = (event) => {
+byId("skip").onclick = (event) => {
   event.preventDefault();
   main.focus();
 };
-begin();
+connect();
 window.addEventListener("hashchange", route);
 route();

@@ -1,174 +1,257 @@
-// The arena from above: what the world file says, where the robots are, and where they were.
+// The world from above: walls and obstacles of the world file, the robots, and their trails.
 
 import { colour, el, fitCanvas, setText } from "./dom.js";
 import { stateOf, store } from "./store.js";
 
-const HUES = [212, 28, 150, 330, 268, 60, 188, 0];
-const ROBOT_PX = 11, MOST_NAMES = 40, REDRAW_TRAILS_MS = 1500;
+/** @import { World, WorldShape, Point, View } from "./types" */
+/** @typedef {CanvasRenderingContext2D} Context */
 
+const HUES = [212, 28, 150, 330, 268, 60, 188, 0];
+const POSTER_COLOUR = "#8c7bb8";
+const ROBOT_PX = 11;
+const HIT_PX = 18; // a click this near to a robot opens its panel
+const DRAG_PX = 6; // a pointer that moved farther is no click
+const MAX_NAMES = 40;
+const REDRAW_TRAILS_MS = 1500;
+const ZOOM = 1.3;
+const GRID_M = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50];
+const GRID_PX = 34;
+const DEFAULT_BOUNDS = [-2, -1.5, 2, 1.5];
+
+/** @param {HTMLElement} root @returns {View} */
 export function mapView(root) {
   root.className = "fill";
-  const canvas = el("canvas", { role: "img", tabIndex: 0 });
-  const extent = el("span", { class: "chip" });
-  const options = { trails: true, names: true };
-  const toggle = (key, label) => {
-    const button = el("button", { type: "button", "aria-pressed": "true", onclick: () => {
-      options[key] = !options[key];
-      button.setAttribute("aria-pressed", String(options[key]));
-      draw();
-    } }, label);
-    return button;
-  };
-  const plain = (label, name, action) => el("button", { type: "button", "aria-label": name, title: name, onclick: action }, label);
-  const frame = el("div", { class: "panel map" }, canvas, extent);
+  const map = new FleetMap();
   root.append(
-    el("div", { class: "row" }, el("h1", { class: "grow" }, "Map"), toggle("trails", "Trails"), toggle("names", "Names"),
-      plain("−", "Zoom out", () => zoom(1 / 1.3)), plain("+", "Zoom in", () => zoom(1.3)), plain("Fit", "Show everything", () => fit())),
-    frame);
-  const camera = { x: 0, y: 0, scale: 60, isFitted: true };
-  const trails = document.createElement("canvas");
-  const sheetEnds = {};  // the last point of each trail that is on the sheet
-  let trailsAt = 0, isDue = false;
+    el(
+      "div",
+      { class: "row" },
+      el("h1", { class: "grow" }, "Map"),
+      map.toggle("trails", "Trails"),
+      map.toggle("names", "Names"),
+      button("−", "Zoom out", () => map.zoom(1 / ZOOM)),
+      button("+", "Zoom in", () => map.zoom(ZOOM)),
+      button("Fit", "Show everything", () => map.fit()),
+    ),
+    map.frame,
+  );
+  map.observe();
+  return map;
+}
 
-  // Places.
-  const toScreen = (x, y) => [frame.clientWidth / 2 + (x - camera.x) * camera.scale, frame.clientHeight / 2 - (y - camera.y) * camera.scale];
+/** @param {string} label @param {string} name @param {() => void} onclick */
+function button(label, name, onclick) {
+  return el("button", { type: "button", "aria-label": name, title: name, onclick }, label);
+}
 
-  const corner = (arena) => toScreen(-arena.size_m[0] / 2, arena.size_m[1] / 2);
+class FleetMap {
+  /** The point in the middle, in metres, and the pixels of a metre. */
+  camera = { x: 0, y: 0, scale: 60, isFitted: true };
+  options = { trails: true, names: true };
+  trails = document.createElement("canvas");
+  /** @type {Map<string, Point | undefined>} The last point of each trail that is on the canvas of trails. */
+  trailEnds = new Map();
+  trailsDrawnAt = 0;
+  isDue = false;
+  hasPoses = false;
+  /** @type {Map<number, { x: number, y: number, moved: number }>} Pointers that are down. */
+  pointers = new Map();
+  pinch = 0;
+  scheme = matchMedia("(prefers-color-scheme: dark)");
+  observer = new ResizeObserver(() => (this.camera.isFitted ? this.fit() : this.redraw()));
 
-  function bounds() {
-    const arena = store.hello?.arena;
-    if (arena) return [-arena.size_m[0] / 2, -arena.size_m[1] / 2, arena.size_m[0] / 2, arena.size_m[1] / 2];
-    const points = [...Object.values(store.poses).map((pose) => pose.at), ...Object.values(store.trails).flat()];
-    if (!points.length) return [-2, -1.5, 2, 1.5];
-    const xs = points.map((point) => point[0]), ys = points.map((point) => point[1]);
-    const least = (values) => values.reduce((a, b) => Math.min(a, b)), most = (values) => values.reduce((a, b) => Math.max(a, b));
-    return [least(xs) - 1, least(ys) - 1, most(xs) + 1, most(ys) + 1];
+  constructor() {
+    this.canvas = el("canvas", { role: "img", tabIndex: 0 });
+    this.extent = el("span", { class: "chip" });
+    this.frame = el("div", { class: "panel map" }, this.canvas, this.extent);
+    this.canvas.onpointerdown = (event) => this.onPointerDown(event);
+    this.canvas.onpointermove = (event) => this.onPointerMove(event);
+    this.canvas.onpointerup = this.canvas.onpointercancel = (event) => this.onPointerUp(event);
+    this.canvas.onwheel = (event) => {
+      event.preventDefault();
+      this.zoom(Math.exp(-event.deltaY / 500), event.offsetX, event.offsetY);
+    };
+    this.canvas.onkeydown = ({ key }) => {
+      if (key === "+") this.zoom(ZOOM);
+      else if (key === "-") this.zoom(1 / ZOOM);
+      else if (key === "0") this.fit();
+    };
   }
 
-  function fit() {
+  observe() {
+    this.observer.observe(this.frame);
+    this.scheme.addEventListener("change", this.redraw);
+  }
+
+  leave() {
+    this.observer.disconnect();
+    this.scheme.removeEventListener("change", this.redraw);
+  }
+
+  /** @type {View["update"]} */
+  update(changed) {
+    const robots = Object.keys(store.poses).length;
+    const isFirst = robots > 0 && !this.hasPoses;
+    if (changed.has("hello") || isFirst || (!store.hello?.world && this.camera.isFitted)) {
+      this.hasPoses = robots > 0;
+      this.fit();
+    }
+    this.canvas.setAttribute("aria-label", `Map of ${robots} robots. The fleet view lists them as text.`);
+    if (changed.has("poses") || changed.has("robots")) this.draw();
+  }
+
+  /** @param {keyof FleetMap["options"]} key @param {string} label */
+  toggle(key, label) {
+    const node = el("button", { type: "button", "aria-pressed": "true" }, label);
+    node.onclick = () => {
+      this.options[key] = !this.options[key];
+      node.setAttribute("aria-pressed", String(this.options[key]));
+      this.draw();
+    };
+    return node;
+  }
+
+  // The camera.
+
+  /** @param {number} x @param {number} y @returns {Point} - in pixels of the frame. */
+  toScreen(x, y) {
+    const { clientWidth, clientHeight } = this.frame;
+    const { camera } = this;
+    return [clientWidth / 2 + (x - camera.x) * camera.scale, clientHeight / 2 - (y - camera.y) * camera.scale];
+  }
+
+  fit() {
     const [left, low, right, high] = bounds();
-    camera.x = (left + right) / 2;
-    camera.y = (low + high) / 2;
-    camera.scale = Math.max(1, Math.min(frame.clientWidth / (right - left), frame.clientHeight / (high - low)) * 0.94);
-    camera.isFitted = true;
-    trailsAt = 0;
-    ask();
+    const { clientWidth, clientHeight } = this.frame;
+    const scale = Math.min(clientWidth / (right - left), clientHeight / (high - low)) * 0.94;
+    this.camera = { x: (left + right) / 2, y: (low + high) / 2, scale: Math.max(1, scale), isFitted: true };
+    this.trailsDrawnAt = 0;
+    this.redraw();
   }
 
-  function zoom(factor, x = frame.clientWidth / 2, y = frame.clientHeight / 2) {
-    const worldX = camera.x + (x - frame.clientWidth / 2) / camera.scale, worldY = camera.y - (y - frame.clientHeight / 2) / camera.scale;
-    camera.scale = Math.min(2000, Math.max(2, camera.scale * factor));
-    camera.x = worldX - (x - frame.clientWidth / 2) / camera.scale;
-    camera.y = worldY + (y - frame.clientHeight / 2) / camera.scale;
-    moved();
+  /**
+   * Zoom around a pixel, which is the middle unless given.
+   *
+   * @param {number} factor
+   * @param {number} [x]
+   * @param {number} [y]
+   */
+  zoom(factor, x = this.frame.clientWidth / 2, y = this.frame.clientHeight / 2) {
+    const { camera } = this;
+    const [dx, dy] = [x - this.frame.clientWidth / 2, y - this.frame.clientHeight / 2];
+    const before = camera.scale;
+    camera.scale = Math.min(2000, Math.max(2, before * factor));
+    camera.x += dx / before - dx / camera.scale;
+    camera.y -= dy / before - dy / camera.scale;
+    this.onMoved();
   }
 
-  function moved() {
-    camera.isFitted = false;
-    trailsAt = 0;
-    ask();
+  onMoved() {
+    this.camera.isFitted = false;
+    this.trailsDrawnAt = 0;
+    this.redraw();
   }
 
-  // Pictures.
-  function ask() {
-    if (isDue) return;
-    isDue = true;
+  // Drawing.
+
+  redraw = () => {
+    if (this.isDue) return;
+    this.isDue = true;
     requestAnimationFrame(() => {
-      isDue = false;
-      draw();
+      this.isDue = false;
+      this.draw();
     });
-  }
+  };
 
-  function draw() {
-    const width = frame.clientWidth, height = frame.clientHeight;
-    const context = fitCanvas(canvas, width, height);
+  draw() {
+    const { clientWidth: width, clientHeight: height } = this.frame;
+    const context = fitCanvas(this.canvas, width, height);
+    const world = store.hello?.world;
     context.fillStyle = colour("--ground");
     context.fillRect(0, 0, width, height);
-    const arena = store.hello?.arena;
-    if (arena) {
+    if (world) {
       context.fillStyle = colour("--floor");
-      context.fillRect(...corner(arena), arena.size_m[0] * camera.scale, arena.size_m[1] * camera.scale);
+      context.fillRect(...this.rectangleOf(world));
     }
-    drawGrid(context, width, height);
-    if (arena) drawArena(context, arena);
-    if (options.trails) drawTrails(context, width, height);
-    const names = options.names && store.names().length <= MOST_NAMES ? store.names() : [];
-    const ink = colour("--ink"), ground = colour("--floor");
-    store.names().forEach((name, index) => drawRobot(context, name, index, ink, ground));
-    context.font = "600 12px system-ui, sans-serif";
-    context.textAlign = "center";
-    context.lineWidth = 3;
-    context.strokeStyle = ground;
-    context.fillStyle = ink;
-    for (const name of names) {
-      const pose = store.poses[name];
-      if (!pose) continue;
-      const [x, y] = toScreen(...pose.at);
-      const label = `${name}${mark(name)}`;
-      context.strokeText(label, x, y - ROBOT_PX - 6);
-      context.fillText(label, x, y - ROBOT_PX - 6);
-    }
+    this.drawGrid(context, width, height);
+    if (world) this.drawWorld(context, world);
+    if (this.options.trails) this.drawTrails(context, width, height);
+    store.names().forEach((name, index) => {
+      this.drawRobot(context, name, index);
+    });
+    if (this.options.names && store.names().length <= MAX_NAMES) this.drawNames(context);
   }
 
-  const mark = (name) => {
-    const [shape, word] = stateOf(store.robots[name]);
-    return word === "ready" ? "" : ` ${shape} ${word}`;
-  };
+  /** @param {World} world @returns {[number, number, number, number]} */
+  rectangleOf({ size_m: [width_m, height_m] }) {
+    const { scale } = this.camera;
+    return [...this.toScreen(-width_m / 2, height_m / 2), width_m * scale, height_m * scale];
+  }
 
-  function drawGrid(context, width, height) {
-    const step = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20].find((size) => size * camera.scale > 34) ?? 50;
+  /** @param {Context} context @param {number} width @param {number} height */
+  drawGrid(context, width, height) {
+    const { scale, x: middle_x, y: middle_y } = this.camera;
+    const step = GRID_M.find((size) => size * scale > GRID_PX) ?? 50;
+    const left = middle_x - width / 2 / scale;
+    const low = middle_y - height / 2 / scale;
     context.strokeStyle = colour("--grid");
     context.lineWidth = 1;
     context.beginPath();
-    const left = camera.x - width / 2 / camera.scale, low = camera.y - height / 2 / camera.scale;
-    for (let x = Math.ceil(left / step) * step; x < left + width / camera.scale; x += step) line(context, toScreen(x, low), [toScreen(x, low)[0], 0]);
-    for (let y = Math.ceil(low / step) * step; y < low + height / camera.scale; y += step) line(context, toScreen(left, y), [width, toScreen(left, y)[1]]);
-    context.stroke();
-    setText(extent, `grid ${step} m${store.hello?.arena ? ` · ${store.hello.arena.name}` : " · extent from the poses"}`);
-  }
-
-  function line(context, [x0, y0], [x1, y1]) {
-    context.moveTo(Math.round(x0) + 0.5, Math.round(y0) + 0.5);
-    context.lineTo(Math.round(x1) + 0.5, Math.round(y1) + 0.5);
-  }
-
-  function drawArena(context, arena) {
-    for (const shape of arena.shapes) drawShape(context, shape);
-    const [left, top] = corner(arena);
-    context.strokeStyle = colour("--wall");
-    context.lineWidth = 3;
-    context.strokeRect(left, top, arena.size_m[0] * camera.scale, arena.size_m[1] * camera.scale);
-    context.lineWidth = 5;
-    context.strokeStyle = "#8c7bb8";
-    context.beginPath();
-    for (const [x0, y0, x1, y1] of arena.posters) {
-      context.moveTo(...toScreen(x0, y0));
-      context.lineTo(...toScreen(x1, y1));
+    for (let x = Math.ceil(left / step) * step; x < left + width / scale; x += step) {
+      const column = Math.round(this.toScreen(x, low)[0]) + 0.5;
+      context.moveTo(column, 0);
+      context.lineTo(column, height);
+    }
+    for (let y = Math.ceil(low / step) * step; y < low + height / scale; y += step) {
+      const row = Math.round(this.toScreen(left, y)[1]) + 0.5;
+      context.moveTo(0, row);
+      context.lineTo(width, row);
     }
     context.stroke();
-    for (const beacon of arena.beacons) {
+    const world = store.hello?.world;
+    setText(this.extent, `grid ${step} m · ${world ? world.name : "no world file: scaled to the robots' poses"}`);
+  }
+
+  /** @param {Context} context @param {World} world */
+  drawWorld(context, world) {
+    for (const shape of world.shapes) this.drawShape(context, shape);
+    context.strokeStyle = colour("--wall");
+    context.lineWidth = 3;
+    context.strokeRect(...this.rectangleOf(world));
+    context.lineWidth = 5;
+    context.strokeStyle = POSTER_COLOUR;
+    context.beginPath();
+    for (const [x0, y0, x1, y1] of world.posters) {
+      context.moveTo(...this.toScreen(x0, y0));
+      context.lineTo(...this.toScreen(x1, y1));
+    }
+    context.stroke();
+    context.strokeStyle = colour("--ink");
+    context.lineWidth = 1;
+    for (const beacon of world.beacons) {
       context.beginPath();
-      context.arc(...toScreen(beacon.x_m, beacon.y_m), 6, 0, 2 * Math.PI);
+      context.arc(...this.toScreen(beacon.x_m, beacon.y_m), 6, 0, 2 * Math.PI);
       context.fillStyle = `rgb(${beacon.colour.join(" ")})`;
-      context.strokeStyle = colour("--ink");
-      context.lineWidth = 1;
       context.fill();
       context.stroke();
     }
   }
 
-  function drawShape(context, shape) {
+  /** @param {Context} context @param {WorldShape} shape */
+  drawShape(context, shape) {
+    const { scale } = this.camera;
     context.save();
-    context.translate(...toScreen(shape.x_m, shape.y_m));
+    context.translate(...this.toScreen(shape.x_m, shape.y_m));
     context.beginPath();
-    if (shape.radius_m) context.arc(0, 0, shape.radius_m * camera.scale, 0, 2 * Math.PI);
-    else {
+    if ("radius_m" in shape) {
+      context.arc(0, 0, shape.radius_m * scale, 0, 2 * Math.PI);
+    } else {
+      const [length, width] = shape.size_m.map((size) => size * scale);
       context.rotate((-shape.yaw_deg * Math.PI) / 180);
-      const [along, across] = shape.size_m.map((size) => size * camera.scale);
-      context.rect(-along / 2, -across / 2, along, across);
+      context.rect(-length / 2, -width / 2, length, width);
     }
-    context.fillStyle = shape.kind === "drop" ? colour("--bad-soft") : colour("--obstacle");
-    context.strokeStyle = shape.kind === "drop" ? colour("--bad") : colour("--wall");
+    context.fillStyle = colour(shape.kind === "drop" ? "--bad-soft" : "--obstacle");
+    context.strokeStyle = colour(shape.kind === "drop" ? "--bad" : "--wall");
     context.lineWidth = 1;
     context.setLineDash(shape.kind === "obstacle" ? [] : [4, 3]);
     context.fill();
@@ -176,47 +259,61 @@ export function mapView(root) {
     context.restore();
   }
 
-  // Trails lie on a sheet of their own, which is drawn anew only now and then: a hundred robots have many points. What
-  // came since then is drawn each time.
-  function drawTrails(context, width, height) {
+  /**
+   * Draw the trails. A hundred robots have many points, so they are drawn to a canvas of their own now and then; only
+   * newer points are drawn each time.
+   *
+   * @param {Context} context
+   * @param {number} width
+   * @param {number} height
+   */
+  drawTrails(context, width, height) {
     const now = performance.now();
-    if (now - trailsAt > REDRAW_TRAILS_MS || trails.dataset.size !== `${canvas.width} ${canvas.height}`) {
-      const sheet = fitCanvas(trails, width, height);
+    const size = `${this.canvas.width} ${this.canvas.height}`;
+    if (now - this.trailsDrawnAt > REDRAW_TRAILS_MS || this.trails.dataset.size !== size) {
+      const sheet = fitCanvas(this.trails, width, height);
       sheet.clearRect(0, 0, width, height);
       store.names().forEach((name, index) => {
         const points = store.trails[name] ?? [];
-        drawTrail(sheet, points, index);
-        sheetEnds[name] = points.at(-1);
+        this.drawTrail(sheet, points, index);
+        this.trailEnds.set(name, points.at(-1));
       });
-      trails.dataset.size = `${canvas.width} ${canvas.height}`;
-      trailsAt = now;
+      this.trails.dataset.size = size;
+      this.trailsDrawnAt = now;
     }
-    context.drawImage(trails, 0, 0, width, height);
+    context.drawImage(this.trails, 0, 0, width, height);
     store.names().forEach((name, index) => {
-      const points = store.trails[name], at = store.poses[name]?.at;
-      if (points && at) drawTrail(context, [...points.slice(Math.max(points.lastIndexOf(sheetEnds[name]), 0)), at], index);
+      const points = store.trails[name];
+      const pose = store.poses[name];
+      if (!points || !pose) return;
+      const end = this.trailEnds.get(name);
+      const start = end ? Math.max(points.lastIndexOf(end), 0) : 0;
+      this.drawTrail(context, [...points.slice(start), [pose.at[0], pose.at[1]]], index);
     });
   }
 
-  function drawTrail(context, points, index) {
+  /** @param {Context} context @param {Point[]} points @param {number} index */
+  drawTrail(context, points, index) {
     if (points.length < 2) return;
     context.lineWidth = 1.6;
     context.lineJoin = "round";
     context.strokeStyle = `hsl(${HUES[index % HUES.length]} 60% 50% / .55)`;
     context.beginPath();
-    context.moveTo(...toScreen(...points[0]));
-    for (const point of points.slice(1)) context.lineTo(...toScreen(...point));
+    context.moveTo(...this.toScreen(...points[0]));
+    for (const point of points.slice(1)) context.lineTo(...this.toScreen(...point));
     context.stroke();
   }
 
-  function drawRobot(context, name, index, ink, ground) {
+  /** @param {Context} context @param {string} name @param {number} index */
+  drawRobot(context, name, index) {
     const pose = store.poses[name];
     if (!pose) return;
-    const [x, y] = toScreen(pose.at[0], pose.at[1]);
-    const robot = store.robots[name], isWell = robot?.state === "ready" && !robot.stopped;
-    const size = Math.max(6, Math.min(ROBOT_PX, camera.scale * 0.35));
+    const robot = store.robots[name];
+    const isReady = robot?.state === "ready" && !robot.stopped;
+    const size = Math.max(6, Math.min(ROBOT_PX, this.camera.scale * 0.35));
+    const floor = colour("--floor");
     context.save();
-    context.translate(x, y);
+    context.translate(...this.toScreen(pose.at[0], pose.at[1]));
     context.rotate(-pose.at[2]);
     context.beginPath();
     context.moveTo(size * 1.25, 0);
@@ -224,78 +321,92 @@ export function mapView(root) {
     context.lineTo(-size * 0.5, 0);
     context.lineTo(-size, -size * 0.85);
     context.closePath();
-    context.fillStyle = isWell ? `hsl(${HUES[index % HUES.length]} 62% 46%)` : ground;
-    context.strokeStyle = isWell ? ground : colour("--bad");
-    context.lineWidth = isWell ? 1.2 : 2.2;
+    context.fillStyle = isReady ? `hsl(${HUES[index % HUES.length]} 62% 46%)` : floor;
+    context.strokeStyle = isReady ? floor : colour("--bad");
+    context.lineWidth = isReady ? 1.2 : 2.2;
     context.fill();
     context.stroke();
     context.restore();
   }
 
-  // Hands.
-  const fingers = new Map();
-  let pinch = 0;
-  canvas.onpointerdown = (event) => {
-    canvas.setPointerCapture(event.pointerId);
-    fingers.set(event.pointerId, { x: event.offsetX, y: event.offsetY, moved: 0 });
-    pinch = 0;
-  };
-  canvas.onpointermove = (event) => {
-    const finger = fingers.get(event.pointerId);
-    if (!finger) return;
-    const dx = event.offsetX - finger.x, dy = event.offsetY - finger.y;
-    Object.assign(finger, { x: event.offsetX, y: event.offsetY, moved: finger.moved + Math.abs(dx) + Math.abs(dy) });
-    if (fingers.size === 2) {
-      const [a, b] = [...fingers.values()];
-      const apart = Math.hypot(a.x - b.x, a.y - b.y);
-      if (pinch) zoom(apart / pinch, (a.x + b.x) / 2, (a.y + b.y) / 2);
-      pinch = apart;
+  /** @param {Context} context */
+  drawNames(context) {
+    context.font = "600 12px system-ui, sans-serif";
+    context.textAlign = "center";
+    context.lineWidth = 3;
+    context.strokeStyle = colour("--floor");
+    context.fillStyle = colour("--ink");
+    for (const name of store.names()) {
+      const pose = store.poses[name];
+      if (!pose) continue;
+      const [x, y] = this.toScreen(pose.at[0], pose.at[1]);
+      const [shape, word] = stateOf(store.robots[name]);
+      const label = word === "ready" ? name : `${name} ${shape} ${word}`;
+      context.strokeText(label, x, y - ROBOT_PX - 6);
+      context.fillText(label, x, y - ROBOT_PX - 6);
+    }
+  }
+
+  // Pointers: drag, pinch and click.
+
+  /** @param {PointerEvent} event */
+  onPointerDown(event) {
+    this.canvas.setPointerCapture(event.pointerId);
+    this.pointers.set(event.pointerId, { x: event.offsetX, y: event.offsetY, moved: 0 });
+    this.pinch = 0;
+  }
+
+  /** @param {PointerEvent} event */
+  onPointerMove(event) {
+    const pointer = this.pointers.get(event.pointerId);
+    if (!pointer) return;
+    const dx = event.offsetX - pointer.x;
+    const dy = event.offsetY - pointer.y;
+    pointer.x = event.offsetX;
+    pointer.y = event.offsetY;
+    pointer.moved += Math.abs(dx) + Math.abs(dy);
+    if (this.pointers.size === 2) {
+      const [a, b] = [...this.pointers.values()];
+      const distance = Math.hypot(a.x - b.x, a.y - b.y);
+      if (this.pinch) this.zoom(distance / this.pinch, (a.x + b.x) / 2, (a.y + b.y) / 2);
+      this.pinch = distance;
       return;
     }
-    camera.x -= dx / camera.scale;
-    camera.y += dy / camera.scale;
-    moved();
-  };
-  canvas.onpointerup = canvas.onpointercancel = (event) => {
-    const finger = fingers.get(event.pointerId);
-    fingers.delete(event.pointerId);
-    if (!finger || finger.moved > 6 || event.type !== "pointerup") return;
+    this.camera.x -= dx / this.camera.scale;
+    this.camera.y += dy / this.camera.scale;
+    this.onMoved();
+  }
+
+  /** @param {PointerEvent} event */
+  onPointerUp(event) {
+    const pointer = this.pointers.get(event.pointerId);
+    this.pointers.delete(event.pointerId);
+    if (!pointer || pointer.moved > DRAG_PX || event.type !== "pointerup") return;
     const hit = store.names().find((name) => {
       const pose = store.poses[name];
       if (!pose) return false;
-      const [x, y] = toScreen(...pose.at);
-      return Math.hypot(x - finger.x, y - finger.y) < 18;
+      const [x, y] = this.toScreen(pose.at[0], pose.at[1]);
+      return Math.hypot(x - pointer.x, y - pointer.y) < HIT_PX;
     });
     if (hit) location.hash = `#/robot/${encodeURIComponent(hit)}`;
-  };
-  canvas.onwheel = (event) => {
-    event.preventDefault();
-    zoom(Math.exp(-event.deltaY / 500), event.offsetX, event.offsetY);
-  };
-  canvas.onkeydown = (event) => {
-    const action = { "+": () => zoom(1.3), "-": () => zoom(1 / 1.3), 0: fit }[event.key];
-    if (action) action();
-  };
+  }
+}
 
-  const observer = new ResizeObserver(() => (camera.isFitted ? fit() : ask()));
-  observer.observe(frame);
-  const scheme = matchMedia("(prefers-color-scheme: dark)");
-  scheme.addEventListener("change", ask);
-  let isFirst = true;
-
-  return {
-    update(changed) {
-      if (changed.has("hello") || (isFirst && Object.keys(store.poses).length) || (!store.hello?.arena && camera.isFitted)) {
-        isFirst = !Object.keys(store.poses).length;
-        fit();
-      }
-      const known = Object.keys(store.poses).length;
-      canvas.setAttribute("aria-label", `Map of ${known} robots. The fleet view tells the same in words.`);
-      if (changed.has("poses") || changed.has("robots")) draw();
-    },
-    leave() {
-      observer.disconnect();
-      scheme.removeEventListener("change", ask);
-    },
-  };
+/** Return the extent to show, in metres: left, low, right, high. */
+function bounds() {
+  const world = store.hello?.world;
+  if (world) {
+    const [width_m, height_m] = world.size_m;
+    return [-width_m / 2, -height_m / 2, width_m / 2, height_m / 2];
+  }
+  const points = [...Object.values(store.poses).map((pose) => pose.at), ...Object.values(store.trails).flat()];
+  if (!points.length) return DEFAULT_BOUNDS;
+  let [left, low, right, high] = [Infinity, Infinity, -Infinity, -Infinity];
+  for (const [x, y] of points) {
+    left = Math.min(left, x);
+    right = Math.max(right, x);
+    low = Math.min(low, y);
+    high = Math.max(high, y);
+  }
+  return [left - 1, low - 1, right + 1, high + 1];
 }

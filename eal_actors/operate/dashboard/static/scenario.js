@@ -1,138 +1,83 @@
-// Choose a scenario, carry it out, and watch who does what when.
+// Choose a scenario, run it, and watch which robot does what and when.
 
-import { colour, el, fitCanvas, seconds, setText } from "./dom.js";
-import { ask } from "./link.js";
-import { shortLabel, store } from "./store.js";
+import { request } from "./connection.js";
+import { el, formatSeconds, setText } from "./dom.js";
+import { describeRange, parameterField } from "./fields.js";
+import { store } from "./store.js";
+import { Timeline } from "./timeline.js";
 
-const LANE_PX = 24, NAME_PX = 108, AXIS_PX = 22, MOST_NOTES = 200;
-const OUTCOMES = { done: ["--accent", ""], failed: ["--bad", "✕ "], dropped: ["--bad", "✕ "], replaced: ["--warn", "▲ "], skipped: ["--warn", "▲ "], aborted: ["--warn", "■ "], stopped: ["--warn", "■ "] };
+/** @import { Field, Parameter, RunEvent, ScenarioEntry, StartedRun, Value, View } from "./types" */
+
+const MAX_NOTES = 200;
+/** @type {[string, string][]} */
+const CONTROLS = [
+  ["pause", "Pause"],
+  ["resume", "Continue"],
+  ["step", "One step"],
+  ["abort", "Abort"],
+];
+/** @type {Record<string, [string, string]>} Texts and tones. */
+const OUTCOMES = { done: ["✓ Done", "good"], failed: ["✕ Failed", "bad"], aborted: ["■ Aborted", "warn"] };
+/** @type {string | null} */
 let lastFile = null;
 
+/** @param {HTMLElement} root @returns {View} */
 export function scenarioView(root) {
-  const select = el("select", { "aria-label": "Scenario", onchange: () => choose(select.value) });
-  const about = el("p", { class: "small faint" });
-  const fields = el("div", { class: "stack" });
-  const problems = el("ul", { class: "problems small" });
-  const start = el("button", { type: "submit", class: "primary" }, "Start");
-  const buttons = Object.fromEntries([["pause", "Pause"], ["resume", "Go on"], ["step", "One step"], ["abort", "Abort"]].map(([what, label]) =>
-    [what, el("button", { type: "button", onclick: () => control(what) }, label)]));
-  const form = el("form", { class: "panel stack", onsubmit: begin }, el("label", { class: "field" }, el("span", {}, "Scenario"), select), about, fields,
-    el("div", { class: "row" }, start, ...Object.values(buttons)), problems);
-  form.noValidate = true;
-  const report = el("a", { target: "_blank", rel: "noopener", hidden: true }, "Report");
-  const phase = el("strong", {}), detail = el("span", { class: "faint" }), progress = el("progress", { max: 1, value: 0, "aria-label": "Calls done" });
-  const canvas = el("canvas", { role: "img", "aria-label": "Time line of the run" });
-  const scroller = el("div", { class: "panel timeline", tabIndex: 0 }, canvas);
-  const notes = el("ul", { class: "notes small", "aria-label": "What happened" });
-  root.append(el("h1", {}, "Scenario"), el("div", { class: "split" }, form, el("div", { class: "stack" },
-    el("div", { class: "panel stack" }, el("div", { class: "row" }, phase, detail, report), progress), scroller, el("div", { class: "panel" }, notes))));
-  let scenarios = [], inputs = {}, line = newLine(), seen = null;
-
-  async function list() {
-    const answer = await ask({ do: "scenarios" });
-    if (!answer.ok) return showProblems([answer.error]);
-    scenarios = answer.scenarios;
-    select.replaceChildren(...scenarios.map((entry) => el("option", { value: entry.file }, `${entry.name}${entry.problems.length ? " ✕" : ""}`)));
-    const file = scenarios.some((entry) => entry.file === lastFile) ? lastFile : (scenarios.find((entry) => !entry.problems.length)?.file ?? "");
-    select.value = file;
-    choose(file);
-  }
-
-  function choose(file) {
-    lastFile = file;
-    const entry = scenarios.find((candidate) => candidate.file === file);
-    setText(about, entry ? `${entry.description ?? ""} (${entry.file})` : "There are no scenarios here.");
-    inputs = {};
-    fields.replaceChildren(...Object.entries(entry?.parameters ?? {}).map(([name, section]) => {
-      inputs[name] = parameterInput(name, section);
-      return el("label", { class: "field" }, el("span", {}, name, section.unit ? ` [${section.unit}]` : ""), inputs[name].node,
-        el("span", { class: "faint" }, [section.description, range(section)].filter(Boolean).join(" ")));
-    }));
-    showProblems(entry?.problems ?? []);
-    enable();
-  }
-
-  function showProblems(texts) {
-    problems.replaceChildren(...texts.map((text) => el("li", {}, text)));
-  }
-
-  async function begin(event) {
-    event.preventDefault();
-    const parameters = {};
-    for (const [name, input] of Object.entries(inputs)) {
-      const [problem, value] = input.read();
-      if (problem) return showProblems([`${name} ${problem}`]);
-      if (value !== undefined) parameters[name] = value;
-    }
-    start.disabled = true;
-    showProblems([]);
-    const answer = await ask({ do: "start", file: select.value, parameters });
-    showProblems(answer.ok ? [] : answer.problems?.length ? answer.problems : [answer.error]);
-    enable();
-  }
-
-  async function control(what) {
-    const answer = await ask({ do: "control", what });
-    if (!answer.ok) showProblems([answer.error]);
-  }
-
-  function enable() {
-    const isOn = ["running", "paused"].includes(store.run.phase), may = store.mayCommand();
-    start.disabled = isOn || !may || !select.value;
-    buttons.pause.disabled = store.run.phase !== "running" || !may;
-    buttons.resume.disabled = buttons.step.disabled = store.run.phase !== "paused" || !may;
-    buttons.abort.disabled = !isOn || !may;
-  }
+  const form = new ScenarioForm();
+  const status = new RunStatus();
+  const canvas = el("canvas", { role: "img", "aria-label": "Timeline of the run" });
+  const frame = el("div", { class: "panel timeline", tabIndex: 0 }, canvas);
+  const notes = el("ul", { class: "notes small", "aria-label": "Events of the run" });
+  const notesPanel = el("div", { class: "panel" }, notes);
+  root.append(
+    el("h1", {}, "Scenario"),
+    el("div", { class: "split" }, form.node, el("div", { class: "stack" }, status.node, frame, notesPanel)),
+  );
+  let timeline = new Timeline();
+  /** @type {RunEvent | undefined} */
+  let first;
 
   function showRun() {
-    const run = store.run;
-    scroller.hidden = run.phase === "none";
-    progress.hidden = run.phase === "none";
-    const words = { none: "No run yet", running: "▶ Running", paused: "❚❚ Paused", ended: { done: "✓ Done", failed: "✕ Failed", aborted: "■ Aborted" }[run.outcome] ?? "Ended" };
-    setText(phase, words[run.phase] ?? run.phase);
-    phase.className = `state ${run.phase === "ended" ? (run.outcome === "done" ? "good" : run.outcome === "failed" ? "bad" : "warn") : ""}`;
-    const time = run.phase === "ended" ? run.duration_s : run.started_s === undefined ? null : store.fleetNow() - run.started_s;
-    setText(detail, run.phase === "none" ? "" : `${run.scenario} · ${run.done} of ${Math.max(run.calls, run.done)} calls · ${seconds(Math.max(0, time))}${run.error ? ` · ${run.error}` : ""}`);
-    report.hidden = !run.report;
-    if (run.report) report.href = run.report;
-    progress.max = Math.max(run.calls ?? 1, run.done ?? 0, 1);
-    progress.value = run.done ?? 0;
-    enable();
+    frame.hidden = store.run.phase === "none";
+    status.update();
+    form.enable();
   }
 
-  function read() {
-    const first = store.events[0];
-    if (first !== seen || line.count > store.events.length) {
-      line = newLine();
+  function addEvents() {
+    if (store.events[0] !== first || timeline.count > store.events.length) {
+      timeline = new Timeline();
       notes.replaceChildren();
-      seen = first;
+      first = store.events[0];
     }
-    for (const event of store.events.slice(line.count)) {
-      const note = take(line, event);
-      if (note) notes.append(el("li", {}, el("span", { class: "faint number" }, `${event.time_s.toFixed(1)} s  `), note));
+    for (const event of store.events.slice(timeline.count)) {
+      const note = timeline.add(event);
+      const time = el("span", { class: "faint number" }, `${event.time_s.toFixed(1)} s  `);
+      if (note) notes.append(el("li", {}, time, note));
     }
-    line.count = store.events.length;
-    while (notes.children.length > MOST_NOTES) notes.firstChild.remove();
+    while (notes.children.length > MAX_NOTES) notes.firstChild?.remove();
     notes.scrollTop = notes.scrollHeight;
-    notes.parentNode.hidden = !notes.children.length;
+    notesPanel.hidden = !notes.children.length;
   }
 
+  /** @type {View["update"]} */
   function update(changed) {
-    if (changed.has("hello") && store.hello) list();
-    if (changed.has("run") || changed.has("hello")) showRun();
-    if (changed.has("events") || changed.has("hello")) {
-      read();
-      drawLine(canvas, scroller, line);
+    const isNew = changed.has("hello");
+    if (isNew && store.hello) form.load();
+    if (isNew || changed.has("run")) showRun();
+    if (isNew || changed.has("events")) {
+      addEvents();
+      timeline.draw(canvas, frame);
     }
   }
+
   const timer = setInterval(() => {
-    if (!["running", "paused"].includes(store.run.phase)) return;
+    if (store.run.phase !== "running" && store.run.phase !== "paused") return;
     showRun();
-    drawLine(canvas, scroller, line);
+    timeline.draw(canvas, frame);
   }, 150);
-  const observer = new ResizeObserver(() => drawLine(canvas, scroller, line));
-  observer.observe(scroller);
-  read();
+  const observer = new ResizeObserver(() => timeline.draw(canvas, frame));
+  observer.observe(frame);
+  addEvents();
   return {
     update,
     leave() {
@@ -142,130 +87,153 @@ export function scenarioView(root) {
   };
 }
 
-function newLine() {
-  return { count: 0, robots: [], bars: new Map(), open: new Map(), end: 1, started: null, isOver: false };
-}
+class ScenarioForm {
+  /** @type {ScenarioEntry[]} */
+  scenarios = [];
+  /** @type {Map<string, Field<Value | Value[] | undefined>>} */
+  fields = new Map();
 
-// Take in an event; returns a line for people, or null.
-function take(line, event) {
-  line.end = Math.max(line.end, event.time_s);
-  switch (event.event) {
-    case "run_started":
-      line.robots = event.robots;
-      line.started = event.started_s;
-      return `${event.scenario} on ${event.robots.length} robots`;
-    case "step_started":
-      line.open.set(`${event.robot}\n${event.step}`, { start: event.time_s, label: event.label, robot: event.robot });
-      return null;
-    case "step_ended": {
-      const record = event.record;
-      line.open.delete(`${record.robot}\n${record.step}`);
-      if (!line.bars.has(record.robot)) line.bars.set(record.robot, []);
-      line.bars.get(record.robot).push({ start: record.start_s, end: record.end_s, label: record.label, outcome: record.outcome });
-      return record.error ? `✕ ${record.robot ?? ""} ${record.label} ${record.outcome}: ${record.error.message}` : null;
+  constructor() {
+    this.select = el("select", { "aria-label": "Scenario", onchange: () => this.choose(this.select.value) });
+    this.about = el("p", { class: "small faint" });
+    this.parameters = el("div", { class: "stack" });
+    this.problems = el("ul", { class: "problems small" });
+    this.start = el("button", { type: "submit", class: "primary" }, "Start");
+    this.buttons = new Map(
+      CONTROLS.map(([what, label]) => [
+        what,
+        el("button", { type: "button", onclick: () => this.control(what) }, label),
+      ]),
+    );
+    this.node = el(
+      "form",
+      { class: "panel stack", noValidate: true, onsubmit: (/** @type {Event} */ event) => this.submit(event) },
+      el("label", { class: "field" }, el("span", {}, "Scenario"), this.select),
+      this.about,
+      this.parameters,
+      el("div", { class: "row" }, this.start, ...this.buttons.values()),
+      this.problems,
+    );
+  }
+
+  async load() {
+    const answer = await request("scenarios", {});
+    if (!answer.ok) {
+      this.showProblems([answer.error ?? ""]);
+      return;
     }
-    case "step_retried":
-      return `▲ ${event.robot ?? ""} ${event.label}: attempt ${event.attempt} failed: ${event.error.message}`;
-    case "robot_dropped":
-      return `✕ ${event.robot} dropped: ${event.error.message}`;
-    case "robot_replaced":
-      return `▲ ${event.robot} replaced by ${event.by}: ${event.error.message}`;
-    case "log":
-      return `${event.robot ?? "scenario"}: ${event.text}`;
-    case "run_paused":
-      return "paused";
-    case "run_resumed":
-      return event.is_single_step ? "one step each" : "goes on";
-    case "run_ended":
-      line.isOver = true;
-      return `ended: ${event.report.outcome}`;
-    default:
-      return null;
+    this.scenarios = answer.scenarios;
+    const options = this.scenarios.map(({ file, name, problems }) =>
+      el("option", { value: file }, `${name}${problems.length ? " ✕" : ""}`),
+    );
+    this.select.replaceChildren(...options);
+    const last = this.scenarios.find((entry) => entry.file === lastFile);
+    const chosen = last ?? this.scenarios.find((entry) => !entry.problems.length);
+    this.select.value = chosen?.file ?? "";
+    this.choose(this.select.value);
+  }
+
+  /** @param {string} file */
+  choose(file) {
+    lastFile = file;
+    const entry = this.scenarios.find((candidate) => candidate.file === file);
+    setText(this.about, entry ? `${entry.description ?? ""} (${entry.file})` : "This folder holds no scenarios.");
+    this.fields.clear();
+    const labels = Object.entries(entry?.parameters ?? {}).map(([name, section]) => this.addField(name, section));
+    this.parameters.replaceChildren(...labels);
+    this.showProblems(entry?.problems ?? []);
+    this.enable();
+  }
+
+  /** @param {string} name @param {Parameter} section */
+  addField(name, section) {
+    const field = parameterField(section);
+    this.fields.set(name, field);
+    const title = el("span", {}, name, section.unit ? ` [${section.unit}]` : "");
+    const about = [section.description, describeRange(section)].filter(Boolean).join(" ");
+    return el("label", { class: "field" }, title, field.node, el("span", { class: "faint" }, about));
+  }
+
+  /** @param {string[]} texts */
+  showProblems(texts) {
+    this.problems.replaceChildren(...texts.map((text) => el("li", {}, text)));
+  }
+
+  /** @param {Event} event */
+  async submit(event) {
+    event.preventDefault();
+    /** @type {Record<string, Value | Value[]>} */
+    const parameters = {};
+    for (const [name, field] of this.fields) {
+      const input = field.read();
+      if (input.problem !== null) {
+        this.showProblems([`${name} ${input.problem}`]);
+        return;
+      }
+      if (input.value !== undefined) parameters[name] = input.value;
+    }
+    this.start.disabled = true;
+    this.showProblems([]);
+    const answer = await request("start", { file: this.select.value, parameters });
+    if (!answer.ok) this.showProblems(answer.problems?.length ? answer.problems : [answer.error ?? ""]);
+    this.enable();
+  }
+
+  /** @param {string} what */
+  async control(what) {
+    const answer = await request("control", { what });
+    if (!answer.ok) this.showProblems([answer.error ?? ""]);
+  }
+
+  enable() {
+    const { phase } = store.run;
+    const isRunning = phase === "running" || phase === "paused";
+    const may = store.mayCommand();
+    this.start.disabled = !may || isRunning || !this.select.value;
+    for (const [what, button] of this.buttons) {
+      const isPossible = what === "abort" ? isRunning : phase === (what === "pause" ? "running" : "paused");
+      button.disabled = !may || !isPossible;
+    }
   }
 }
 
-function drawLine(canvas, scroller, line) {
-  const width = scroller.clientWidth, height = AXIS_PX + Math.max(1, line.robots.length) * LANE_PX + 4;
-  canvas.style.width = `${width}px`;
-  canvas.style.height = `${height}px`;
-  const context = fitCanvas(canvas, width, height);
-  const end = line.isOver || line.started === null ? line.end : Math.max(line.end, store.fleetNow() - line.started);
-  const scale = (width - NAME_PX - 12) / Math.max(end, 1);
-  context.clearRect(0, 0, width, height);
-  context.font = "12px system-ui, sans-serif";
-  context.textBaseline = "middle";
-  const ink = colour("--ink"), faint = colour("--faint"), grid = colour("--line");
-  const step = [1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1800].find((size) => size * scale > 60) ?? 3600;
-  context.textAlign = "center";
-  for (let time = 0; time <= end; time += step) {
-    const x = Math.round(NAME_PX + time * scale) + 0.5;
-    context.strokeStyle = grid;
-    context.beginPath();
-    context.moveTo(x, AXIS_PX);
-    context.lineTo(x, height);
-    context.stroke();
-    context.fillStyle = faint;
-    context.fillText(`${time} s`, x, AXIS_PX / 2);
+/** The phase of the run, its progress, and the link to its report. */
+class RunStatus {
+  constructor() {
+    this.phase = el("strong");
+    this.detail = el("span", { class: "faint" });
+    this.report = el("a", { target: "_blank", rel: "noopener", hidden: true }, "Report");
+    this.progress = el("progress", { max: 1, value: 0, "aria-label": "Calls done" });
+    const row = el("div", { class: "row" }, this.phase, this.detail, this.report);
+    this.node = el("div", { class: "panel stack" }, row, this.progress);
   }
-  context.textAlign = "left";
-  line.robots.forEach((robot, index) => {
-    const y = AXIS_PX + index * LANE_PX;
-    context.fillStyle = ink;
-    context.fillText(clip(context, robot, NAME_PX - 14), 8, y + LANE_PX / 2);
-    for (const bar of line.bars.get(robot) ?? []) drawBar(context, bar, y, scale);
-  });
-  for (const bar of line.open.values()) {
-    const index = line.robots.indexOf(bar.robot);
-    if (index >= 0) drawBar(context, { ...bar, end, outcome: line.isOver ? "stopped" : null }, AXIS_PX + index * LANE_PX, scale);
+
+  update() {
+    const run = store.run;
+    this.progress.hidden = run.phase === "none";
+    if (run.phase === "none") {
+      setText(this.phase, "No run yet");
+      setText(this.detail, "");
+      this.report.hidden = true;
+      return;
+    }
+    const [text, tone] = phaseOf(run);
+    setText(this.phase, text);
+    this.phase.className = `state ${tone}`;
+    const duration_s = run.duration_s ?? store.fleetNow() - run.started_s;
+    const calls = `${run.done} of ${Math.max(run.calls, run.done)} calls`;
+    const parts = [run.scenario, calls, formatSeconds(Math.max(0, duration_s)), run.error];
+    setText(this.detail, parts.filter(Boolean).join(" · "));
+    this.report.hidden = !run.report;
+    if (run.report) this.report.href = run.report;
+    this.progress.max = Math.max(run.calls, run.done, 1);
+    this.progress.value = run.done;
   }
 }
 
-function drawBar(context, bar, y, scale) {
-  const x = NAME_PX + bar.start * scale, width = Math.max(2, (bar.end - bar.start) * scale - 1);
-  const [name, shape] = OUTCOMES[bar.outcome] ?? ["--good", "▶ "];
-  context.globalAlpha = bar.outcome === null ? 1 : 0.85;
-  context.fillStyle = colour(name);
-  context.fillRect(x, y + 3, width, LANE_PX - 6);
-  context.globalAlpha = 1;
-  if (width < 26) return;
-  context.fillStyle = colour("--panel");
-  const whole = `${shape}${shortLabel(bar.label)}`;
-  const text = context.measureText(whole).width <= width - 8 ? whole : `${shape}${bar.label.split(" ").at(-1)}`;
-  context.fillText(clip(context, text, width - 8), x + 5, y + LANE_PX / 2);
-}
-
-function clip(context, text, width) {
-  if (context.measureText(text).width <= width) return text;
-  let length = Math.max(0, Math.floor((text.length * width) / context.measureText(text).width) - 1);
-  while (length > 0 && context.measureText(`${text.slice(0, length)}…`).width > width) length -= 1;
-  return length ? `${text.slice(0, length)}…` : "";
-}
-
-function range(section) {
-  if (section.choices.length) return `One of ${section.choices.join(", ")}.`;
-  if (section.minimum === null && section.maximum === null) return "";
-  return `${section.minimum ?? ""} to ${section.maximum ?? ""}${section.unit ? ` ${section.unit}` : ""}.`;
-}
-
-// [what is wrong, the value]; undefined leaves the default.
-function parameterInput(name, section) {
-  const given = section.default === null ? "" : Array.isArray(section.default) ? section.default.join(", ") : String(section.default);
-  if (section.choices.length || section.type === "bool") {
-    const choices = section.choices.length ? section.choices : [true, false];
-    const node = el("select", {}, ...choices.map((choice, index) => el("option", { value: index, selected: String(choice) === given }, String(choice))));
-    return { node, read: () => [null, choices[Number(node.value)]] };
-  }
-  const isNumber = section.type === "int" || section.type === "double";
-  const node = el("input", { type: isNumber ? "number" : "text", value: given });
-  if (isNumber) node.step = section.type === "int" ? "1" : "any";
-  return { node, read() {
-    const text = node.value.trim();
-    if (text === "") return section.default === null ? ["must be given", undefined] : [null, undefined];
-    if (section.type === "list") return [null, text.split(",").map((item) => item.trim()).map((item) => (item !== "" && !Number.isNaN(Number(item)) ? Number(item) : item))];
-    if (!isNumber) return [null, node.value];
-    const number = Number(text);
-    const isWrong = Number.isNaN(number) || (section.type === "int" && !Number.isInteger(number)) ||
-      (section.minimum !== null && number < section.minimum) || (section.maximum !== null && number > section.maximum);
-    return isWrong ? [`must be ${section.type} ${range(section)}`, undefined] : [null, number];
-  } };
+/** @param {StartedRun} run @returns {[string, string]} */
+function phaseOf(run) {
+  if (run.phase === "running") return ["▶ Running", ""];
+  if (run.phase === "paused") return ["❚❚ Paused", ""];
+  return OUTCOMES[run.outcome ?? ""] ?? ["Ended", "warn"];
 }

@@ -1,122 +1,190 @@
-// What is known of the fleet, and who wants to be told when it changes.
+// The page's state, as the server last reported it.
 
-import { seconds } from "./dom.js";
+import { formatSeconds } from "./dom.js";
 
-const MOST_LOGS = 1000, MOST_EVENTS = 20000, MOST_TRAIL = 300, TRAIL_STEP_M = 0.02;
+/** @import { Activity, Change, Hello, LogLine, Point, Pose, Robot, Run, RunEvent, Tone, Update } from "./types" */
 
-export const store = {
-  hello: null,
-  robots: {},
-  poses: {},
-  trails: {},
-  run: { phase: "none" },
-  logs: [],
-  logsLost: 0,
-  events: [],
-  eventsLost: 0,
-  updates: [],
-  onChange: () => {},
-  nowAt: 0,
-  now_s: 0,
+const MAX_LOGS = 1000;
+const MAX_EVENTS = 20000;
+const MAX_TRAIL_POINTS = 300;
+const TRAIL_STEP_M = 0.02;
+const RATE_WINDOW_MS = 2000;
 
-  greet(hello) {
-    Object.assign(this, { hello, robots: {}, poses: {}, trails: {}, run: { phase: "none" }, logs: [], events: [], logsLost: 0, eventsLost: 0 });
-    for (const [name, points] of Object.entries(hello.trails)) this.trails[name] = points;
+class Store {
+  /** @type {Hello | null} */
+  hello = null;
+  /** @type {Record<string, Robot>} */
+  robots = {};
+  /** @type {Record<string, Pose>} */
+  poses = {};
+  /** @type {Record<string, Point[]>} */
+  trails = {};
+  /** @type {Run} */
+  run = { phase: "none" };
+  /** @type {LogLine[]} */
+  logs = [];
+  logsLost = 0;
+  /** @type {RunEvent[]} */
+  events = [];
+  /** @type {(changed: Set<Change>) => void} */
+  onChange = () => {};
+  /** @type {number[]} When the last updates came. */
+  #updates = [];
+  #updatedAt = 0;
+  #now_s = 0;
+
+  /**
+   * Start anew with the first message of a connection.
+   *
+   * @param {Hello} hello
+   */
+  reset(hello) {
+    this.hello = hello;
+    this.robots = {};
+    this.poses = {};
+    this.trails = { ...hello.trails };
+    this.run = { phase: "none" };
+    this.logs = [];
+    this.logsLost = 0;
+    this.events = [];
     this.onChange(new Set(["hello", "robots", "poses", "run", "logs", "events"]));
-  },
+  }
 
-  take(news) {
-    this.now_s = news.now_s;
-    this.nowAt = performance.now();
-    this.updates.push(this.nowAt);
-    while (this.updates[0] < this.nowAt - 2000) this.updates.shift();
+  /** @param {Update} update */
+  apply(update) {
+    this.#countUpdate(update.now_s);
+    /** @type {Set<Change>} */
     const changed = new Set();
-    for (const kind of ["robots", "poses"]) {
-      if (!news[kind]) continue;
-      Object.assign(this[kind], news[kind]);
-      changed.add(kind);
+    if (update.robots) {
+      Object.assign(this.robots, update.robots);
+      changed.add("robots");
     }
-    if (news.poses) for (const [name, pose] of Object.entries(news.poses)) this.trace(name, pose.at);
-    if (news.run) {
-      this.run = news.run[""];
+    if (update.poses) {
+      Object.assign(this.poses, update.poses);
+      for (const [name, pose] of Object.entries(update.poses)) this.#extendTrail(name, pose);
+      changed.add("poses");
+    }
+    if (update.run) {
+      this.run = update.run[""];
       changed.add("run");
     }
-    if (news.logs) changed.add("logs");
-    for (const line of news.logs || []) this.logs.push(line);
-    this.logs.splice(0, Math.max(0, this.logs.length - MOST_LOGS));
-    this.logsLost += news.logs_lost || 0;
-    for (const event of news.events || []) {
-      changed.add("events");
-      if (event.event === "run_started") {
-        this.events = [];
-        this.eventsLost = 0;
-      }
-      this.events.push(event);
+    if (update.logs) {
+      this.logs.push(...update.logs);
+      this.logs.splice(0, this.logs.length - MAX_LOGS);
+      changed.add("logs");
     }
-    this.events.splice(0, Math.max(0, this.events.length - MOST_EVENTS));
-    this.eventsLost += news.events_lost || 0;
+    this.logsLost += update.logs_lost ?? 0;
+    if (update.events) {
+      this.#addEvents(update.events);
+      changed.add("events");
+    }
     this.onChange(changed);
-  },
+  }
 
-  trace(name, [x, y]) {
-    const trail = (this.trails[name] ??= []);
-    const last = trail[trail.length - 1];
+  /** @param {number} now_s */
+  #countUpdate(now_s) {
+    this.#now_s = now_s;
+    this.#updatedAt = performance.now();
+    this.#updates = this.#updates.filter((time) => time >= this.#updatedAt - RATE_WINDOW_MS);
+    this.#updates.push(this.#updatedAt);
+  }
+
+  /** @param {RunEvent[]} events */
+  #addEvents(events) {
+    const start = events.findLastIndex((event) => event.event === "run_started");
+    if (start >= 0) this.events = [];
+    this.events.push(...events.slice(Math.max(start, 0)));
+    this.events.splice(0, this.events.length - MAX_EVENTS);
+  }
+
+  /** @param {string} name @param {Pose} pose */
+  #extendTrail(name, { at: [x, y] }) {
+    this.trails[name] ??= [];
+    const trail = this.trails[name];
+    const last = trail.at(-1);
     if (last && Math.hypot(last[0] - x, last[1] - y) < TRAIL_STEP_M) return;
     trail.push([x, y]);
-    if (trail.length > MOST_TRAIL) trail.shift();
-  },
+    if (trail.length > MAX_TRAIL_POINTS) trail.shift();
+  }
 
-  // Seconds of the fleet's clock, now.
+  /** Return the time of the fleet's clock, in seconds. */
   fleetNow() {
-    return this.now_s + ((performance.now() - this.nowAt) / 1000) * (this.hello?.rate ?? 1);
-  },
+    return this.#now_s + ((performance.now() - this.#updatedAt) / 1000) * (this.hello?.rate ?? 1);
+  }
 
   updatesPerSecond() {
-    const since = performance.now() - 2000;
-    return this.updates.filter((time) => time >= since).length / 2;
-  },
+    const since = performance.now() - RATE_WINDOW_MS;
+    return this.#updates.filter((time) => time >= since).length / (RATE_WINDOW_MS / 1000);
+  }
 
   names() {
     return this.hello?.robots ?? [];
-  },
+  }
 
   stopped() {
     return this.names().filter((name) => this.robots[name]?.stopped);
-  },
+  }
 
   mayCommand() {
     return Boolean(this.hello?.may_command);
-  },
-};
+  }
+}
 
-// Most calls are commands, so that need not be said.
+export const store = new Store();
+
+/**
+ * Shorten a step's label: most steps are commands, so the method is left out.
+ *
+ * @param {string} label
+ */
 export function shortLabel(label) {
   return label.replace(/^send_cmd /, "");
 }
 
-// What a robot does: its commands with their progress, else the step of the run that it is at; empty if nothing.
-export function doingsOf(robot) {
+/**
+ * Return a robot's current commands, else its current step of the run; empty if it is idle.
+ *
+ * @param {Robot | undefined} robot
+ * @returns {Activity[]}
+ */
+export function activitiesOf(robot) {
   const commands = (robot?.running ?? []).map((running) => ({
-    text: running.command, fraction: running.progress?.fraction ?? null, note: running.progress?.text ?? "", by: running.by, since_s: running.since_s,
+    text: running.command,
+    fraction: running.progress?.fraction ?? null,
+    note: running.progress?.text ?? "",
+    by: running.by,
+    since_s: running.since_s,
   }));
   if (commands.length || !robot?.step) return commands;
   return [{ text: shortLabel(robot.step.label), fraction: null, note: "", by: null, since_s: robot.step.since_s }];
 }
 
-export function doingText(doing) {
-  const parts = [doing.fraction === null ? doing.note : `${Math.round(doing.fraction * 100)} %${doing.note ? ` ${doing.note}` : ""}`,
-    seconds(Math.max(0, store.fleetNow() - doing.since_s)), doing.by ? `by ${doing.by}` : ""];
-  return [doing.text, ...parts.filter(Boolean)].join(", ");
+/** @param {Activity} activity */
+export function activityText({ text, fraction, note, by, since_s }) {
+  const percent = fraction === null ? "" : `${Math.round(fraction * 100)} %`;
+  const progress = [percent, note].filter(Boolean).join(" ");
+  const duration = formatSeconds(Math.max(0, store.fleetNow() - since_s));
+  return [text, progress, duration, by && `by ${by}`].filter(Boolean).join(", ");
 }
 
-// Who commands a robot's resources, in words; empty if nobody does.
+/**
+ * Name the controllers of a robot's resources; empty if there are none.
+ *
+ * @param {Robot | undefined} robot
+ */
 export function controlText(robot) {
-  return Object.entries(robot?.control ?? {}).map(([resource, who]) => {
-    const name = who === store.hello?.you ? "this page" : /^browser \d+$/.test(who) ? `another page (${who})` : who;
-    return resource ? `${resource}: ${name}` : name;
-  }).join(", ");
+  return Object.entries(robot?.control ?? {})
+    .map(([resource, controller]) => (resource ? `${resource}: ${pageName(controller)}` : pageName(controller)))
+    .join(", ");
 }
 
+/** @param {string} controller */
+function pageName(controller) {
+  if (controller === store.hello?.you) return "this page";
+  return /^browser \d+$/.test(controller) ? `another page (${controller})` : controller;
+}
+
+/** @type {Record<string, [string, string, Tone]>} */
 const STATES = {
   ready: ["●", "ready", "good"],
   starting: ["◌", "starting", "warn"],
@@ -125,10 +193,15 @@ const STATES = {
   stopped: ["○", "disconnected", "warn"],
 };
 
-// A robot's state as a shape, a word and a colour.
+/**
+ * Return a robot's state as a shape, a word and a tone.
+ *
+ * @param {Robot | undefined} robot
+ * @returns {[string, string, Tone]}
+ */
 export function stateOf(robot) {
   if (!robot) return ["◌", "unknown", "warn"];
   if (robot.state === "ready" && robot.stopped) return ["■", "stopped", "bad"];
-  if (robot.state === "ready" && Object.keys(robot.not_ready).length) return ["◐", "not all ready", "warn"];
+  if (robot.state === "ready" && Object.keys(robot.not_ready).length) return ["◐", "partly ready", "warn"];
   return STATES[robot.state] ?? ["?", robot.state, "warn"];
 }

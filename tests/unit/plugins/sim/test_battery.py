@@ -6,8 +6,8 @@ import pytest
 
 from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import UnavailableError
-from plugins.sim.battery import Battery
 from plugins.sim.models import MAKES, Make
+from plugins.sim.robot import SimBattery
 from plugins.sim.world import SimWorld
 from tests.unit.plugins.sim.rig import Fleet, arena
 
@@ -16,11 +16,10 @@ makes = pytest.mark.parametrize("make", MAKES.values(), ids=lambda make: make.na
 
 @makes
 def test_the_voltage_falls_with_the_charge_and_sags_under_a_current(make: Make) -> None:
-    battery = Battery(make.battery)
-    assert battery.fraction == 1
+    assert SimBattery(make.battery).fraction == 1
     voltages = []
     for percent in range(100, 0, -1):
-        battery.set_fraction(percent / 100)
+        battery = SimBattery(make.battery, percent / 100)
         voltages.append(battery.voltage_v)
     assert voltages == sorted(voltages, reverse=True)
     assert make.battery.empty_v - 1 < voltages[-1] < voltages[0] < make.battery.full_v
@@ -32,12 +31,12 @@ def test_the_voltage_falls_with_the_charge_and_sags_under_a_current(make: Make) 
 
 @makes
 def test_it_is_drained_by_time_and_by_way(make: Make) -> None:
-    battery = Battery(make.battery)
+    battery = SimBattery(make.battery)
     battery.follow(3600.0, 100.0, 0.0)
     drawn_ah = make.battery.idle_a + make.battery.drive_as_m * 100.0 / 3600
     assert battery.charge_ah == pytest.approx(battery.capacity_ah - drawn_ah)
     assert battery.current_a == -make.battery.idle_a
-    battery.set_fraction(0.5)
+    battery = SimBattery(make.battery, 0.5)
     assert battery.fraction == pytest.approx(0.5)
     battery.follow(1e6, 100.0, 0.0)
     assert (battery.charge_ah, battery.fraction, battery.current_a, battery.is_empty) == (0, 0, 0, True)

@@ -128,8 +128,8 @@ def test_each_fault_is_set_read_back_and_cleared_by_calls(key: str, value: Any) 
         ("motor_left", 1.1, "must be double 0..1"),
         ("link_delay_s", -0.1, "must be double 0..3600 s"),
         ("dead", 1, "must be bool"),
-        ("frozen", "Range, Pose", "'Pose' is no sensor of robot 'r1' that can freeze; these can: Odometry, Battery"),
-        ("frozen", "Cliff", "'Cliff' is no sensor"),
+        ("frozen", "Range, Pose", "robot 'r1' has no sensor 'Pose' that can freeze; use: Odometry, Battery"),
+        ("frozen", "Cliff", "has no sensor 'Cliff'"),
         ("motr_left", 0.5, "did you mean 'motor_left'"),
     ],
 )

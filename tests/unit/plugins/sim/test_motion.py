@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from plugins.sim.models import MAKES, Make
-from plugins.sim.motion import Drive, Move, Trapezoid
-from plugins.sim.wheels import DeadReckoning, Wheels, moved
+from plugins.sim.motion import Move, SimWheels, Trapezoid, VelocityDrive, WheelOdometer, moved
 
 TICK_S = 0.02
 
@@ -61,7 +60,7 @@ def test_a_turn_moves_the_wheels_against_each_other(degrees: float) -> None:
 @pytest.mark.parametrize("target_m_s", [0.3, -0.25, 0.001])
 def test_a_drive_reaches_its_speed_with_the_makes_acceleration(target_m_s: float, tick_s: float) -> None:
     make = MAKES["evbot2"]
-    drive = Drive(make, (0.0, 0.1), (target_m_s, target_m_s), None, tick_s)
+    drive = VelocityDrive(make, (0.0, 0.1), (target_m_s, target_m_s), None, tick_s)
     ticks = 100
     left_m, right_m = (sum(travels) for travels in zip(*(drive.step() for _ in range(ticks)), strict=True))
     assert drive.speeds_m_s == (target_m_s, target_m_s)
@@ -73,7 +72,7 @@ def test_a_drive_reaches_its_speed_with_the_makes_acceleration(target_m_s: float
 
 
 def test_a_drive_ends_at_rest_after_its_time() -> None:
-    drive = Drive(MAKES["roomba"], (0.0, 0.0), (0.4, -0.4), 1.0, TICK_S)
+    drive = VelocityDrive(MAKES["roomba"], (0.0, 0.0), (0.4, -0.4), 1.0, TICK_S)
     assert drive.remaining_s == pytest.approx(1.0)
     left_m, ticks = 0.0, 0
     while not drive.is_over:
@@ -86,14 +85,14 @@ def test_a_drive_ends_at_rest_after_its_time() -> None:
 def test_wheels_without_errors_travel_what_is_commanded_and_draw_nothing() -> None:
     generator = np.random.default_rng(1)
     make = MAKES["roomba"].without_errors()
-    ahead_m, turn_rad = Wheels(make, generator, TICK_S).travel(0.25, -0.5)
+    ahead_m, turn_rad = SimWheels(make, generator, TICK_S).travel(0.25, -0.5)
     assert (ahead_m, turn_rad) == (-0.125, -0.75 / make.track_m)
     assert generator.random() == np.random.default_rng(1).random()
 
 
 @pytest.mark.parametrize("make", MAKES.values(), ids=lambda make: make.name)
 def test_wheels_count_whole_steps_and_keep_the_rest(make: Make) -> None:
-    wheels = Wheels(make, np.random.default_rng(1), TICK_S)
+    wheels = SimWheels(make, np.random.default_rng(1), TICK_S)
     step_m = make.encoder_step_m
     for _ in range(7):
         wheels.travel(0.3 * step_m, -0.3 * step_m)
@@ -107,7 +106,7 @@ def test_wheels_count_whole_steps_and_keep_the_rest(make: Make) -> None:
 def test_the_walk_grows_with_the_root_of_time_and_starts_afresh(make: Make) -> None:
     move = Move.straight(make, 1.0, 0.2, TICK_S)
     ends = []
-    wheels = Wheels(make, np.random.default_rng(1), TICK_S)
+    wheels = SimWheels(make, np.random.default_rng(1), TICK_S)
     for _ in range(200):
         wheels.start(move)
         for _ in range(100):
@@ -119,7 +118,7 @@ def test_the_walk_grows_with_the_root_of_time_and_starts_afresh(make: Make) -> N
 
 
 def test_dead_reckoning_follows_arcs() -> None:
-    reckoning = DeadReckoning(0.25, (1.0, 1.0))
+    reckoning = WheelOdometer(0.25, (1.0, 1.0))
     reckoning.follow((1.0, 1.0 + 0.25 * math.pi / 2))  # a quarter round the left wheel
     assert reckoning.pose == pytest.approx((0.125, 0.125, math.pi / 2))
     reckoning.pose = (5.0, 5.0, 0.0)

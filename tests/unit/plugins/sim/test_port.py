@@ -106,8 +106,8 @@ def test_a_dead_robot_is_silent_on_the_wire() -> None:
 @pytest.mark.parametrize(
     ("url", "words"),
     [
-        ("sim://world/body/more", "is called sim://world/<robot>"),
-        ("sim://elsewhere/body", "is called sim://world/<robot>"),
+        ("sim://world/body/more", "has the form sim://world/<robot>"),
+        ("sim://elsewhere/body", "has the form sim://world/<robot>"),
         ("sample://world/body", "makes no simulated ports"),
     ],
 )

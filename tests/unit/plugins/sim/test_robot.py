@@ -9,7 +9,7 @@ import pytest
 from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.plugin import EALData
-from plugins.sim.arena import Pose
+from plugins.sim.arena import Pose2D
 from plugins.sim.models import MAKES, MakeName
 from plugins.sim.motion import Move
 from plugins.sim.robot import SimRobot
@@ -25,7 +25,7 @@ def stage(model: MakeName) -> tuple[ManualClock, SimWorld, SimRobot]:
     return clock, world, world.join("r1", MAKES[model], noise=False, start=(0.0, 0.0, 0.0))
 
 
-def pose_after(clock: ManualClock, world: SimWorld, robot: SimRobot, duration_s: float) -> Pose:
+def pose_after(clock: ManualClock, world: SimWorld, robot: SimRobot, duration_s: float) -> Pose2D:
     clock.advance(duration_s)
     with world.caught_up():
         return robot.pose

@@ -18,8 +18,8 @@ from plugins.sim.models import MAKES
 from plugins.sim.resources import Base, Range
 from plugins.sim.robot import SimRobot
 from plugins.sim.sensors import MAX_RANGE_M, RAY_ANGLES_RAD, RAYS, ranges_m
+from plugins.sim.sensors.arrays import shared
 from plugins.sim.sensors.rays import RayCaster
-from plugins.sim.sensors.shared import shared
 from tests.unit.plugins.sim.sensing import Stage, room
 
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from eal_actors.kernel.clock import ManualClock
 from plugins.sim.models import MAKES, Make, MakeName
-from plugins.sim.motion import Move
-from plugins.sim.wheels import moved
+from plugins.sim.motion import Move, moved
 from plugins.sim.world import SimWorld
 from tests.unit.plugins.sim.rig import arena
 

@@ -1,0 +1,1 @@
+"""Network of a program that commands robots: connections, calls, streams and discovery."""

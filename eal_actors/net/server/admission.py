@@ -1,0 +1,156 @@
+"""Admission control: decides which commands a robot begins.
+
+A command must be fresh and new (`CommandHistory`) and its controller must hold the resource (`Leases`); from then on
+the controller must stay alive (`DeadManSwitch`). One lock guards all three, since any thread may receive a message.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import OrderedDict
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from eal_actors.actors.call import MOTION_METHODS
+from eal_actors.kernel.clock import REAL_TIME, Clock
+from eal_actors.kernel.errors import EALError, StaleCommandError
+from eal_actors.net.freshness import CommandHistory, CommandRecord, Stamp
+from eal_actors.net.server.leases import DeadManSwitch, Leases, SilentController
+from eal_actors.net.wire.messages import Answer, CallHeader, CallId
+
+_CLAIMING: Final = MOTION_METHODS | {"set_config"}
+"""Methods that require the lease of an exclusive resource."""
+
+_MAX_NAMES: Final = 1024
+_MAX_NAME: Final = 100
+
+
+class ControllerNames:
+    """Display names of the last controllers heard. Names are unproven; no right depends on one. Thread: any."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._names: OrderedDict[str, str] = OrderedDict()
+
+    def note(self, client: str, name: str) -> None:
+        """Store a name, without characters that a terminal cannot print."""
+        printable = "".join(letter for letter in name[:_MAX_NAME] if letter.isprintable()).strip()
+        if not printable or self._names.get(client) == printable:  # every heartbeat but the first
+            return
+        with self._lock:
+            self._names[client] = printable
+            if len(self._names) > _MAX_NAMES:
+                self._names.popitem(last=False)
+
+    def of(self, client: str) -> str:
+        """Return a controller's name; its client id if it has none."""
+        return self._names.get(client, client)
+
+
+class Admission:
+    """Admission control of one robot.
+
+    Args:
+        era: the run of the robot's server.
+        exclusive: names of the resources that one controller at a time may command.
+        dead_man_s: real seconds that a controller may be silent.
+        clock: real time; tests pass another one.
+
+    Attributes:
+        names: display names of the controllers.
+
+    Thread: any.
+    """
+
+    def __init__(self, era: str, exclusive: Iterable[str], dead_man_s: float, clock: Clock = REAL_TIME) -> None:
+        self._clock = clock
+        self._guard = threading.Lock()
+        self._history: CommandHistory[Answer] = CommandHistory(era)
+        self.names: Final = ControllerNames()
+        self._leases = Leases(exclusive, dead_man_s, self.names.of)
+        self._dead_man = DeadManSwitch(dead_man_s)
+
+    def check(self, header: CallHeader, method: str, resource: str) -> float:
+        """Admit a command; call `finish` when it has ended. Call `silences` first.
+
+        Returns:
+            Real seconds within which it must begin.
+
+        Raises:
+            StaleCommandError: it is too old, or was received before.
+            ResourceBusyError: another controller holds the resource.
+        """
+        stamp = _stamp_of(header)
+        with self._guard:
+            now_s = self._clock.now()
+            self._history.accept(stamp, resource, now_s)
+            self._dead_man.heard(header.client, now_s)  # a refused command proves life too
+            try:
+                if method in _CLAIMING:
+                    self._leases.claim(header.client, resource, now_s)
+            except EALError as error:
+                self._history.finish(stamp.call, error)
+                raise
+            if method in MOTION_METHODS:
+                self._dead_man.commanded(header.client, resource, now_s)
+        return stamp.begin_by_s - now_s
+
+    def note_stop(self, header: CallHeader, resource: str) -> None:
+        """Refuse from now on commands that a stop has overtaken; the stop itself is obeyed at any age."""
+        stamp = _stamp_of(header)
+        with self._guard:
+            with contextlib.suppress(StaleCommandError):  # then the overtaken commands are stale too
+                self._history.accept(stamp, resource, self._clock.now())
+                self._history.finish(stamp.call, 1)
+            self._dead_man.halted(resource)
+
+    def finish(self, call: CallId, outcome: Answer) -> None:
+        """Record the outcome of an admitted command."""
+        with self._guard:
+            self._history.finish(call, outcome)
+
+    def recall(self, call: CallId) -> CommandRecord[Answer] | None:
+        """Return the record of a command; see CommandHistory."""
+        with self._guard:
+            return self._history.recall(call)
+
+    def enter(self, client: str, epoch: int, name: str) -> None:
+        """Note a controller's handshake and its name."""
+        self.names.note(client, name)
+        with self._guard:
+            self._history.enter(client, epoch, self._clock.now())
+
+    def heard(self, client: str) -> None:
+        """Note a controller's heartbeat."""
+        with self._guard:
+            now_s = self._clock.now()
+            self._dead_man.heard(client, now_s)
+            self._leases.renew(client, now_s)
+
+    def leave(self, client: str) -> tuple[str, ...]:
+        """End a controller's leases; returns the resources to halt."""
+        with self._guard:
+            self._leases.leave(client)
+            return self._dead_man.leave(client)
+
+    def release(self, client: str, resources: Sequence[str]) -> tuple[str, ...]:
+        """End a controller's leases of some resources; returns those to halt."""
+        with self._guard:
+            for resource in resources:
+                self._leases.release(client, resource)
+            return self._dead_man.leave(client, resources)
+
+    def silences(self) -> tuple[SilentController, ...]:
+        """Return the resources to halt now because their controllers are silent; each silence is returned once."""
+        with self._guard:
+            return self._dead_man.due(self._clock.now())
+
+    def holders(self) -> dict[str, str]:
+        """Return the clients that hold leases, by resource."""
+        with self._guard:
+            return self._leases.holders(self._clock.now())
+
+
+def _stamp_of(header: CallHeader) -> Stamp:
+    return Stamp(header.call_id, header.ttl_s, header.era, header.echo_s, header.held_s)

@@ -1,0 +1,158 @@
+"""RobotHost: serves any number of robots over one session, with one thread for all."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Final, Self
+
+from typing_extensions import override
+
+from eal_actors.actors.actor import EALActor
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError, ProtocolError, shown
+from eal_actors.kernel.log import get_logger
+from eal_actors.managers.network_model import NetworkConfig
+from eal_actors.net.server.outbox import Outbox
+from eal_actors.net.server.robot_server import RobotServer
+from eal_actors.net.wire import keys
+from eal_actors.net.wire.messages import decode_heartbeat
+
+if TYPE_CHECKING:
+    import zenoh
+
+_TICK_RANGE_S: Final = (0.02, 0.25)
+
+
+class RobotHost(EALActor):
+    """Receives the calls and heartbeats of a session's robots, runs their timers and owns their outbox.
+
+    Args:
+        fleet: the fleet's name.
+        session: an open session, which outlives the host.
+        network: the fleet's network; its dead-man's time determines the period of the timer.
+        robot: name of the only robot; None to subscribe to the calls of all robots of the fleet.
+
+    Thread: an actor, which never waits for a link, so that a dead-man's switch halts in time.
+    """
+
+    def __init__(self, fleet: str, session: zenoh.Session, network: NetworkConfig, robot: str | None = None) -> None:
+        super().__init__(f"{robot or fleet} server", REAL_TIME)
+        least_s, most_s = _TICK_RANGE_S
+        self._period_s = min(max(network.dead_man_s / 10, least_s), most_s)
+        self._fleet = fleet
+        self._robot = robot
+        self._session = session
+        self._network = network
+        self._lock = threading.Lock()
+        self._servers: dict[str, RobotServer] = {}
+        self._last_bad_heartbeat = ""
+        self._subscribers: list[zenoh.Subscriber[None]] = []
+        self._outbox = Outbox(f"{robot or fleet} outbox", session)
+
+    @override
+    def launch(self) -> Self:
+        import zenoh
+
+        self._outbox.launch()
+        for key, receive in (  # before any token: a robot that is found can be called
+            (keys.call_keys(self._fleet, self._robot), self._on_call),
+            (keys.heartbeat_keys(self._fleet), self._on_heartbeat),
+        ):
+            callback = zenoh.handlers.Callback(receive, indirect=False)
+            self._subscribers.append(self._session.declare_subscriber(key, callback))
+        return super().launch()
+
+    def serve(self, robot: RobotHandle, exclusive: Iterable[str] | None = None) -> RobotServer:
+        """Serve a robot until its server is closed.
+
+        Args:
+            robot: a started robot of this process.
+            exclusive: names of the resources that one controller at a time may command; every actuator if None.
+
+        Thread: blocks the caller for a moment.
+        """
+        server = RobotServer(
+            self._fleet,
+            robot,
+            self._session,
+            self._network,
+            self._outbox,
+            exclusive=exclusive,
+            run_soon=self.run_soon,
+            on_close=lambda: self._remove(robot.name),
+        )
+        with self._lock:
+            self._servers = {**self._servers, robot.name: server}
+        server.announce()
+        return server
+
+    def _remove(self, robot: str) -> None:
+        with self._lock:
+            self._servers = {name: server for name, server in self._servers.items() if name != robot}
+
+    def run_soon(self, action: Callable[[], None]) -> None:
+        """Run an action in the host's thread unless the host has ended. Thread: any; does not block."""
+        try:
+            self.actor_inbox.call_soon(action)
+        except EALError:
+            get_logger(fleet=self._fleet).debug("the server has ended; an action is discarded")
+
+    def close(self, timeout_s: float) -> None:
+        """Send the queued messages and end. Thread: blocks the caller."""
+        end_s = REAL_TIME.now() + timeout_s
+        self.end_soon()
+        for actor in (self, self._outbox):
+            if actor.thread is not None:
+                actor.thread.join(max(0.0, end_s - REAL_TIME.now()))
+                if actor.thread.is_alive():
+                    get_logger(fleet=self._fleet).error(
+                        "a thread did not end in time and was left behind", name=actor.name
+                    )
+
+    @override
+    def on_start(self) -> None:
+        self._tick()
+
+    @override
+    def on_stop(self) -> None:
+        for subscriber in self._subscribers:
+            subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
+        self._outbox.end_soon()
+
+    @override
+    def on_crash(self, error: BaseException) -> None:
+        get_logger(fleet=self._fleet).error("the server has crashed; its robots are halted", error=shown(error))
+        for server in self._servers.values():
+            server.fail()
+        self.on_stop()
+
+    def _tick(self) -> None:
+        for server in self._servers.values():
+            server.tick()
+        self.actor_inbox.call_later(self._period_s, self._tick)
+
+    # Messages, in zenoh's threads.
+
+    def _on_call(self, sample: zenoh.Sample) -> None:
+        try:
+            call = keys.parse_call(str(sample.key_expr))
+        except ProtocolError as error:
+            get_logger(fleet=self._fleet).warning("a call makes no sense", reason=error.message)
+            return
+        server = self._servers.get(call.robot)
+        if server is not None:  # else another process serves the robot
+            attachment = sample.attachment
+            server.receive(call, attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+
+    def _on_heartbeat(self, sample: zenoh.Sample) -> None:
+        try:
+            beat = decode_heartbeat(sample.payload.to_bytes())
+        except ProtocolError as error:
+            if error.message != self._last_bad_heartbeat:  # it is repeated
+                self._last_bad_heartbeat = error.message
+                get_logger(fleet=self._fleet).warning("heartbeats make no sense", reason=error.message)
+            return
+        for server in self._servers.values():
+            server.receive_heartbeat(beat.client, beat.name)

@@ -1,0 +1,1 @@
+"""Keys, messages and frames: pure functions between objects and bytes."""

@@ -1,0 +1,223 @@
+"""Key space: the keys of calls, replies, events, streams, liveliness tokens and heartbeats.
+
+    eal/<fleet>/<robot>/<resource>/<method>/<caller>/<client>   call of a method of a resource
+    eal/<fleet>/<robot>/_/<method>/<caller>/<client>            call of a method of the robot itself
+    eal/<fleet>/@answers/<caller>/<client>/<robot>              replies of a robot to a controller
+    eal/<fleet>/@events/<robot>                                 events of a robot
+    eal/<fleet>/@streams/<robot>/<resource>/<encoding>/<rate>   values that a resource streams
+    eal/<fleet>/@alive/<version>/<robot>                        liveliness token of a robot, and its protocol version
+    eal/<fleet>/@heartbeats/<client>                            heartbeat of a controller, for every robot
+
+The caller is the name of the controller's certificate, the client its process. So access control prevents a controller
+from calling in another one's name and from reading another one's replies. The key of the token is the same in all
+versions of the protocol, so that robots of other releases are found and recognised.
+
+Each name is one chunk of a key. Letters, digits, `_`, `.`, `-` and `~` are kept, everything else is percent-encoded,
+so no name can contain a character that zenoh interprets (`/ * $ # ? @`). Each name has exactly one key: another
+spelling, such as `Son%61r`, is refused, since access control compares keys as text.
+
+Keep the number of chunks below `eal/<fleet>` small: zenoh compares each message with every declaration there. A
+thousand tokens or wildcards of as many robots cost half a millisecond per message. Therefore tokens and streams have
+branches that no wildcard of calls matches, calls are not declared, and a process that serves many robots subscribes to
+the calls of all by one key expression.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Final, NamedTuple
+from urllib.parse import quote, unquote
+
+from eal_actors.device.info import METHODS
+from eal_actors.kernel.errors import ProtocolError
+from eal_actors.net.wire.packing import PROTOCOL_VERSION
+
+ROOT: Final = "eal"
+ROBOT: Final = "_"
+"""Replaces the resource for methods of the robot itself; names of resources begin with a letter."""
+
+HELLO: Final = "hello"
+"""Robot: handshake. Returns its release, resources with their information, state, rights and running commands."""
+PING: Final = "ping"
+"""Robot: returns its time and state at once."""
+STOP: Final = "stop"
+"""Robot: emergency stop, until RESUME."""
+RESUME: Final = "resume"
+"""Robot: ends an emergency stop."""
+REATTACH: Final = "reattach"
+"""Robot: reports the outcome of earlier commands, now or when they end."""
+CANCEL: Final = "cancel"
+"""Robot: cancels a running command."""
+LEAVE: Final = "leave"
+"""Robot: disconnects a controller; resources that it commanded are halted."""
+RELEASE: Final = "release"
+"""Robot: ends a controller's leases of some resources; what it commanded there is halted."""
+ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE, RELEASE)
+
+HALT: Final = "halt"
+"""Resource: stops motion."""
+INFO: Final = "info"
+"""Resource: returns its ResourceInfo."""
+STREAM: Final = "stream"
+"""Resource: publishes its values for the time of a lease."""
+RESOURCE_METHODS: Final = (*METHODS, HALT, INFO, STREAM)
+RETRYABLE_METHODS: Final = frozenset({"get_status", "get_value", "get_config", "send_req"})
+"""Methods that change nothing, so that a retry is harmless. `read_comm` consumes bytes and is not one of them."""
+
+ANYBODY: Final = "_"
+"""Caller in a fleet without security; names of certificates begin with a letter."""
+ANSWERS: Final = "@answers"
+EVENTS: Final = "@events"
+STREAMS: Final = "@streams"
+ALIVE: Final = "@alive"
+HEARTBEATS: Final = "@heartbeats"
+
+ALL_ALIVE: Final = f"{ROOT}/*/{ALIVE}/*/*"
+"""Key expression of the liveliness tokens of all robots of all fleets."""
+
+
+class CallKey(NamedTuple):
+    """Parts of the key of a call.
+
+    Attributes:
+        fleet: name of the fleet, any text.
+        robot: name of the robot.
+        resource: name of the resource; ROBOT for the robot itself.
+        method: one of RESOURCE_METHODS or ROBOT_METHODS.
+        caller: name of the caller's certificate; ANYBODY in a fleet without security.
+        client: the caller's process; see CallId.
+    """
+
+    fleet: str
+    robot: str
+    resource: str
+    method: str
+    caller: str
+    client: str
+
+
+def fleet_key(fleet: str) -> str:
+    """Return the common prefix of a fleet's keys; ProtocolError if the name is empty."""
+    return f"{ROOT}/{_encode(fleet)}"
+
+
+@lru_cache(maxsize=4096)
+def call_key(key: CallKey) -> str:
+    """Return the key of a call; ProtocolError if a name is empty."""
+    return "/".join((ROOT, *map(_encode, key)))
+
+
+def call_keys(fleet: str, robot: str | None) -> str:
+    """Return the key expression of the calls to a robot; to all robots of the fleet if None."""
+    return f"{fleet_key(fleet)}/{'*' if robot is None else _encode(robot)}/*/*/*/*"
+
+
+@lru_cache(maxsize=4096)
+def answer_key(call: CallKey) -> str:
+    """Return the key of the reply to a call."""
+    return _branch_key(call.fleet, ANSWERS, call.caller, call.client, call.robot)
+
+
+def answer_keys(fleet: str, caller: str, client: str) -> str:
+    """Return the key expression of the replies of all robots to a controller."""
+    return _branch_key(fleet, ANSWERS, caller, client, None)
+
+
+def event_key(fleet: str, robot: str) -> str:
+    """Return the key of a robot's events."""
+    return _branch_key(fleet, EVENTS, robot)
+
+
+def event_keys(fleet: str) -> str:
+    """Return the key expression of the events of all robots of a fleet."""
+    return _branch_key(fleet, EVENTS, None)
+
+
+def stream_key(fleet: str, robot: str, resource: str, encoding: str, rate: str) -> str:
+    """Return the key of a stream: a resource, a rate and an encoding."""
+    return _branch_key(fleet, STREAMS, robot, resource, encoding, rate)
+
+
+def alive_key(fleet: str, robot: str) -> str:
+    """Return the key of the liveliness token of a robot with our protocol version."""
+    return _branch_key(fleet, ALIVE, str(PROTOCOL_VERSION), robot)
+
+
+def alive_keys(fleet: str) -> str:
+    """Return the key expression of the liveliness tokens of all robots of a fleet, of any version."""
+    return _branch_key(fleet, ALIVE, None, None)
+
+
+def heartbeat_key(fleet: str, client: str) -> str:
+    """Return the key of a controller's heartbeats."""
+    return _branch_key(fleet, HEARTBEATS, client)
+
+
+def heartbeat_keys(fleet: str) -> str:
+    """Return the key expression of the heartbeats of all controllers of a fleet."""
+    return _branch_key(fleet, HEARTBEATS, None)
+
+
+def _branch_key(fleet: str, branch: str, *names: str | None) -> str:
+    """Return a key of one of the branches with an @; None becomes `*`."""
+    return "/".join((fleet_key(fleet), branch, *("*" if name is None else _encode(name) for name in names)))
+
+
+@lru_cache(maxsize=4096)
+def parse_robot(key: str) -> tuple[str, str]:
+    """Return the fleet and the robot of the key of a reply, an event or a token.
+
+    Raises:
+        ProtocolError: a name is missing or not spelt as in a key.
+    """
+    root, _, rest = key.partition("/")
+    fleet, _, rest = rest.partition("/")
+    if root != ROOT or not rest:
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/.../<robot>")
+    return _decode(fleet, key), _decode(rest.rpartition("/")[2], key)
+
+
+def parse_alive(key: str) -> tuple[str, str, int]:
+    """Return the fleet, the robot and the protocol version of the key of a liveliness token.
+
+    Raises:
+        ProtocolError: it is no such key.
+    """
+    fleet, robot = parse_robot(key)
+    _, _, *kind, _ = key.split("/")
+    if len(kind) != 2 or kind[0] != ALIVE or not (kind[1].isascii() and kind[1].isdecimal()):
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/{ALIVE}/<version>/<robot>")
+    return fleet, robot, int(kind[1])
+
+
+@lru_cache(maxsize=4096)
+def parse_call(key: str) -> CallKey:
+    """Return the parts of the key of a call.
+
+    Raises:
+        ProtocolError: it is no such key.
+    """
+    root, *chunks = key.split("/")
+    if root != ROOT or len(chunks) != 6:
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/<robot>/<resource>/<method>/<caller>/<client>")
+    call = CallKey(*(_decode(chunk, key) for chunk in chunks))
+    known = ROBOT_METHODS if call.resource == ROBOT else RESOURCE_METHODS
+    if call.method not in known:
+        raise ProtocolError(f"key {key!r}: there is no method {call.method!r} here; there are {', '.join(known)}")
+    return call
+
+
+def _encode(name: str) -> str:
+    if not name:
+        raise ProtocolError("an empty name has no place in a key")
+    return quote(name, safe="", errors="surrogatepass")  # file names that are no UTF-8 have lone surrogates
+
+
+def _decode(chunk: str, key: str) -> str:
+    try:
+        name = unquote(chunk, errors="surrogatepass")
+    except UnicodeDecodeError as error:
+        raise ProtocolError(f"key {key!r}: {chunk!r} is no percent-encoded UTF-8") from error
+    if not name or quote(name, safe="", errors="surrogatepass") != chunk:
+        raise ProtocolError(f"key {key!r}: {chunk!r} is not how a name is spelt in a key")
+    return name

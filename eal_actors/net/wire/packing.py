@@ -1,0 +1,279 @@
+"""Parts of envelopes: strict msgpack, the type header of a value, errors by their code, and checks of fields.
+
+Every function that decodes returns a valid object or raises ProtocolError, whatever bytes arrive. Its `what` argument
+names the message that is decoded, for error messages.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import msgpack
+
+from eal_actors.device.data import EALData, Payload
+from eal_actors.device.data.forms import FORMS, Form, shown
+from eal_actors.device.data.storage import as_bytes
+from eal_actors.kernel import errors
+from eal_actors.kernel.errors import ConfigError, DataError, EALError, ProtocolError
+
+PROTOCOL_VERSION: Final = 2
+"""Incremented when an older reader would misunderstand a message; see docs/wire-format.md."""
+MAX_ENVELOPE_BYTES: Final = 1024**2
+MAX_PAYLOAD_BYTES: Final = 64 * 1024**2
+MAX_ITEMS: Final = 4096
+"""Limit of one list or map in an envelope, so that nested ones cannot make a reader allocate much memory."""
+MAX_MESSAGE_CHARS: Final = 16_000
+"""Longer error messages are truncated."""
+
+_CLIENT_BYTES: Final = 8
+
+Buffer = bytes | bytearray | memoryview
+
+_C_NAMES: Final = {key: form.name + "[]" * form.is_ptr for key, form in FORMS.items()}
+_FORM_BY_C_NAME: Final[dict[str, Form]] = {_C_NAMES[key]: form for key, form in FORMS.items()}
+_ERROR_BY_CODE: Final[dict[str, type[EALError]]] = {
+    member.code: member for member in vars(errors).values() if isinstance(member, type) and issubclass(member, EALError)
+}
+
+
+def pack(fields: object, what: str) -> bytes:
+    """Return the msgpack bytes of lists, tuples, dicts with str keys, str, bytes, int, float, bool and None.
+
+    Raises:
+        DataError: a value has no msgpack form, or the envelope is larger than MAX_ENVELOPE_BYTES.
+    """
+    try:
+        packed: bytes = msgpack.packb(fields)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise DataError(f"{what} cannot be sent: {error}") from error
+    if len(packed) > MAX_ENVELOPE_BYTES:
+        raise DataError(f"{what} takes {len(packed)} bytes beside its payload, more than {MAX_ENVELOPE_BYTES}")
+    return packed
+
+
+def unpack_row(packed: Buffer, what: str, size: int, optional: int = 0) -> list[Any]:
+    """Return the first `size` fields of an envelope that is a list, then `optional` further ones or None.
+
+    Raises:
+        ProtocolError: the bytes are no such envelope, or its first field is another version.
+    """
+    row = _unpack(packed, what)
+    if type(row) is not list or not row:
+        raise ProtocolError(f"{what}: the envelope is {shown(row)}, not a list that begins with the version")
+    check_version(row[0], what)
+    if optional and len(row) >= size:
+        row = [*row, *[None] * optional]
+    return checked_row(row, what, size + optional)
+
+
+def unpack_map(packed: Buffer, what: str) -> dict[str, Any]:
+    """Return the fields of an envelope that is a map.
+
+    Raises:
+        ProtocolError: the bytes are no such envelope, or its `version` is another one.
+    """
+    fields = _unpack(packed, what)
+    if type(fields) is not dict:
+        raise ProtocolError(f"{what}: the envelope is {shown(fields)}, not a map")
+    check_version(fields.get("version"), what)
+    return fields
+
+
+def check_version(version: object, what: str) -> None:
+    """Raise ProtocolError with both versions unless the peer uses this version of the protocol."""
+    if version != PROTOCOL_VERSION or type(version) is not int:
+        raise ProtocolError(
+            f"{what}: the other end speaks version {shown(version)} of the protocol, this one {PROTOCOL_VERSION}; "
+            "install the same release of eal-actors at both ends"
+        )
+
+
+def _unpack(packed: Buffer, what: str) -> Any:
+    size = packed.nbytes if isinstance(packed, memoryview) else len(packed)
+    if size > MAX_ENVELOPE_BYTES:
+        raise ProtocolError(f"{what}: an envelope of {size} bytes, more than {MAX_ENVELOPE_BYTES}")
+    try:
+        return msgpack.unpackb(
+            packed,
+            object_pairs_hook=_text_keys,
+            max_array_len=MAX_ITEMS,
+            max_map_len=MAX_ITEMS,
+            max_ext_len=0,
+        )
+    except (ValueError, TypeError, BufferError, msgpack.UnpackException) as error:
+        raise ProtocolError(f"{what}: no valid msgpack: {shown(str(error) or type(error).__name__)}") from error
+
+
+def _text_keys(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
+    fields = dict(pairs)
+    if len(fields) != len(pairs) or any(type(key) is not str for key in fields):
+        raise ValueError("a map has a duplicate key, or one that is no text")
+    return fields
+
+
+# Values.
+
+
+def data_header(data: EALData) -> tuple[Any, ...]:
+    """Return the type header of a value: C type, shape, unit, frame and time."""
+    name = _C_NAMES[data.type, data.is_ptr, data.is_unsigned, data.is_short, data.is_long]
+    return name, data.shape, data.unit, data.frame_id, data.stamp_s
+
+
+def data_from(header: object, payload: Buffer, what: str) -> EALData:
+    """Rebuild a value from its header and its payload, which is not copied and must not change afterwards.
+
+    Raises:
+        ProtocolError: the header is invalid, or does not fit the payload.
+    """
+    name, shape, unit, frame_id, stamp_s = checked_row(header, what, 5)
+    form = _FORM_BY_C_NAME.get(name) if type(name) is str else None
+    if form is None:
+        raise ProtocolError(f"{what}: there is no type {shown(name)}, only {', '.join(_FORM_BY_C_NAME)}")
+    try:
+        return EALData.from_payload(
+            form.type,
+            payload,
+            is_ptr=form.is_ptr,
+            is_unsigned=form.is_unsigned,
+            is_short=form.is_short,
+            is_long=form.is_long,
+            shape=shape,
+            dtype=None if shape is None else form.dtype,
+            unit=unit,
+            frame_id=frame_id,
+            stamp_s=stamp_s,
+        )
+    except DataError as error:
+        raise ProtocolError(f"{what}: {error.message}") from error
+
+
+def optional_data_from(header: object, payload: Buffer, what: str) -> EALData | None:
+    """Rebuild a value, or return None for a message without one: no header and an empty payload.
+
+    Raises:
+        ProtocolError: the header or the payload is invalid.
+    """
+    if header is not None:
+        return data_from(header, checked_payload(payload, what), what)
+    if len(checked_payload(payload, what)):
+        raise ProtocolError(f"{what}: a payload without a type")
+    return None
+
+
+def payload_of(data: EALData) -> Payload:
+    """Return the payload of a value; DataError if it is larger than MAX_PAYLOAD_BYTES."""
+    if data.length > MAX_PAYLOAD_BYTES:
+        raise DataError(f"a value of {data.length} bytes is over the {MAX_PAYLOAD_BYTES} that one message may carry")
+    return data.payload
+
+
+# Errors.
+
+
+def error_body(error: EALError) -> tuple[str | None, ...]:
+    """Return an error's code, message, robot and resource in a form that can always be sent."""
+    return error.code, _sendable(error.message), _sendable(error.robot), _sendable(error.resource)
+
+
+def error_from(body: object, what: str) -> EALError:
+    """Rebuild an error; an unknown code becomes an EALError with the code in its message.
+
+    Raises:
+        ProtocolError: the body is not an error.
+    """
+    code, message, robot, resource = checked_row(body, what, 4)
+    names = (robot, resource)
+    if type(code) is not str or type(message) is not str or any(type(n) not in (str, type(None)) for n in names):
+        raise ProtocolError(f"{what}: {shown(body)} is not an error's code, message, robot and resource")
+    kind = _ERROR_BY_CODE.get(code)
+    if kind is None:
+        return EALError(f"{message} (an error of a kind unknown here: {code!r})", robot=robot, resource=resource)
+    if kind is not ConfigError:
+        return kind(message, robot=robot, resource=resource)
+    error = ConfigError(())  # positions in a file of the other machine mean nothing here
+    error.message = message
+    error.args = (message,)
+    return error.at(robot, resource)
+
+
+def _sendable(text: str | None) -> str | None:
+    if text is None:
+        return None
+    return str(text)[:MAX_MESSAGE_CHARS].encode("utf-8", "backslashreplace").decode()
+
+
+# Checks of single fields; each raises ProtocolError.
+
+
+def checked_row(row: object, what: str, size: int) -> list[Any]:
+    """Return the first `size` fields of a list; later versions may append more."""
+    if type(row) is not list or len(row) < size:
+        raise ProtocolError(f"{what}: {shown(row)} is not a list of at least {size} fields")
+    return row if len(row) == size else row[:size]
+
+
+def checked_payload(payload: Buffer, what: str) -> Payload:
+    """Return a payload as bytes of at most MAX_PAYLOAD_BYTES."""
+    try:
+        view = as_bytes(payload)
+    except DataError as error:
+        raise ProtocolError(f"{what}: {error.message}") from error
+    if len(view) > MAX_PAYLOAD_BYTES:
+        raise ProtocolError(f"{what}: a payload of {len(view)} bytes, more than {MAX_PAYLOAD_BYTES}")
+    return view
+
+
+def packed_client(client: str) -> bytes:
+    """Return the bytes of a client id; DataError unless it is 16 hexadecimal digits."""
+    try:
+        packed = bytes.fromhex(client)
+    except (ValueError, TypeError):
+        packed = b""
+    if len(packed) != _CLIENT_BYTES:
+        raise DataError(f"client {shown(client)} is not {2 * _CLIENT_BYTES} hexadecimal digits")
+    return packed
+
+
+def checked_client(client: object, what: str) -> str:
+    """Return a client id as hexadecimal digits."""
+    if type(client) is not bytes or len(client) != _CLIENT_BYTES:
+        raise ProtocolError(f"{what}: client {shown(client)} is not {_CLIENT_BYTES} bytes")
+    return client.hex()
+
+
+def checked_count(count: object, what: str) -> int:
+    """Return an int from 0."""
+    if type(count) is not int or count < 0:
+        raise ProtocolError(f"{what} {shown(count)} is not an int from 0")
+    return count
+
+
+def checked_seconds(seconds: object, what: str) -> float:
+    """Return a number of seconds, which may be infinite."""
+    if type(seconds) not in (float, int) or seconds != seconds:
+        raise ProtocolError(f"{what} {shown(seconds)} is no number of seconds")
+    return float(seconds)  # type: ignore[arg-type]  # mypy does not follow `type(x) in`
+
+
+def checked_time(seconds: object, what: str) -> float:
+    """Return a finite number of seconds."""
+    time_s = checked_seconds(seconds, what)
+    if not math.isfinite(time_s):
+        raise ProtocolError(f"{what} {time_s} is no time")
+    return time_s
+
+
+def checked_flag(flag: object, what: str) -> bool:
+    """Return a bool."""
+    if type(flag) is not bool:
+        raise ProtocolError(f"{what} {shown(flag)} is no bool")
+    return flag
+
+
+def checked_text(text: object, what: str) -> str:
+    """Return a str."""
+    if type(text) is not str:
+        raise ProtocolError(f"{what} {shown(text)} is no text")
+    return text

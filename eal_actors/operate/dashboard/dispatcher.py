@@ -1,0 +1,244 @@
+"""Dispatcher: executes the messages of browsers, and answers them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Final, TypeAlias
+
+from eal_actors.actors.combine import gather
+from eal_actors.actors.future import Future
+from eal_actors.actors.handles import ResourceHandle
+from eal_actors.device.data import DataType, EALData
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, RobotNotFoundError, shown
+from eal_actors.kernel.log import get_logger
+from eal_actors.operate.dashboard.cameras import Cameras
+from eal_actors.operate.dashboard.control import ControlRegistry
+from eal_actors.operate.dashboard.current_steps import CurrentSteps
+from eal_actors.operate.dashboard.fleet_poller import infos_of
+from eal_actors.operate.dashboard.messages import (
+    CallResource,
+    ControlRun,
+    Describe,
+    DriveRobot,
+    ListScenarios,
+    ReleaseRobot,
+    ResumeAll,
+    StartRun,
+    StopAll,
+    Watch,
+)
+from eal_actors.operate.dashboard.run_manager import RunManager
+from eal_actors.operate.dashboard.state_store import to_json_value
+from eal_actors.operate.dashboard.teleop import Teleop, Twist
+
+Reply: TypeAlias = Callable[[dict[str, Any]], None]
+"""Sends an answer to a browser; called in any thread, and never blocks."""
+
+STOP_REASON: Final = "STOP on the dashboard"
+_WHOLE_ARRAY: Final = 64
+_COMMANDS: Final = ("set_value", "send_cmd", "set_config")
+"""The methods that reserve a resource for their caller."""
+
+
+class Dispatcher:
+    """Executes messages. Permissions are checked by the caller.
+
+    Args:
+        fleet: a connected fleet.
+        steps: records the errors of robots.
+        control: records who controls what.
+        runs: runs scenarios.
+        teleop: drives by hand.
+        cameras: the cameras.
+
+    Thread: any. `execute` does not wait for robots. Messages for which `reads_files` is true block on files.
+    """
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        steps: CurrentSteps,
+        control: ControlRegistry,
+        runs: RunManager,
+        teleop: Teleop,
+        cameras: Cameras,
+    ) -> None:
+        self._fleet = fleet
+        self._steps = steps
+        self._control = control
+        self._runs = runs
+        self._teleop = teleop
+        self._cameras = cameras
+
+    def reads_files(self, message: object) -> bool:
+        """Return whether a message must be executed in a thread that may block."""
+        return isinstance(message, ListScenarios | StartRun)
+
+    def execute(self, message: Any, browser: str, reply: Reply) -> None:
+        """Execute a message, and reply at its end.
+
+        Args:
+            message: one of `messages`.
+            browser: the browser's name.
+            reply: sends answers.
+        """
+        number = getattr(message, "id", None)
+        try:
+            answer = self._execute(message, browser, reply)
+        except EALError as error:
+            reply(failure(number, error))
+        else:
+            if answer is not None:
+                reply({"id": number, "ok": True, **answer})
+
+    def _execute(self, message: Any, browser: str, reply: Reply) -> dict[str, Any] | None:
+        """Return the answer; None if there is none, or if it comes later."""
+        match message:
+            case Watch():
+                self._cameras.watch(browser, message.cameras, message.rate_hz)
+            case Describe():
+                return {"resources": self._describe(message.robot)}
+            case ListScenarios():
+                return {"scenarios": self._runs.list_scenarios()}
+            case CallResource():
+                self._call(message, browser, reply)
+            case StopAll():
+                self._stop(message.id, reply)
+            case ResumeAll():
+                get_logger().warning("emergency stop ended from the dashboard")
+                self._reply_for_all(message.id, {name: robot.resume() for name, robot in self._fleet.items()}, reply)
+            case DriveRobot():
+                self._drive(message, browser, reply)
+            case ReleaseRobot():
+                self._teleop.release(browser, message.robot)
+            case StartRun():
+                self._runs.start(message.file, message.parameters)
+                return {}
+            case ControlRun():
+                self._runs.control(message.what)
+                return {}
+        return None
+
+    def leave(self, browser: str) -> None:
+        """Halt the robots that a closed browser drives, and forget it."""
+        self._teleop.leave(browser)
+        self._cameras.leave(browser)
+
+    def _describe(self, robot: str) -> list[dict[str, Any]]:
+        if robot not in self._fleet:
+            raise RobotNotFoundError(f"there is no robot {robot!r}")
+        return [to_json_value(info.to_dict()) for _, info in infos_of(self._fleet[robot])]
+
+    def _drive(self, message: DriveRobot, browser: str, reply: Reply) -> None:
+        """Drive by hand. Errors name their press, because the browser may have started the next one by then."""
+
+        def on_error(robot: str, error: EALError) -> None:
+            fields = {"robot": robot, "press": message.press, "code": error.code, "error": error.message}
+            reply({"drive_error": fields})
+
+        twist = Twist(message.speed_m_s, message.turn_rad_s)
+        try:
+            self._teleop.drive(browser, message.robot, message.press, twist, on_error)
+        except EALError as error:
+            on_error(message.robot, error)
+
+    # Stop.
+
+    def _stop(self, number: int, reply: Reply) -> None:
+        answers = {name: robot.stop(STOP_REASON) for name, robot in self._fleet.items()}  # before anything else
+        self._runs.abort(STOP_REASON)
+        get_logger().warning("emergency stop of every robot, from the dashboard")
+        self._reply_for_all(number, answers, reply)
+
+    def _reply_for_all(self, number: int, answers: dict[str, Future[None]], reply: Reply) -> None:
+        """Reply when every robot has confirmed or failed."""
+
+        def on_done(done: Future[list[Any]]) -> None:
+            outcomes = dict(zip(answers, done.get(), strict=True))
+            failed = {name: shown(outcome) for name, outcome in outcomes.items() if isinstance(outcome, BaseException)}
+            for name, reason in failed.items():
+                get_logger(robot=name).error("did not confirm", reason=reason)
+            confirmed = [name for name in outcomes if name not in failed]
+            reply({"id": number, "ok": not failed, "confirmed": confirmed, "failed": failed})
+
+        gather(answers.values(), return_exceptions=True).add_done_callback(on_done)
+
+    # Calls.
+
+    def _call(self, message: CallResource, browser: str, reply: Reply) -> None:
+        if message.robot not in self._fleet:
+            raise RobotNotFoundError(f"there is no robot {message.robot!r}")
+        resource = self._fleet[message.robot][message.resource]
+        is_command = message.method in _COMMANDS
+        if is_command:
+            self._control.acquire(message.robot, message.resource, browser)
+
+        def on_end(error: BaseException | None) -> None:
+            if is_command:
+                self._control.done(message.robot, message.resource)
+            if error is not None and not isinstance(error, PreemptedError):
+                label = f"{message.resource} {message.text or message.method}"
+                self._steps.record_error(message.robot, f"{label}: {shown(error)}")
+
+        def on_done(done: Future[Any]) -> None:
+            error = done.exception()
+            on_end(error)
+            if error is not None:
+                reply(failure(message.id, error))
+            else:
+                reply({"id": message.id, "ok": True, "value": format_value(done.get())})
+
+        try:
+            answer = _start_call(resource, message)
+        except EALError as error:
+            on_end(error)
+            raise
+        answer.add_done_callback(on_done)
+
+
+def _start_call(resource: ResourceHandle, message: CallResource) -> Future[Any]:
+    text, value = message.text or "", list(message.value) if isinstance(message.value, tuple) else message.value
+    match message.method:
+        case "set_value":
+            return resource.set_value(value)
+        case "send_req":
+            return resource.send_req(text)
+        case "send_cmd":
+            return resource.send_cmd(text, value)
+        case "get_config":
+            return resource.get_config(text)
+        case "set_config":
+            return resource.set_config(text, value)
+        case "get_status":
+            return resource.get_status()
+        case "get_value":
+            return resource.get_value()
+        case "halt":
+            return resource.halt()
+
+
+def failure(number: int | None, error: BaseException) -> dict[str, Any]:
+    """Return the answer to a failed request."""
+    problems = [str(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
+    code = error.code if isinstance(error, EALError) else EALError.code
+    return {"id": number, "ok": False, "code": code, "error": str(error), "problems": problems}
+
+
+def format_value(answer: EALData | int | None) -> str:
+    """Return a value as text for people: numbers and texts in full, the shape of large arrays."""
+    if not isinstance(answer, EALData):
+        return "" if answer is None else str(answer)
+    unit = f" {answer.unit}" if answer.unit else ""
+    value = answer.value
+    if answer.type is DataType.VOID:
+        return "nothing" if value is None else f"{answer.length} bytes"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if not answer.is_ptr or isinstance(value, str):
+        return f"{value}{unit}"
+    shape = answer.shape or (len(value),)
+    if math.prod(shape) <= _WHOLE_ARRAY:
+        return f"{value.tolist() if hasattr(value, 'tolist') else list(value)}{unit}"
+    return f"{' x '.join(map(str, shape))} {answer.type.value}{unit}"

@@ -1,0 +1,248 @@
+"""BrowserSession: one browser's websocket. It executes messages and sends updates as fast as the browser reads."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import json
+import struct
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
+
+from eal_actors.kernel.clock import REAL_TIME, Clock
+from eal_actors.kernel.errors import AccessDeniedError, ArgumentError, BusyError, EALError
+from eal_actors.kernel.log import get_logger
+from eal_actors.operate.dashboard.access import Access
+from eal_actors.operate.dashboard.cameras import CameraKey, Cameras
+from eal_actors.operate.dashboard.dispatcher import Dispatcher, failure
+from eal_actors.operate.dashboard.limits import (
+    COMMANDS_AT_ONCE,
+    COMMANDS_PER_S,
+    MESSAGES_AT_ONCE,
+    MESSAGES_PER_S,
+    TokenBucket,
+)
+from eal_actors.operate.dashboard.messages import (
+    COMMANDS,
+    DriveRobot,
+    Hello,
+    ReleaseRobot,
+    StopAll,
+    Watch,
+    parse_message,
+)
+from eal_actors.operate.dashboard.notifier import Notifier
+from eal_actors.operate.dashboard.state_store import StateReader, StateStore
+
+HELLO_S: Final = 5.0
+"""Real seconds within which a browser must send its first message."""
+STUCK_S: Final = 10.0
+"""Real seconds after which a browser that reads nothing is disconnected."""
+MOST_ANSWERS: Final = 200
+SEND_PERIOD_S: Final = 1 / 60
+"""The least real time between two updates."""
+POLICY_VIOLATION: Final = 1008
+_numbers = itertools.count(1)
+
+
+@dataclass(frozen=True)
+class AppState:
+    """The application state, which all browsers of a dashboard share.
+
+    Attributes:
+        store: the state that browsers show.
+        notifier: notifies of changes.
+        access: the access rules.
+        dispatcher: executes messages.
+        cameras: the cameras' frames.
+        clock: the fleet's clock.
+        introduction: makes the first message to a browser, in the loop's thread.
+        report: finds the report page of a run by the name of its folder.
+    """
+
+    store: StateStore
+    notifier: Notifier
+    access: Access
+    dispatcher: Dispatcher
+    cameras: Cameras
+    clock: Clock
+    introduction: Callable[[], Mapping[str, Any]]
+    report: Callable[[str], Path | None]
+
+
+class BrowserSession:
+    """Serves one page, from its first message to its last. Thread: the loop's.
+
+    Args:
+        websocket: the connection, not accepted yet.
+        app_state: the application state.
+    """
+
+    def __init__(self, websocket: WebSocket, app_state: AppState) -> None:
+        self.name: Final = f"browser {next(_numbers)}"
+        self._websocket = websocket
+        self._app_state = app_state
+        self._denied: str | None = "the first message must be hello"
+        self._event = app_state.notifier.subscribe()
+        self._answers: deque[dict[str, Any]] = deque(maxlen=MOST_ANSWERS)
+        self._cameras: tuple[CameraKey, ...] = ()
+        self._frame_period_s = 0.2
+        self._frames: dict[CameraKey, tuple[int, float]] = {}
+        self._messages = TokenBucket(MESSAGES_PER_S, MESSAGES_AT_ONCE)
+        self._commands = TokenBucket(COMMANDS_PER_S, COMMANDS_AT_ONCE)
+        self._file_task: asyncio.Task[None] | None = None
+
+    async def serve(self) -> None:
+        """Serve the page until it disconnects."""
+        await self._websocket.accept()
+        tasks: list[asyncio.Task[None]] = []
+        try:
+            await self._greet()
+            tasks = [asyncio.create_task(self._receive_messages()), asyncio.create_task(self._send_updates())]
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        except (WebSocketDisconnect, TimeoutError):
+            pass
+        except EALError as error:
+            await self._reject(error)
+        finally:
+            self._app_state.notifier.unsubscribe(self._event)
+            self._app_state.dispatcher.leave(self.name)
+            for task in [*tasks, *([self._file_task] if self._file_task is not None else [])]:
+                task.cancel()
+                with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, TimeoutError, EALError):
+                    await task
+
+    async def _greet(self) -> None:
+        async with asyncio.timeout(HELLO_S):
+            hello = parse_message(await self._receive())
+        if not isinstance(hello, Hello):
+            raise ArgumentError("the first message must be hello")
+        self._denied = self._app_state.access.refusal(hello.token)
+        rights = {"you": self.name, "may_command": self._denied is None, "why": self._denied}
+        await self._send_text({"hello": {**self._app_state.introduction(), **rights}})
+
+    async def _reject(self, error: EALError) -> None:
+        get_logger().warning("a browser was disconnected", browser=self.name, reason=error.message)
+        if self._websocket.application_state is WebSocketState.CONNECTED:
+            with contextlib.suppress(TimeoutError, WebSocketDisconnect, RuntimeError):
+                async with asyncio.timeout(STUCK_S):
+                    await self._websocket.close(POLICY_VIOLATION, error.message[:100])
+
+    # Incoming messages.
+
+    async def _receive(self) -> str:
+        message = await self._websocket.receive()
+        if message["type"] == "websocket.disconnect":
+            raise WebSocketDisconnect(message.get("code") or 1000)
+        text = message.get("text")
+        if not isinstance(text, str):
+            raise ArgumentError("messages must be text")
+        return text
+
+    async def _receive_messages(self) -> None:
+        while True:
+            text = await self._receive()
+            if not self._messages.take(REAL_TIME.now()):
+                raise BusyError("too many messages")
+            message = parse_message(text)
+            refused = self._refusal(message)
+            if refused is not None:
+                self.reply(failure(getattr(message, "id", None), refused))
+            elif self._app_state.dispatcher.reads_files(message):
+                self._execute_in_thread(message)
+            else:
+                self._app_state.dispatcher.execute(message, self.name, self.reply)
+                if isinstance(message, Watch):
+                    self._cameras, self._frame_period_s = message.cameras, 1 / message.rate_hz
+
+    def _refusal(self, message: object) -> EALError | None:
+        if isinstance(message, Hello):
+            return ArgumentError("hello must be the first message only")
+        if isinstance(message, COMMANDS) and self._denied is not None:
+            return AccessDeniedError(self._denied)
+        is_free = isinstance(message, StopAll | DriveRobot | ReleaseRobot)  # limited by the number of messages alone
+        if not is_free and not self._commands.take(REAL_TIME.now()):
+            return BusyError("too many commands; wait a moment")
+        return None
+
+    def _execute_in_thread(self, message: Any) -> None:
+        """Execute a message that may block in a thread, so that a stop after it is not delayed."""
+        if self._file_task is not None and not self._file_task.done():
+            self.reply(failure(message.id, BusyError("the previous request is not finished")))
+            return
+        work = asyncio.to_thread(self._app_state.dispatcher.execute, message, self.name, self.reply)
+        self._file_task = asyncio.create_task(work)
+
+    def reply(self, answer: dict[str, Any]) -> None:
+        """Queue an answer; drops the oldest if the browser does not read them. Thread: any; does not block."""
+        self._answers.append(answer)
+        self._app_state.notifier.notify()
+
+    # Outgoing messages.
+
+    async def _send_updates(self) -> None:
+        reader = StateReader(self._app_state.store)
+        while True:
+            update = reader.take()
+            answers = [self._answers.popleft() for _ in range(len(self._answers))]
+            if answers:
+                update["answers"] = answers
+            if update:
+                await self._send_text({**update, "now_s": round(self._app_state.clock.now(), 3)})
+            next_frame_s = await self._send_frames()
+            await asyncio.sleep(SEND_PERIOD_S)
+            if not reader.has_more:
+                await self._wait_for_change(next_frame_s)
+
+    async def _wait_for_change(self, at_most_s: float | None) -> None:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(at_most_s):
+                await self._event.wait()
+        self._event.clear()
+
+    async def _send_frames(self) -> float | None:
+        """Send the frames that are due; return the seconds until the next available frame is due, or None."""
+        waits = []
+        for key in self._cameras:
+            frame = self._app_state.cameras.frame(key)
+            number, sent_s = self._frames.get(key, (-1, -1.0))
+            if frame is None or frame.number in (number, 0):
+                continue
+            left_s = sent_s + self._frame_period_s - REAL_TIME.now()
+            if left_s > SEND_PERIOD_S / 2:
+                waits.append(left_s)
+                continue
+            self._frames[key] = (frame.number, REAL_TIME.now())
+            header = {
+                "robot": key[0],
+                "resource": key[1],
+                "stamp_s": frame.stamp_s,
+                "same_since_s": frame.same_since_s,
+                "error": frame.error,
+            }
+            text = json.dumps(header).encode()
+            await self._send(self._websocket.send_bytes, struct.pack("<I", len(text)) + text + frame.jpeg)
+        return min(waits, default=None)
+
+    async def _send_text(self, message: Mapping[str, Any]) -> None:
+        await self._send(self._websocket.send_text, json.dumps(message, allow_nan=False, separators=(",", ":")))
+
+    async def _send(self, send: Callable[[Any], Any], message: str | bytes) -> None:
+        """Send a message. A browser that does not read it in time is disconnected; a live page reconnects."""
+        try:
+            async with asyncio.timeout(STUCK_S):
+                await send(message)
+        except TimeoutError:
+            get_logger().warning("a browser was disconnected", browser=self.name, reason="it stopped reading")
+            abort = self._websocket.scope.get("state", {}).get("abort")
+            if abort is not None:
+                abort()
+            raise

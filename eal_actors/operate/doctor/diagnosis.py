@@ -1,0 +1,44 @@
+"""The examination: every check, in an order in which the cause comes before what it causes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.manifest import discover
+from eal_actors.operate.doctor.certificates import check_certificates
+from eal_actors.operate.doctor.clocks import StepWatch, check_clock
+from eal_actors.operate.doctor.devices import check_devices, named_devices
+from eal_actors.operate.doctor.diagnostic import Diagnostic, ok
+from eal_actors.operate.doctor.packages import check_packages
+from eal_actors.operate.doctor.plugins import check_plugins
+from eal_actors.operate.doctor.ports import check_ports, is_here
+from eal_actors.operate.doctor.robots import ping_robots
+
+
+def diagnose_machine() -> Iterator[Diagnostic]:
+    """Yield what is to be said of this machine, whatever it is used for."""
+    yield from check_packages()
+    yield from check_clock()
+
+
+def diagnose_fleet(config: FleetConfig) -> Iterator[Diagnostic]:
+    """Yield what is to be said of a fleet, seen from this machine.
+
+    Plugins, devices and ports are those of the robots that run here, by their addresses; the others are asked over the
+    network. Nothing is moved, and no device is opened but cameras, which are asked what they are.
+
+    Thread: blocks the caller, for some seconds where robots do not answer.
+    """
+    watch = StepWatch()
+    here = [robot for robot in config.robots.values() if is_here(robot)]
+    remote = [robot.name for robot in config.robots.values() if robot.address is not None]
+    yield ok("fleet file", f"{config.source}: {len(config.robots)} robots, {len(here)} of them on this machine")
+    yield from check_plugins(config, here)
+    manifests, _ = discover(config.plugin_dirs)
+    yield from check_devices(named_devices(here, manifests))
+    yield from check_certificates(config, here)
+    answers, findings = ping_robots(config, remote)
+    yield from check_ports(here, answers)
+    yield from findings
+    yield from watch.findings()

@@ -1,0 +1,90 @@
+"""Repair of an interrupted run's record, and the merge of its parts when the run was resumed."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Final
+
+from eal_actors.kernel.errors import UnsupportedError
+from eal_actors.kernel.log import get_logger
+from eal_actors.recording.mcap_file import (
+    ARENA_TOPIC,
+    EVENTS_TOPIC,
+    RECORD_FILE,
+    McapFile,
+    pose_topic,
+    write_event,
+    write_pose,
+)
+from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
+from eal_actors.scenario.journal import cut_half_line
+
+PART_FILE: Final = "run-2.mcap"
+"""The file of a resumed run until its end, when it is merged into RECORD_FILE."""
+_MS: Final = 1000
+_ROUNDING_S: Final = 0.0005
+"""Times in `trajectory.csv` are rounded to a thousandth of a second."""
+
+
+def repair_record(directory: Path) -> float:
+    """Repair the record of an interrupted run: nothing that reached the disk is lost.
+
+    Args:
+        directory: the run's folder.
+
+    Returns:
+        The time at which the run is to be resumed, just after the last entry, in seconds since its start.
+
+    Raises:
+        ScenarioError: it is no folder of a run, or a file in it is broken.
+        OSError: a file cannot be written.
+    """
+    if (directory / TRAJECTORY).exists():
+        cut_half_line(directory / TRAJECTORY)
+    run = RunFolder.open(directory)
+    times_s = [float(event["time_s"]) for event in run.events]
+    times_s += [path[-1].time_s for path in run.paths.values()]
+    try:
+        times_s.append(merge_record(run))
+    except UnsupportedError as error:
+        get_logger().warning("run.mcap ends where the run was interrupted", reason=error.message)
+    return (math.ceil(max(times_s) * _MS) + 1) / _MS
+
+
+def merge_record(run: RunFolder) -> float:
+    """Merge the parts of a record into one `run.mcap`.
+
+    The lost end of a part is restored from `events.jsonl` and `trajectory.csv`, which lose nothing.
+
+    Returns:
+        The time of the newest message, in seconds since the run's start.
+
+    Raises:
+        UnsupportedError: the mcap library is not installed.
+        ScenarioError: a file is broken.
+        OSError: a file cannot be written.
+    """
+    parts = [run.path / RECORD_FILE, run.path / PART_FILE]
+    unfinished = run.path / f"{RECORD_FILE}.tmp"
+    file = McapFile(unfinished)
+    try:
+        for part in parts:
+            if part.exists():
+                file.copy(part, without=[topic for topic in (ARENA_TOPIC,) if topic in file.counts])
+        _restore_lost(file, run)
+    finally:
+        file.close()
+    unfinished.replace(parts[0])
+    parts[1].unlink(missing_ok=True)
+    return max(file.newest_s.values(), default=0.0)
+
+
+def _restore_lost(file: McapFile, run: RunFolder) -> None:
+    for event in run.events[file.counts.get(EVENTS_TOPIC, 0) :]:
+        write_event(file, event)
+    for robot, path in run.paths.items():
+        last_s = file.newest_s.get(pose_topic(robot), -1.0) + _ROUNDING_S
+        for sample in path:
+            if sample.time_s > last_s:
+                write_pose(file, robot, sample)

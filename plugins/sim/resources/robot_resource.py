@@ -1,0 +1,66 @@
+"""The base class of the resources of a simulated robot, and the effect of injected faults on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, TypeVar
+
+from eal_actors.plugin import EALData, Resource, ResourceType, UnavailableError
+
+from ..robot import SimRobot
+from ..world import SimWorld
+
+_R = TypeVar("_R", bound="RobotResource")
+
+
+class RobotResource(Resource):
+    """A resource of one robot of the world.
+
+    Args:
+        world: the world of the robot.
+        robot: the robot.
+    """
+
+    def __init__(self, world: SimWorld, robot: SimRobot) -> None:
+        self._world = world
+        self._robot = robot
+
+    def _read(self, sense: Callable[[float], Any], unit: str | None = None, frame: str | None = None) -> EALData:
+        """Return a reading of the up-to-date world, with its time.
+
+        Args:
+            sense: returns the reading from the world's time in seconds.
+            unit: its unit.
+            frame: its frame on the robot, such as `base`.
+        """
+        with self._world.caught_up() as now_s:
+            value = sense(now_s)
+        return EALData.of(value, unit=unit, frame_id=frame and f"{self._robot.name}/{frame}", stamp_s=now_s)
+
+
+def apply_faults(resource: _R, robot: SimRobot) -> _R:
+    """Make a resource subject to its robot's faults; return the resource itself.
+
+    The methods of the object are wrapped, and not its class, because `info()` reads the class.
+    """
+    if ResourceType.SENSOR in resource.types:
+        for name in ("get_value", "send_req"):
+            setattr(resource, name, _freezable(getattr(resource, name), type(resource).__name__, robot))
+    for name in ("set_value", "send_cmd"):
+        setattr(resource, name, partial(robot.actuate, getattr(resource, name)))
+    return resource
+
+
+def _freezable(method: Callable[..., Any], sensor: str, robot: SimRobot) -> Callable[..., Any]:
+    """Wrap a method to repeat its last answers while the sensor is frozen; without one, it answers once more."""
+    last: dict[tuple[Any, ...], Any] = {}
+
+    def answer(*args: Any) -> Any:
+        if robot.is_dead:
+            raise UnavailableError(f"robot {robot.name!r} is dead")
+        if sensor not in robot.faults.frozen or args not in last:
+            last[args] = method(*args)
+        return last[args]
+
+    return answer
