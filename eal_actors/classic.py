@@ -1,8 +1,8 @@
-"""The thesis's names and return conventions, so that its programs can be carried over line by line.
+"""The thesis's names and return conventions, so that its programs can be ported line by line.
 
-`EALconnect` answers an EAL or None; calls that answer data answer an EALDataInfo_t or None, calls that answer a status
-answer an int, -1 for "not found" and for any failure, which is logged with its reason. New programs use
-`eal_actors.connect` or `Fleet`, whose errors say what went wrong.
+`EALconnect` returns an EAL or None. Calls that return data return an EALDataInfo_t or None. Calls that return a status
+return an int, -1 for "not found" and for every failure, which is logged with its reason. New programs should use
+`eal_actors.connect` or `Fleet`, which raise errors.
 
 Source: thesis §4.4, appendix B.
 """
@@ -64,7 +64,7 @@ class EALDataInfo_t:
     Attributes:
         type: the payload's type.
         data: the payload, as a Python value.
-        length: the payload's bytes; 0 lets the type and the payload tell.
+        length: the payload's bytes; 0 derives it from the type and the payload.
         isPtr: it is an array or text.
         isUnsigned: its type is unsigned.
         isShort: its type is short.
@@ -106,11 +106,11 @@ def EALconnect(host: str | None = None, port: int = facade.DEFAULT_PORT) -> EAL 
 
 def EALdisconnect(eal: EAL) -> None:
     """Close a connection; refused, with a log line, while resources are checked out (Source: thesis B.2.1.2)."""
-    eal._attempt(eal._eal.disconnect, None)  # the two are one API
+    eal._attempt(eal._eal.disconnect, None)  # both are one API
 
 
 class EAL:
-    """A connection in the thesis's manner."""
+    """A connection with the thesis's names."""
 
     def __init__(self, eal: facade.EAL) -> None:
         self._eal = eal
@@ -163,7 +163,7 @@ class EAL:
         return self._attempt(lambda: self._eal.send_cmd(id, cmd, data._pack() if data else None), FAILURE)
 
     def readComm(self, id: int, data: EALDataInfo_t, length: int) -> int:
-        """Fill `data` with up to `length` bytes; return how many came (Source: thesis B.2.3.5)."""
+        """Fill `data` with up to `length` bytes; return the number read (Source: thesis B.2.3.5)."""
         read = self._data(lambda: self._eal.read_comm(id, length))
         if read is None:
             return FAILURE

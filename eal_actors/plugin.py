@@ -15,14 +15,13 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from eal_actors.device.data import DataType, EALData
-from eal_actors.device.differential_base import DifferentialBase, Drivetrain
-from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
-from eal_actors.device.link import Link
+from eal_actors.device.data import DataType, EALData, ValueInfo
+from eal_actors.device.differential_base import DifferentialBase, Drivetrain, WheelCalibration
+from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
+from eal_actors.device.link import FaultyLink as Link
 from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
-from eal_actors.device.ports import BytePort, ReopeningPort, TcpPort, open_serial, open_tcp
+from eal_actors.device.ports import BytePort, ReopeningPort, TcpPort, UdpPort, open_serial, open_tcp
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
-from eal_actors.device.wheels import WheelCalibration
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     ArgumentError,
@@ -63,6 +62,7 @@ __all__ = [
     "ResourceInfo",
     "ResourceType",
     "TcpPort",
+    "UdpPort",
     "UnavailableError",
     "UnsupportedError",
     "ValueInfo",

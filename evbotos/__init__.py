@@ -1,5 +1,5 @@
-"""EvBotOS: small bootable images whose robots serve their resources when they are switched on.
+"""EvBotOS: small bootable images whose robots serve their resources at power-on.
 
-What an image holds is said in YAML (`platforms/`, `images/`, a user's `local.yaml`); the modules here read it, plan
-the steps, and carry them out with Debian's packages and tools (Source: thesis chapters 3 and 5, appendix A).
+YAML files define the images (`platforms/`, `images/`, a user's `local.yaml`). These modules read them, plan
+the steps, and execute them with Debian's packages and tools (Source: thesis chapters 3 and 5, appendix A).
 """

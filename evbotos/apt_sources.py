@@ -1,4 +1,4 @@
-"""Where Debian's packages come from: the build machine's own apt configuration, or the user's mirror."""
+"""Sources of Debian packages: the build machine's apt configuration, or the user's mirror."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class Source:
     """One archive of a suite.
 
     Attributes:
-        uri: its address, without a slash at the end.
+        uri: its address without a trailing slash.
         suite: such as `bookworm-security`.
         components: such as `main`.
-        signed_by: keyring that its index is signed with.
+        signed_by: the keyring that verifies its index.
     """
 
     uri: str
@@ -32,26 +32,26 @@ class Source:
 
     @property
     def archive(self) -> Archive:
-        """What kind of archive of its suite it is."""
+        """The kind of archive within its suite."""
         _, _, kind = self.suite.partition("-")
         return "security" if kind == "security" else "updates" if kind == "updates" else "main"
 
     def line(self) -> str:
-        """Return it as in a sources.list."""
+        """Return its line of a sources.list."""
         return f"deb [signed-by={self.signed_by}] {self.uri} {self.suite} {' '.join(self.components)}"
 
 
 def sources_for(suite: str, mirror: str | None, folder: Path = APT, components: tuple[str, ...] = ()) -> list[Source]:
-    """Return where a suite's packages come from.
+    """Return the sources of a suite's packages.
 
     Args:
-        suite: of Debian, such as `bookworm`.
-        mirror: the user's own; then it is the only one.
+        suite: a Debian suite such as `bookworm`.
+        mirror: the user's mirror; if given, the only source.
         folder: apt's configuration.
-        components: of the archive, besides those that the build machine uses.
+        components: archive components in addition to those of the build machine.
 
     Raises:
-        BuildError: the build machine knows no source of that suite.
+        BuildError: the build machine has no source of that suite.
     """
     if mirror is not None:
         return [Source(mirror.rstrip("/"), suite, ("main", *components), _KEYRING)]

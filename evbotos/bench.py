@@ -1,4 +1,4 @@
-"""The benchmark of the thesis's chapter 5: eight operations on a matrix, beside the boards that it was run on then."""
+"""The benchmark of the thesis's chapter 5: eight matrix operations, compared with the thesis's boards."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ BUILD_TIMES_S: Final[dict[str, tuple[int, int]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Benchmark:
-    """What a run of the benchmark measured.
+    """The result of a benchmark run.
 
     Attributes:
-        engine: with its version.
-        where: the machine that it ran on.
+        engine: name and version.
+        where: the machine.
         n: rows and columns of the matrix.
         seconds: by operation.
     """
@@ -64,7 +64,7 @@ class Benchmark:
         return sum(self.seconds.values())
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as plain data, beside the thesis's boards."""
+        """Return plain data, including the thesis's boards."""
         boards = {name: dict(zip(OPERATIONS, times, strict=True)) for name, times in BOARDS.items()}
         return {**asdict(self), "total_s": round(self.total_s, 6), "thesis": {"n": THESIS_N, "boards": boards}}
 
@@ -78,30 +78,30 @@ def run_here(engine: Engine, n: int, program: str, timeout_s: float) -> Benchmar
     """Run the benchmark on this machine.
 
     Args:
-        engine: what computes.
+        engine: the numeric engine.
         n: rows and columns of the matrix.
         program: octave-cli, or a Python with numpy.
-        timeout_s: real seconds after which it is given up.
+        timeout_s: time limit in real seconds.
 
     Raises:
-        BuildError: the engine is not there, computes wrongly, or takes too long.
+        BuildError: the engine is missing, returns wrong results or exceeds the time limit.
     """
     options = ["--norc", "--quiet", "--no-history"] if engine == "octave" else []
     return run_by([program, *options, str(script_of(engine)), str(n)], None, n, here(), timeout_s)
 
 
 def run_by(argv: Sequence[str], data: bytes | None, n: int, where: str, timeout_s: float) -> Benchmark:
-    """Run the benchmark by a command, and read what it prints.
+    """Run the benchmark as a command and parse its output.
 
     Args:
         argv: the command.
         data: its input.
         n: rows and columns of the matrix.
-        where: the machine, in words.
-        timeout_s: real seconds after which it is given up.
+        where: a description of the machine.
+        timeout_s: time limit in real seconds.
 
     Raises:
-        BuildError: it fails, or takes too long; says what it said last.
+        BuildError: it fails or exceeds the time limit; includes its last output.
     """
     try:
         done = subprocess.run(  # noqa: S603  # our own programs
@@ -110,7 +110,7 @@ def run_by(argv: Sequence[str], data: bytes | None, n: int, where: str, timeout_
     except FileNotFoundError:
         raise BuildError(f"{argv[0]} is not installed") from None
     except subprocess.TimeoutExpired:
-        raise BuildError(f"the benchmark takes longer than {timeout_s:g} s; a smaller --n takes less") from None
+        raise BuildError(f"the benchmark takes longer than {timeout_s:g} s; use a smaller --n") from None
     said = done.stderr.decode(errors="replace").strip()
     if done.returncode:
         raise BuildError(f"the benchmark failed: {said or f'exit code {done.returncode}'}")
@@ -118,10 +118,10 @@ def run_by(argv: Sequence[str], data: bytes | None, n: int, where: str, timeout_
 
 
 def read_results(text: str, n: int, where: str) -> Benchmark:
-    """Return what an engine printed.
+    """Parse the output of an engine.
 
     Raises:
-        BuildError: it is not what an engine prints, or an operation is missing.
+        BuildError: the output is malformed, or an operation is missing.
     """
     engine, seconds = "", dict[str, float]()
     try:
@@ -132,15 +132,15 @@ def read_results(text: str, n: int, where: str) -> Benchmark:
             else:
                 seconds[told["operation"]] = float(told["seconds"])
     except (ValueError, KeyError, TypeError):
-        raise BuildError(f"the benchmark said what makes no sense: {line!r}") from None
+        raise BuildError(f"the benchmark printed an invalid line: {line!r}") from None
     if list(seconds) != list(OPERATIONS) or not engine:
         missing = ", ".join(name for name in OPERATIONS if name not in seconds)
-        raise BuildError(f"the benchmark did not come to its end; missing: {missing or 'the engine'}")
+        raise BuildError(f"the benchmark is incomplete; missing: {missing or 'the engine'}")
     return Benchmark(engine, where, n, seconds)
 
 
 def here() -> str:
-    """Return this machine in words."""
+    """Return a description of this machine."""
     return f"{platform.machine()}, {_processor()}"
 
 
@@ -153,5 +153,5 @@ def _processor() -> str:
 
 
 def default_program(engine: Engine) -> str:
-    """Return what runs an engine on this machine, unless the user names another."""
+    """Return the default program of an engine on this machine."""
     return "octave-cli" if engine == "octave" else sys.executable

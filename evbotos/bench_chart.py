@@ -1,4 +1,4 @@
-"""A picture of the benchmark beside the thesis's boards, as SVG or PNG."""
+"""A chart of the benchmark and the thesis's boards, as SVG or PNG."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ def draw_chart(benchmark: Benchmark, path: Path) -> None:
     """Draw the seconds of each operation, on a logarithmic axis.
 
     Args:
-        benchmark: what was measured.
-        path: the picture; its ending says which kind.
+        benchmark: the result.
+        path: the output file; its suffix selects the format.
 
     Raises:
         MissingToolsError: matplotlib is not installed.
@@ -36,7 +36,7 @@ def draw_chart(benchmark: Benchmark, path: Path) -> None:
         axes.set_yticks(range(len(names)), names)
         axes.invert_yaxis()
         axes.set_xscale("log")
-        axes.set_xlabel("seconds; the boards' at n = 1000")
+        axes.set_xlabel("seconds; boards at n = 1000")
         axes.set_title(f"Matrix benchmark on {benchmark.where}")
         figure.legend(loc="outside lower center", ncols=len(series))
         metadata = {"Date": None} if path.suffix == ".svg" else None

@@ -1,4 +1,4 @@
-"""`evbotos bench` and `evbotos times`: the tables of the thesis's chapter 5, with today's columns."""
+"""`evbotos bench` and `evbotos times`: the tables of the thesis's chapter 5, extended by current results."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from evbotos.errors import BuildError
 from evbotos.terminal import console, new_table, write_json
 
 _JsonOption = Annotated[bool, typer.Option("--json", help="Write JSON.")]
-_OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Folder of what was built.")]
+_OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Output folder of builds.")]
 _QEMU_MEMORY_MB: Final = 256
 
 
@@ -34,11 +34,11 @@ def bench(
     engine: Annotated[Engine, typer.Option(help="What computes.")] = "octave",
     n: Annotated[int, typer.Option("--n", min=10, max=20_000, help="Rows and columns of the matrix.")] = THESIS_N,
     in_image: Annotated[
-        bool, typer.Option("--in-image", help="Boot the octave image in QEMU, and run it there.")
+        bool, typer.Option("--in-image", help="Boot the octave image in QEMU and run the benchmark there.")
     ] = False,
     platform: Annotated[str, typer.Option(help="With --in-image: the board.")] = "qemu-amd64",
     program: Annotated[
-        str | None, typer.Option(help="What runs it here.", show_default="octave-cli, or this Python")
+        str | None, typer.Option(help="The program that runs it.", show_default="octave-cli, or this Python")
     ] = None,
     memory_mb: Annotated[int, typer.Option("--memory-mb", min=32, help="With --in-image: RAM.")] = _QEMU_MEMORY_MB,
     timeout_s: Annotated[float, typer.Option("--timeout-s", min=1, help="Give up after that.")] = 3600,
@@ -48,14 +48,14 @@ def bench(
     ] = None,
     as_json: _JsonOption = False,
 ) -> None:
-    """Run the thesis's eight matrix operations, and show them beside its three boards.
+    """Run the thesis's eight matrix operations and compare them with its three boards.
 
-    Every answer is examined. What is measured is kept as JSON and as a chart in the output folder.
+    Every result is verified. The output folder receives the measurements as JSON and as a chart.
     """
     if in_image:
         folder = output / f"{platform}-octave"
         if not (folder / "disk.img").is_file():
-            raise BuildError(f"{folder} is not built yet: `evbotos build {platform} octave`")
+            raise BuildError(f"{folder} is not built; run `evbotos build {platform} octave`")
         board = load_definitions().platform(platform)
         measured = run_in_image(board, folder, engine, n, memory_mb, timeout_s)
     else:
@@ -86,7 +86,7 @@ def _show(measured: Benchmark) -> None:
     table.add_row("total", *map(_seconds, totals), *_compared(measured.total_s, totals[-1], same))
     out.print(table)
     if not same:
-        out.print(f"The boards' times are for n = {THESIS_N}, so that they do not compare.")
+        out.print(f"The boards' times are for n = {THESIS_N} and not comparable.")
 
 
 def _seconds(seconds: float) -> str:
@@ -99,14 +99,14 @@ def _compared(seconds: float, then: float, same: bool) -> list[str]:
 
 
 def times(output: _OutputOption = OUTPUT, as_json: _JsonOption = False) -> None:
-    """Show how long each step of the last builds took, beside the thesis's table 5.1."""
+    """Show the duration of each step of the last builds, next to the thesis's table 5.1."""
     builds = [json.loads(path.read_text()) for path in sorted(output.glob("*/manifest.json"))]
     if as_json:
         rows = [{key: build[key] for key in ("platform", "image", "steps")} for build in builds]
         write_json({"builds": rows, "thesis": {name: list(seconds) for name, seconds in BUILD_TIMES_S.items()}})
         return
     if not builds:
-        raise BuildError(f"nothing is built yet in {output}: `evbotos build`")
+        raise BuildError(f"nothing is built in {output}; run `evbotos build`")
     steps = list(dict.fromkeys(step["name"] for build in builds for step in build["steps"]))
     table = new_table("platform", "image", *steps, "total")
     for build in builds:
@@ -115,7 +115,7 @@ def times(output: _OutputOption = OUTPUT, as_json: _JsonOption = False) -> None:
         total = sum(step["seconds"] for step in build["steps"])
         table.add_row(build["platform"], build["image"], *cells, f"{total:.1f}")
     out = console()
-    out.print("Seconds of the last build; a step in brackets was there already.")
+    out.print("Seconds of the last build; steps in brackets came from the cache.")
     out.print(table)
     out.print()
     table = new_table("the thesis's base image (table 5.1)", "two 3.00 GHz cores", "eight 2.66 GHz cores")

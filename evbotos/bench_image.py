@@ -1,4 +1,4 @@
-"""The benchmark inside an image, in QEMU: by SSH, with a key that is made for the occasion."""
+"""The benchmark inside an image in QEMU, started over SSH with a temporary key."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ def run_in_image(
     """Boot a built image and run the benchmark in it.
 
     Args:
-        platform: with an emulator.
-        folder: of what was built.
-        engine: what computes.
+        platform: a platform with an emulator.
+        folder: the output folder of the build.
+        engine: the numeric engine.
         n: rows and columns of the matrix.
         memory_mb: RAM of the machine.
         timeout_s: real seconds for the benchmark itself.
 
     Raises:
-        BuildError: it does not start, or the benchmark fails.
+        BuildError: the image does not start, or the benchmark fails.
     """
     with TemporaryDirectory(prefix="evbotos-bench-") as name:
         work = Path(name)
@@ -60,7 +60,7 @@ def _new_key(work: Path) -> Path:
 
 
 def _let_in(disk: Path, public: Path) -> None:
-    """Put a key onto the boot partition of a copy of the image."""
+    """Write a key to the boot partition of a copy of the image."""
     place = f"{disk}@@{START}"
     listed = run([tool("mdir"), "-b", "-i", place, "::/"], env={"MTOOLS_SKIP_CHECK": "1"})
     if "::/robot" not in listed:
@@ -82,4 +82,4 @@ def _wait_for(ssh: list[str], machine: Machine) -> None:
             return
         REAL_TIME.sleep(0.5)
     said = machine.console.read_text(errors="replace").splitlines()[-8:]
-    raise BuildError("\n".join(["the image does not let us in; its console said last:", *said]))
+    raise BuildError("\n".join(["the image refuses the login; last lines of its console:", *said]))

@@ -1,4 +1,4 @@
-"""What the kernel says of a disk: its size, whether it can be pulled out, and who uses it."""
+"""The kernel's description of a disk: size, removability and users."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from typing import Final
 from evbotos.errors import FlashError
 
 SECTOR: Final = 512
-"""What the kernel counts in, whatever the disk's own sectors are."""
+"""The kernel's unit of sizes, independent of the disk's sectors."""
 _ESCAPE: Final = re.compile(r"\\([0-7]{3})")
 _SYSTEM: Final = ("/", "/boot", "/boot/efi", "/usr", "/var", "/etc", "/home")
-"""Where what is mounted makes a disk the system's own."""
+"""Mount points that make a disk a system disk."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What an image is written to.
+    """The target of an image.
 
     Attributes:
-        path: as the user named it.
+        path: the user's path.
         size: in bytes.
-        model: maker's words, or what stands for a device.
-        is_removable: whether it is a medium that is pulled out: a card, or a stick.
-        is_device: False for a file that stands for one.
-        obstacles: why it must not be written, whatever the user says.
+        model: the manufacturer's description, or a description of the file.
+        is_removable: whether it is a removable medium: a card or a stick.
+        is_device: False for a regular file.
+        obstacles: reasons that forbid writing, regardless of options.
     """
 
     path: Path
@@ -41,10 +41,10 @@ class Target:
 
 
 class System:
-    """The kernel's own account of its disks.
+    """The kernel's view of its disks.
 
     Args:
-        root: folder above `proc` and `sys`.
+        root: the parent folder of `proc` and `sys`.
     """
 
     def __init__(self, root: Path = Path("/")) -> None:
@@ -52,10 +52,10 @@ class System:
         self._proc = root / "proc"
 
     def target(self, path: Path) -> Target:
-        """Return what is known of a device, or of a file that stands for one.
+        """Return the description of a device or a regular file.
 
         Raises:
-            FlashError: it is neither, or is a part of a disk.
+            FlashError: it is neither, or it is a partition.
         """
         try:
             found = path.stat()
@@ -70,20 +70,20 @@ class System:
         return self.disk(path, f"{os.major(found.st_rdev)}:{os.minor(found.st_rdev)}")
 
     def disk(self, path: Path, number: str) -> Target:
-        """Return what is known of a disk.
+        """Return the description of a disk.
 
         Args:
             path: its device file.
-            number: as the kernel counts it, `major:minor`.
+            number: the kernel's `major:minor`.
 
         Raises:
-            FlashError: the kernel does not know it, or it is a part of a disk.
+            FlashError: the kernel does not know it, or it is a partition.
         """
         node = (self._sys / "dev/block" / number).resolve()
         if not node.is_dir():
-            raise FlashError(f"the kernel knows nothing of {path} ({number})")
+            raise FlashError(f"the kernel does not know {path} ({number})")
         if (node / "partition").exists():
-            raise FlashError(f"{path} is one partition: the image is a whole disk, so name /dev/{node.parent.name}")
+            raise FlashError(f"{path} is a partition, but the image is a whole disk; use /dev/{node.parent.name}")
         obstacles = list(self._uses_of_disk(node))
         if _text(node / "ro") == "1":
             obstacles.append("it is write-protected (a card may have a switch for that)")
@@ -110,7 +110,7 @@ class System:
                 yield f"{where} is held by {holder} (a volume, an encrypted disk or a RAID)"
 
     def _upon(self, disk: Path) -> Iterator[Path]:
-        """Yield a disk, its partitions, and what is built on any of them."""
+        """Yield a disk, its partitions, and the devices built on them."""
         nodes = [disk, *(disk / name for name in _names(disk) if (disk / name / "partition").exists())]
         seen: set[Path] = set()
         while nodes:
@@ -124,12 +124,12 @@ class System:
     def _uses_of_file(self, path: Path) -> Iterator[str]:
         for loop in sorted((self._sys / "block").glob("loop*")):
             if _text(loop / "loop/backing_file") == str(path):
-                yield f"/dev/{loop.name} is made of it: losetup -d /dev/{loop.name}"
+                yield f"/dev/{loop.name} uses it: losetup -d /dev/{loop.name}"
         if str(path) in self._swap_files():
             yield "it is swap space of this system"
 
     def _mounts(self) -> dict[str, list[str]]:
-        """Return where each device is mounted, by number; also those that a file system names only by their path."""
+        """Return the mount points of each device by number, including devices that a file system names by path only."""
         found: dict[str, list[str]] = {}
         for line in _text(self._proc / "self/mountinfo").splitlines():
             before, _, after = line.partition(" - ")
@@ -151,7 +151,7 @@ class System:
 
 
 def _can_be_pulled_out(node: Path) -> bool:
-    """Return whether a disk is a medium: a USB disk with a fixed platter is none, an SD card in a built-in slot is."""
+    """Return whether a disk is removable: an SD card in a built-in slot is, a USB hard disk is not."""
     return _text(node / "removable") == "1" or _text(node / "device/type") == "SD"
 
 

@@ -57,7 +57,7 @@ _FOLDERS: Final = (
     "mnt",
 )
 _OWN: Final = f"{tree.SITE}/eal_actors"
-"""Compiled like the rest, but for the plugins: they are found by their source files, so that those stay."""
+"""Compiled like the rest, except plugins: the framework finds them by their source files."""
 _PACKAGED: Final = Path(str(packaged_kernel.__file__))
 _OPTIONAL: Final[tuple[str, ...]] = ()
 
@@ -71,14 +71,14 @@ def cache_folder(local: Local) -> Path:
 
 
 def kernel_key(platform: Platform, lock: Lock) -> str:
-    """Return the key under which a platform's kernel is kept."""
+    """Return the cache key of a platform's kernel."""
     wanted = platform.kernel
     fragments = kernel.fragments_text(wanted) if isinstance(wanted, Kernel) else file_sha256(_PACKAGED)
     return key_of([lock.kernel.sha256, wanted.model_dump(mode="json"), fragments])
 
 
 def has_kernel(platform: Platform, image: Image, local: Local) -> bool:
-    """Return whether the kernel, whose compilation takes longest by far, is in the cache already."""
+    """Return whether the cache holds the kernel, whose compilation takes longest."""
     lock = read_lock(lock_path(platform, image))
     return lock is not None and (cache_folder(local) / "kernel" / kernel_key(platform, lock)).is_dir()
 
@@ -88,10 +88,10 @@ class Build:
 
     Args:
         platform: the board.
-        image: what goes onto it.
+        image: the image definition.
         local: the user's settings.
-        lock_file: what pins all that is taken.
-        tell: told of each step that is made, and of warnings.
+        lock_file: the lock file.
+        tell: receives each executed step and each warning.
     """
 
     def __init__(
@@ -107,16 +107,16 @@ class Build:
         self._lock_file = lock_file
 
     def run(self, output: Path, *, update_lock: bool = False) -> Built:
-        """Build, or find built what is there already.
+        """Build the image, reusing cached steps.
 
         Args:
-            output: gets a folder for this platform and image.
-            update_lock: take the present versions, and write them down.
+            output: parent of the folder for this platform and image.
+            update_lock: resolve the current versions and write the lock file.
 
         Raises:
             BuildError: a step failed, or the lock file does not fit.
-            MissingToolsError: programs are not installed; all are named.
-            ConfigError: the lock file is wrong.
+            MissingToolsError: lists all programs that are not installed.
+            ConfigError: the lock file is invalid.
         """
         require(needed_for(self._platform))
         with owned(self._cache):
@@ -149,7 +149,7 @@ class Build:
     def _see_to_the_budget(self, taken_mb: float) -> None:
         budget_mb = self._image.budget_mb.root_with_kernel
         if taken_mb > budget_mb:
-            self._warn(f"root and kernel have {taken_mb:.1f} MB, over the budget of {budget_mb:g} MB")
+            self._warn(f"root and kernel take {taken_mb:.1f} MB, over the budget of {budget_mb:g} MB")
 
     def _apt(self, architecture: str) -> Apt:
         sources = sources_for(self._platform.suite, self._local.mirror, components=self._platform.components)
@@ -159,7 +159,7 @@ class Build:
     def _lock(self, update: bool) -> Lock:
         if not update:
             return require_lock(self._lock_file, self._platform, self._image)
-        self._tell("lock: asking for the present versions")
+        self._tell("lock: resolving the current versions")
         apt, old = self._apt(self._platform.architecture), read_lock(self._lock_file)
         return lock_present_versions(self._platform, self._image, apt, old, self._lock_file)
 
@@ -226,7 +226,7 @@ class Build:
             missing = tree.missing_libraries(out, _OPTIONAL)
             if missing:
                 told = "; ".join(f"{name} for {', '.join(sorted(users)[:3])}" for name, users in missing.items())
-                raise BuildError(f"shared libraries are missing, so something was left out that is needed: {told}")
+                raise BuildError(f"pruning removed required shared libraries: {told}")
 
         return Step("base", key_of(inputs, tree, pruning, bytecode), make)
 
@@ -296,7 +296,7 @@ class Build:
         return Step("grub", key_of([one.sha256 for one in wanted], grub), make)
 
     def _emulator_step(self, lock: Lock, kernel_folder: Path) -> Step:
-        """What QEMU has in place of a board's ROM and device tree."""
+        """Return the step that prepares QEMU's substitutes for a board's ROM and device tree."""
         emulator, loader = self._platform.emulator, self._platform.emulator_loader
         wanted = [package for package in lock.build_packages if loader is not None and package.name == loader.package]
         told = emulator and emulator.model_dump(mode="json")

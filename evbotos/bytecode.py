@@ -1,4 +1,4 @@
-"""Compiled Python: what Debian's own scripts would compile on the board is compiled here, once."""
+"""Compiled Python: compiles at build time what Debian's scripts would compile on the board."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from evbotos.errors import BuildError
 from evbotos.shell import run
 
 MAGIC: Final = b"\xa7\r\r\n"
-"""Of the compiled files of Python 3.11, any architecture."""
+"""The magic number of files compiled by Python 3.11, for any architecture."""
 OPENCV: Final = "cv2"
-"""A package that reads files of its own as source, so that these stay."""
+"""A package that reads its own source files; they stay uncompiled."""
 _ASK: Final = "import importlib.util, sys; sys.stdout.buffer.write(importlib.util.MAGIC_NUMBER)"
 _CANDIDATES: Final = (sys.executable, "python3.11", "/usr/bin/python3.11", "/usr/bin/python3")
 
 
 def find_python() -> str:
-    """Return a Python of the build machine whose compiled files the image's Python can read.
+    """Return a Python of the build machine that compiles for the image's Python.
 
     Raises:
         BuildError: there is none.
@@ -31,17 +31,17 @@ def find_python() -> str:
             done = subprocess.run([program, "-I", "-c", _ASK], capture_output=True, check=False)  # noqa: S603
             if done.stdout == MAGIC:
                 return program
-    raise BuildError("the image's Python is 3.11, and so must be that which compiles for it: install python3.11")
+    raise BuildError("the image has Python 3.11, which must also compile for it; install python3.11")
 
 
 def compile_tree(root: Path, folders: list[str], *, sourceless: bool, skip: str | None = None) -> None:
-    """Compile the Python files of some folders of a tree, with paths as they are in the image.
+    """Compile the Python files in folders of a tree, with the image's paths.
 
     Args:
-        root: of the tree.
-        folders: below it.
-        sourceless: put the compiled file in the place of its source.
-        skip: pattern of paths that are not compiled, if any.
+        root: the root of the tree.
+        folders: relative to the root.
+        sourceless: replace each source file by its compiled file.
+        skip: a pattern of paths that stay uncompiled.
 
     Raises:
         BuildError: a file cannot be compiled.
@@ -63,7 +63,7 @@ def compile_tree(root: Path, folders: list[str], *, sourceless: bool, skip: str 
         "/",
         *mode,
     ]
-    # One process with a fixed order of sets: else two builds differ.
+    # One process with a fixed hash seed; otherwise builds are not reproducible.
     run([find_python(), "-m", "compileall", *how, *places], env={"PYTHONHASHSEED": "0", "PYTHONNOUSERSITE": "1"})
     if sourceless:
         for place in places:

@@ -28,7 +28,7 @@ from evbotos.terminal import EPILOG, ExitCode, console, new_table, report, write
 
 
 class _Program(TyperGroup):
-    """The one place where an error becomes a message and an exit code."""
+    """Maps errors to messages and exit codes, in this one place."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -42,7 +42,7 @@ class _Program(TyperGroup):
 app = typer.Typer(
     name="evbotos",
     cls=_Program,
-    help="Build, try and install small bootable images whose robots serve their resources.",
+    help="Build, run and install small bootable images whose robots serve their resources.",
     epilog=EPILOG,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -58,9 +58,9 @@ app.command("slot")(slot)
 _PlatformArgument = Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")]
 _ImageArgument = Annotated[str, typer.Argument(metavar="[IMAGE]", help="What goes onto it.")]
 _LocalOption = Annotated[
-    Path | None, typer.Option("--local", help="Your own settings, which win.", show_default="local.yaml, if it is here")
+    Path | None, typer.Option("--local", help="Your settings; they override others.", show_default="local.yaml")
 ]
-_OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Folder of what was built.")]
+_OutputOption = Annotated[Path, typer.Option("--output", "-o", help="Output folder of builds.")]
 _JsonOption = Annotated[bool, typer.Option("--json", help="Write JSON.")]
 
 
@@ -90,7 +90,7 @@ def list_definitions(local: _LocalOption = None, as_json: _JsonOption = False) -
 
 @app.command("check")
 def check_definitions(local: _LocalOption = None, as_json: _JsonOption = False) -> None:
-    """Check every definition, lock file and local.yaml; all problems at once."""
+    """Check every definition, lock file and local.yaml; report all problems at once."""
     found = load_definitions(local)
     problems: list[Problem] = []
     plans = 0
@@ -106,7 +106,7 @@ def check_definitions(local: _LocalOption = None, as_json: _JsonOption = False) 
                 continue
             plans += 1
             if plan["locked_packages"] is not None and not plan["lock_is_current"]:
-                message = "is older than the definitions; `evbotos build --update-lock` writes it anew"
+                message = "is older than the definitions; `evbotos build --update-lock` rewrites it"
                 problems.append(Problem(found.lock_path(platform, image).name, 0, 0, "", message))
     if problems:
         raise ConfigError(sorted(set(problems)))
@@ -155,11 +155,11 @@ def build_image(
     local: _LocalOption = None,
     output: _OutputOption = OUTPUT,
     update_lock: Annotated[
-        bool, typer.Option("--update-lock", help="Take the present versions, and lock them.")
+        bool, typer.Option("--update-lock", help="Resolve the current versions and lock them.")
     ] = False,
     as_json: _JsonOption = False,
 ) -> None:
-    """Build an image; goes on where an interrupted build stopped, and does nothing twice."""
+    """Build an image. An interrupted build resumes; cached steps are reused."""
     found, board, what = _chosen(platform, image, local)
     start_s, progress = REAL_TIME.now(), console(error=True)
 
@@ -188,7 +188,7 @@ def show_sizes(
     most: Annotated[int, typer.Option("--most", "-n", min=1, help="Rows to show.")] = 25,
     as_json: _JsonOption = False,
 ) -> None:
-    """Show what the megabytes of a built image are made of."""
+    """Show the size of a built image by component."""
     folder = _built_folder(output, platform, image)
     groups = json.loads((folder / "sizes.json").read_text())
     report_ = json.loads((folder / "manifest.json").read_text())
@@ -210,7 +210,7 @@ def show_sizes(
     out.print(f"disk: {round(report_['files']['disk.img']['mb'] * 1e6) >> 20} MiB with both slots")
     made = [step for step in report_["steps"] if not step["cached"]]
     seconds = sum(step["seconds"] for step in report_["steps"])
-    out.print(f"last build: {seconds:.1f} s, for {len(made)} of {len(report_['steps'])} steps; the others were kept")
+    out.print(f"last build: {seconds:.1f} s, for {len(made)} of {len(report_['steps'])} steps; the others were cached")
 
 
 @app.command("run")
@@ -222,12 +222,12 @@ def run_image(
     memory_mb: Annotated[
         int | None, typer.Option("--memory-mb", min=16, help="RAM.", show_default="the platform's")
     ] = None,
-    keep: Annotated[bool, typer.Option("--keep", help="Keep what the system writes to its disk.")] = False,
+    keep: Annotated[bool, typer.Option("--keep", help="Keep changes to the disk.")] = False,
 ) -> None:
-    """Run a built image in QEMU, with its ports forwarded to this machine, until Ctrl-C."""
+    """Run a built image in QEMU until Ctrl-C, with its ports forwarded to this machine."""
     _, board, _ = _chosen(platform, image, local)
     if board.emulator is None:
-        raise BuildError(f"QEMU has no machine that stands in for {board.name}")
+        raise BuildError(f"QEMU cannot emulate {board.name}")
     require([board.emulator.program])
     folder = _built_folder(output, platform, image)
     run_emulator(board, folder, console(), memory_mb=memory_mb, keep=keep)
@@ -241,7 +241,7 @@ def _chosen(platform: str, image: str, local: Path | None) -> tuple[Definitions,
 def _built_folder(output: Path, platform: str, image: str) -> Path:
     folder = output / f"{platform}-{image}"
     if not (folder / "manifest.json").is_file():
-        raise BuildError(f"{folder} is not built yet: `evbotos build {platform} {image}`")
+        raise BuildError(f"{folder} is not built; run `evbotos build {platform} {image}`")
     return folder
 
 

@@ -1,4 +1,4 @@
-"""Python packages that have no wheel for a platform: compiled from their source, with the sysroot of its SDK."""
+"""Python packages without a wheel for a platform, compiled from source with the sysroot of its SDK."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from evbotos.sdk import ENVIRONMENT, environment_text, make_sysroot, python_of
 from evbotos.shell import run
 
 SYSROOT: Final = ("libc6-dev", "libpython3-dev")
-"""Debian packages that the sysroot is made of, with what they depend on."""
+"""Debian packages of the sysroot, in addition to their dependencies."""
 _PIP: Final = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
 _BUILD: Final = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
 _COMPILE: Final = (
@@ -30,10 +30,10 @@ _COMPILE: Final = (
 
 
 def resolve_sources(platform: Platform, names: Iterable[str]) -> list[LockedSource]:
-    """Return the newest sources of Python packages, with the versions of the tools that compile them.
+    """Return the newest sources of Python packages, with the versions of their build tools.
 
     Raises:
-        BuildError: there is no source of one, or no such tool.
+        BuildError: a source or a build tool is missing.
     """
     found = []
     for name in names:
@@ -56,10 +56,10 @@ def resolve_sources(platform: Platform, names: Iterable[str]) -> list[LockedSour
 
 
 def fetch_sources(sources: Iterable[LockedSource], folder: Path) -> list[Path]:
-    """Return the files of sources, out of a folder that keeps them by hash; those that it lacks are downloaded.
+    """Return the files of sources from a cache keyed by hash; download missing ones.
 
     Raises:
-        BuildError: one is not offered any more, or is not what was locked.
+        BuildError: a file is no longer offered, or does not match the lock.
     """
     files = []
     for source in sources:
@@ -72,7 +72,7 @@ def fetch_sources(sources: Iterable[LockedSource], folder: Path) -> list[Path]:
             got = _download(f"{source.name}=={source.version}", Path(part))
             if file_sha256(got) != source.sha256:
                 raise BuildError(
-                    f"{source.file}, as locked, cannot be had; `evbotos build --update-lock` takes another"
+                    f"{source.file}, as locked, is unavailable; `evbotos build --update-lock` selects another"
                 )
             got.replace(file)
     return files
@@ -82,24 +82,24 @@ def _download(demand: str, folder: Path) -> Path:
     run([*_PIP, "download", "--no-deps", "--no-binary=:all:", "--dest", folder, demand], timeout_s=900)
     found = list(folder.glob("*.tar.gz"))
     if len(found) != 1:
-        raise BuildError(f"there is no source of {demand} that pip would compile")
+        raise BuildError(f"{demand} has no source that pip can compile")
     return found[0]
 
 
 def compile_wheels(
     platform: Platform, sources: Iterable[tuple[LockedSource, Path]], debs: Iterable[Path], out: Path, epoch: int
 ) -> None:
-    """Compile wheels of Python packages for a platform; the same sources and tools give the same wheels.
+    """Compile wheels of Python packages for a platform, reproducibly.
 
     Args:
-        platform: where they run.
-        sources: what was locked, with its file.
-        debs: files of the packages of the sysroot.
-        out: folder that gets the wheels.
-        epoch: the date of everything.
+        platform: the target platform.
+        sources: the locked sources with their files.
+        debs: the package files of the sysroot.
+        out: the output folder.
+        epoch: the date of every file.
 
     Raises:
-        BuildError: one does not compile.
+        BuildError: a package does not compile.
     """
     out.mkdir(parents=True)
     with TemporaryDirectory(dir=out.parent, prefix=".part-compile-") as name:

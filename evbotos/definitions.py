@@ -1,4 +1,4 @@
-"""Read the definitions: every problem of all files at once, with file, line and column."""
+"""Reading the definitions; all problems of all files are reported at once with file, line and column."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _M = TypeVar("_M", bound=StrictModel)
 
 @dataclass(frozen=True, slots=True)
 class Definitions:
-    """Everything that can be built.
+    """All platforms and images.
 
     Attributes:
         platforms: by name.
-        images: by name, each with what it includes and with what the user changes.
+        images: by name, with included images and the user's changes merged.
         local: the user's own settings.
-        own_locks: folder of the user's own lock files, beside `local.yaml`.
-        changed: platforms and images for which the user asks for other packages, wheels or kernels.
+        own_locks: the folder of the user's lock files, next to `local.yaml`.
+        changed: platforms and images whose packages, wheels or kernels the user changes.
     """
 
     platforms: dict[str, Platform]
@@ -40,15 +40,15 @@ class Definitions:
     changed: frozenset[tuple[str, str]]
 
     def platform(self, name: str) -> Platform:
-        """Return a platform; raises ConfigError for an unknown one."""
+        """Return a platform. Raises ConfigError for an unknown name."""
         return _known("platform", name, self.platforms)
 
     def image(self, name: str) -> Image:
-        """Return an image; raises ConfigError for an unknown one."""
+        """Return an image. Raises ConfigError for an unknown name."""
         return _known("image", name, self.images)
 
     def lock_path(self, platform: Platform, image: Image) -> Path:
-        """Return where the lock file of an image is: the user's own, where `local.yaml` changes what is asked for."""
+        """Return the lock file of an image: the user's own if `local.yaml` changes its contents."""
         is_own = (platform.name, image.name) in self.changed
         return lock.lock_path(platform, image, self.own_locks if is_own else lock.FOLDER)
 
@@ -57,11 +57,11 @@ def load_definitions(local: Path | None = None, folder: Path = FOLDER) -> Defini
     """Read all platforms and images.
 
     Args:
-        local: the user's file; `local.yaml` in the working directory if it is there, for None.
-        folder: where `platforms/` and `images/` are.
+        local: the user's file; None selects `local.yaml` in the working directory, if present.
+        folder: the parent of `platforms/` and `images/`.
 
     Raises:
-        ConfigError: with every problem of all the files.
+        ConfigError: lists every problem of all files.
     """
     problems: list[Problem] = []
     platforms = _read_folder(folder / "platforms", Platform, problems)
@@ -101,7 +101,7 @@ def _read_folder(folder: Path, model: type[_M], problems: list[Problem]) -> dict
             continue
         name: str = getattr(definition, "name", path.stem)
         if name != path.stem:
-            problems.append(Problem(str(path), 0, 0, "name", f"is '{name}', but the file is called {path.name}"))
+            problems.append(Problem(str(path), 0, 0, "name", f"is '{name}', but the file is {path.name}"))
         found[path.stem] = definition
     return found
 
@@ -122,7 +122,7 @@ def _read(path: Path, model: type[_M], problems: list[Problem]) -> _M | None:
 def _with_includes(
     name: str, raw: dict[str, Image], folder: Path, problems: list[Problem], way: tuple[str, ...]
 ) -> Image:
-    """Return an image with the lists of those that it includes before its own."""
+    """Return an image whose lists begin with those of its included images."""
     image, file = raw[name], str(folder / "images" / f"{name}.yaml")
     if name in way:
         problems.append(Problem(file, 0, 0, "include", f"include loop: {' -> '.join([*way, name])}"))
@@ -137,7 +137,7 @@ def _with_includes(
         for key in LISTS:
             lists[key] += getattr(base, key)
     joined = {key: tuple(dict.fromkeys([*lists[key], *getattr(image, key)])) for key in LISTS}
-    asked = set(joined["packages"])  # what an image asks for wins over what an included one leaves out
+    asked = set(joined["packages"])  # an image's own packages override what an included image leaves out
     joined["drop_packages"] = tuple(name for name in joined["drop_packages"] if name not in asked)
     return image.model_copy(update=joined)
 

@@ -1,4 +1,4 @@
-"""A whole disk in a file: boot partition, two slots for the root, data; no loop device, no mounts, no root.
+"""A disk image: boot partition, two root slots, data; made without loop devices, mounts or root privileges.
 
 A board that cannot start from the drive which has room for a system starts from a small one: that has the boot
 partition alone, and its kernel takes the root from the other.
@@ -56,7 +56,7 @@ def parts_of(layout: Layout) -> Parts:
 
 
 def kernel_line(platform: Platform) -> str:
-    """Return what the kernel is told when it starts, but for where the root is."""
+    """Return the kernel's command line without the root device."""
     console = [f"console={platform.console},115200"] if platform.console is not None else []
     own = ("ro", "rootwait", "init=/usr/lib/evbotos/init", *console, "panic=5", "quiet")
     return " ".join([*own, *platform.kernel_arguments])
@@ -64,16 +64,16 @@ def kernel_line(platform: Platform) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Contents:
-    """What goes onto a disk.
+    """The contents of a disk.
 
     Attributes:
         platform: the board.
-        root: the squashed root, for slot A.
-        kernel: the kernel's file, for each of the slots, where a loader on the disk starts it.
-        board: folder with what the board's ROM loads, laid on the boot partition, or None.
-        grub: folder with GRUB's images, which are written before it, or None.
-        boot_files: folder that is laid on the boot partition as `robot`, or None.
-        epoch: the date of everything.
+        root: the compressed root file system for slot A.
+        kernel: the kernel file for both slots, if a loader on the disk starts it.
+        board: a folder with the files that the board's ROM loads, for the boot partition, or None.
+        grub: a folder with GRUB's images, which are written before the first partition, or None.
+        boot_files: a folder that becomes `robot` on the boot partition, or None.
+        epoch: the date of every file.
     """
 
     platform: Platform
@@ -89,7 +89,7 @@ def write_disk(out: Path, layout: Layout, contents: Contents) -> None:
     """Write a disk image: slot A holds the root, slot B is empty.
 
     Raises:
-        BuildError: something does not fit, or a tool failed.
+        BuildError: a part does not fit, or a tool failed.
     """
     parts = parts_of(layout)
     _require_room("the root file system", contents.root, parts.slot_a[1], "`layout: {slot: ...}`")
@@ -104,12 +104,12 @@ def write_disk(out: Path, layout: Layout, contents: Contents) -> None:
 
 
 def write_boot_drive(out: Path, layout: Layout, contents: Contents) -> None:
-    """Write the image of a small drive that starts a machine whose main drive has the disk image.
+    """Write the image of a small boot drive for a machine whose BIOS cannot read its main drive.
 
-    What it has on its boot partition is what counts: kernels, which slot starts, the robot's files.
+    The boot partition of the small drive is authoritative: kernels, the selected slot and the robot's files.
 
     Raises:
-        BuildError: something does not fit, or a tool failed.
+        BuildError: a part does not fit, or a tool failed.
     """
     boot = parts_of(layout).boot
     with out.open("wb") as file:
@@ -130,7 +130,7 @@ def _write_boot(out: Path, disk_id: str, place: tuple[int, int], contents: Conte
 
 def _require_room(what: str, path: Path, room: int, remedy: str) -> None:
     if path.stat().st_size > room:
-        raise BuildError(f"{what} has {path.stat().st_size / 1e6:.1f} MB, but its place {room / 1e6:.1f} MB: {remedy}")
+        raise BuildError(f"{what} has {path.stat().st_size / 1e6:.1f} MB, its partition {room / 1e6:.1f} MB: {remedy}")
 
 
 def _write_table(out: Path, disk_id: str, *parts: tuple[tuple[int, int], str, str]) -> None:
@@ -157,7 +157,7 @@ def _fill_boot(boot: Path, contents: Contents, line: str) -> None:
 
 
 def _fill_slots(boot: Path, contents: Contents, line: str) -> None:
-    """Lay out what starts one of two slots: their kernels, the loader's instructions, and the choice."""
+    """Lay out the boot files of both slots: kernels, the loader's script and the selected slot."""
     _require_room("the kernel", contents.kernel, KERNEL_ROOM, "another kernel")
     for slot in "ab":
         kernel = boot / f"vmlinuz-{slot}"
@@ -179,13 +179,13 @@ def _fat(tree: Path, volume_id: str, size: int, work: Path, epoch: int) -> Path:
     with out.open("wb") as file:
         file.truncate(size)
     run([tool("mformat"), "-i", out, "-N", volume_id, "-v", "EVBOT", "-T", str(size // grub.SECTOR), "::"], env=env)
-    # Capitals are sorted first, and the OMAP's ROM wants MLO to be the first file.
+    # Capitals sort first, and the OMAP's ROM requires MLO to be the first file.
     run([tool("mcopy"), "-i", out, "-s", "-m", "-Q", *sorted(tree.iterdir()), "::/"], env=env)
     return out
 
 
 def _ext4(size: int, work: Path, epoch: int) -> Path:
-    """Return an empty ext4 file system; without the features that need room or a large kernel."""
+    """Return an empty ext4 file system without features that need space or a large kernel."""
     out = work / "data.ext4"
     with out.open("wb") as file:
         file.truncate(size)

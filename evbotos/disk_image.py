@@ -1,4 +1,4 @@
-"""Whether a file is the image of a whole disk: a partition table whose partitions all lie within it."""
+"""Validation of disk images: a partition table whose partitions all lie within the file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ENTRY: Final = struct.Struct("<B3xB3xII")
 _GPT_TYPE: Final = 0xEE
 _GPT: Final = b"EFI PART"
 _OTHERS: Final = (
-    (0, b"hsqs", "a root file system alone (squashfs); the disk image lies beside it"),
+    (0, b"hsqs", "a root file system (squashfs); the disk image is next to it"),
     (0, b"\x1f\x8b", "compressed by gzip: gunzip it first"),
     (0, b"\xfd7zXZ\0", "compressed by xz: unxz it first"),
     (0, b"\x28\xb5\x2f\xfd", "compressed by zstd: unzstd it first"),
@@ -33,8 +33,8 @@ class DiskImage:
 
     Attributes:
         path: the file.
-        size: in bytes, whole sectors.
-        partitions: how many its table names.
+        size: in bytes, a multiple of the sector size.
+        partitions: the number of partitions.
     """
 
     path: Path
@@ -43,10 +43,10 @@ class DiskImage:
 
 
 def check_image(path: Path) -> DiskImage:
-    """See that a file is the image of a disk.
+    """Check that a file is a disk image.
 
     Raises:
-        FlashError: it is something else, or only a part of one; says what.
+        FlashError: the file is something else or truncated.
     """
     try:
         with path.open("rb") as file:
@@ -58,27 +58,27 @@ def check_image(path: Path) -> DiskImage:
         raise FlashError(f"{path} is not a file")
     for offset, magic, words in _OTHERS:
         if head[offset:].startswith(magic):
-            raise FlashError(f"{path} is no disk image, but {words}")
+            raise FlashError(f"{path} is not a disk image but {words}")
     if head[SECTOR - 2 : SECTOR] != _SIGNATURE:
-        raise FlashError(f"{path} is no disk image: it has no partition table")
+        raise FlashError(f"{path} is not a disk image: it has no partition table")
     entries = [_ENTRY.unpack_from(head, _TABLE_AT + _ENTRY.size * index) for index in range(4)]
     used = [(kind, start, count) for _, kind, start, count in entries if kind]
     if not used:
-        raise FlashError(f"{path} is no disk image: its partition table is empty")
+        raise FlashError(f"{path} is not a disk image: its partition table is empty")
     _require_whole(path, size, head, used)
     return DiskImage(path, size, len(used))
 
 
 def _require_whole(path: Path, size: int, head: bytes, used: list[tuple[int, int, int]]) -> None:
     if size % SECTOR:
-        raise FlashError(f"{path} is cut off: {size} bytes are not whole sectors of {SECTOR}")
-    if any(kind == _GPT_TYPE for kind, _, _ in used):  # its one entry says the most that a disk could have
+        raise FlashError(f"{path} is truncated: {size} bytes are not a multiple of {SECTOR}")
+    if any(kind == _GPT_TYPE for kind, _, _ in used):  # its only entry names the maximum size of a disk
         if head[SECTOR:].startswith(_GPT):
             (end,) = struct.unpack_from("<Q", head, SECTOR + 32)
             end += 1
         else:
-            raise FlashError(f"{path} is no disk image: its table announces a GPT that is not there")
+            raise FlashError(f"{path} is not a disk image: its table announces a missing GPT")
     else:
         end = max(start + count for _, start, count in used)
     if end * SECTOR > size:
-        raise FlashError(f"{path} is cut off: its partitions end at byte {end * SECTOR}, it at {size}")
+        raise FlashError(f"{path} is truncated: its partitions end at byte {end * SECTOR}, the file at {size}")

@@ -1,4 +1,4 @@
-"""What can go wrong beside a wrong definition, which is a ConfigError."""
+"""Errors of builds and installations; an invalid definition is a ConfigError."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from eal_actors.kernel.errors import EALError
 
 
 class BuildError(EALError, RuntimeError):
-    """A step of a build that failed: which one, with what, and where its log is."""
+    """A build step failed; names the step, the cause and its log."""
 
     code = "build"
 
 
 class DiskFullError(BuildError):
-    """The disk of the build machine is full; steps that were finished are kept."""
+    """The disk of the build machine is full; finished steps are kept."""
 
 
 class MissingToolsError(EALError, LookupError):
-    """Programs of the build machine that are not installed: all of them, with the packages that have them."""
+    """Programs are missing on the build machine; lists all of them with their packages."""
 
     code = "missing_tools"
 
 
 class FlashError(EALError, RuntimeError):
-    """A device that must not be written, or that did not keep what was written."""
+    """A device must not be written, or did not keep the written data."""
 
     code = "flash"
 
 
 class UpdateError(EALError, RuntimeError):
-    """An update that cannot be made: its key is not there, or is none."""
+    """An update cannot be created: its key is missing or invalid."""
 
     code = "update"

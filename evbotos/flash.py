@@ -1,7 +1,7 @@
-"""Writing an image to a card or a disk, and making sure that it is on it (Source: thesis A.5).
+"""Writing an image to a card or disk, with verification (Source: thesis A.5).
 
-The first block, where the partition table is, is cleared before all others and written after all others: a card whose
-writing was interrupted looks empty, and not like a robot's.
+The first block holds the partition table. It is cleared before all others and written after all others: a card whose
+writing was interrupted looks empty, not like a valid image.
 """
 
 from __future__ import annotations
@@ -26,47 +26,47 @@ from evbotos.hosttools import tool
 from evbotos.shell import run
 
 BLOCK: Final = 1 << 22
-"""Bytes that are written, and compared, at a time."""
+"""Bytes per write and comparison."""
 _TABLE_MARK: Final = b"\x55\xaa"
-"""The end of the first sector of every disk with partitions: of an MBR's, and of a GPT's protective one."""
+"""The end of the first sector of every partitioned disk: of an MBR and of a GPT's protective MBR."""
 _BLKRRPART: Final = 0x125F
 _BLKFLSBUF: Final = 0x1261
 _GONE: Final = (errno.ENODEV, errno.ENXIO, errno.ENOMEDIUM)
 
 Phase = Literal["writing", "checking"]
 Tell = Callable[[Phase, int], None]
-"""Told the phase, and the bytes that are done of it."""
+"""Receives the phase and its finished bytes."""
 
 
 class Medium(Protocol):
-    """What takes blocks and gives them back."""
+    """A storage medium for blocks."""
 
     def write_at(self, data: memoryview, offset: int) -> int:
-        """Write some of the data, at least a byte; returns how many bytes. Raises OSError."""
+        """Write at least one byte of the data; return the number of bytes written. Raises OSError."""
         ...
 
     def read_at(self, size: int, offset: int) -> bytes:
-        """Return up to `size` bytes, none at the end. Raises OSError."""
+        """Return up to `size` bytes, or no bytes at the end. Raises OSError."""
         ...
 
     def sync(self) -> None:
-        """Return when what was written is on the medium. Raises OSError."""
+        """Block until the written data is on the medium. Raises OSError."""
         ...
 
     def forget(self) -> None:
-        """See that reading from now on asks the medium and not the computer's memory of it."""
+        """Discard the page cache, so that later reads come from the medium."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """Something that is on a disk before it is written.
+    """Existing data that writing destroys.
 
     Attributes:
-        name: partition, or the disk where it has no partitions.
+        name: the partition, or the disk if it has no partitions.
         size: in bytes.
-        kind: file system or what else is there, or an empty text.
-        label: its name, or an empty text.
+        kind: the file system or other content; empty if unknown.
+        label: its label; may be empty.
     """
 
     name: str
@@ -77,13 +77,13 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class Flashed:
-    """A disk that holds an image.
+    """A disk with a verified image.
 
     Attributes:
-        size: bytes that were written and compared.
-        sha256: of them.
-        write_s: real seconds until all was on the medium.
-        check_s: real seconds of reading back.
+        size: bytes written and compared.
+        sha256: the hash of these bytes.
+        write_s: real seconds of writing.
+        check_s: real seconds of verification.
     """
 
     size: int
@@ -93,17 +93,17 @@ class Flashed:
 
 
 def refusals(image: DiskImage, target: Target, may_be_fixed: bool) -> list[str]:
-    """Return every reason why an image must not be written to a target; none if it may.
+    """Return every reason against writing an image to a target.
 
     Args:
-        image: what is to be written.
-        target: where.
-        may_be_fixed: whether the user allows what is not a removable medium.
+        image: the image.
+        target: the target.
+        may_be_fixed: whether the user allows a fixed disk.
     """
     reasons = list(target.obstacles)
     if not target.is_removable and not may_be_fixed:
         what = "a fixed disk" if target.is_device else "a file"
-        reasons.append(f"it is {what} and not a removable medium: --not-removable if you mean it")
+        reasons.append(f"it is {what} and not a removable medium; use --not-removable to allow it")
     if target.size < image.size:
         reasons.append(f"it is too small: {target.size} bytes for an image of {image.size}")
     if target.path.exists() and target.path.samefile(image.path):
@@ -112,7 +112,7 @@ def refusals(image: DiskImage, target: Target, may_be_fixed: bool) -> list[str]:
 
 
 def what_is_on(target: Target) -> list[Lost]:
-    """Return what would be lost, as far as the disk tells: its partitions, or what fills it without any."""
+    """Return the data that writing destroys: the disk's partitions, or its unpartitioned content."""
     table = _partition_table(target.path)
     if table is None:
         kind, label = _probe(target.path, 0, target.size)
@@ -127,28 +127,28 @@ def what_is_on(target: Target) -> list[Lost]:
 
 
 def _partition_table(path: Path) -> dict[str, Any] | None:
-    """Return the partitions of a disk as sfdisk tells them, or None if it has none."""
+    """Return the partitions of a disk as reported by sfdisk, or None without a partition table."""
     try:
         with path.open("rb") as disk:
             is_marked = disk.read(SECTOR)[-len(_TABLE_MARK) :] == _TABLE_MARK
-    except OSError:  # opening it for writing will tell why
+    except OSError:  # opening it for writing reports the reason
         return None
     if not is_marked:
         return None
     sfdisk = tool("sfdisk")
     try:
         table: dict[str, Any] = json.loads(run([sfdisk, "--json", path], timeout_s=60))["partitiontable"]
-    except BuildError:  # the mark is that of a boot sector without partitions
+    except BuildError:  # a boot sector without partitions has the same signature
         return None
     return table
 
 
 def _probe(path: Path, offset: int, size: int) -> tuple[str, str]:
-    """Return the file system and the label at a place of a disk."""
+    """Return the file system and label at an offset of a disk."""
     place = ["--offset", str(offset), "--size", str(size)]
     try:
         said = run([tool("blkid"), "--probe", *place, "--output", "export", path], timeout_s=60)
-    except BuildError:  # it knows nothing of what is there
+    except BuildError:  # unknown content
         return "", ""
     fields = dict(line.split("=", 1) for line in said.splitlines() if "=" in line)
     return fields.get("TYPE", fields.get("PTTYPE", "")), fields.get("LABEL", "").replace("\\ ", " ")
@@ -156,22 +156,22 @@ def _probe(path: Path, offset: int, size: int) -> tuple[str, str]:
 
 @contextlib.contextmanager
 def opened(target: Target) -> Iterator[Medium]:
-    """Open a target for nobody else.
+    """Open a target exclusively.
 
     Raises:
-        FlashError: something uses it after all, or it cannot be opened.
+        FlashError: it is in use, or it cannot be opened.
     """
-    exclusive = os.O_EXCL if target.is_device else 0  # to the kernel: fail if it is mounted anywhere, or held
+    exclusive = os.O_EXCL if target.is_device else 0  # fails if the device is mounted or held
     try:
         descriptor = os.open(target.path, os.O_RDWR | os.O_CLOEXEC | exclusive)
     except PermissionError:
-        raise FlashError(f"{target.path} may not be written by this user: sudo, or the group `disk`") from None
+        raise FlashError(f"{target.path} is not writable by this user; use sudo or join the group `disk`") from None
     except OSError as error:
         reason = "something uses it" if error.errno == errno.EBUSY else error.strerror
         raise FlashError(f"{target.path} cannot be opened: {reason}") from None
     try:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # which keeps udev from looking into it meanwhile
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # keeps udev from probing the device
         except BlockingIOError:
             raise FlashError(f"{target.path} is being written or examined by another program") from None
         yield _OpenMedium(descriptor, target.is_device)
@@ -180,7 +180,7 @@ def opened(target: Target) -> Iterator[Medium]:
 
 
 class _OpenMedium:
-    """A medium that is an open device or file."""
+    """An open device or file."""
 
     def __init__(self, descriptor: int, is_device: bool) -> None:
         self._descriptor = descriptor
@@ -198,24 +198,24 @@ class _OpenMedium:
     def forget(self) -> None:
         os.posix_fadvise(self._descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
         if self._is_device:
-            with contextlib.suppress(PermissionError):  # who is not root has the advice above alone
+            with contextlib.suppress(PermissionError):  # without root, only the posix_fadvise above applies
                 fcntl.ioctl(self._descriptor, _BLKFLSBUF)
-            with contextlib.suppress(OSError):  # some disks have no partitions, and then it does not matter
+            with contextlib.suppress(OSError):  # harmless for disks without partitions
                 fcntl.ioctl(self._descriptor, _BLKRRPART)
 
 
 def write_image(image: DiskImage, medium: Medium, tell: Tell) -> Flashed:
-    """Write an image, read it back, and compare.
+    """Write an image, read it back and compare.
 
     Args:
-        image: what is written.
-        medium: where it is written.
-        tell: told how far it is.
+        image: the image.
+        medium: the target medium.
+        tell: receives the progress.
 
     Raises:
-        FlashError: the medium did not take it, vanished, or did not keep it; says where.
+        FlashError: the medium failed, vanished or did not keep the data; names the position.
 
-    Thread: blocks for as long as the medium takes.
+    Thread: blocks until the medium is done.
     """
     start_s = REAL_TIME.now()
     with image.path.open("rb") as file:
@@ -228,7 +228,7 @@ def write_image(image: DiskImage, medium: Medium, tell: Tell) -> Flashed:
 
 
 def _write(file: BinaryIO, size: int, medium: Medium, tell: Tell) -> tuple[list[bytes], str]:
-    """Write all blocks, the first one last; returns the hash of each, and that of the whole."""
+    """Write all blocks, the first one last; return the hash of each block and of the whole."""
     first = _block(file, 0, size)
     _write_block(medium, bytes(len(first)), 0)
     digests, whole = [hashlib.sha256(first).digest()], hashlib.sha256(first)
@@ -238,7 +238,7 @@ def _write(file: BinaryIO, size: int, medium: Medium, tell: Tell) -> tuple[list[
         digests.append(hashlib.sha256(data).digest())
         whole.update(data)
         _write_block(medium, data, offset)
-        _sync(medium, offset)  # or the progress would be that of the computer's memory
+        _sync(medium, offset)  # otherwise the progress would show the page cache
         done += len(data)
         tell("writing", done)
     _write_block(medium, first, 0)
@@ -252,7 +252,7 @@ def _block(file: BinaryIO, offset: int, size: int) -> bytes:
     wanted = min(BLOCK, size - offset)
     data = file.read(wanted)
     if len(data) != wanted:
-        raise FlashError(f"the image became shorter while it was read: it ends at byte {offset + len(data)}")
+        raise FlashError(f"the image was truncated during reading: it ends at byte {offset + len(data)}")
     return data
 
 
@@ -262,7 +262,7 @@ def _write_block(medium: Medium, data: bytes, offset: int) -> None:
         with _failures_named("writing", offset):
             written = medium.write_at(rest, offset)
         if written <= 0:
-            raise FlashError(f"writing stopped at byte {offset}: the medium takes no more")
+            raise FlashError(f"writing stopped at byte {offset}: the medium is full")
         rest, offset = rest[written:], offset + written
 
 
@@ -286,7 +286,7 @@ def _read_block(medium: Medium, size: int, offset: int) -> bytes:
         with _failures_named("reading back", offset + len(data)):
             part = medium.read_at(size - len(data), offset + len(data))
         if not part:
-            raise FlashError(f"the medium ends at byte {offset + len(data)}: it is smaller than it says")
+            raise FlashError(f"the medium ends at byte {offset + len(data)}: it is smaller than it reports")
         data += part
     return data
 
@@ -297,9 +297,9 @@ def _tell_difference(wanted: bytes, found: bytes, offset: int) -> None:
         raise FlashError(f"the image changed between writing and checking, in the block at byte {offset}; flash again")
     wrong = sum(map(operator.ne, wanted, found))
     raise FlashError(
-        f"the medium did not keep what was written: byte {offset + first} is {found[first]:#04x} in place of "
-        f"{wanted[first]:#04x}, and {wrong} bytes are wrong of the {len(wanted)} from byte {offset} on; "
-        "it is worn out, or smaller than it says"
+        f"the medium did not keep the written data: byte {offset + first} is {found[first]:#04x} in place of "
+        f"{wanted[first]:#04x}, and {wrong} of {len(wanted)} bytes from byte {offset} are wrong; "
+        "it is worn out or smaller than it reports"
     )
 
 
@@ -314,4 +314,4 @@ def _failures_named(what: str, offset: int) -> Iterator[None]:
             reason = "it is full"
         else:
             reason = error.strerror or str(error)
-        raise FlashError(f"{what} failed at byte {offset}: {reason}; what is on it cannot be used") from error
+        raise FlashError(f"{what} failed at byte {offset}: {reason}; its content is unusable") from error

@@ -1,4 +1,4 @@
-"""`evbotos flash`: an image onto a card or a disk."""
+"""`evbotos flash`: write an image to a card or disk."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from evbotos.errors import FlashError
 from evbotos.flash import Lost, Phase, Tell, opened, refusals, what_is_on, write_image
 from evbotos.terminal import console, new_table, write_json
 
-_DOUBTED: Final = "There may be a file system in it that this machine does not know."
+_DOUBTED: Final = "It may contain a file system that this machine does not know."
 
 
 def flash(
@@ -27,13 +27,13 @@ def flash(
     device: Annotated[Path, typer.Argument(show_default=False, help="The whole disk, such as /dev/sdc.")],
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")] = False,
     not_removable: Annotated[
-        bool, typer.Option("--not-removable", help="Allow a fixed disk, or a file that stands for one.")
+        bool, typer.Option("--not-removable", help="Allow a fixed disk or a regular file.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
 ) -> None:
-    """Write an image to a card or disk, read it back, and compare.
+    """Write an image to a card or disk, read it back and compare.
 
-    What is mounted, in use, too small or the system's own is refused. What will be lost is shown first.
+    Mounted, used, too small and system disks are refused. The data that will be lost is shown first.
     """
     source = check_image(image)
     target = System().target(device)
@@ -41,14 +41,14 @@ def flash(
     _show(source, target, what_is_on(target))
     if not yes:
         _ask(target)
-    if System().target(device) != target:  # time has passed while the user was asked
-        raise FlashError(f"{device} is not what it was a moment ago: another medium, or another use")
+    if System().target(device) != target:  # the medium may have changed during the prompt
+        raise FlashError(f"{device} has changed: it is another medium or in use")
     try:
         with opened(target) as medium, _progress(source) as tell:
             flashed = write_image(source, medium, tell)
     except KeyboardInterrupt:
         console(error=True).print(
-            f"Interrupted: {device} holds a part of the image, and no partition table.", soft_wrap=True
+            f"Interrupted: {device} holds a part of the image and no partition table.", soft_wrap=True
         )
         raise
     if as_json:
@@ -57,7 +57,7 @@ def flash(
         speed = flashed.size / 1e6 / max(flashed.write_s, 1e-9)
         console().print(
             f"{device} holds {image.name}: {flashed.size} bytes written in {flashed.write_s:.1f} s ({speed:.1f} MB/s) "
-            f"and read back in {flashed.check_s:.1f} s, all the same.",
+            f"and verified in {flashed.check_s:.1f} s.",
             soft_wrap=True,
         )
 
@@ -78,21 +78,21 @@ def _show(source: DiskImage, target: Target, lost: list[Lost]) -> None:
             table.add_row(part.name, _size(part.size), part.kind or "unknown", part.label)
         out.print(table)
     else:
-        out.print(f"Nothing is found on it. {_DOUBTED}", soft_wrap=True)
+        out.print(f"It seems to be empty. {_DOUBTED}", soft_wrap=True)
     parts = f"{source.partitions} partition{'s' * (source.partitions != 1)}"
-    out.print(f"{source.path.name} takes its place: {_size(source.size)}, {parts}.", soft_wrap=True)
+    out.print(f"It will be replaced by {source.path.name}: {_size(source.size)}, {parts}.", soft_wrap=True)
 
 
 def _ask(target: Target) -> None:
     if not sys.stdin.isatty():
-        raise FlashError(f"nobody is there to be asked whether {target.path} may be overwritten: --yes if it may")
+        raise FlashError(f"stdin is not a terminal: use --yes to overwrite {target.path}")
     if not typer.confirm(f"Overwrite {target.path}?", default=False, err=True):
-        raise FlashError(f"{target.path} was left as it is")
+        raise FlashError(f"{target.path} was not changed")
 
 
 @contextmanager
 def _progress(source: DiskImage) -> Iterator[Tell]:
-    """Show a bar for each phase on a terminal, and a line for each tenth elsewhere."""
+    """Show a progress bar for each phase on a terminal, and a line per 10 % elsewhere."""
     out = console(error=True)
     if not out.is_terminal:
         yield _line_by_line(out, source.size)

@@ -1,4 +1,4 @@
-"""GRUB on a disk image: written as grub-bios-setup would, without a device and without root."""
+"""GRUB on a disk image: installed like grub-bios-setup does, without a device and root privileges."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ _FOLDER: Final = "usr/lib/grub/i386-pc"
 _BOOT: Final = "boot.img"
 _CORE: Final = "core.img"
 _KERNEL_SECTOR: Final = 0x5C
-"""In boot.img: the sector where the core image begins."""
+"""The offset in boot.img of the core image's first sector."""
 _BLOCK_LIST: Final = 0x1F4
-"""In the core image's first sector: where the rest of it is."""
+"""The offset in the core image's first sector of the rest's location."""
 _CORE_SEGMENT: Final = 0x820
 _CODE_SIZE: Final = 440
-"""Of the first sector; then follow the disk's signature and the partitions."""
+"""The size of the code in the first sector; the disk signature and the partitions follow."""
 
 
 def menu(kernel_line: str, disk_id: str) -> str:
     """Return grub.cfg.
 
-    A slot that is to be tried starts once: unless the system in it says that it is good, the other one starts after
-    it. A slot that was good makes way for the other one after three starts in a row of which none came up: GRUB counts
-    them in `starts`, the system clears it. A slot whose kernel cannot be loaded makes way at once.
+    A slot in `try` starts once: unless its system marks it as good, the next start uses the other slot.
+    After three failed starts in a row, a good slot yields to the other one: GRUB counts the starts in `starts`,
+    and the system clears it. A slot whose kernel cannot be loaded yields immediately.
 
     Args:
-        kernel_line: what the kernel is told, but for the root and the slot.
+        kernel_line: the kernel's command line without root and slot.
         disk_id: the disk's signature, eight hex digits.
     """
     return f"""serial --unit=0 --speed=115200
@@ -69,14 +69,14 @@ reboot
 
 
 def write_images(package: Path, out: Path) -> None:
-    """Write the two images of GRUB that start a disk: they find the menu on the first partition of that same disk.
+    """Write GRUB's two boot images; they load the menu from the first partition of their disk.
 
     Args:
-        package: the file of Debian's package.
-        out: folder for them, which is made.
+        package: the file of the Debian package.
+        out: the output folder, created here.
 
     Raises:
-        BuildError: the package or grub-mkimage is not what this needs.
+        BuildError: the package or grub-mkimage is unsuitable.
     """
     with TemporaryDirectory() as folder:
         run([tool("dpkg-deb"), "-x", package, folder])
@@ -95,17 +95,17 @@ def install(image: Path, images: Path, first_partition: int) -> None:
     """Write GRUB before the first partition of a disk image.
 
     Args:
-        image: the disk image, with its partitions.
-        images: folder that `write_images` has made.
-        first_partition: in sectors.
+        image: the partitioned disk image.
+        images: the output folder of `write_images`.
+        first_partition: its offset in sectors.
 
     Raises:
-        BuildError: there is no room for it.
+        BuildError: the gap is too small.
     """
     core = (images / _CORE).read_bytes()
     sectors = -(-len(core) // SECTOR)
     if 1 + sectors > first_partition:
-        raise BuildError(f"GRUB needs {sectors} sectors, but only {first_partition - 1} lie before the first partition")
+        raise BuildError(f"GRUB needs {sectors} sectors, but only {first_partition - 1} precede the first partition")
     boot = bytearray((images / _BOOT).read_bytes())
     struct.pack_into("<Q", boot, _KERNEL_SECTOR, 1)
     first = bytearray(core.ljust(sectors * SECTOR, b"\0"))

@@ -1,4 +1,4 @@
-"""Hashes of what goes into a step: the same inputs, the same key."""
+"""Hashes of the inputs of a step: equal inputs give equal keys."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def file_sha256(path: Path) -> str:
 
 
 def files_sha256(files: Iterable[tuple[str, Path]]) -> str:
-    """Return one hash of files under their names, with whether they may be executed; links count by their target."""
+    """Return one hash of files, their names and executable bits; links count by their target."""
     digest = hashlib.sha256()
     for name, path in sorted(files):
         what = f"-> {path.readlink()}" if path.is_symlink() else _content(path)
@@ -29,11 +29,11 @@ def _content(path: Path) -> str:
 
 
 def key_of(inputs: object, *modules: ModuleType) -> str:
-    """Return the key of a step: a hash of its inputs and of the code that works on them.
+    """Return the key of a step: a hash of its inputs and its code.
 
     Args:
-        inputs: what JSON can hold.
-        modules: those whose change must redo the step.
+        inputs: JSON-compatible data.
+        modules: the modules whose change invalidates the step.
     """
     code = [file_sha256(Path(str(module.__file__))) for module in modules]
     return hashlib.sha256(json.dumps([inputs, code], sort_keys=True).encode()).hexdigest()[:24]

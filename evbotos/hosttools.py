@@ -1,4 +1,4 @@
-"""Programs of the build machine that a build needs, and the packages that have them."""
+"""The programs that a build needs, and their Debian packages."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ PACKAGES: Final = {
     "/usr/include/gelf.h": "libelf-dev",
     "/usr/include/openssl/opensslv.h": "libssl-dev",
 }
-"""By program, or by file where the package has none."""
+"""Packages by program, or by file if a package has no program."""
 
 _ROOT: Final = ("apt-get", "dpkg-deb", "tar", "readelf", "mksquashfs")
 _KERNEL: Final = (
@@ -65,7 +65,7 @@ _ADMIN_FOLDERS: Final = ("/usr/sbin", "/sbin")
 
 
 def needed_for(platform: Platform) -> list[str]:
-    """Return what a build for a platform needs, by program."""
+    """Return the programs that a build for a platform needs."""
     tools = [*_ROOT, *_DISK]
     if platform.compiled_wheels:
         tools.append(f"{TARGETS[platform.architecture].compiler}gcc")
@@ -80,17 +80,17 @@ def needed_for(platform: Platform) -> list[str]:
 
 
 def find_tool(name: str) -> str | None:
-    """Return where a program is, also one that is meant for the administrator, or None."""
+    """Return the path of a program, including administrators' programs, or None."""
     if name.startswith("/"):
         return name if Path(name).exists() else None
     return shutil.which(name, path=os.pathsep.join([os.environ.get("PATH", os.defpath), *_ADMIN_FOLDERS]))
 
 
 def tool(name: str) -> str:
-    """Return where a program is.
+    """Return the path of a program.
 
     Raises:
-        MissingToolsError: it is not installed.
+        MissingToolsError: the program is not installed.
     """
     found = find_tool(name)
     if found is None:
@@ -99,10 +99,10 @@ def tool(name: str) -> str:
 
 
 def require(names: Iterable[str]) -> None:
-    """See that programs are installed.
+    """Check that programs are installed.
 
     Raises:
-        MissingToolsError: names all that are not, with the packages to install.
+        MissingToolsError: lists all missing programs with the packages to install.
     """
     missing = [name for name in names if find_tool(name) is None]
     if missing:
@@ -112,6 +112,6 @@ def require(names: Iterable[str]) -> None:
 def _message(missing: list[str]) -> str:
     packages = sorted({PACKAGES.get(name, name) for name in missing})
     return (
-        f"not installed: {', '.join(missing)}; `make evbotos-setup` installs what is needed, "
+        f"not installed: {', '.join(missing)}; `make evbotos-setup` installs all of them, "
         f"or: apt-get install {' '.join(packages)}"
     )

@@ -1,4 +1,4 @@
-"""Kernels of our own, from Debian's source: small, everything built in, so that no initial RAM disk is needed."""
+"""Kernels compiled from Debian's source: small, without modules and initial RAM disk."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _REPRODUCIBLE: Final = {"KBUILD_BUILD_USER": "evbotos", "KBUILD_BUILD_HOST": "ev
 
 
 def fragments_text(kernel: Kernel, folder: Path = FOLDER) -> str:
-    """Return a kernel's configuration as far as it is ours.
+    """Return our part of a kernel's configuration.
 
     Raises:
         BuildError: a fragment does not exist.
@@ -31,7 +31,7 @@ def fragments_text(kernel: Kernel, folder: Path = FOLDER) -> str:
 
 
 def refused_options(wanted: str, config: str) -> list[str]:
-    """Return the options that a configuration was asked for and does not have: misspelt, or without what they need."""
+    """Return the requested options that a configuration lacks: misspelt, or with unmet dependencies."""
     has = set(config.splitlines())
     options = dict(line.split("=", 1) for line in wanted.splitlines() if line.startswith("CONFIG_"))
     return [
@@ -45,13 +45,13 @@ def build_kernel(kernel: Kernel, source: Path, out: Path, work: Path) -> None:
     """Build a kernel and its device trees into a folder.
 
     Args:
-        kernel: what to build.
-        source: the package with the source.
-        out: gets the image, the device trees and the configuration.
-        work: where there is room for the source, about 2 GB.
+        kernel: the kernel definition.
+        source: the source package.
+        out: the output folder for image, device trees and configuration.
+        work: a folder with about 2 GB of space for the source.
 
     Raises:
-        BuildError: an option is refused, or it does not compile.
+        BuildError: an option is refused, or the compilation fails.
     """
     with TemporaryDirectory(dir=work, prefix=".part-kernel-") as folder:
         tree, date = _unpack(source, Path(folder))
@@ -66,7 +66,7 @@ def build_kernel(kernel: Kernel, source: Path, out: Path, work: Path) -> None:
         run([*make, "olddefconfig"], cwd=tree, env=stamp)
         refused = refused_options(wanted, (tree / ".config").read_text())
         if refused:
-            raise BuildError(f"the kernel does not take these options: {', '.join(refused)}")
+            raise BuildError(f"the kernel refuses these options: {', '.join(refused)}")
         trees = [f"arch/{kernel.architecture}/boot/dts/{name}" for name in kernel.device_trees]
         run([*make, Path(kernel.image).name, *(name.partition("/dts/")[2] for name in trees)], cwd=tree, env=stamp)
         out.mkdir(parents=True)
@@ -75,10 +75,10 @@ def build_kernel(kernel: Kernel, source: Path, out: Path, work: Path) -> None:
 
 
 def _unpack(source: Path, folder: Path) -> tuple[Path, int]:
-    """Return where the source is unpacked, and its date: that of the kernel, so that every build of it is the same."""
+    """Return the folder of the unpacked source and the kernel's date, which makes builds reproducible."""
     run([tool("dpkg-deb"), "-x", source, folder / "package"])
     archives = list((folder / "package/usr/src").glob("linux-source-*.tar.xz"))
     if len(archives) != 1:
-        raise BuildError(f"{source.name} does not hold the source of a kernel")
+        raise BuildError(f"{source.name} does not contain a kernel source")
     run([tool("tar"), "-xf", archives[0], "-C", folder])
     return folder / archives[0].name.removesuffix(".tar.xz"), int(archives[0].stat().st_mtime)

@@ -1,4 +1,4 @@
-"""Lock files: the exact packages, wheels and kernel source of an image. They name no host."""
+"""Lock files: the exact packages, wheels and kernel source of an image, without host names."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class LockedPackage(StrictModel):
     name: str
     version: str
     archive: Archive
-    """Which of the suite's archives offers it."""
+    """The suite's archive that offers it."""
     path: Annotated[str, Field(pattern=r"^pool/")]
     """In its archive."""
     size: PositiveInt
@@ -45,36 +45,36 @@ class LockedWheel(StrictModel):
 
 
 class LockedSource(StrictModel):
-    """The source of a Python package, which is compiled."""
+    """The source of a Python package to compile."""
 
     name: str
     version: str
     file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+!-]*\.tar\.gz$")]
     sha256: Sha256
     tools: Annotated[tuple[str, ...], Field(strict=False)]
-    """What compiles it, with versions."""
+    """Its build tools with versions."""
 
 
 class Lock(StrictModel):
-    """All that an image is made of, but for this project's own files."""
+    """All contents of an image except this project's own files."""
 
     version: Version1
     platform: str
     image: str
     asked: Sha256
-    """Of what the definitions asked for when this was written."""
+    """The hash of the definitions at the time of locking."""
     epoch: NonNegativeInt
-    """When it was written, in seconds since 1970: the date of every file in the image."""
+    """The time of locking in seconds since 1970: the date of every file in the image."""
     kernel: LockedPackage
     packages: Annotated[tuple[LockedPackage, ...], Field(strict=False)]
     wheels: Annotated[tuple[LockedWheel, ...], Field(strict=False)]
     compiled: Annotated[tuple[LockedSource, ...], Field(strict=False)] = ()
     build_packages: Annotated[tuple[LockedPackage, ...], Field(strict=False)] = ()
-    """What the build reads and the root does not hold: a sysroot, the board's first boot stages."""
+    """Build inputs outside the root: a sysroot, the board's first boot stages."""
 
 
 def asked_by(platform: Platform, image: Image) -> str:
-    """Return the hash of what decides which packages and wheels an image gets."""
+    """Return the hash of everything that determines an image's packages and wheels."""
     wanted: dict[str, object] = {
         "architecture": platform.architecture,
         "suite": platform.suite,
@@ -90,16 +90,16 @@ def asked_by(platform: Platform, image: Image) -> str:
 
 
 def lock_path(platform: Platform, image: Image, folder: Path = FOLDER) -> Path:
-    """Return where the lock file of an image is."""
+    """Return the path of an image's lock file."""
     kind = "" if isinstance(platform.kernel, Kernel) else "-packaged"
     return folder / f"{platform.name}-{image.name}{kind}.lock.yaml"
 
 
 def read_lock(path: Path) -> Lock | None:
-    """Return what a lock file says, or None if there is none.
+    """Return a lock file's content, or None without a file.
 
     Raises:
-        ConfigError: what is wrong with it.
+        ConfigError: the file is invalid.
     """
     if not path.is_file():
         return None
@@ -111,9 +111,9 @@ def read_lock(path: Path) -> Lock | None:
 
 
 def write_lock(lock: Lock, path: Path) -> None:
-    """Write a lock file: a line for each package, so that a change of one is a change of one line."""
+    """Write a lock file with one line per package, for readable diffs."""
     content: dict[str, Any] = lock.model_dump(mode="json")
-    lines = ["# Written by `evbotos build --update-lock`; not meant to be edited."]
+    lines = ["# Written by `evbotos build --update-lock`; do not edit."]
     for key, value in content.items():
         if isinstance(value, list):
             lines += [f"{key}:" if value else f"{key}: []", *(f"  - {_flow(item)}" for item in value)]
@@ -132,11 +132,11 @@ def _flow(value: object) -> str:
 
 
 def require_lock(path: Path, platform: Platform, image: Image) -> Lock:
-    """Return what a lock file says, which was written for these definitions.
+    """Return the content of a lock file that matches the definitions.
 
     Raises:
-        BuildError: there is none, or the definitions have changed since.
-        ConfigError: what is wrong with it.
+        BuildError: the file is missing or outdated.
+        ConfigError: the file is invalid.
     """
     lock = read_lock(path)
     remedy = f"`evbotos build {platform.name} {image.name} --update-lock` writes it"
@@ -144,7 +144,7 @@ def require_lock(path: Path, platform: Platform, image: Image) -> Lock:
         raise BuildError(f"there is no {path.parent.name}/{path.name}; {remedy}")
     if lock.asked != asked_by(platform, image):
         raise BuildError(
-            f"{path.name} was written for other packages, wheels or tags than {platform.name} and {image.name} ask for "
-            f"now; {remedy} anew"
+            f"{path.name} is outdated: {platform.name} and {image.name} now request other packages, wheels or tags; "
+            f"{remedy}"
         )
     return lock

@@ -1,4 +1,4 @@
-"""Locking: asking the archive and the package index for the present versions of all that an image is made of."""
+"""Locking: resolves the current versions of an image's contents from the archive and the package index."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _KERNEL_IMAGE: Final = re.compile(r"linux-image-\d")
 
 
 def lock_present_versions(platform: Platform, image: Image, apt: Apt, old: Lock | None, path: Path) -> Lock:
-    """Return a lock of the versions that are offered now, and write it down; the old one, if nothing has changed.
+    """Return a lock of the current versions and write it; return the old lock if nothing changed.
 
     Args:
         platform: the board.
-        image: what goes onto it.
-        apt: for the platform's architecture.
-        old: what was locked before.
-        path: of the lock file.
+        image: the image definition.
+        apt: the apt instance for the platform's architecture.
+        old: the previous lock.
+        path: the lock file.
 
     Raises:
-        BuildError: something is not offered, or does not fit together.
+        BuildError: a package is unavailable, or versions conflict.
     """
     apt.update()
     packages = apt.resolve(packages_of(platform, image))
@@ -54,17 +54,17 @@ def lock_present_versions(platform: Platform, image: Image, apt: Apt, old: Lock 
 
 
 def _kernel_package(platform: Platform, apt: Apt) -> LockedPackage:
-    """Return the package with the kernel or its source: the one asked for, or that with a version in its name."""
+    """Return the package with the kernel or its source: the requested one, or the one with a version in its name."""
     origin = platform.kernel.origin
     is_packaged = isinstance(platform.kernel, PackagedKernel)
     for package in apt.resolve([origin]):
         if _KERNEL_IMAGE.match(package.name) if is_packaged else package.name == origin:
             return package
-    raise BuildError(f"{origin} brings no kernel along")
+    raise BuildError(f"{origin} provides no kernel")
 
 
 def _build_packages(platform: Platform, apt: Apt, *, has_sysroot: bool) -> tuple[LockedPackage, ...]:
-    """Return what the build reads and the root does not hold."""
+    """Return the build inputs outside the root."""
     found = {package.name: package for package in apt.resolve(SYSROOT)} if has_sysroot else {}
     for name in platform.boot_packages:
         found |= {package.name: package for package in apt.resolve([name]) if package.name == name}

@@ -1,4 +1,4 @@
-"""What the definitions say: platforms, images, and a user's own `local.yaml`."""
+"""Models of the definitions: platforms, images and a user's `local.yaml`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import Discriminator, Field, NonNegativeInt, PositiveFloat, Positi
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
 
 GRUB_PACKAGE: Final = "grub-pc-bin"
-"""Debian's, with what starts a PC."""
+"""The Debian packages that boot a PC."""
 
 Architecture = Literal["amd64", "arm64", "armhf", "i386"]
 """As Debian names it."""
@@ -22,54 +22,54 @@ WheelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*(\[[a-z,]+
 
 
 class Kernel(StrictModel):
-    """A kernel of our own, built from Debian's source with everything in it that robots need, and no modules."""
+    """A kernel compiled from Debian's source, with all drivers built in and no modules."""
 
     source: PackageName
-    """The package with the source, such as `linux-source-6.1`."""
+    """The source package, such as `linux-source-6.1`."""
     architecture: Literal["x86_64", "i386", "arm", "arm64"]
     """As the kernel names it."""
     cross: Text | None = None
-    """Prefix of the compiler where it is not the build machine's own, such as `arm-linux-gnueabihf-`."""
+    """The prefix of a cross compiler, such as `arm-linux-gnueabihf-`."""
     base: Literal["tinyconfig", "allnoconfig"] = "tinyconfig"
     fragments: Texts
-    """Files of `evbotos/kernel/`, later ones over earlier ones."""
+    """Files of `evbotos/kernel/`; later ones override earlier ones."""
     image: Text
-    """What is built, relative to the source."""
+    """The build target, relative to the source."""
     device_trees: Texts = ()
-    """What else is built, relative to the source's `arch/<architecture>/boot/dts`."""
+    """Device trees to build, relative to the source's `arch/<architecture>/boot/dts`."""
 
     @property
     def origin(self) -> str:
-        """The package that it comes from."""
+        """The Debian package of the kernel."""
         return self.source
 
     @property
     def file(self) -> str:
-        """The name of the image's file."""
+        """The file name of the kernel image."""
         return PurePath(self.image).name
 
 
 class PackagedKernel(StrictModel):
-    """Debian's own kernel: nothing is compiled, but it is several times larger.
+    """Debian's kernel: no compilation, but several times the size.
 
-    What it needs to find the root are modules, which an initial RAM disk loads. The emulator starts it itself.
+    An initial RAM disk loads the modules that find the root. QEMU loads this kernel directly.
     """
 
     package: PackageName
-    """Such as `linux-image-cloud-amd64`."""
+    """The package, such as `linux-image-cloud-amd64`."""
     modules: Texts
-    """What is loaded before the root is mounted; what they need comes along."""
+    """Modules to load before mounting the root, in addition to their dependencies."""
     device_trees: Texts = ()
-    """Which of the package's device trees are kept, such as `sun4i-a10-cubieboard.dtb`."""
+    """The device trees to keep, such as `sun4i-a10-cubieboard.dtb`."""
 
     @property
     def origin(self) -> str:
-        """The package that it comes from."""
+        """The Debian package of the kernel."""
         return self.package
 
     @property
     def file(self) -> str:
-        """The name of the image's file."""
+        """The file name of the kernel image."""
         return "vmlinuz"
 
 
@@ -83,21 +83,21 @@ AnyKernel = Annotated[
 
 
 class EmulatorLoader(StrictModel):
-    """The boot loader as QEMU starts it: what a board's ROM does before that, QEMU does not."""
+    """The boot loader in the form that QEMU starts; QEMU does not run a board's ROM."""
 
     package: PackageName
-    """The Debian package that has it."""
+    """The Debian package of the loader."""
     file: Text
     skip: NonNegativeInt = 0
-    """How many bytes of the file come before it, such as a stage that sets up a memory which QEMU has anyway."""
+    """The number of bytes to skip, such as a stage that initializes memory."""
     blank: Texts = ()
-    """Words of it that QEMU's machine does not bear, to be overwritten with spaces."""
+    """Words that QEMU's machine does not support; they are overwritten with spaces."""
     arguments: Texts
-    """QEMU's; `{loader}` is the loader's file, `{device_tree}` the emulator's device tree."""
+    """QEMU's arguments; `{loader}` is the loader's file, `{device_tree}` the emulator's device tree."""
 
 
 class Emulator(StrictModel):
-    """How QEMU stands in for the board."""
+    """QEMU's emulation of the board."""
 
     program: Text
     machine: Text
@@ -105,23 +105,23 @@ class Emulator(StrictModel):
     cpus: PositiveInt = 1
     memory_mb: PositiveInt = 128
     network: Text = "virtio-net-pci"
-    """The network card, as `-device` names it; of a board that has it soldered on, as `-net nic,model=` does."""
+    """The network card by its `-device` name; a built-in card by its `-net nic,model=` name."""
     network_on_board: bool = False
-    """Whether the network card is part of the machine."""
+    """Whether the network card is built in."""
     disk: Literal["virtio-blk-pci", "ide-hd", "sd"] = "virtio-blk-pci"
-    """The disk, as `-device` names it, or `sd` for a card in the board's own slot."""
+    """The disk by its `-device` name, or `sd` for a card in the board's slot."""
     device_tree: Text | None = None
-    """Of the kernel's, that which describes this machine; None where QEMU makes one, or none is needed."""
+    """The kernel's device tree of this machine; None if QEMU generates one or none is needed."""
     lacks: Texts = ()
-    """Nodes of the device tree that QEMU's machine does not have, or not as the board does."""
+    """Device tree nodes that QEMU's machine lacks or implements differently."""
     serial: NonNegativeInt = 0
-    """Which of QEMU's serial ports the console is."""
+    """The number of QEMU's serial port with the console."""
     loader: EmulatorLoader | None = None
-    """The boot loader, where it does not start from the disk; None where QEMU has a BIOS."""
+    """The boot loader if it does not start from the disk; None if QEMU has a BIOS."""
     watchdog: Text | None = None
-    """The watchdog, as `-device` names it."""
+    """The watchdog by its `-device` name."""
     has_pci: bool = True
-    """Whether there is a bus for a source of randomness and for a USB controller, into which sticks can be plugged."""
+    """Whether the machine has a bus for a random number generator and a USB controller."""
 
 
 class Platform(StrictModel):
@@ -134,65 +134,65 @@ class Platform(StrictModel):
     suite: Text = "bookworm"
     """Of Debian."""
     wheel_tags: Texts
-    """Of Python wheels that run on it, the best first."""
+    """The tags of compatible Python wheels, best first."""
     floor: Text
-    """The least that a board must have, plainly."""
+    """The minimum hardware, for people."""
     kernel: AnyKernel
     boot: Literal["grub", "u-boot"]
-    """What loads the kernel from the disk."""
+    """The loader of the kernel."""
     console: Text | None = None
-    """Serial console, as the kernel names it; None where the board's device tree says which it is."""
+    """The kernel's name of the serial console; None if the device tree defines it."""
     kernel_arguments: Texts = ()
-    """What else the kernel is told when it starts."""
+    """Further words of the kernel's command line."""
     compression: Literal["zstd", "xz"] = "zstd"
-    """Of the root file system: xz is smaller, zstd starts several times faster."""
+    """The compression of the root: xz is smaller, zstd boots several times faster."""
     compiled_wheels: dict[PackageName, Texts] = Field(default={})
-    """Python packages of which there is no wheel for it, so that they are compiled, and by what."""
+    """Python packages without a wheel for this platform, with their build tools."""
     boot_files: dict[PackageName, dict[Text, Text]] = Field(default={})
-    """What the board's ROM loads first: by Debian package, its files and their names on the boot partition."""
+    """The files that the board's ROM loads, by Debian package, with their names on the boot partition."""
     boot_texts: dict[Text, Text] = Field(default={})
-    """What that reads: text files on the boot partition, by name."""
+    """Text files on the boot partition by name, for these loaders."""
     components: Texts = ()
-    """Of the archive, besides `main`: firmware that is not free lies in `non-free-firmware`."""
+    """Archive components besides `main`, such as `non-free-firmware`."""
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
-    """What every image of this platform has."""
+    """The packages of every image of this platform."""
     emulator: Emulator | None = None
 
     @property
     def loader(self) -> Literal["grub", "u-boot", "none"]:
-        """What loads the kernel: `boot`, but that QEMU itself loads a packaged one."""
+        """The kernel's loader: `boot`, except that QEMU loads a packaged kernel directly."""
         return self.boot if isinstance(self.kernel, Kernel) else "none"
 
     @property
     def emulator_loader(self) -> EmulatorLoader | None:
-        """What QEMU starts in place of a board's ROM, if it does not load the kernel itself."""
+        """The loader that QEMU starts instead of a board's ROM, unless it loads the kernel directly."""
         return self.emulator.loader if self.emulator is not None and self.loader != "none" else None
 
     @property
     def needs_stand_ins(self) -> bool:
-        """Whether QEMU must be given a boot loader or a device tree in place of the board's."""
+        """Whether QEMU needs a substitute for the board's boot loader or device tree."""
         return self.emulator_loader is not None or (self.emulator is not None and self.emulator.device_tree is not None)
 
     @property
     def disk_packages(self) -> tuple[str, ...]:
-        """Debian packages whose files lie on the disk before any system does: GRUB, or U-Boot and what starts it."""
+        """Debian packages with boot files on the disk: GRUB, or U-Boot and its loaders."""
         return {"grub": (GRUB_PACKAGE,), "u-boot": tuple(self.boot_files), "none": ()}[self.loader]
 
     @property
     def boot_packages(self) -> tuple[str, ...]:
-        """Debian packages whose files start the board or its emulator."""
+        """Debian packages whose files boot the board or its emulator."""
         stand_in = self.emulator_loader
         return tuple(sorted({*self.disk_packages, *([stand_in.package] if stand_in else [])}))
 
 
 class PlatformOverride(StrictModel):
-    """What a user changes of a platform."""
+    """A user's changes to a platform."""
 
     kernel: AnyKernel
 
 
 class Budget(StrictModel):
-    """What an image may take, in MB of 10^6 bytes."""
+    """The size limits of an image in MB (10^6 bytes)."""
 
     root_with_kernel: PositiveFloat
     memory: PositiveFloat | None = None
@@ -207,39 +207,39 @@ class Layout(StrictModel):
 
 
 class Image(StrictModel):
-    """What a root file system holds. A later file of `include` overrides earlier ones, and the image overrides all."""
+    """The contents of a root file system. Later files of `include` override earlier ones; the image overrides all."""
 
     version: Version1
     name: Name
     description: Text
     include: Texts = ()
-    """Other images, by name, to build on: lists are joined, the rest is overridden."""
+    """Names of base images: lists are joined, other values overridden."""
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
-    """Debian packages; what they depend on comes along, what they recommend does not."""
+    """Debian packages, installed with their dependencies but without recommendations."""
     drop_packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
-    """Dependencies that nothing in the image needs, such as dpkg."""
+    """Unneeded dependencies to leave out, such as dpkg."""
     wheels: Annotated[tuple[WheelName, ...], Field(strict=False)] = ()
-    """Python packages, with what they depend on."""
+    """Python packages, installed with their dependencies."""
     project: bool = False
-    """Whether this project itself is installed, with its plugins and fleets."""
+    """Whether the image contains this project with its plugins and fleets."""
     services: Annotated[tuple[Name, ...], Field(strict=False)] = ()
-    """What runs from the start: names of folders under `evbotos/rootfs/services`."""
+    """Services started at boot: folders of `evbotos/rootfs/services`."""
     files: Annotated[tuple[Name, ...], Field(strict=False)] = ()
-    """Further folders of `evbotos/rootfs` that are laid over the root."""
+    """Further folders of `evbotos/rootfs` to copy onto the root."""
     prune: Texts = ()
     """Patterns of paths to leave out."""
     keep: Texts = ()
-    """Patterns of paths to keep although a pattern of `prune` fits."""
+    """Patterns of paths to keep; they override `prune`."""
     sourceless: bool = True
-    """Keep compiled Python alone: half the size, a fast start, and tracebacks without their source lines."""
+    """Keep only compiled Python: half the size, a fast start, but no source lines in tracebacks."""
     check: Texts = ()
-    """Commands that must succeed in the booted image: what a pruner may have broken."""
+    """Commands that must succeed in the booted image; they detect excessive pruning."""
     budget_mb: Budget
     layout: Layout = Layout()
 
 
 class ImageOverride(StrictModel):
-    """What a user changes of an image."""
+    """A user's changes to an image."""
 
     packages: Annotated[tuple[PackageName, ...], Field(strict=False)] = ()
     wheels: Annotated[tuple[WheelName, ...], Field(strict=False)] = ()
@@ -249,25 +249,25 @@ class ImageOverride(StrictModel):
 
 
 class Local(StrictModel):
-    """A user's `local.yaml`, which wins over everything (as OpenEmbedded's local overlay does)."""
+    """A user's `local.yaml`, which overrides everything (like OpenEmbedded's local overlay)."""
 
     version: Version1
     mirror: Text | None = None
-    """Where packages come from, in place of the build machine's own apt configuration."""
+    """A package mirror that replaces the build machine's apt configuration."""
     cache: Text | None = None
-    """Folder of the cache, in place of the user's cache folder."""
+    """The cache folder; defaults to the user's cache folder."""
     ssh_keys: Texts = ()
-    """Public keys that may log in, as in authorized_keys."""
+    """Public keys with login permission, in the format of authorized_keys."""
     robot: Text | None = None
-    """Folder of what makes a robot of an image: `fleet.yaml`, its keys, `name`. It is laid on the boot partition."""
+    """A folder with a robot's own files (`fleet.yaml`, keys, `name`), copied to the boot partition."""
     update_key: Text | None = None
-    """File with the public key (ed25519, PEM) whose updates the robot takes; without one it takes none."""
+    """The public key (ed25519, PEM) that verifies updates; without a key the robot accepts no updates."""
     images: dict[Name, ImageOverride] = Field(default={}, json_schema_extra=NAMES_ONLY)
     platforms: dict[Name, PlatformOverride] = Field(default={}, json_schema_extra=NAMES_ONLY)
 
 
 LISTS: Final = ("packages", "drop_packages", "wheels", "services", "files", "prune", "keep", "check")
-"""Keys of an image that are joined with those of the images that it includes."""
+"""Keys of an image that are joined with those of its included images."""
 
 
 def schema_of(model: type[StrictModel]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a build leaves in its folder: disk images, root and kernel, a manifest, a bill of materials."""
+"""The output of a build: disk images, root, kernel, a manifest, a bill of materials."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from evbotos.steps import StepDone, place
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """What a build made.
+    """The result of a build.
 
     Attributes:
-        folder: with all of it.
+        folder: the output folder.
         report: sizes, hashes, steps and warnings, as plain data.
     """
 
@@ -32,15 +32,15 @@ class Built:
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """Where the outcomes of the steps are.
+    """The paths of the steps' results.
 
     Attributes:
-        root: the squashed root.
-        kernel: folder with the kernel and its device trees.
-        disks: folder with `disk.img`, and `boot.img` where GRUB starts the board.
-        sizes: what the megabytes are made of.
-        initrd: initial RAM disk of a packaged kernel, or None.
-        emulator: folder with what QEMU starts in place of a board's ROM, and with its device tree; None for a PC.
+        root: the compressed root.
+        kernel: a folder with the kernel and its device trees.
+        disks: a folder with `disk.img`, and `boot.img` for boards with GRUB.
+        sizes: the size by component.
+        initrd: the initial RAM disk of a packaged kernel, or None.
+        emulator: a folder with QEMU's boot loader and device tree; None for a PC.
     """
 
     root: Path
@@ -52,7 +52,7 @@ class Made:
 
 
 def manifest_of(lock: Lock, image: Image) -> dict[str, Any]:
-    """Return what an image carries of itself: what it is made of, with versions."""
+    """Return the manifest in an image: its contents with versions."""
     left_out = set(image.drop_packages)
     return {
         "platform": lock.platform,
@@ -76,16 +76,16 @@ def write_outputs(
     warnings: list[str],
     folder: Path,
 ) -> Built:
-    """Put what was made in its place, and write what there is to say of it.
+    """Copy the results to the output folder and write the reports.
 
     Args:
         platform: the board.
-        image: what goes onto it.
-        lock: what it is made of.
-        made: the outcomes.
-        steps: how they went.
-        warnings: what the user was told, but does not stop a build.
-        folder: gets all of it.
+        image: the image definition.
+        lock: the lock of the image.
+        made: the results of the steps.
+        steps: the executed steps.
+        warnings: the warnings of the build.
+        folder: the output folder.
     """
     folder.mkdir(parents=True, exist_ok=True)
     sources: dict[str, Path | None] = {
@@ -100,7 +100,7 @@ def write_outputs(
     for name, source in sources.items():
         if source is not None and source.exists():
             place(source, folder / name)
-        else:  # an earlier build may have had it
+        else:  # an earlier build may have created it
             (folder / name).unlink(missing_ok=True)
     bill = sbom.bill_of_materials(lock, set(image.drop_packages), set(platform.disk_packages), platform.architecture)
     (folder / "sbom.cdx.json").write_text(bill)
@@ -121,5 +121,5 @@ def write_outputs(
 
 
 def root_with_kernel_mb(made: Made, platform: Platform) -> float:
-    """Return what a system takes on its disk, in MB of 10^6 bytes."""
+    """Return the size of root and kernel in MB (10^6 bytes)."""
     return (made.root.stat().st_size + (made.kernel / platform.kernel.file).stat().st_size) / 1e6

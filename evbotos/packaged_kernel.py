@@ -1,4 +1,4 @@
-"""Debian's own kernels: unpacked, with an initial RAM disk that loads their modules and finds the root."""
+"""Debian's kernels: unpacking, and an initial RAM disk that loads modules and finds the root."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from evbotos.shell import run
 INIT: Final = Path(__file__).parent / "kernel/initrd-init"
 MODULES: Final = "modules"
 _DEPENDS: Final = re.compile(rb"\0depends=([^\0]*)\0")
-"""In a module: what must be loaded before it."""
+"""The field of a module that lists its dependencies."""
 _FOLDER, _PROGRAM, _FILE, _CONSOLE = 0o040755, 0o100755, 0o100644, 0o020600
 _CONSOLE_NUMBER: Final = (5, 1)
 
 
 def unpack_kernel(package: Path, wanted: PackagedKernel, out: Path) -> None:
-    """Unpack a packaged kernel into a folder: the image, device trees, the modules in the order in which they load.
+    """Unpack a packaged kernel into a folder: image, device trees, modules in load order.
 
     Raises:
-        BuildError: it has no kernel, or no such module or device tree.
+        BuildError: the package lacks a kernel, module or device tree.
     """
     with TemporaryDirectory(dir=out.parent, prefix=".part-package-") as work:
         folder = Path(work)
         run([tool("dpkg-deb"), "-x", package, folder])
         images = list(folder.glob("boot/vmlinuz-*"))
         if len(images) != 1:
-            raise BuildError(f"{wanted.package} does not hold a kernel")
+            raise BuildError(f"{wanted.package} does not contain a kernel")
         # A module built into the kernel has no file of its own.
         built_in = {Path(line).stem for line in _lines(folder, "modules.builtin")}
         files = {path.stem.replace("-", "_"): path for path in folder.rglob("*.ko")}
@@ -55,15 +55,15 @@ def _lines(folder: Path, name: str) -> Iterator[str]:
 
 
 def in_order(names: tuple[str, ...], files: dict[str, Path], built_in: set[str]) -> list[Path]:
-    """Return the files of modules and of all that they need, each after what it needs.
+    """Return the files of modules and their dependencies in load order.
 
     Args:
-        names: of the modules.
-        files: by name, with underscores, each module's file.
-        built_in: names of modules that the kernel holds itself.
+        names: the module names.
+        files: module files by name, with underscores.
+        built_in: the names of built-in modules.
 
     Raises:
-        BuildError: one is not there.
+        BuildError: a module is missing.
     """
     there = {name.replace("-", "_") for name in built_in}
     found: dict[str, Path] = {}
@@ -85,16 +85,16 @@ def in_order(names: tuple[str, ...], files: dict[str, Path], built_in: set[str])
 
 
 def write_initrd(kernel: Path, root: Path, out: Path, epoch: int) -> None:
-    """Write the initial RAM disk: busybox and what it needs out of a root, the modules, and the script that uses them.
+    """Write the initial RAM disk: busybox with its libraries, the modules and the init script.
 
     Args:
-        kernel: what `unpack_kernel` made.
-        root: a tree with busybox.
+        kernel: the output folder of `unpack_kernel`.
+        root: a tree that contains busybox.
         out: the file.
-        epoch: the date of everything.
+        epoch: the date of every file.
 
     Raises:
-        BuildError: busybox, or a library of it, is not in the tree.
+        BuildError: busybox or one of its libraries is missing.
     """
     files = {"init": INIT, **{f"modules/{path.name}": path for path in sorted((kernel / MODULES).iterdir())}}
     files |= _with_libraries(root, root / "usr/bin/busybox")
@@ -111,7 +111,7 @@ def write_initrd(kernel: Path, root: Path, out: Path, epoch: int) -> None:
 
 
 def _with_libraries(root: Path, program: Path) -> dict[str, Path]:
-    """Return a program and the shared libraries that it needs, by where it looks for them."""
+    """Return a program and its shared libraries by path in the image."""
     said = run([tool("readelf"), "-lW", program])
     interpreter = re.search(r"interpreter: /([^\]]+)\]", said)
     files = {"bin/busybox": program}
@@ -131,7 +131,7 @@ def _with_libraries(root: Path, program: Path) -> dict[str, Path]:
 
 
 def _member(name: str, mode: int, content: bytes, date: int, device: tuple[int, int] = (0, 0)) -> bytes:
-    """Return a file as it stands in a cpio archive of the kind that the kernel unpacks (`newc`)."""
+    """Return a file as a member of a `newc` cpio archive."""
     path = name.encode() + b"\0"
     inode, links = 0, 1
     fields = (inode, mode, 0, 0, links, date, len(content), 0, 0, *device, len(path), 0)

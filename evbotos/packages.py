@@ -1,4 +1,4 @@
-"""Debian packages of any architecture, found and fetched by apt with a state of its own: nothing is installed."""
+"""Debian packages of any architecture, resolved and downloaded by apt with its own state; nothing is installed."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Apt:
     """Apt for one suite and architecture.
 
     Args:
-        folder: where it keeps its state.
-        architecture: as Debian names it.
-        sources: where packages come from.
-        warn: told what could not be had.
+        folder: the folder of its state.
+        architecture: Debian's name of the architecture.
+        sources: the package sources.
+        warn: receives warnings.
     """
 
     def __init__(self, folder: Path, architecture: str, sources: list[Source], warn: Callable[[str], None]) -> None:
@@ -34,10 +34,10 @@ class Apt:
         self._warn = warn
 
     def update(self) -> None:
-        """Fetch the indexes; does without the security archive, visibly, where that cannot be had.
+        """Fetch the indexes; continue with a warning if the security archive is unreachable.
 
         Raises:
-            BuildError: the suite itself cannot be had.
+            BuildError: the suite is unreachable.
         """
         try:
             self._write_config(self._sources)
@@ -46,25 +46,25 @@ class Apt:
             rest = [source for source in self._sources if source.archive != "security"]
             if rest == self._sources:
                 raise
-            self._warn(f"the security archive cannot be had now, so the build does without it: {_reason(error)}")
+            self._warn(f"the security archive is unreachable, so the build continues without it: {_reason(error)}")
             self._sources = rest
             self._write_config(rest)
             self._apt("update", "-qq", "-o", "APT::Update::Error-Mode=any")
 
     def resolve(self, names: Iterable[str]) -> list[LockedPackage]:
-        """Return packages with all that they depend on, by name; `update` comes first.
+        """Return packages with all dependencies, sorted by name. Call `update` first.
 
         Raises:
-            BuildError: a package does not exist, or nothing satisfies all of them.
+            BuildError: a package does not exist, or dependencies conflict.
         """
         said = self._apt("install", "-qq", "-y", "--print-uris", *names)
         return sorted((self._package(line) for line in said.splitlines() if line), key=lambda package: package.name)
 
     def fetch(self, packages: Iterable[LockedPackage], folder: Path) -> list[Path]:
-        """Return the files of packages, out of a folder that keeps them by hash; those that it lacks are downloaded.
+        """Return the files of packages from a cache keyed by hash; download missing ones.
 
         Raises:
-            BuildError: one is not offered any more, or is not what was locked.
+            BuildError: a file is no longer offered, or does not match the lock.
         """
         folder.mkdir(parents=True, exist_ok=True)
         self._write_config(self._sources)
@@ -97,9 +97,9 @@ class Apt:
             return
         part.unlink(missing_ok=True)
         raise BuildError(
-            f"{package.name} {package.version}, as locked, cannot be had: "
+            f"{package.name} {package.version}, as locked, is unavailable: "
             f"{'; '.join(reasons) or f'no source of the {package.archive} archive'}; "
-            "if the archive has moved on, `evbotos build --update-lock` takes its present versions"
+            "if the archive has newer versions, run `evbotos build --update-lock`"
         )
 
     @property
@@ -136,7 +136,7 @@ class Apt:
     def _package(self, line: str) -> LockedPackage:
         match = _URI.match(line)
         if match is None:
-            raise BuildError(f"apt-get said what makes no sense: {line!r}")
+            raise BuildError(f"apt-get printed an invalid line: {line!r}")
         uri = match["uri"]
         name, version, _ = match["file"].removesuffix(".deb").split("_")
         for source in self._sources:
@@ -153,6 +153,6 @@ class Apt:
 
 
 def _reason(error: BuildError) -> str:
-    """Return the first line of what apt said that tells an error."""
+    """Return the first error line of apt's output."""
     lines = error.message.splitlines()
     return next((line for line in lines if line.startswith(("E:", "Err"))), lines[-1])

@@ -1,4 +1,4 @@
-"""What a build would do, without doing it: steps, packages, files and budgets."""
+"""The plan of a build: steps, packages, files and budgets."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ROOTFS: Final = Path(__file__).parent / "rootfs"
 
 
 def layers_of(image: Image, rootfs: Path = ROOTFS) -> list[Path]:
-    """Return the folders that are laid over the root, in order: the base, further files, the services."""
+    """Return the folders to copy onto the root, in order: base, further files, services."""
     return [
         rootfs / "base",
         *(rootfs / name for name in image.files),
@@ -24,7 +24,7 @@ def layers_of(image: Image, rootfs: Path = ROOTFS) -> list[Path]:
 
 
 def files_of(image: Image, rootfs: Path = ROOTFS) -> list[str]:
-    """Return the files that are laid over the root, by their place in it."""
+    """Return the paths of the files that are copied onto the root."""
     names = set()
     for layer in layers_of(image, rootfs):
         for path in layer.rglob("*"):
@@ -34,17 +34,17 @@ def files_of(image: Image, rootfs: Path = ROOTFS) -> list[str]:
 
 
 def packages_of(platform: Platform, image: Image) -> list[str]:
-    """Return the Debian packages that are asked for."""
+    """Return the requested Debian packages."""
     return sorted({*platform.packages, *image.packages})
 
 
 def wheels_of(platform: Platform, image: Image) -> list[str]:
-    """Return the Python packages that are asked for."""
+    """Return the requested Python packages."""
     return sorted(set(image.wheels) - set(platform.compiled_wheels))
 
 
 def compiled_of(platform: Platform, image: Image) -> list[str]:
-    """Return the Python packages that are compiled, for want of a wheel."""
+    """Return the Python packages to compile, because they have no wheel."""
     return sorted(set(image.wheels) & set(platform.compiled_wheels))
 
 
@@ -53,26 +53,20 @@ def make_plan(platform: Platform, image: Image, lock: Lock | None) -> dict[str, 
 
     Args:
         platform: the board.
-        image: what goes onto it.
-        lock: its lock file, if there is one.
+        image: the image definition.
+        lock: its lock file, or None.
     """
     parts, kernel = parts_of(image.layout), platform.kernel
-    left_out = set(image.drop_packages)
-    locked = [f"{package.name} {package.version}" for package in lock.packages] if lock is not None else None
     return {
         "platform": platform.name,
         "image": image.name,
         "floor": platform.floor,
         "steps": _steps(platform, image),
         "packages": packages_of(platform, image),
-        "locked_packages": locked and [name for name in locked if name.split()[0] not in left_out],
-        "left_out_packages": locked and [name for name in locked if name.split()[0] in left_out],
         "wheels": wheels_of(platform, image),
         "compiled_wheels": compiled_of(platform, image),
-        "locked_wheels": None if lock is None else [f"{wheel.name} {wheel.version}" for wheel in lock.wheels],
-        "locked_compiled_wheels": None if lock is None else [f"{one.name} {one.version}" for one in lock.compiled],
+        **_locked(lock, set(image.drop_packages)),
         "lock_is_current": lock is not None and lock.asked == asked_by(platform, image),
-        "download_mb": None if lock is None else round(sum(package.size for package in lock.packages) / 1e6, 1),
         "services": list(image.services),
         "files": files_of(image),
         "kernel_options": fragments_text(kernel).count("CONFIG_") if isinstance(kernel, Kernel) else 0,
@@ -82,11 +76,25 @@ def make_plan(platform: Platform, image: Image, lock: Lock | None) -> dict[str, 
     }
 
 
+def _locked(lock: Lock | None, left_out: set[str]) -> dict[str, Any]:
+    """Return the part of a plan that the lock file determines; None for each value without one."""
+    if lock is None:
+        keys = ("locked_packages", "left_out_packages", "locked_wheels", "locked_compiled_wheels", "download_mb")
+        return dict.fromkeys(keys)
+    return {
+        "locked_packages": [f"{one.name} {one.version}" for one in lock.packages if one.name not in left_out],
+        "left_out_packages": [f"{one.name} {one.version}" for one in lock.packages if one.name in left_out],
+        "locked_wheels": [f"{one.name} {one.version}" for one in lock.wheels],
+        "locked_compiled_wheels": [f"{one.name} {one.version}" for one in lock.compiled],
+        "download_mb": round(sum(package.size for package in lock.packages) / 1e6, 1),
+    }
+
+
 def _steps(platform: Platform, image: Image) -> list[str]:
     boot = {
         "grub": "GRUB before the first partition",
-        "u-boot": "what the board's ROM reads first, U-Boot, its script, device trees",
-        "none": "nothing: the kernel is loaded from outside",
+        "u-boot": "the ROM's boot files, U-Boot, its script, device trees",
+        "none": "nothing: QEMU loads the kernel",
     }[platform.loader]
     kernel = platform.kernel
     if isinstance(kernel, Kernel):
@@ -95,16 +103,14 @@ def _steps(platform: Platform, image: Image) -> list[str]:
         kernel_step = f"kernel: unpack {kernel.package}, with an initial RAM disk of {', '.join(kernel.modules)}"
     compiled = compiled_of(platform, image)
     cross = [f"compiled: compile wheels of {', '.join(compiled)} from source"] if compiled else []
-    stand_ins = (
-        ["emulator: what QEMU has in place of the board's ROM and device tree"] if platform.needs_stand_ins else []
-    )
+    stand_ins = ["emulator: QEMU's substitutes for the board's ROM and device tree"] if platform.needs_stand_ins else []
     return [
         f"packages: fetch {platform.architecture} packages of {platform.suite}, by their locked hashes",
         "wheels: fetch Python packages, by their locked hashes",
         *cross,
         kernel_step,
-        "base: unpack, leave out what is pruned, compile Python, look for missing libraries",
-        f"root: lay {', '.join(image.services)} over it" + (", and this project" if image.project else ""),
+        "base: unpack, prune, compile Python, check for missing libraries",
+        f"root: add {', '.join(image.services)}" + (", and this project" if image.project else ""),
         f"squash: compress with {platform.compression}",
         f"disk: boot partition, slots A and B, data; to start it: {boot}",
         *stand_ins,

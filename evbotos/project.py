@@ -1,4 +1,4 @@
-"""This project's own files, as a wheel of it would install them."""
+"""This project's files in the layout of its wheel."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ENDINGS: Final = (".py", ".yaml", ".typed", ".json", ".html", ".css", ".js")
 
 
 def project_files() -> Iterator[tuple[str, Path]]:
-    """Yield the files that a robot needs: their place below the folder of Python packages, and where they are here."""
+    """Yield the files that a robot needs: their path below site-packages, and their source."""
     package = Path(eal_actors.__file__).parent
     yield from _below(package, "eal_actors")
     for name in _BUNDLED:
@@ -35,7 +35,7 @@ def _below(folder: Path, place: str) -> Iterator[tuple[str, Path]]:
 
 
 def install_project(root: Path) -> None:
-    """Install the project into a tree, with what tells Python of its version and entry points."""
+    """Install the project into a tree, with the metadata of its version and entry points."""
     site = root / SITE
     for name, path in project_files():
         (site / name).parent.mkdir(parents=True, exist_ok=True)
@@ -48,7 +48,7 @@ def install_project(root: Path) -> None:
 
 
 def _entry_points() -> str:
-    """Return the entry points for steps of scenarios; those of development tools have nobody to call them there."""
+    """Return the entry points of scenario steps, without those of development tools."""
     file = Path(eal_actors.__file__).parent.parent / "pyproject.toml"
     if not file.is_file():
         return ""

@@ -1,4 +1,4 @@
-"""Leaving out what an image does not need, by patterns of paths."""
+"""Pruning: removes files from an image by path patterns."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PART = re.compile(r"\*\*/|\*\*|\*|\?|\{[^{}]*\}|\[[^]]*\]|.")
 
 
 def pattern_to_regex(pattern: str) -> re.Pattern[str]:
-    """Return what a pattern of paths means: `*` within a folder, `**` across folders, `{a,b}` either, `[ab]`, `?`."""
+    """Return the regular expression of a pattern: `*` within a folder, `**` across folders, `{a,b}`, `[ab]`, `?`."""
     parts = []
     for part in _PART.findall(pattern):
         if part == "**/":
@@ -33,7 +33,7 @@ def pattern_to_regex(pattern: str) -> re.Pattern[str]:
 
 
 def left_out(paths: Iterable[str], prune: Sequence[str], keep: Sequence[str]) -> list[str]:
-    """Return the paths that a pattern of `prune` fits and none of `keep`."""
+    """Return the paths that match a pattern of `prune` and none of `keep`."""
     unwanted = [pattern_to_regex(pattern) for pattern in prune]
     wanted = [pattern_to_regex(pattern) for pattern in keep]
     return [
@@ -44,7 +44,7 @@ def left_out(paths: Iterable[str], prune: Sequence[str], keep: Sequence[str]) ->
 
 
 def prune_tree(root: Path, prune: Sequence[str], keep: Sequence[str]) -> int:
-    """Remove files from a tree, and the folders that this leaves empty; returns the bytes removed."""
+    """Remove files and the resulting empty folders from a tree; return the number of removed bytes."""
     files = [path for path in root.rglob("*") if path.is_symlink() or not path.is_dir()]
     by_name = {path.relative_to(root).as_posix(): path for path in files}
     removed = 0

@@ -1,4 +1,4 @@
-"""Images in QEMU: no KVM, no privileges, no way out of the machine but the forwarded ports."""
+"""Images in QEMU: without KVM, privileges or network access other than forwarded ports."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from evbotos.model import Emulator, EmulatorLoader, Platform
 from evbotos.shell import run
 
 PORTS: Final = {"ssh": 22, "eal": 50000}
-"""Ports inside that are forwarded."""
+"""The forwarded ports of the image."""
 LOADER: Final = "loader"
-"""In the folder of what was built: what QEMU starts in place of a board's ROM."""
+"""The file in the output folder that QEMU starts instead of a board's ROM."""
 DEVICE_TREE: Final = "emulator.dtb"
-"""There, too: the device tree of QEMU's machine."""
+"""The file in the output folder with the device tree of QEMU's machine."""
 _ANSWER_S: Final = 20.0
 _END_S: Final = 10.0
 _CODE_CACHE_MB: Final = 128
-"""Of translated code: QEMU's own choice would take a gigabyte of the build machine."""
+"""The size of QEMU's translation cache; QEMU's default takes a gigabyte."""
 
 
 class Machine:
     """A running QEMU.
 
     Attributes:
-        ports: on 127.0.0.1, by the service behind them.
-        console: file with all that the serial console says.
+        ports: the ports on 127.0.0.1 by service.
+        console: the file with the output of the serial console.
     """
 
     def __init__(self, process: subprocess.Popen[bytes], control: socket.socket, console: Path) -> None:
@@ -53,10 +53,10 @@ class Machine:
         self.ports = forwarded(self.monitor("info usernet"))
 
     def ask(self, command: str, **arguments: object) -> Any:
-        """Carry out a command of QEMU's machine protocol and return its answer.
+        """Execute a command of QEMU's machine protocol and return its result.
 
         Raises:
-            BuildError: QEMU has ended, or refuses.
+            BuildError: QEMU has ended or refuses the command.
         """
         try:
             self._control.sendall(json.dumps({"execute": command, "arguments": arguments}).encode() + b"\n")
@@ -67,11 +67,11 @@ class Machine:
                 if "return" in answer:
                     return answer["return"]
         except OSError as error:
-            raise BuildError(f"qemu does not answer: {error}") from error
+            raise BuildError(f"qemu does not respond: {error}") from error
         raise BuildError("qemu has ended")
 
     def monitor(self, line: str) -> str:
-        """Carry out a line of QEMU's monitor for people, and return what it says."""
+        """Execute a line of QEMU's human monitor and return its output."""
         return str(self.ask("human-monitor-command", **{"command-line": line}))
 
     def computed_s(self) -> float:
@@ -80,20 +80,20 @@ class Machine:
         return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
     def is_running(self) -> bool:
-        """Return whether QEMU has not ended yet."""
+        """Return whether QEMU is running."""
         return self._process.poll() is None
 
     def wait(self, timeout_s: float | None = None) -> int:
-        """Return QEMU's exit code once it has ended. Thread: blocks the caller."""
+        """Wait for QEMU's exit code. Thread: blocks the caller."""
         return self._process.wait(timeout_s)
 
     def kill(self) -> None:
-        """End QEMU as a power cut would."""
+        """Kill QEMU, like a power cut."""
         self._process.kill()
         self._process.wait(_END_S)
 
     def close(self) -> None:
-        """End QEMU and let go of it."""
+        """End QEMU and release its resources."""
         if self.is_running():
             self.kill()
         self._answers.close()
@@ -101,7 +101,7 @@ class Machine:
 
 
 def forwarded(said: str) -> dict[str, int]:
-    """Return the ports that QEMU forwards, out of what `info usernet` says."""
+    """Return the forwarded ports from the output of `info usernet`."""
     inside = {port: name for name, port in PORTS.items()}
     found = re.findall(r"TCP\[HOST_FORWARD\]\s+\d+\s+\S+\s+(\d+)\s+\S+\s+(\d+)", said)
     return {inside[int(guest)]: int(host) for host, guest in found if int(guest) in inside}
@@ -120,17 +120,17 @@ def arguments_for(
     """Return QEMU's arguments.
 
     Args:
-        platform: with an emulator.
-        disk: its disk.
-        folder: of what was built.
+        platform: a platform with an emulator.
+        disk: the disk image.
+        folder: the output folder of the build.
         memory_mb: RAM.
-        control: socket for the machine protocol.
-        console: file for what the serial console says.
-        network: what the network card is plugged into, as `-netdev` names it, in place of the forwarded ports.
-        boot_drive: a small drive to start from, before the disk.
+        control: the socket of the machine protocol.
+        console: the file for the output of the serial console.
+        network: a `-netdev` argument that replaces the forwarded ports.
+        boot_drive: a small boot drive in addition to the disk.
     """
     emulator = platform.emulator
-    assert emulator is not None  # noqa: S101  # the callers have seen to it
+    assert emulator is not None  # noqa: S101  # ensured by the callers
     forwards = ",".join(f"hostfwd=tcp:127.0.0.1:0-:{port}" for port in PORTS.values())
     arguments = ["-machine", emulator.machine, "-accel", f"tcg,tb-size={_CODE_CACHE_MB}", "-m", str(memory_mb)]
     arguments += ["-smp", str(emulator.cpus), "-nodefaults", "-no-user-config", "-display", "none"]
@@ -178,10 +178,10 @@ def _direct_boot(platform: Platform, folder: Path) -> list[str]:
 
 
 def loader_of(file: bytes, loader: EmulatorLoader) -> bytes:
-    """Return the boot loader as QEMU starts it, out of its file.
+    """Return the boot loader in the form that QEMU starts.
 
     Raises:
-        BuildError: words that are to be blanked are not in it.
+        BuildError: a word to overwrite is missing.
     """
     content = file[loader.skip :]
     for words in loader.blank:
@@ -195,12 +195,12 @@ def write_device_tree(tree: Path, lacks: Iterable[str], out: Path) -> None:
     """Write the device tree of QEMU's machine.
 
     Args:
-        tree: that of the board.
-        lacks: nodes of it that QEMU's machine does not have.
+        tree: the device tree of the board.
+        lacks: nodes that QEMU's machine does not have.
         out: the file.
 
     Raises:
-        BuildError: the kernel has not brought the tree, or there is no such node.
+        BuildError: the tree or a node is missing.
     """
     if not tree.is_file():
         raise BuildError(f"QEMU's machine needs {tree.name}: name it under the kernel's `device_trees`")
@@ -219,29 +219,29 @@ def running(
     network: str | None = None,
     boot_drive: Path | None = None,
 ) -> Iterator[Machine]:
-    """Run an image for the length of a `with` block.
+    """Run an image during a `with` block.
 
     Args:
-        platform: with an emulator.
-        folder: of what was built.
-        disk: the disk, which it writes to.
-        console: file for what the serial console says.
-        memory_mb: RAM; the platform's for None.
-        network: what the network card is plugged into, as `-netdev` names it, in place of the forwarded ports.
-        boot_drive: a small drive to start from, before the disk; it is written to as well.
+        platform: a platform with an emulator.
+        folder: the output folder of the build.
+        disk: the disk image, which is modified.
+        console: the file for the output of the serial console.
+        memory_mb: RAM; None selects the platform's default.
+        network: a `-netdev` argument that replaces the forwarded ports.
+        boot_drive: a small boot drive in addition to the disk; it is modified too.
 
     Raises:
         BuildError: QEMU does not start.
     """
     if platform.emulator is None:
-        raise BuildError(f"QEMU has no machine that stands in for {platform.name}")
+        raise BuildError(f"QEMU cannot emulate {platform.name}")
     with TemporaryDirectory(prefix="evbotos-") as work:
         control = Path(work) / "qmp"
         memory_mb = memory_mb or platform.emulator.memory_mb
         said = Path(work) / "said"
         with said.open("wb") as errors:
             argv = arguments_for(platform, disk, folder, memory_mb, control, console, network, boot_drive)
-            argv = [tool("setpriv"), "--pdeathsig", "KILL", *argv]  # so that it does not outlive a killed program
+            argv = [tool("setpriv"), "--pdeathsig", "KILL", *argv]  # it must not outlive a killed program
             process = subprocess.Popen(argv, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors)  # noqa: S603
         try:
             machine = Machine(process, _connect(process, control, said), console)
@@ -256,7 +256,7 @@ def running(
 
 
 def _connect(process: subprocess.Popen[bytes], path: Path, said: Path) -> socket.socket:
-    """Return a connection to QEMU, which waits for it before it starts the machine."""
+    """Return a connection to QEMU, which waits for it before starting the machine."""
     end_s = REAL_TIME.now() + _ANSWER_S
     control = socket.socket(socket.AF_UNIX)
     control.settimeout(_ANSWER_S)
@@ -266,20 +266,20 @@ def _connect(process: subprocess.Popen[bytes], path: Path, said: Path) -> socket
             return control
         REAL_TIME.sleep(0.02)
     control.close()
-    raise BuildError(f"qemu does not start: {said.read_text(errors='replace').strip() or 'it says nothing'}")
+    raise BuildError(f"qemu does not start: {said.read_text(errors='replace').strip() or 'no output'}")
 
 
 def run_emulator(
     platform: Platform, folder: Path, out: Console, *, memory_mb: int | None = None, keep: bool = False
 ) -> None:
-    """Run a built image until it ends or Ctrl-C, and show its console.
+    """Run a built image until it ends or Ctrl-C, and print its console.
 
     Args:
-        platform: with an emulator.
-        folder: of what was built.
-        out: where the ports and the console are shown.
-        memory_mb: RAM; the platform's for None.
-        keep: let it write to the built disk itself, and not to a copy that is thrown away.
+        platform: a platform with an emulator.
+        folder: the output folder of the build.
+        out: the terminal for ports and console.
+        memory_mb: RAM; None selects the platform's default.
+        keep: modify the built disk instead of a temporary copy.
 
     Raises:
         BuildError: QEMU does not start.

@@ -1,4 +1,4 @@
-"""What makes one robot of an image: the files on the boot partition that its owner gives it."""
+"""A robot's own files, provided by its owner, on the boot partition."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from evbotos.model import Local
 
 
 def gather_robot_files(local: Local) -> dict[str, tuple[str, bytes]]:
-    """Return the files of `robot/` on the boot partition: by name their hash and content.
+    """Return the files of `robot/` on the boot partition: hash and content by name.
 
     Raises:
-        BuildError: one that local.yaml names is not there, or is not what it should be.
+        BuildError: a file that local.yaml names is missing or invalid.
     """
     contents: dict[str, bytes] = {}
     if local.robot is not None:
@@ -35,10 +35,10 @@ def gather_robot_files(local: Local) -> dict[str, tuple[str, bytes]]:
 
 
 def public_key_hex(path: Path) -> str:
-    """Return a public key as the robot reads it: 64 hex digits.
+    """Return a public key as 64 hex digits, the robot's format.
 
     Raises:
-        BuildError: the file is not there, or holds no public ed25519 key in PEM.
+        BuildError: the file is missing or contains no public ed25519 key in PEM.
     """
     try:
         key = load_pem_public_key(path.read_bytes())
@@ -47,5 +47,5 @@ def public_key_hex(path: Path) -> str:
     except (ValueError, UnsupportedAlgorithm):
         key = None
     if not isinstance(key, Ed25519PublicKey):
-        raise BuildError(f"local.yaml: update_key: {path} is no public ed25519 key in PEM")
+        raise BuildError(f"local.yaml: update_key: {path} is not a public ed25519 key in PEM")
     return key.public_bytes(Encoding.Raw, PublicFormat.Raw).hex()

@@ -17,13 +17,13 @@ from evbotos.lock import Lock, LockedPackage, LockedSource, LockedWheel
 
 
 def bill_of_materials(lock: Lock, left_out: set[str], on_disk: set[str], architecture: str) -> str:
-    """Return what an image is made of.
+    """Return the bill of materials of an image.
 
     Args:
-        lock: of the image.
-        left_out: packages that were not unpacked.
-        on_disk: packages that the build reads for what starts the board, such as U-Boot.
-        architecture: as Debian names it.
+        lock: the image's lock.
+        left_out: packages that are not unpacked.
+        on_disk: packages with boot files, such as U-Boot.
+        architecture: Debian's name of the architecture.
     """
     name = f"evbotos-{lock.platform}-{lock.image}"
     bom = Bom(serial_number=uuid.uuid5(uuid.NAMESPACE_URL, f"{name}/{lock.asked}/{lock.epoch}"))

@@ -1,7 +1,7 @@
-"""The SDK of a platform: what plugins are compiled against, and a script that tells compilers where it is.
+"""The SDK of a platform: a sysroot for compiling plugins, and a script that configures compilers.
 
-The sysroot is made of the packages of the development image, by the same lock file: what is compiled with the SDK fits
-what that image compiles by itself (Source: thesis §3.5, §5.1).
+The sysroot consists of the development image's packages, from the same lock file: binaries compiled with the SDK match
+those compiled on that image (Source: thesis §3.5, §5.1).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from evbotos.tree import settle, unpack_packages
 IMAGE: Final = "dev"
 ENVIRONMENT: Final = "environment"
 _KEPT: Final = (
-    "lib{,32,64,x32}",  # links into usr, by which the linker's scripts name their files
+    "lib{,32,64,x32}",  # links into usr, used by linker scripts
     "usr/include/**",
     "usr/lib/**/*.{so,a,o,pc,h}",
     "usr/lib/**/*.so.*",
@@ -33,14 +33,14 @@ _KEPT: Final = (
     "usr/lib{32,64,x32}/**",
 )
 _TOOLS_OF_BUILDER: Final = ("usr/lib/gcc/**", "usr/lib/git-core/**", "usr/lib/*/perl*/**", "usr/lib/bfd-plugins/**")
-"""Programs' own libraries: the compiler of the build machine brings its own."""
+"""Programs' private libraries; the build machine's compiler has its own."""
 
 
 def make_sysroot(debs: Iterable[Path], root: Path) -> None:
-    """Unpack packages into a folder, and keep what compilers and linkers read.
+    """Unpack packages into a folder and keep the files that compilers and linkers read.
 
     Raises:
-        BuildError: a package cannot be unpacked, or what every sysroot has is missing.
+        BuildError: a package cannot be unpacked, or a required file is missing.
     """
     unpack_packages(debs, root)
     settle(root)
@@ -49,11 +49,11 @@ def make_sysroot(debs: Iterable[Path], root: Path) -> None:
     make_links_relative(root)
     for needed in ("usr/include/stdio.h", "usr/include/python3*/Python.h", "usr/lib/*/libc.so", "usr/lib/*/crt1.o"):
         if not any(root.glob(needed)):
-            raise BuildError(f"the packages of the {IMAGE} image hold no {needed}")
+            raise BuildError(f"the packages of the {IMAGE} image lack {needed}")
 
 
 def make_links_relative(root: Path) -> None:
-    """Turn links to absolute paths into links within a tree, and drop those that lead nowhere in it."""
+    """Convert absolute links into relative links within a tree, and remove broken ones."""
     for link in [path for path in root.rglob("*") if path.is_symlink()]:
         target = link.readlink()
         if target.is_absolute():
@@ -71,16 +71,16 @@ def python_of(root: Path) -> str:
     """
     found = sorted(path.parent.name for path in root.glob("usr/include/python3*/Python.h"))
     if not found:
-        raise BuildError("the sysroot holds no headers of Python")
+        raise BuildError("the sysroot contains no Python headers")
     return found[-1].removeprefix("python")
 
 
 def environment_text(platform: Platform, python: str) -> str:
-    """Return the script that sets CC and its like for a platform: `. environment`.
+    """Return the script that sets CC and related variables for a platform: `. environment`.
 
     Args:
-        platform: what is compiled for.
-        python: version of Python in the sysroot.
+        platform: the target platform.
+        python: the sysroot's Python version.
     """
     target = TARGETS[platform.architecture]
     abi = f"cpython-{python.replace('.', '')}-{target.multiarch}"
@@ -91,7 +91,7 @@ def environment_text(platform: Platform, python: str) -> str:
 _sdk="${{BASH_SOURCE:-$0}}"
 [ -n "${{EVBOTOS_SDK:-}}" ] || EVBOTOS_SDK="$(cd "$(dirname "$_sdk")" && pwd)"
 if [ ! -f "$EVBOTOS_SDK/sysroot/usr/include/stdio.h" ]; then
-    echo "{ENVIRONMENT}: this shell does not tell where the SDK is; set EVBOTOS_SDK to its folder first" >&2
+    echo "{ENVIRONMENT}: this shell does not report the script's path; set EVBOTOS_SDK to the SDK's folder first" >&2
     return 1 2>/dev/null || exit 1
 fi
 if ! command -v {target.compiler}gcc >/dev/null; then
@@ -119,23 +119,23 @@ unset _sdk
 
 
 def readme_text(platform: Platform, lock: Lock) -> str:
-    """Return what stands beside the script."""
+    """Return the README of the SDK."""
     return (
         f"SDK of EvBotOS for {platform.name} ({platform.architecture}): {platform.floor}\n\n"
         f"Needs the compiler of Debian's package {TARGETS[platform.architecture].package}. In a shell:\n\n"
         f"    . ./{ENVIRONMENT}\n"
         "    $CC $CFLAGS -shared -fPIC $PYTHON_CFLAGS module.c -o module$PYTHON_EXT_SUFFIX $LDFLAGS\n\n"
-        f"The sysroot holds the packages of the lock file {lock.platform}-{lock.image}:\n\n"
+        f"The sysroot contains the packages of the lock file {lock.platform}-{lock.image}:\n\n"
         + "".join(f"    {package.name} {package.version}\n" for package in lock.packages)
     )
 
 
 def write_archive(folder: Path, name: str, out: Path, epoch: int) -> None:
-    """Write a folder as a .tar.xz: the same folder gives the same bytes.
+    """Write a folder as a reproducible .tar.xz.
 
     Args:
-        folder: what goes in.
-        name: of its folder in the archive.
+        folder: the input folder.
+        name: its name in the archive.
         out: the archive.
         epoch: the date of every file.
     """
@@ -150,7 +150,7 @@ def write_archive(folder: Path, name: str, out: Path, epoch: int) -> None:
             info.uname = info.gname = "root"
             info.mtime = epoch
             info.mode = 0o755 if info.isdir() or info.mode & 0o100 else 0o644
-            if info.islnk():  # the second name of a file: a copy, so that the order of files does not matter
+            if info.islnk():  # a hard link becomes a copy, so the order of files does not matter
                 info.type, info.linkname, info.size = tarfile.REGTYPE, "", path.stat().st_size
             if info.isreg():
                 tar.addfile(info, io.BytesIO(path.read_bytes()))

@@ -1,4 +1,4 @@
-"""`evbotos sdk`: what plugins are compiled against, as one archive."""
+"""`evbotos sdk`: the archive for compiling plugins."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from evbotos.terminal import console, write_json
 def sdk(
     platform: Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")],
     local: Annotated[
-        Path | None, typer.Option("--local", help="Your own settings.", show_default="local.yaml, if it is here")
+        Path | None, typer.Option("--local", help="Your own settings.", show_default="local.yaml, if present")
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of what was built.")] = OUTPUT,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder of builds.")] = OUTPUT,
     as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
 ) -> None:
-    """Make the SDK of a platform: the sysroot of its development image, and a script that sets CC and its like."""
+    """Build the SDK of a platform: a sysroot and a script that sets CC and related variables."""
     found = load_definitions(local)
     board, image = found.platform(platform), found.image(IMAGE)
     lock = require_lock(found.lock_path(board, image), board, image)
@@ -81,4 +81,4 @@ def sdk(
     )
     package = missing_compiler(board)
     if package is not None:
-        console().print(f"Its compiler is not on this machine: apt-get install {package}")
+        console().print(f"The compiler is not installed: apt-get install {package}")

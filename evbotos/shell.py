@@ -1,4 +1,4 @@
-"""Running the build machine's programs: bounded, quiet, and loud when they fail."""
+"""Running programs of the build machine: with time limits, quiet on success, explicit on failure."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LIBC: Final = ctypes.CDLL(None)
 
 
 def _die_with_parent() -> None:
-    """Have the kernel kill this process with the builder, so that a killed build leaves nobody writing."""
+    """Let the kernel kill this process when the builder dies, so that no writer survives a killed build."""
     _LIBC.prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
 
 
@@ -33,7 +33,7 @@ def run(
     data: bytes | None = None,
     timeout_s: float = _TIMEOUT_S,
 ) -> str:
-    """Run a program to its end and return its output as text; the rest as for `run_binary`."""
+    """Run a program and return its output as text; otherwise like `run_binary`."""
     return run_binary(argv, cwd=cwd, env=env, data=data, timeout_s=timeout_s).decode(errors="replace")
 
 
@@ -45,18 +45,18 @@ def run_binary(
     data: bytes | None = None,
     timeout_s: float = _TIMEOUT_S,
 ) -> bytes:
-    """Run a program to its end and return its output.
+    """Run a program and return its output.
 
     Args:
         argv: the program and its arguments.
-        cwd: where it runs.
-        env: what is added to the environment; the locale is always C.
+        cwd: its working directory.
+        env: additional environment variables; the locale is always C.
         data: its input.
-        timeout_s: real seconds after which it is killed.
+        timeout_s: time limit in real seconds.
 
     Raises:
-        BuildError: it is not there, failed or took too long; with the last lines that it said.
-        DiskFullError: it failed because there was no room.
+        BuildError: it is missing, failed or exceeded the time limit; includes its last lines.
+        DiskFullError: it failed because the disk is full.
     """
     name = Path(argv[0]).name
     where = {**os.environ, "LC_ALL": "C", "TZ": "UTC", **(env or {})}
@@ -78,6 +78,6 @@ def run_binary(
     if done.returncode:
         said = (done.stderr or done.stdout).decode(errors="replace")
         if os.strerror(errno.ENOSPC) in said:
-            raise DiskFullError(f"{name} finds the disk full; make room, and build again: finished steps are kept")
+            raise DiskFullError(f"{name} failed: the disk is full; free space and build again, finished steps are kept")
         raise BuildError("\n".join([f"{name} failed with {done.returncode}", *said.splitlines()[-_SHOWN_LINES:]]))
     return done.stdout

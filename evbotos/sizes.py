@@ -1,4 +1,4 @@
-"""What the megabytes of an image are made of."""
+"""The size of an image by component."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LEVEL: Final = 6
 
 
 def group_of(name: str) -> str:
-    """Return what a file of the tree is counted under: a Python package, Python itself, a library, or its folder."""
+    """Return the component of a file: a Python package, Python itself, a library, or its folder."""
     parts = name.split("/")
     if name.startswith(f"{SITE}/"):
         package = parts[4].removesuffix(".pyc").removesuffix(".py")
@@ -28,7 +28,7 @@ def group_of(name: str) -> str:
 
 
 def sizes_of(root: Path) -> dict[str, tuple[int, int]]:
-    """Return by group how many bytes there are and about how many they are compressed; the largest first."""
+    """Return the bytes and the approximate compressed bytes by component, largest first."""
     found: dict[str, list[int]] = defaultdict(lambda: [0, 0])
     for path in root.rglob("*"):
         if path.is_file() and not path.is_symlink():

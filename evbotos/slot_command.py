@@ -1,4 +1,4 @@
-"""`evbotos slot`: the update that brings a built image into a robot's other slot."""
+"""`evbotos slot`: sign a built image as an update for a robot's other slot."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ def slot(
     platform: Annotated[str, typer.Argument(metavar="PLATFORM", help="The board: see `evbotos list`.")],
     image: Annotated[str, typer.Argument(metavar="[IMAGE]", help="What was built for it.")] = "robot",
     key: Annotated[
-        Path, typer.Option("--key", help="Your private key (ed25519, PEM), to whose public one robots listen.")
+        Path, typer.Option("--key", help="Your private key (ed25519, PEM); robots verify updates with its public key.")
     ] = Path("update.pem"),
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of what was built.")] = OUTPUT,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder of builds.")] = OUTPUT,
     as_json: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
 ) -> None:
-    """Sign a built image as an update, which `evbotos-update install` on the robot writes into its other slot."""
+    """Sign a built image as an update. On the robot, `evbotos-update install` writes it to the other slot."""
     folder = output / f"{platform}-{image}"
     if not (folder / "manifest.json").is_file():
-        raise BuildError(f"{folder} is not built yet: `evbotos build {platform} {image}`")
+        raise BuildError(f"{folder} is not built; run `evbotos build {platform} {image}`")
     out = folder / UPDATE
     signed = write_update(folder, key, out)
     if as_json:

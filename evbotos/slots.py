@@ -1,8 +1,8 @@
-"""Which slot starts: what the boot loader and the system tell each other, in a small file on the boot partition.
+"""The slot state: a small file on the boot partition, shared by the boot loader and the system.
 
-`good` is the slot that starts, `try` one that is to start once, and `starts` has an `x` for each start since the system
-last said that it came up. The file is GRUB's environment block, and U-Boot reads it as lines of text. It keeps its size
-and its place, so that whoever writes it overwrites two sectors and nothing else.
+`good` is the slot to start, `try` a slot to start once, and `starts` has an `x` for each start since the system
+last reported success. The file is a GRUB environment block, which U-Boot reads as lines of text. It keeps its size
+and position, so that a write changes only two sectors.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ _HEADER: Final = "# GRUB Environment Block\n"
 
 
 def state_block(values: dict[str, str]) -> bytes:
-    """Return the file's content: 1024 bytes, always.
+    """Return the file's content, always 1024 bytes.
 
     Raises:
-        BuildError: the values need more.
+        BuildError: the values do not fit.
     """
     text = _HEADER + "".join(f"{key}={value}\n" for key, value in values.items())
     if len(text) > SIZE:
-        raise BuildError(f"what boot loader and system tell each other has {SIZE} bytes of room")
+        raise BuildError(f"the slot state exceeds {SIZE} bytes")
     return text.ljust(SIZE, "#").encode("ascii")

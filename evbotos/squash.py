@@ -15,10 +15,10 @@ _OPTIONS: Final = {
 
 
 def squash(root: Path, out: Path, compression: Literal["zstd", "xz"], epoch: int) -> None:
-    """Compress a tree; every file belongs to root and has the same date, so that the same tree gives the same bytes.
+    """Compress a tree reproducibly: every file belongs to root and has the same date.
 
     Raises:
-        BuildError: it did not work; `No space left` is said as such.
+        BuildError: mksquashfs failed.
     """
     same = ("-all-root", "-all-time", str(epoch), "-mkfs-time", str(epoch), "-no-xattrs", "-no-exports", "-noappend")
     run([tool("mksquashfs"), root, out, *_OPTIONS[compression], *same, "-no-progress", "-quiet"])

@@ -1,4 +1,4 @@
-"""Steps with inputs: done once, kept under the hash of what went in, and whole or not there at all."""
+"""Cached build steps: keyed by the hash of their inputs, with atomic results."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Step:
     """One step of a build.
 
     Attributes:
-        name: as it is shown.
-        key: of all that decides its outcome.
-        make: makes the outcome, a file or a folder, at the path that it is given.
+        name: the displayed name.
+        key: the hash of everything that determines the result.
+        make: creates the result, a file or folder, at the given path.
     """
 
     name: str
@@ -31,13 +31,13 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class StepDone:
-    """How a step went.
+    """The result of a step.
 
     Attributes:
-        name: as it is shown.
-        key: of its inputs.
-        seconds: that it took now.
-        cached: whether it was there already.
+        name: the displayed name.
+        key: the hash of its inputs.
+        seconds: its duration in this build.
+        cached: whether the result came from the cache.
     """
 
     name: str
@@ -48,14 +48,14 @@ class StepDone:
 
 @dataclass
 class Runner:
-    """Runs steps in a cache, where an interrupted one leaves nothing behind that counts.
+    """Runs steps in a cache; an interrupted step leaves no result.
 
     Args:
-        folder: the cache.
-        tell: told of a step before it is made.
+        folder: the cache folder.
+        tell: receives a step before it runs.
 
     Attributes:
-        done: the steps so far.
+        done: the finished steps.
     """
 
     folder: Path
@@ -63,14 +63,14 @@ class Runner:
     done: list[StepDone] = field(default_factory=list)
 
     def outcome(self, step: Step) -> Path:
-        """Return where the outcome of a step is kept."""
+        """Return the cache path of a step's result."""
         return self.folder / step.name / step.key
 
     def run(self, step: Step) -> Path:
-        """Return a step's outcome; makes it if it is not there.
+        """Return a step's result; run the step if the cache lacks it.
 
         Raises:
-            BuildError: it cannot be made; the disk may be full.
+            BuildError: the step failed, for example because the disk is full.
         """
         outcome = self.outcome(step)
         start_s = REAL_TIME.now()
@@ -100,24 +100,24 @@ class Runner:
 
 @contextmanager
 def owned(folder: Path) -> Iterator[None]:
-    """Own a cache for the length of a `with` block, and clear away what killed builds left in it.
+    """Lock a cache during a `with` block, and remove the leftovers of killed builds.
 
     Raises:
-        BuildError: another build is at work in it.
+        BuildError: another build uses it.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "lock").open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise BuildError(f"another build is at work in {folder}; wait for its end") from None
+            raise BuildError(f"another build uses {folder}; wait until it ends") from None
         for part in [*folder.glob(".part-*"), *folder.glob("*/.part-*")]:
             remove(part)
         yield
 
 
 def remove(path: Path) -> None:
-    """Remove a file or a folder, if it is there."""
+    """Remove a file or folder if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:
@@ -125,7 +125,7 @@ def remove(path: Path) -> None:
 
 
 def place(source: Path, target: Path) -> None:
-    """Put a copy of a file in its place at once: no reader ever sees half of it. Holes stay holes."""
+    """Copy a file atomically; holes stay holes."""
     part = target.with_name(f".{target.name}.part")
     part.unlink(missing_ok=True)
     shutil.copyfile(source, part)

@@ -1,4 +1,4 @@
-"""What compilers must be told of each architecture."""
+"""Compiler settings of each architecture."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from evbotos.model import Architecture
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What a compiler must be told of an architecture.
+    """Compiler settings of an architecture.
 
     Attributes:
-        compiler: the prefix of its compiler's programs.
-        package: Debian package of the compiler.
-        multiarch: folder of its libraries.
-        flags: for the least processor of the platform.
+        compiler: the prefix of the compiler's programs.
+        package: the Debian package of the compiler.
+        multiarch: the folder of its libraries.
+        flags: the flags for the platform's minimum processor.
     """
 
     compiler: str

@@ -1,4 +1,4 @@
-"""Writing to the terminal, and the one table of errors and exit codes."""
+"""Terminal output, and the table of errors and exit codes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from evbotos.errors import BuildError, FlashError, MissingToolsError, UpdateErro
 
 
 class ExitCode(enum.IntEnum):
-    """What `evbotos` tells the shell."""
+    """The exit codes of `evbotos`."""
 
     DONE = 0
     FAILED = 1
@@ -41,13 +41,13 @@ _CODES: Final[tuple[tuple[type[EALError], ExitCode], ...]] = (
 
 
 def console(*, error: bool = False) -> Console:
-    """Return the console for results, or that for everything else."""
+    """Return the console of stdout for results, or of stderr for everything else."""
     file = sys.stderr if error else sys.stdout
     return Console(file=file, width=None if file.isatty() else 160, highlight=False, markup=False, emoji=False)
 
 
 def new_table(*columns: str) -> Table:
-    """Return an empty table in the house's style."""
+    """Return an empty table in the common style."""
     table = Table(*columns, box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold")
     for column in table.columns:
         column.overflow = "fold"
@@ -55,18 +55,18 @@ def new_table(*columns: str) -> Table:
 
 
 def write_json(value: Any) -> None:
-    """Write a value to stdout as JSON, and nothing else."""
+    """Write a value to stdout as JSON."""
     sys.stdout.write(json.dumps(value, indent=2, ensure_ascii=False) + "\n")
 
 
 def report(error: EALError) -> ExitCode:
-    """Tell an error on stderr, and return its exit code."""
+    """Print an error to stderr and return its exit code."""
     out = console(error=True)
     if isinstance(error, ConfigError):
         for problem in error.problems:
             out.print(str(problem), soft_wrap=True)
         count = len(error.problems)
-        out.print(f"{count} problem{'s' * (count != 1)}; nothing was done.", style="dim")
+        out.print(f"{count} problem{'s' * (count != 1)}; nothing was changed.", style="dim")
     else:
         out.print(Text.assemble(("Error: ", "bold red"), str(error)), soft_wrap=True)
     return next(code for kind, code in _CODES if isinstance(error, kind))

@@ -1,4 +1,4 @@
-"""The tree of a root file system: packages and wheels unpacked as their own scripts would leave them."""
+"""The tree of a root file system: packages and wheels, unpacked and set up without their scripts."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from evbotos.shell import run, run_binary
 
 SITE: Final = "usr/lib/python3/dist-packages"
 _MERGED: Final = ("bin", "sbin", "lib", "lib32", "lib64", "libx32")
-"""Folders that Debian keeps in /usr, with links in their old places."""
+"""Folders that Debian moved to /usr, leaving links."""
 _APPLETS: Final = re.compile(rb"\0\[\0\[\[\0(?:[a-z0-9_+.-]+\0){100,}")
 _ELF: Final = b"\x7fELF"
 
 
 def unpack_packages(files: Iterable[Path], root: Path) -> None:
-    """Unpack Debian packages; none of their scripts runs.
+    """Unpack Debian packages without running their scripts.
 
     Raises:
-        BuildError: one cannot be unpacked.
+        BuildError: a package cannot be unpacked.
     """
     for name in _MERGED:
         (root / "usr" / name).mkdir(parents=True, exist_ok=True)
@@ -40,7 +40,7 @@ def unpack_packages(files: Iterable[Path], root: Path) -> None:
 
 
 def unpack_wheels(files: Iterable[Path], root: Path) -> None:
-    """Unpack wheels beside Debian's own Python packages, without their programs."""
+    """Unpack wheels next to Debian's Python packages, without their programs."""
     site = root / SITE
     site.mkdir(parents=True, exist_ok=True)
     for file in files:
@@ -51,7 +51,7 @@ def unpack_wheels(files: Iterable[Path], root: Path) -> None:
 
 
 def settle(root: Path) -> None:
-    """Do what the packages' scripts would have done: busybox's commands, the linear algebra libraries, `python3`."""
+    """Do the work of the packages' scripts: busybox's commands, the linear algebra libraries, `python3`."""
     _link_busybox(root)
     for library in ("blas/libblas.so.3", "lapack/liblapack.so.3"):
         for file in root.glob(f"usr/lib/*/{library}"):
@@ -64,7 +64,7 @@ def settle(root: Path) -> None:
 
 
 def _link_busybox(root: Path) -> None:
-    """Give each of busybox's commands a link, where no other package has a program of that name."""
+    """Link each busybox command unless another package provides that program."""
     busybox = root / "usr/bin/busybox"
     if not busybox.exists():
         return
@@ -74,25 +74,25 @@ def _link_busybox(root: Path) -> None:
 
 
 def busybox_applets(program: bytes) -> list[str]:
-    """Return the commands in a busybox of any architecture: a list of names in alphabetical order within it.
+    """Return the commands of a busybox binary of any architecture: an alphabetical list of names in it.
 
     Raises:
-        BuildError: the list is not found.
+        BuildError: the binary contains no such list.
     """
     match = _APPLETS.search(program)
     names = match[0].strip(b"\0").decode().split("\0") if match is not None else []
     in_order: list[str] = []
     for name in names:
-        if in_order and name <= in_order[-1]:  # what follows the list
+        if in_order and name <= in_order[-1]:  # the end of the list
             break
         in_order.append(name)
     if not {"init", "mount", "sh"} <= set(in_order):
-        raise BuildError("busybox's list of commands is not found in it")
+        raise BuildError("the busybox binary contains no list of commands")
     return in_order
 
 
 def overlay(source: Path, root: Path) -> None:
-    """Lay a folder over a tree, file by file; links stay links, and modes are kept."""
+    """Copy a folder onto a tree; keep links and modes."""
     for path in sorted(source.rglob("*")):
         if "__pycache__" in path.parts:
             continue
@@ -106,7 +106,7 @@ def overlay(source: Path, root: Path) -> None:
 
 
 def normalise(root: Path) -> None:
-    """Give every file one of two modes, so that neither the builder's umask nor a checkout's is seen in the image."""
+    """Give every file one of two modes, independent of the builder's umask."""
     for path in root.rglob("*"):
         if not path.is_symlink():
             is_open = path.is_dir() or path.stat().st_mode & 0o100
@@ -115,7 +115,7 @@ def normalise(root: Path) -> None:
 
 
 def missing_libraries(root: Path, optional: Sequence[str] = ()) -> dict[str, list[str]]:
-    """Return the shared libraries that programs in a tree need and that are not there, with who needs them."""
+    """Return the missing shared libraries of a tree with the programs that need them."""
     programs = [path for path in root.rglob("*") if _is_elf(path)]
     there = {path.name for path in root.rglob("*.so*")}
     missing: dict[str, list[str]] = {}

@@ -1,4 +1,4 @@
-"""U-Boot, by which boards without a BIOS start: its script, and what their ROMs load before it."""
+"""U-Boot, the loader of boards without a BIOS: its script, and the files that their ROMs load first."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from evbotos.model import Kernel, Platform
 from evbotos.shell import run
 
 SCRIPT: Final = "boot.scr"
-"""U-Boot looks for it on every drive's bootable partition."""
+"""U-Boot searches every bootable partition for this file."""
 _START: Final = {
     "arm": ("${kernel_addr_r}", "bootz ${kernel_addr_r} - ${tree}"),
-    # The kernel of 64 bits does not unpack itself.
+    # A 64-bit kernel does not unpack itself.
     "arm64": ("${ramdisk_addr_r}", "unzip ${ramdisk_addr_r} ${kernel_addr_r} && booti ${kernel_addr_r} - ${tree}"),
 }
-"""By the kernel's architecture: where its file is loaded, and what starts it then."""
+"""Load address and start command by kernel architecture."""
 
 
 def script(platform: Platform, kernel_line: str, disk_id: str) -> str:
-    """Return what U-Boot is to do, which is what GRUB's menu does on PCs.
+    """Return U-Boot's script, the equivalent of GRUB's menu on PCs.
 
     Args:
-        platform: with a compiled kernel for ARM.
-        kernel_line: what the kernel is told, but for the root and the slot.
+        platform: a platform with a compiled ARM kernel.
+        kernel_line: the kernel's command line without root and slot.
         disk_id: the disk's signature, eight hex digits.
     """
-    # OMAP's `fdt_addr_r` and `ramdisk_addr_r` lie beyond 128 MB. Its tree stays where it is loaded, which must not be
-    # where the kernel unpacks itself.
-    assert isinstance(platform.kernel, Kernel)  # noqa: S101  # another one is never started by U-Boot
+    # OMAP's `fdt_addr_r` and `ramdisk_addr_r` are beyond 128 MB. The tree stays at its load address, which must not be
+    # in the range into which the kernel unpacks itself.
+    assert isinstance(platform.kernel, Kernel)  # noqa: S101  # U-Boot starts no other kind
     address, start = _START[platform.kernel.architecture]
     return f"""setenv part "${{devtype}} ${{devnum}}:${{distro_bootpart}}"
 setenv good
@@ -76,7 +76,7 @@ reset
 
 
 def compile_script(text: str, epoch: int) -> bytes:
-    """Return a script in the form that U-Boot carries out.
+    """Compile a script for U-Boot.
 
     Raises:
         BuildError: mkimage failed.
@@ -90,13 +90,13 @@ def compile_script(text: str, epoch: int) -> bytes:
 
 
 def write_board_files(platform: Platform, packages: Mapping[str, Path], kernel_folder: Path, out: Path) -> None:
-    """Fill a folder with what a board's boot partition holds besides kernels: U-Boot, what starts it, device trees.
+    """Fill a folder with a board's boot files except kernels: U-Boot, its loaders, device trees.
 
     Args:
-        platform: which `boot_files` and `boot_texts` it has.
-        packages: by name, the files of the packages that `boot_files` names.
-        kernel_folder: with the kernel's device trees.
-        out: the folder, which is made.
+        platform: the platform with `boot_files` and `boot_texts`.
+        packages: the package files of `boot_files` by name.
+        kernel_folder: a folder with the kernel's device trees.
+        out: the output folder, created here.
 
     Raises:
         BuildError: a package lacks a file.
@@ -117,10 +117,10 @@ def read_files(package: Path, name: str, sources: Iterable[str]) -> list[bytes]:
     Args:
         package: the package's file.
         name: the package's name, for the message.
-        sources: the paths in it.
+        sources: paths in the package.
 
     Raises:
-        BuildError: it lacks one.
+        BuildError: a file is missing.
     """
     with TemporaryDirectory() as folder:
         run([tool("dpkg-deb"), "-x", package, folder])

@@ -1,4 +1,4 @@
-"""Updates: a new system for a robot's other slot, signed with its owner's key."""
+"""Updates: a new system for a robot's other slot, signed with the owner's key."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from evbotos.errors import UpdateError
 from evbotos.hashing import file_sha256
 
 _PARTS: Final = {"kernel": "kernel", "root": "root.squashfs"}
-"""What an update holds, in this order, and the built files that it is made of."""
+"""The members of an update in order, with their source files."""
 
 
 def write_update(built: Path, key: Path, out: Path) -> dict[str, object]:
-    """Write the update that brings a built image to a robot; the same build and key give the same bytes.
+    """Write the update of a built image, reproducibly.
 
     Args:
-        built: folder of what was built.
-        key: the owner's private key, ed25519 in PEM without a password.
+        built: the output folder of the build.
+        key: the owner's private key (ed25519, PEM, no password).
         out: the archive.
 
     Returns:
-        What is signed: the platform, the image, its version, and size and hash of each part.
+        The signed manifest: platform, image, version, and size and hash of each part.
 
     Raises:
-        UpdateError: the key is not there, or is none.
+        UpdateError: the key is missing or invalid.
     """
     signer = _private_key(key)
     report = json.loads((built / "manifest.json").read_text())
@@ -64,9 +64,9 @@ def _private_key(path: Path) -> Ed25519PrivateKey:
     except OSError as error:
         raise UpdateError(f"{path}: {error.strerror}") from error
     except (TypeError, ValueError, UnsupportedAlgorithm):
-        key = None  # with a password, or no key at all
+        key = None  # with a password, or not a key
     if not isinstance(key, Ed25519PrivateKey):
         raise UpdateError(
-            f"{path} is no private ed25519 key in PEM without a password: openssl genpkey -algorithm ed25519"
+            f"{path} is not a private ed25519 key in PEM without a password: openssl genpkey -algorithm ed25519"
         )
     return key

@@ -1,4 +1,4 @@
-"""Python packages for a platform: found and fetched by pip, with those that they need and Debian does not have."""
+"""Python packages for a platform, resolved and downloaded by pip, with dependencies that Debian lacks."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ from evbotos.shell import run
 PYTHON: Final = "3.11"
 """Of Debian 12."""
 _DEBIAN_NAMES: Final = {"python3-yaml": "pyyaml", "python3-cffi-backend": "cffi"}
-"""Where Debian's name is not `python3-` and the package's own."""
+"""Debian names that differ from `python3-<package>`."""
 _MACHINES: Final = {"amd64": "x86_64", "arm64": "aarch64", "armhf": "armv7l", "i386": "i686"}
 _MOST_ROUNDS: Final = 8
 
 
 def provided_by(packages: Iterable[str]) -> set[str]:
-    """Return the Python packages that Debian packages hold, by their names on the package index."""
+    """Return the index names of the Python packages in Debian packages."""
     return {_DEBIAN_NAMES.get(name, name.removeprefix("python3-")) for name in packages if name.startswith("python3-")}
 
 
 def resolve_wheels(platform: Platform, names: Iterable[str], provided: set[str]) -> list[LockedWheel]:
-    """Return wheels with all that they need, the newest that fit together.
+    """Return wheels with all dependencies, in the newest compatible versions.
 
     Args:
-        platform: where they run.
-        names: what is wanted.
-        provided: what Debian packages hold already.
+        platform: the target platform.
+        names: the requested packages.
+        provided: packages that Debian provides.
 
     Raises:
-        BuildError: there is no wheel of one for this platform.
+        BuildError: a package has no wheel for this platform.
     """
     absent = {canonicalize_name(name) for name in platform.compiled_wheels}
     wanted: dict[str, set[str]] = {canonicalize_name(Requirement(name).name): {name} for name in names}
@@ -60,14 +60,14 @@ def resolve_wheels(platform: Platform, names: Iterable[str], provided: set[str])
                 return sorted(map(_locked, Path(folder).iterdir()), key=lambda wheel: wheel.name)
             for name, demand in further:
                 wanted.setdefault(name, set()).add(demand)
-    raise BuildError(f"the wheels for {platform.name} demand ever more of one another: {', '.join(sorted(wanted))}")
+    raise BuildError(f"the dependencies of the wheels for {platform.name} do not converge: {', '.join(sorted(wanted))}")
 
 
 def fetch_wheels(platform: Platform, wheels: Iterable[LockedWheel], folder: Path) -> list[Path]:
-    """Return the files of wheels, out of a folder that keeps them by hash; those that it lacks are downloaded.
+    """Return the files of wheels from a cache keyed by hash; download missing ones.
 
     Raises:
-        BuildError: one is not offered any more, or is not what was locked.
+        BuildError: a file is no longer offered, or does not match the lock.
     """
     found = {wheel: folder / wheel.sha256 / wheel.file for wheel in wheels}
     missing = [wheel for wheel, file in found.items() if not file.is_file()]
@@ -79,7 +79,7 @@ def fetch_wheels(platform: Platform, wheels: Iterable[LockedWheel], folder: Path
             file = Path(part) / wheel.file
             if not file.is_file() or file_sha256(file) != wheel.sha256:
                 raise BuildError(
-                    f"{wheel.file}, as locked, cannot be had; `evbotos build --update-lock` takes what there is"
+                    f"{wheel.file}, as locked, is unavailable; `evbotos build --update-lock` selects another"
                 )
             found[wheel].parent.mkdir(exist_ok=True)
             file.replace(found[wheel])
@@ -97,7 +97,7 @@ def _download(platform: Platform, demands: list[str], folder: Path) -> None:
 def _further(
     folder: Path, wanted: dict[str, set[str]], provided: set[str], platform: Platform
 ) -> list[tuple[str, str]]:
-    """Return what the downloaded wheels demand beyond what is asked for already, as name and demand."""
+    """Return the further requirements of downloaded wheels, as name and requirement."""
     environment = {
         "python_version": PYTHON,
         "python_full_version": f"{PYTHON}.2",

@@ -1,1 +1,1 @@
-"""Choreographies, in YAML and in Python."""
+"""Scenarios, in YAML and in Python."""

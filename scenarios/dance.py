@@ -1,4 +1,4 @@
-"""The group dance (thesis §6.2.3): every robot steps at the same time, and waits for the others after each step."""
+"""The group dance (thesis §6.2.3): all robots step at the same time and wait for each other after each step."""
 
 import argparse
 
@@ -8,7 +8,7 @@ DANCE = ["r45", "l90", "r90", "l10", "r10", "l10", "r360"]
 
 
 def dance(robots: list[RobotHandle]) -> list[str]:
-    """Dance; a robot that fails a step leaves the floor. Returns the names of those who danced to the end."""
+    """Dance without the robots that fail a step; return the names of those that finish."""
     dancers = list(robots)
     for move in DANCE:
         steps = [robot["Base"].send_cmd(move) for robot in dancers]
@@ -16,7 +16,7 @@ def dance(robots: list[RobotHandle]) -> list[str]:
         for robot, outcome in zip(list(dancers), outcomes, strict=True):
             if isinstance(outcome, EALError):
                 print(f"{robot.name} leaves the dance at {move}: {outcome}")
-                robot.halt().exception()  # as far as it still can
+                robot.halt().exception()  # it may be out of reach
                 dancers.remove(robot)
     return [robot.name for robot in dancers]
 
@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("--fleet", default="fleets/sim.yaml")
     arguments = parser.parse_args()
     with Fleet.load(arguments.fleet) as fleet:
-        print(f"danced to the end: {', '.join(dance(list(fleet.values())))}")
+        print(f"finished the dance: {', '.join(dance(list(fleet.values())))}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Every robot with a camera turns in place, takes a picture each 45 degrees (thesis §6.2.2), and stitches them."""
+"""Every robot with a camera turns in place and takes a picture every 45 degrees (thesis §6.2.2); they are stitched."""
 
 import argparse
 import math
@@ -15,7 +15,7 @@ PICTURES = 8
 
 @dataclass
 class Shots:
-    """What a robot took: its frames, and where odometry had it looking at each."""
+    """The frames of a robot, and its heading by odometry at each."""
 
     frames: list[EALData] = field(default_factory=list)
     yaws_rad: list[float] = field(default_factory=list)
@@ -35,7 +35,7 @@ def take_panorama(robots: list[RobotHandle]) -> dict[str, Shots]:
 
 
 def main() -> None:
-    """Read the command line, take the pictures, stitch them, and say what came of each."""
+    """Read the command line, take the pictures, stitch and save them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--fleet", default="fleets/sim.yaml")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="the folder for the pictures")

@@ -9,7 +9,7 @@ BACK = ["l", "b"] * 4
 
 
 def drive_square(robot: RobotHandle) -> None:
-    """Drive it; whatever happens on the way, the robot stands still in the end."""
+    """Drive the square; halt the robot at the end, also after an error."""
     base = robot["Base"]
     try:
         for move in [*FORTH, "s", *BACK, "s"]:

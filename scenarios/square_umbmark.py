@@ -1,10 +1,10 @@
-"""Squares both ways, what they say of the wheels, and the proof by squares anew: square-umbmark.yaml in Python."""
+"""Calibration by squares, verified with a second run: square-umbmark.yaml in Python."""
 
 import argparse
 from typing import NamedTuple
 
 from eal_actors import Fleet, RobotHandle
-from eal_actors.device.wheels import NOMINAL
+from eal_actors.device.differential_base import NOMINAL
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.lab.calibration.drive import (
     GroundTruth,
@@ -20,7 +20,7 @@ SIDE_M, SQUARES = 1.0, 5
 
 
 class Proof(NamedTuple):
-    """What the squares said, and how far they were off before and after, in m."""
+    """The fit, and the errors of the squares before and after it, in m."""
 
     fit: Fit
     before_m: float
@@ -28,15 +28,15 @@ class Proof(NamedTuple):
 
 
 def prove(robot: RobotHandle, side_m: float = SIDE_M, squares: int = SQUARES) -> Proof:
-    """Drive squares, tell the base how its wheels are, and drive them again.
+    """Drive squares, calibrate the base, and drive them again.
 
     Raises:
-        UnsupportedError: the base does not tell how far its wheels are apart, or takes no calibration.
+        UnsupportedError: the base does not report its wheelbase, or accepts no calibration.
         ResourceFaultError: the robot touches something.
     """
     wheelbase_m = wheelbase_of(robot)
     if wheelbase_m is None:
-        raise UnsupportedError("does not tell how far its wheels are apart").at(robot.name, "Base")
+        raise UnsupportedError("does not report its wheelbase").at(robot.name, "Base")
     truth = GroundTruth(robot)
     before = drive_squares(robot, truth, side_m, squares)
     fit = fit_squares(before, side_m, wheelbase_m, calibration_of_base(robot) or NOMINAL)
@@ -46,11 +46,11 @@ def prove(robot: RobotHandle, side_m: float = SIDE_M, squares: int = SQUARES) ->
 
 
 def main() -> None:
-    """Read the command line, drive with the first robot whose place is known, and say what came of it."""
+    """Read the command line and calibrate the first robot whose true pose is known."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--fleet", default="fleets/sim.yaml")
     parser.add_argument("--side", type=float, default=SIDE_M, help="length of a side, in m")
-    parser.add_argument("--squares", type=int, default=SQUARES, help="so many each way")
+    parser.add_argument("--squares", type=int, default=SQUARES, help="number each way")
     arguments = parser.parse_args()
     with Fleet.load(arguments.fleet) as fleet:
         robot = next(robot for robot in fleet.values() if has_ground_truth(robot))

@@ -10,11 +10,10 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.testing.conformance.wires import TICK_S, WIRES
-from plugins.evbot2.device import Device
-from plugins.evbot2.emulator import evbot2, free_body
-from plugins.evbot2.faults import FaultyWire
-from plugins.evbot2.firmware import any_boot
-from plugins.evbot3.emulator import FreeTurretBody, evbot3
+from plugins.evbot2.emulator import evbot2, free_vehicle
+from plugins.evbot2.firmware import BaseEmulator, any_boot
+from plugins.evbot2.serving import FaultyWire
+from plugins.evbot3.emulator import FreeTurretVehicle, evbot3
 from plugins.roomba.bodies import FreeRoombaBody
 from plugins.roomba.motes import MotePair
 from plugins.roomba.sci import WHEELBASE_M
@@ -156,7 +155,7 @@ def plugged_in(robot: Emulated[B]) -> Iterator[Emulated[B]]:
 class LossyDevice:
     """A device behind a network that loses datagrams, both ways."""
 
-    def __init__(self, device: Device, loss: float, seed: int) -> None:
+    def __init__(self, device: BaseEmulator, loss: float, seed: int) -> None:
         random = Random(seed)  # noqa: S311
         self._device = device
         self.there, self.back = FaultyWire(random, loss), FaultyWire(random, loss)
@@ -171,15 +170,15 @@ class LossyDevice:
 
 def an_evbot2() -> Emulated[Any]:
     def make(now_s: Callable[[], float]) -> tuple[Emulator, Any]:
-        body = free_body(now_s)
+        body = free_vehicle(now_s)
         return evbot2(body, TICK_S, any_boot()), body
 
     return Emulated("pty", make)
 
 
-def an_evbot3(loss: float = 0.0, seed: int = 0, rate: float = 1.0) -> Emulated[FreeTurretBody]:
-    def make(now_s: Callable[[], float]) -> tuple[Emulator, FreeTurretBody]:
-        body = FreeTurretBody(now_s)
+def an_evbot3(loss: float = 0.0, seed: int = 0, rate: float = 1.0) -> Emulated[FreeTurretVehicle]:
+    def make(now_s: Callable[[], float]) -> tuple[Emulator, FreeTurretVehicle]:
+        body = FreeTurretVehicle(now_s)
         return LossyDevice(evbot3(body, TICK_S, any_boot()), loss, seed), body
 
     return Emulated("udp", make, rate)

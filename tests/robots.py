@@ -14,8 +14,9 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_actor import start_robot
 from eal_actors.actors.robot_spec import RobotSpec
 from eal_actors.device.resource import Resource
-from eal_actors.kernel.clock import Clock, ManualClock, SystemClock
+from eal_actors.kernel.clock import Clock, SystemClock
 from eal_actors.kernel.errors import EALError
+from tests.manual_clock import ManualClock
 
 WAIT_S = 10.0
 """Real seconds after which a test that waits for something gives up."""

@@ -1,152 +1,219 @@
-"""The activities of one resource, stepped from its actor's timers: a motion, exchanges of bytes, a background."""
+"""An actor that steps the activities of its resource from its own timers, one step at a time.
+
+An activity is a generator (see `eal_actors.device.resource`). Because each step is a message of its own, the actor
+answers status and stop while the robot moves, one thread touches all state, and a newer command or a stop closes the
+generator, whose `finally` halts the motors.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import math
+import numbers
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from eal_actors.actors.actor import AbandonedThread
-from eal_actors.actors.answers import seconds_of, status_of
+from eal_actors.actors.actor import AbandonedThread, EALActor, Inbox
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
-from eal_actors.actors.inbox import Inbox
 from eal_actors.device.resource import Activity, Progress, Resource
-from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import EALError, PreemptedError, ReturnTypeError
-from eal_actors.kernel.log import set_call
-from eal_actors.kernel.timers import Timer
+from eal_actors.kernel import log
+from eal_actors.kernel.clock import ROUNDING_S, Timer
+from eal_actors.kernel.errors import (
+    DeadlineError,
+    EALError,
+    PreemptedError,
+    ResourceFaultError,
+    ReturnTypeError,
+    error_text,
+)
 
 
-@dataclass(eq=False)
-class _Running:
-    """An activity under way, and the call it answers; the background activity answers none."""
+class ScheduledCommand:
+    """Holds the one command of a resource that waits for its start time.
+
+    Args:
+        inbox: the inbox of the resource's actor, whose timer starts the command.
+        start: starts a command; called in the actor's thread.
+
+    Thread: the resource's actor.
+    """
+
+    def __init__(self, inbox: Inbox, start: Callable[[Call[Any]], None]) -> None:
+        self._inbox = inbox
+        self._start = start
+        self._timer: Timer | None = None
+        self.call: Call[Any] | None = None
+
+    def is_early(self, call: Call[Any]) -> bool:
+        """Return whether a call's start time is still to come."""
+        return call.start_s is not None and call.start_s - self._inbox.clock.now() > ROUNDING_S
+
+    def hold(self, call: Call[Any]) -> None:
+        """Hold a command until its start; one whose deadline comes before its start fails at once."""
+        start_s, now_s = call.start_s or 0.0, self._inbox.clock.now()
+        if call.deadline_s is not None and start_s >= call.deadline_s:
+            late_s = start_s - call.deadline_s
+            call.fail(DeadlineError(f"{call.text()} is to begin {late_s:g} s after its deadline; give it a later one"))
+            return
+        if call.begin_by_s is not None:  # its time limit counts from its start, not from its arrival
+            call.begin_by_s += start_s - now_s
+        self.call = call
+        self._timer = self._inbox.call_at(start_s, self._ring)
+
+    def _ring(self) -> None:
+        call, self.call = self.call, None
+        if call is not None:
+            self._start(call)
+
+    def preempt(self, reason: str) -> None:
+        """Fail the waiting command, if there is one, with PreemptedError."""
+        call = self.call
+        if call is not None:
+            self.discard(call)
+            call.fail(PreemptedError(reason))
+
+    def discard(self, call: Call[Any]) -> None:
+        """Do not start this command, because nobody waits for it."""
+        if self.call is call:
+            self.call = None
+            if self._timer is not None:
+                self._timer.cancel()
+
+
+@dataclass(eq=False, slots=True)
+class _ActivityRun:
+    """A running activity and the call that it answers; the background activity answers none.
+
+    Attributes:
+        convert: makes the answer of the activity's result.
+        deadline_s: the call's deadline.
+    """
 
     activity: Activity
     call: Call[Any] | None
     since_s: float = 0.0
-    answer: Callable[[Any], Any] = status_of
-    """Makes the answer of what the activity returned."""
+    convert: Callable[[Any], Any] | None = None
+    deadline_s: float = math.inf
     timer: Timer | None = None
 
 
-class ActivityHost(Protocol):
-    """The actor whose thread the activities are stepped in. Thread: the actor's own.
+class ActivityActor(EALActor):
+    """The owner of one resource, as far as its activities go.
 
-    Attributes:
-        clock: what its time is told by.
-        actor_inbox: where its timers are.
+    At most one activity is a motion, which a newer one replaces. Any other call that takes time, such as a `get_value`
+    or a `read_comm`, is an exchange: it disturbs no other activity, and any number of them run side by side.
+
+    Args:
         cell: the slot through which calls arrive.
-        resource: what is stepped; None once it has ended.
-        busy_until_s: when what runs now must be over; None while nothing runs.
+        capacity: the most calls that may wait.
+
+    Thread: the actor's own, except where a method says otherwise.
     """
 
-    clock: Clock
-    actor_inbox: Inbox
-    cell: ResourceCell
-    resource: Resource | None
-    busy_until_s: float | None
+    def __init__(self, cell: ResourceCell, capacity: int) -> None:
+        super().__init__(f"{cell.robot}/{cell.name}", cell.clock, capacity)
+        self.cell = cell
+        self.resource: Resource | None = None
+        self.busy_until_s: float | None = None
+        """The deadline of the running step; None while the actor is idle. Read by the robot."""
+        self._log = log.get_logger(robot=cell.robot, resource=cell.name)
+        self._motion: _ActivityRun | None = None
+        self._exchanges: list[_ActivityRun] = []
+        self._background: _ActivityRun | None = None
 
     @property
     def opened(self) -> Resource:
         """The resource; raises ResourceFaultError once it is closed."""
-        ...
+        if self.resource is None:
+            raise ResourceFaultError("is closed")
+        return self.resource
 
+    @abstractmethod
     def busy(self, until_s: float) -> None:
-        """Note when what begins now must be over."""
-        ...
+        """Note the deadline of the step that begins."""
 
     def guarded(self, step: Callable[[], object]) -> bool:
-        """Run a clean-up step; whatever it raises is logged, and False returned."""
-        ...
+        """Run a clean-up step; log its exception and return False, because the next step must run too."""
+        try:
+            step()
+        except AbandonedThread:
+            raise
+        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything
+            name = getattr(step, "__name__", "")
+            self._log.error("cleaning up failed", step=name, error=error_text(error), exc_info=log.debug_enabled)
+            return False
+        return True
 
-    def explained(self, call: Call[Any], error: BaseException) -> EALError:
-        """Return an error as the call's caller is given it."""
-        ...
-
-
-class Activities:
-    """Steps the activities of a resource, one step at a time.
-
-    At most one is a motion, which a newer one takes over from. Any other call that waits, such as a `get_value` or a
-    `read_comm`, is an exchange: it disturbs none, and any number of them go on beside one another.
-
-    Args:
-        host: the resource's actor.
-
-    Thread: the actor's.
-    """
-
-    def __init__(self, host: ActivityHost) -> None:
-        self._host = host
-        self._motion: _Running | None = None
-        self._exchanges: list[_Running] = []
-        self._background: _Running | None = None
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether a motion is under way."""
-        return self._motion is not None
+    def explain(self, call: Call[Any], error: BaseException) -> EALError:
+        """Return the error for the caller: it names the call and has the plugin's own exception as its cause."""
+        self._log.debug("call failed", call=call.call_id, method=call.text(), error=error_text(error))
+        if isinstance(error, EALError) and not isinstance(error, ReturnTypeError):
+            return error
+        what = f"{call.method} {call.arguments[0]!r}" if call.arguments else call.method
+        if isinstance(error, ReturnTypeError):
+            return ReturnTypeError(f"{what} {error.message}")
+        fault = ResourceFaultError(f"{what} raised {error_text(error)}")
+        fault.__cause__ = error
+        return fault
 
     def calls(self) -> list[Call[Any]]:
         """Return the calls that activities answer. Thread: any."""
-        return [running.call for running in self._under_way() if running.call is not None]
+        return [run.call for run in self._runs() if run.call is not None]
 
     def commands(self) -> list[tuple[Call[Any], float]]:
-        """Return the commands under way, and the times at which they began. Thread: any."""
-        if self._motion is None and not self._exchanges:  # as it mostly is, and as is asked often
+        """Return the running commands and the times at which they began. Thread: any."""
+        if self._motion is None and not self._exchanges:  # the usual case of a frequent question
             return []
         return [
-            (running.call, running.since_s)
-            for running in self._under_way()
-            if running.call is not None and running.call.method in MOTION_METHODS
+            (run.call, run.since_s)
+            for run in self._runs()
+            if run.call is not None and run.call.method in MOTION_METHODS
         ]
 
-    def begin(self, call: Call[Any], activity: Activity, answer: Callable[[Any], Any]) -> None:
-        """Begin the activity that answers a call; `answer` makes the answer of what it returns."""
-        running = _Running(activity, call, self._host.clock.now(), answer)
+    def begin(self, call: Call[Any], activity: Activity, convert: Callable[[Any], Any]) -> None:
+        """Begin the activity that answers a call; `convert` makes the answer of its result."""
+        run = _ActivityRun(activity, call, self.clock.now(), convert, call.deadline_s or 0.0)
         if call.method in ("send_cmd", "set_value"):
-            self._motion = running
+            self._motion = run
         else:
-            self._exchanges.append(running)
-        self._step(running)
+            self._exchanges.append(run)
+        self._step(run)
 
     def begin_background(self, activity: Activity) -> None:
         """Begin the activity that runs as long as the resource does."""
-        self._background = running = _Running(activity, None)
-        self._host.actor_inbox.call_later(0.0, lambda: self._step(running))
+        self._background = run = _ActivityRun(activity, None)
+        self.actor_inbox.call_later(0.0, lambda: self._step(run))
 
-    def give_up(self, call: Call[Any]) -> None:
-        """Stop the activity that answers a call nobody waits for any more, and what it moved."""
+    def stop_activity(self, call: Call[Any]) -> None:
+        """Stop the activity that answers a call, and what it moved, because nobody waits for it."""
         if call not in self.calls():
             return
-        reason = PreemptedError("nobody waits for it any more")
-        self._host.busy(self._host.clock.now())  # it is over its time already
+        reason = "nobody waits for it any more"
+        self.busy(self.clock.now())  # its deadline has passed
         try:
             if self._motion is not None and self._motion.call is call:
                 self.close_motion(reason)
             self.close_exchanges(reason, lambda other: other is call)
             if call.method in MOTION_METHODS:
-                self._host.guarded(self._host.opened.halt)
+                self.guarded(self.opened.halt)
         finally:
-            self._host.busy_until_s = None
+            self.busy_until_s = None
 
-    def close_motion(self, reason: EALError) -> None:
-        """Stop the motion, whose caller is given the reason."""
-        running, self._motion = self._motion, None
-        if running is not None:
-            self._close(running)
-            if running.call is not None:
-                running.call.fail(reason)
+    def close_motion(self, reason: str) -> None:
+        """Stop the motion; its call fails with PreemptedError."""
+        run, self._motion = self._motion, None
+        if run is not None:
+            self._preempt(run, reason)
 
-    def close_exchanges(self, reason: EALError, ends: Callable[[Call[Any]], bool]) -> None:
-        """Stop the exchanges for which `ends` holds."""
-        for running in [running for running in self._exchanges if running.call is not None and ends(running.call)]:
-            self._forget(running)
-            self._close(running)
-            if running.call is not None:
-                running.call.fail(reason.copy())
+    def close_exchanges(self, reason: str, selects: Callable[[Call[Any]], bool]) -> None:
+        """Stop the exchanges whose calls are selected; they fail with PreemptedError."""
+        for run in [run for run in self._exchanges if run.call is not None and selects(run.call)]:
+            self._remove(run)
+            self._preempt(run, reason)
 
-    def close(self, reason: EALError) -> None:
+    def close_activities(self, reason: str) -> None:
         """Stop everything."""
         self.close_motion(reason)
         self.close_exchanges(reason, lambda _: True)
@@ -154,73 +221,83 @@ class Activities:
             self._close(self._background)
             self._background = None
 
-    def _under_way(self) -> list[_Running]:
+    def _runs(self) -> list[_ActivityRun]:
         motion = self._motion
         return [*self._exchanges, *([motion] if motion is not None else [])]
 
-    def _step(self, running: _Running) -> None:
+    def _step(self, run: _ActivityRun) -> None:
         """Run an activity up to its next yield."""
-        if not (running is self._motion or running is self._background or running in self._exchanges):
+        if not (run is self._motion or run is self._background or run in self._exchanges):
             return
-        call, now_s = running.call, self._host.clock.now()
-        if call is not None and call.deadline_s is not None and now_s >= call.deadline_s:
+        call, now_s = run.call, self.clock.now()
+        if call is not None and now_s >= run.deadline_s:
             call.expire()
-            self.give_up(call)
+            self.stop_activity(call)
             return
-        until_s = now_s + self._host.cell.timeout_s
-        self._host.busy(min(until_s, call.deadline_s) if call is not None and call.deadline_s is not None else until_s)
-        set_call(call.call_id if call is not None else None)
-        resource = self._host.opened
-        resource._told_progress = None  # what an earlier call told is not about this one
+        self.busy(min(now_s + self.cell.timeout_s, run.deadline_s))
+        log.set_call(call.call_id if call is not None else None)
+        resource = self.opened
+        resource._reported_progress = None  # the report of an earlier call is not about this one
         try:
-            delay_s = seconds_of(next(running.activity))
+            delay_s = seconds_of(next(run.activity))
         except AbandonedThread:
             raise
         except StopIteration as end:
-            self._finished(running, end.value)
+            self._finish(run, end.value)
         except BaseException as error:  # noqa: BLE001  # a plugin may raise anything
-            self._failed(running, error)
+            self._fail(run, error)
         else:
-            if call is not None and resource._told_progress is not None:
-                call.note_progress(Progress(*resource._told_progress, now_s))
-            next_s = now_s + delay_s
-            if call is not None and call.deadline_s is not None:
-                next_s = min(next_s, call.deadline_s)
-            running.timer = self._host.actor_inbox.call_at(next_s, lambda: self._step(running))
+            if call is not None and resource._reported_progress is not None:
+                call.note_progress(Progress(*resource._reported_progress, now_s))
+            next_s = min(now_s + delay_s, run.deadline_s)
+            run.timer = self.actor_inbox.call_at(next_s, lambda: self._step(run))
         finally:
-            self._host.busy_until_s = None
-            set_call(None)
+            self.busy_until_s = None
+            log.set_call(None)
 
-    def _finished(self, running: _Running, result: Any) -> None:
-        if running is self._background:
+    def _finish(self, run: _ActivityRun, result: Any) -> None:
+        if run is self._background:
             self._background = None
             return
-        self._forget(running)
-        if running.call is not None:
+        self._remove(run)
+        if run.call is not None and run.convert is not None:
             try:
-                running.call.set(running.answer(result))
+                run.call.set(run.convert(result))
             except ReturnTypeError as error:
-                running.call.fail(self._host.explained(running.call, error))
+                run.call.fail(self.explain(run.call, error))
 
-    def _failed(self, running: _Running, error: BaseException) -> None:
-        if running.call is None:
+    def _fail(self, run: _ActivityRun, error: BaseException) -> None:
+        if run.call is None:
             raise error  # a poller that fails leaves the resource blind: the supervisor restarts it
-        self._forget(running)
-        self._close(running)
-        if running.call.method in MOTION_METHODS:
-            self._host.guarded(self._host.opened.halt)
-        running.call.fail(self._host.explained(running.call, error))
+        self._remove(run)
+        self._close(run)
+        if run.call.method in MOTION_METHODS:
+            self.guarded(self.opened.halt)
+        run.call.fail(self.explain(run.call, error))
         if not isinstance(error, Exception):
             raise error
 
-    def _forget(self, running: _Running) -> None:
-        if running is self._motion:
+    def _remove(self, run: _ActivityRun) -> None:
+        if run is self._motion:
             self._motion = None
         else:
-            self._exchanges.remove(running)
+            self._exchanges.remove(run)
 
-    def _close(self, running: _Running) -> None:
-        if running.timer is not None:
-            running.timer.cancel()
-        if not self._host.guarded(lambda: running.activity.close()) and self._host.resource is not None:
-            self._host.guarded(self._host.resource.halt)  # its own `finally` did not do it
+    def _preempt(self, run: _ActivityRun, reason: str) -> None:
+        self._close(run)
+        if run.call is not None:
+            run.call.fail(PreemptedError(reason))
+
+    def _close(self, run: _ActivityRun) -> None:
+        if run.timer is not None:
+            run.timer.cancel()
+        if not self.guarded(lambda: run.activity.close()) and self.resource is not None:
+            self.guarded(self.resource.halt)  # its own `finally` did not do it
+
+
+def seconds_of(delay_s: object) -> float:
+    """Return the delay that an activity yielded, in seconds, or raise ReturnTypeError."""
+    with contextlib.suppress(OverflowError):
+        if isinstance(delay_s, numbers.Real) and float(delay_s) >= 0:
+            return float(delay_s)
+    raise ReturnTypeError(f"yielded {delay_s!r} where seconds until its next step are wanted")

@@ -1,4 +1,4 @@
-"""One call of one method, and the named slot through which it reaches whichever actor serves it now."""
+"""One call of one method, and the named slot that delivers it to the actor that serves the resource at present."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, Protocol, TypeAlias, TypeVar
 
+from typing_extensions import override
+
+from eal_actors.actors.actor import Envelope, Inbox
 from eal_actors.actors.feeds import Feed, Sink, StreamSpec
-from eal_actors.actors.future import Future, Later
-from eal_actors.actors.inbox import Envelope, Inbox
+from eal_actors.actors.future import CallSoon, Future
 from eal_actors.device.info import ResourceInfo
-from eal_actors.device.link import Link
+from eal_actors.device.link import FaultyLink
 from eal_actors.device.resource import Progress, Resource
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import Clock
@@ -30,7 +32,7 @@ from eal_actors.kernel.log import get_logger
 T = TypeVar("T")
 
 MOTION_METHODS: Final = frozenset({"send_cmd", "set_value", "write_comm"})
-"""The calls that can move something: a halt drops them where they wait."""
+"""The methods that can move something: a halt drops their calls from the mailbox."""
 
 _call_ids = itertools.count(1)
 _watchers: tuple[Callable[[Call[Any]], None], ...] = ()
@@ -38,30 +40,30 @@ _watchers_lock = threading.Lock()
 
 
 def watch_calls(watcher: Callable[[Call[Any]], None]) -> Callable[[], None]:
-    """Show a watcher every call of this process as it is made, before it is on its way; for metrics.
+    """Show a watcher every call of this process when it is made, before it is sent; for metrics.
 
     Args:
-        watcher: must not block, nor raise; it may link to the call to learn of its outcome.
+        watcher: must not block or raise; it may link to the call to learn its outcome.
 
     Returns:
-        What ends it; calling it twice is harmless.
+        A function that stops it; calling it twice is harmless.
 
     Thread: any; the watcher runs in the thread that makes the call.
     """
     global _watchers  # read by every call, so it must be cheap to read
     with _watchers_lock:
         _watchers = (*_watchers, watcher)
-    return partial(_forget_watcher, watcher)
+    return partial(_remove_watcher, watcher)
 
 
-def _forget_watcher(watcher: Callable[[Call[Any]], None]) -> None:
+def _remove_watcher(watcher: Callable[[Call[Any]], None]) -> None:
     global _watchers
     with _watchers_lock:
         _watchers = tuple(other for other in _watchers if other is not watcher)
 
 
 class Call(Future[T]):
-    """A call under way: its own future, and its own envelope and message in the mailbox.
+    """A call: its own future, and its own envelope and message in the mailbox.
 
     Args:
         cell: the slot of the resource that is called.
@@ -72,24 +74,24 @@ class Call(Future[T]):
 
     reply_to = None
     begin_by_s: float | None = None
-    """The fleet's time after which it must not begin any more; None for none."""
+    """The latest time of the fleet's clock to begin it; None for no limit."""
     start_s: float | None = None
-    """The fleet's time at which to begin; None for at once."""
+    """The time of the fleet's clock to begin it; None for at once."""
     began_s: float | None = None
-    """The fleet's time at which it began, of a call with `start_s`; None as long as that is not known."""
+    """The time of the fleet's clock at which a call with `start_s` began; None as long as that is unknown."""
     began_error_s: float = 0.0
-    """By how many seconds at most `began_s` is wrong: over 0 where another machine's clock told it."""
+    """The greatest error of `began_s` in seconds: over 0 where it comes from another machine's clock."""
     stamp_error_s: float = 0.0
-    """By how many seconds at most the answer's `stamp_s` is wrong: over 0 where it is from another machine's clock."""
+    """The greatest error of the answer's `stamp_s` in seconds: over 0 where it is from another machine's clock."""
     caller: str = ""
-    """Who called, where that is another process; empty for this one."""
+    """The name of the calling process if it is another one; empty for this one."""
     span: spans.Span | None = None
-    """What it is to those who trace it; None where nobody does."""
+    """The call's trace span; None while no tracer is installed."""
     _progress: Progress | None = None
     _progress_callbacks: tuple[Callable[[Progress], None], ...] = ()
 
     def __init__(self, cell: ResourceCell, method: str, arguments: tuple[Any, ...], timeout_s: float) -> None:
-        if timeout_s != timeout_s:  # not a number: it would never be over
+        if timeout_s != timeout_s:  # NaN: the deadline would never pass
             raise ArgumentError(f"timeout_s must be seconds, not {timeout_s!r}", robot=cell.robot, resource=cell.name)
         clock = cell.clock
         super().__init__(clock, clock.now() + timeout_s, cell.timekeeper)
@@ -117,104 +119,100 @@ class Call(Future[T]):
 
     @property
     def message(self) -> Call[T]:
-        """See Envelope."""
+        """The message of this envelope: the call itself."""
         return self
 
+    @override
     def describe(self) -> str:
         """Return the call as `robot/resource: method 'argument'`."""
-        return f"{self.cell.robot}/{self.cell.name}: {self.shown()}"
+        return f"{self.cell.robot}/{self.cell.name}: {self.text()}"
 
-    def shown(self) -> str:
+    def text(self) -> str:
         """Return the call as `method 'argument'`."""
         return " ".join([self.method, *(repr(argument) for argument in self.arguments if argument is not None)])
 
     def progress(self) -> Progress | None:
-        """Return how far it has come, as its resource told last; None if it told nothing. Thread: any."""
+        """Return the progress that its resource reported last; None if it reported none. Thread: any."""
         return self._progress
 
     def add_progress_callback(self, callback: Callable[[Progress], None]) -> None:
-        """Call back with what the resource tells of its progress, until the call is done; errors of it are logged.
+        """Call back with each progress report until the call is done; errors of the callback are logged.
 
-        If there is something to tell, it is told at once. What follows quickly on one another may be left out.
+        A report that is there already is passed on at once. Reports in quick succession may be skipped.
 
-        Thread: the callback runs in the thread that learns of it, so it must not block.
+        Thread: the callback runs in the thread that receives the report, so it must not block.
         """
         with self._lock:
             self._progress_callbacks = (*self._progress_callbacks, callback)
             known = self._progress
         if known is not None:
-            self._tell_progress(callback, known)
+            self._run_progress_callback(callback, known)
 
-    def note_progress(self, progress: Progress, later: Later | None = None) -> None:
-        """Take in how far it has come: for whoever carries it out. `later` is as with `settle`. Thread: any."""
+    def note_progress(self, progress: Progress, call_soon: CallSoon | None = None) -> None:
+        """Record a progress report, as the executing side does; `call_soon` as in `settle`. Thread: any."""
         with self._lock:
             if self._done:
                 return
             self._progress = progress
             callbacks = self._progress_callbacks
         for callback in callbacks:
-            if later is None:
-                self._tell_progress(callback, progress)
+            if call_soon is None:
+                self._run_progress_callback(callback, progress)
             else:
-                later(partial(self._tell_progress, callback, progress))
+                call_soon(partial(self._run_progress_callback, callback, progress))
 
-    def _tell_progress(self, callback: Callable[[Progress], None], progress: Progress) -> None:
+    def _run_progress_callback(self, callback: Callable[[Progress], None], progress: Progress) -> None:
         try:
             callback(progress)
-        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # another's callback must not break the call
+        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # user code must not break the call
             get_logger().exception("a call's progress-callback raised", call=self.describe())
 
+    @override
     def fail(self, error: BaseException) -> None:
         """Set the failure, naming the resource."""
         self._finish(None, error.at(self.cell.robot, self.cell.name) if isinstance(error, EALError) else error)
 
-    def _cancelled(self) -> EALError:
-        return CallCancelledError(f"{self.shown()} was cancelled").at(self.cell.robot, self.cell.name)
+    @override
+    def _cancellation_error(self) -> EALError:
+        return CallCancelledError(f"{self.text()} was cancelled").at(self.cell.robot, self.cell.name)
 
-    def _expired(self) -> EALError:
-        message = f"{self.shown()} had no answer within its {self.timeout_s:g} s"
+    @override
+    def _deadline_error(self) -> EALError:
+        message = f"{self.text()} had no answer within its {self.timeout_s:g} s"
         if self.cell.actor is None:
             message += f": {self.cell.error.message}"
         return DeadlineError(message).at(self.cell.robot, self.cell.name)
 
+    @override
     def _given_up(self) -> None:
         self.cell.give_up(self)
 
 
-class Mailbox(Protocol):
-    """Where calls are put; see Inbox."""
+class CallServer(Protocol):
+    """Serves the calls of a resource: its actor in this process, or the call queue of a remote robot."""
 
-    def put(self, envelope: Call[Any]) -> None:
-        """Add to the normal lane. Thread: any; never blocks."""
+    def put(self, envelope: Call[Any], /) -> None:
+        """Add a call to the normal lane; see `Inbox.put`. Thread: any; never blocks."""
         ...
 
     def put_urgent(
-        self, envelope: Call[Any], *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
+        self, envelope: Call[Any], /, *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
     ) -> list[Envelope]:
-        """Add to the urgent lane; returns what it drops from the normal lane. Thread: any; never blocks."""
-        ...
-
-
-class CallTarget(Protocol):
-    """Who serves a resource's calls: its actor."""
-
-    @property
-    def actor_inbox(self) -> Mailbox:
-        """Where calls are put."""
+        """Add a call to the urgent lane; see `Inbox.put_urgent`. Thread: any; never blocks."""
         ...
 
     @property
     def resource(self) -> Resource | None:
-        """The resource itself, while it is open."""
+        """The resource itself while it is open."""
         ...
 
     def stop_activity_of(self, call: Call[Any]) -> None:
-        """Stop the activity that answers a call nobody waits for any more. Thread: any; does not block."""
+        """Stop the activity of a call that nobody waits for. Thread: any; does not block."""
         ...
 
 
 class StopLatch:
-    """Whether an emergency stop holds a robot. Thread: any."""
+    """The emergency stop of a robot. Thread: any."""
 
     __slots__ = ("reason",)
 
@@ -222,41 +220,33 @@ class StopLatch:
         self.reason: str | None = None
 
     def set(self, reason: str) -> None:
-        """Hold from now on; the first reason stands."""
+        """Latch the stop; the first reason counts."""
         self.reason = self.reason or reason or "no reason given"
 
     def clear(self) -> None:
-        """Hold no more."""
+        """Release the stop."""
         self.reason = None
 
     def refuses(self, call: Call[Any]) -> bool:
-        """Fail a call that could move something while the stop holds, and tell whether it was one."""
+        """Fail a call that could move something while the stop is latched; return whether it did."""
         if self.reason is None or call.method not in MOTION_METHODS or call.stops:
             return False
         call.fail(StoppedError(f"an emergency stop holds the robot until it is resumed: {self.reason}"))
         return True
 
 
-class Follower(Protocol):
-    """Who must know when a resource is gone for good: a stream."""
-
-    def end(self, error: EALError) -> None:
-        """Nothing comes any more. Thread: any; does not block."""
-        ...
-
-
 class ResourceCell:
-    """The named slot of a resource on its robot: handles and callers keep it, restarts change what is in it.
+    """The named slot of a resource on its robot. Handles keep the slot; a restart changes the actor in it.
 
-    Written by the robot's actor alone; read by everybody.
+    Written by the robot's actor alone; read by any thread.
 
     Attributes:
-        actor: the actor that serves the resource now, or None.
-        info: what the resource last said of itself; None before its first start.
-        error: why calls fail while there is no actor.
-        link: what calls pass on their way; a perfect one of its own if None is given.
+        actor: the actor that serves the resource at present, or None.
+        info: the resource's latest information about itself; None before its first start.
+        error: the error of calls while there is no actor.
+        link: the link that calls pass; a faultless one of its own if None is given.
         latch: the robot's emergency stop.
-        open_feed: what brings values to streams; None where they are polled in this process.
+        open_feed: opens a feed of a remote resource; None where streams poll in this process.
     """
 
     def __init__(
@@ -266,7 +256,7 @@ class ResourceCell:
         clock: Clock,
         timekeeper: Inbox,
         timeout_s: float,
-        link: Link | None = None,
+        link: FaultyLink | None = None,
         latch: StopLatch | None = None,
     ) -> None:
         self.robot = robot
@@ -274,32 +264,32 @@ class ResourceCell:
         self.clock = clock
         self.timekeeper = timekeeper
         self.timeout_s = timeout_s
-        self.link = link if link is not None else Link(robot)
+        self.link = link if link is not None else FaultyLink(robot)
         self.latch = latch if latch is not None else StopLatch()
-        self.actor: CallTarget | None = None
+        self.actor: CallServer | None = None
         self.info: ResourceInfo | None = None
         self.error: EALError = UnavailableError("it has not started yet")
         self.open_feed: OpenFeed | None = None
-        self._streams: set[Follower] = set()
+        self._close_callbacks: set[Callable[[EALError], None]] = set()
         self._is_closed = False
 
     def close(self, error: EALError) -> None:
-        """Serve nothing more, and end the streams: nothing brings the resource back. Thread: its robot's actor."""
+        """Close the slot for good and end the streams. Thread: its robot's actor."""
         self.error = error.copy()
         self.actor = None
         self._is_closed = True
-        for stream in list(self._streams):
-            stream.end(error)
+        for callback in list(self._close_callbacks):
+            callback(error)
 
-    def join_stream(self, stream: Follower) -> None:
-        """Tell a stream when everything is over. Thread: any."""
-        self._streams.add(stream)
+    def add_close_callback(self, callback: Callable[[EALError], None]) -> None:
+        """Call back when the slot is closed for good, at once if it is. Thread: any."""
+        self._close_callbacks.add(callback)
         if self._is_closed:
-            stream.end(self.error)
+            callback(self.error)
 
-    def leave_stream(self, stream: Follower) -> None:
-        """Tell it no more. Thread: any."""
-        self._streams.discard(stream)
+    def remove_close_callback(self, callback: Callable[[EALError], None]) -> None:
+        """Remove a callback; harmless if it is not there. Thread: any."""
+        self._close_callbacks.discard(callback)
 
     def submit(self, call: Call[Any]) -> None:
         """Put a call in the normal lane; a refusal becomes the call's outcome. Thread: any; never blocks."""
@@ -316,7 +306,7 @@ class ResourceCell:
             call.fail(self.unavailable())
             return
         try:
-            actor.actor_inbox.put(call)
+            actor.put(call)
         except EALError as error:
             call.fail(error)
 
@@ -325,7 +315,7 @@ class ResourceCell:
 
         Args:
             call: the call.
-            stops: it is a stop: never refused for a full lane, and the motions that wait are dropped.
+            stops: it is a stop: a full lane never refuses it, and it drops the motions that wait.
 
         Thread: any; never blocks.
         """
@@ -341,12 +331,12 @@ class ResourceCell:
             call.fail(self.unavailable())
             return
         try:
-            dropped = actor.actor_inbox.put_urgent(call, bounded=not stops, drop=self._is_own_motion if stops else None)
+            dropped = actor.put_urgent(call, bounded=not stops, drop=self._is_own_motion if stops else None)
         except EALError as error:
             call.fail(error)
             return
-        for waiting in dropped:
-            waiting.message.fail(PreemptedError(f"dropped by {call.shown()}"))
+        for envelope in dropped:
+            envelope.message.fail(PreemptedError(f"dropped by {call.text()}"))
 
     def _is_own_motion(self, envelope: Envelope) -> bool:
         """Return whether it is a motion of this resource: a remote robot has one mailbox for all of its resources."""
@@ -354,7 +344,7 @@ class ResourceCell:
         return isinstance(message, Call) and message.cell is self and message.method in MOTION_METHODS
 
     def give_up(self, call: Call[Any]) -> None:
-        """Tell the actor that nobody waits for the call any more. Thread: any; never blocks."""
+        """Inform the actor that nobody waits for the call. Thread: any; never blocks."""
         if self.link.is_faulty:
             self.carry(lambda: self._give_up(call))
         else:
@@ -375,11 +365,11 @@ class ResourceCell:
             deliver()
 
     def _arrive(self, deliver: Callable[[], None]) -> None:
-        if not self.link.is_cut:  # what was on its way is lost with the rest
+        if not self.link.is_cut:  # a cut loses messages in transit too
             deliver()
 
     def unavailable(self) -> EALError:
-        """Return why calls fail now. Thread: any."""
+        """Return the reason why calls fail at present. Thread: any."""
         return self.error.copy().at(self.robot, self.name)
 
 

@@ -1,4 +1,4 @@
-"""Wait for many futures at once."""
+"""Functions that wait for many futures at once."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
-from eal_actors.actors.future import Future, Later, Relay
+from typing_extensions import override
+
+from eal_actors.actors.future import CallSoon, Future, Relay
 from eal_actors.kernel.clock import REAL_TIME, new_waiter, wait_in_scope
 from eal_actors.kernel.errors import CallError
 
 T = TypeVar("T")
 
 
-class _Combined(Future[T]):
-    """A future made of others: giving it up gives up all of them."""
+class _CombinedFuture(Future[T]):
+    """A future made of others: cancelling it cancels all of them."""
 
     def __init__(self, parts: list[Future[Any]], what: str) -> None:
         pending = [part for part in parts if not part.done()]
@@ -28,32 +30,34 @@ class _Combined(Future[T]):
         )
         self._parts = parts
         self._what = what
-        keepers = {id(part.timekeeper) for part in pending}
-        self._is_own_keeper = not endless and len(keepers) <= 1
+        self._needs_one_timer = not endless and len({id(part.timekeeper) for part in pending}) <= 1
 
     def watch(self, relay: Relay) -> None:
-        """Link to each part; one alarm will do, the combined future's, where one clock and mailbox keep them all."""
+        """Link to each part. Parts of one clock and one mailbox need one timer only, that of the combined future."""
         for part in self._parts:
             part.link(relay)
-            if not self._is_own_keeper:
+            if not self._needs_one_timer:
                 part.arm()
 
+    @override
     def describe(self) -> str:
         return f"{self._what} of {len(self._parts)} calls"
 
+    @override
     def expire(self) -> None:
-        """Let each part fail with its own deadline: its message says more."""
+        """Let each part fail with its own deadline first: its message says more."""
         for part in self._parts:
             part.expire()
         super().expire()
 
+    @override
     def _given_up(self) -> None:
         for part in self._parts:
             part.cancel()
 
 
 def _all_or_none(futures: Iterable[Future[T]]) -> list[Future[T]]:
-    """Return the futures; if making one of them fails, give up those that are made."""
+    """Return the futures; if making one of them fails, cancel those made so far."""
     parts: list[Future[T]] = []
     try:
         parts.extend(futures)
@@ -67,20 +71,20 @@ def _all_or_none(futures: Iterable[Future[T]]) -> list[Future[T]]:
 def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> Future[list[T]]:
     """Return a future of all results, in the order given.
 
-    It is done when every part is, so that nothing is still under way behind the caller's back. It fails with the
-    first failure in that order, unless `return_exceptions` puts failures in the list in place of results.
+    It is done when every part is, so that nothing still runs behind the caller's back. It fails with the first failure
+    in that order, unless `return_exceptions` puts failures in the list in place of results.
 
     Thread: any; does not block.
     """
     parts = _all_or_none(futures)
-    combined: _Combined[list[T]] = _Combined(parts, "gather")
+    combined: _CombinedFuture[list[T]] = _CombinedFuture(parts, "gather")
     if not parts:
         combined.set([])
         return combined
     left = len(parts)
     lock = threading.Lock()
 
-    def count(_: Future[T], later: Later | None) -> None:
+    def count(_: Future[T], call_soon: CallSoon | None) -> None:
         nonlocal left
         with lock:
             left -= 1
@@ -89,48 +93,49 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
         errors = [part._error for part in parts]  # one family of classes
         failure = next((error for error in errors if error is not None), None)
         if failure is not None and not return_exceptions:
-            combined._finish(None, failure, later)
+            combined._finish(None, failure, call_soon)
         else:
-            combined._finish([error or part._value for part, error in zip(parts, errors, strict=True)], None, later)
+            results = [error or part._value for part, error in zip(parts, errors, strict=True)]
+            combined._finish(results, None, call_soon)
 
     combined.watch(count)
     return combined
 
 
 def first(futures: Iterable[Future[T]]) -> Future[T]:
-    """Return a future of the first success; the others are cancelled. It fails when all have failed.
+    """Return a future of the first success and cancel the others. It fails when all have failed.
 
     Raises:
-        CallError: there is nothing to wait for.
+        CallError: there is no future.
 
     Thread: any; does not block.
     """
     parts = list(futures)
     if not parts:
         raise CallError("first() needs at least one future")
-    combined: _Combined[T] = _Combined(parts, "first")
+    combined: _CombinedFuture[T] = _CombinedFuture(parts, "first")
     left = len(parts)
     lock = threading.Lock()
 
-    def look(part: Future[T], later: Later | None) -> None:
+    def check(part: Future[T], call_soon: CallSoon | None) -> None:
         nonlocal left
         with lock:
             left -= 1
-            last = left == 0
+            is_last = left == 0
         error = part._error  # one family of classes
         if error is None:
-            if combined._finish(part._value, None, later):
-                give_up = combined._given_up
-                give_up() if later is None else later(give_up)
-        elif last:
-            combined._finish(None, error, later)
+            if combined._finish(part._value, None, call_soon):
+                cancel_parts = combined._given_up
+                cancel_parts() if call_soon is None else call_soon(cancel_parts)
+        elif is_last:
+            combined._finish(None, error, call_soon)
 
-    combined.watch(look)
+    combined.watch(check)
     return combined
 
 
 def as_completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
-    """Yield the futures as they are done, each once; get() on them does not block.
+    """Yield each future once, when it is done; get() on it does not block.
 
     Thread: blocks the caller between futures, at most until the next deadline.
     """
@@ -139,7 +144,7 @@ def as_completed(futures: Iterable[Future[T]]) -> Iterator[Future[T]]:
     waiter = new_waiter()
     clock = parts[0].clock if parts else REAL_TIME
 
-    def note(part: Future[T], _: Later | None) -> None:
+    def note(part: Future[T], _: CallSoon | None) -> None:
         ready.append(part)
         clock.wake(waiter)
 

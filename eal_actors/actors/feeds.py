@@ -1,4 +1,7 @@
-"""What a stream wants, and who brings it the values: a poll of this process, or a subscription to another one."""
+"""Stream specifications, and the interface of the feeds that bring a stream its values.
+
+In this process a feed polls the resource; a remote resource has a subscription. Both offer to the same stream.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, Protocol, TypeAlias, get_args
 
-from eal_actors.device.data import EALData
-from eal_actors.device.data.forms import DataType
-from eal_actors.device.info import ResourceInfo, ValueInfo
+from eal_actors.device.data import DataType, EALData, ValueInfo
+from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError
 
 Encoding: TypeAlias = Literal["raw", "jpeg", "png"]
-"""How a frame travels; JPEG loses a little, the others nothing. The reader gets an image again."""
+"""The encoding of a frame on the network. JPEG loses a little, the others nothing. The reader gets an image again."""
 
 ENCODINGS: Final[tuple[str, ...]] = get_args(Encoding)
 
@@ -22,14 +24,14 @@ MAX_RATE_HZ: Final = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class StreamSpec:
-    """What a stream wants.
+    """The rate and encoding of a stream.
 
     Attributes:
         rate_hz: values in a second of the fleet's clock, at most.
-        encoding: how frames travel.
+        encoding: the encoding of frames.
 
     Raises:
-        ArgumentError: the rate is not over 0 and up to MAX_RATE_HZ, or there is no such encoding.
+        ArgumentError: the rate is not over 0 and up to MAX_RATE_HZ, or the encoding is unknown.
     """
 
     rate_hz: float
@@ -49,17 +51,17 @@ class StreamSpec:
         return 1 / self.rate_hz
 
     def check_resource(self, info: ResourceInfo) -> None:
-        """Raise UnsupportedError or ArgumentError if it is known already that a resource cannot stream so."""
+        """Raise UnsupportedError or ArgumentError if the resource's information rules the stream out."""
         if "get_value" not in info.methods:
             raise UnsupportedError("has no get_value, so there is nothing to stream")
         if self.encoding != "raw" and info.value is not None and not _may_be_image(info.value):
-            raise ArgumentError(f"{_no_image(self.encoding)}, and its value is {info.value.describe()}")
+            raise ArgumentError(f"{_images_only(self.encoding)}, and its value is {info.value.describe()}")
 
     def check_value(self, data: EALData) -> None:
-        """Raise ArgumentError unless a value can travel so."""
+        """Raise ArgumentError unless the encoding can carry the value."""
         if self.encoding != "raw" and not _is_image(data):
-            shown = f"{data.dtype} of shape {data.shape}" if data.shape is not None else repr(data.type.name.lower())
-            raise ArgumentError(f"{_no_image(self.encoding)}, and this value is {shown}")
+            what = f"{data.dtype} of shape {data.shape}" if data.shape is not None else repr(data.type.name.lower())
+            raise ArgumentError(f"{_images_only(self.encoding)}, and this value is {what}")
 
 
 def _may_be_image(value: ValueInfo) -> bool:
@@ -71,25 +73,20 @@ def _is_image(data: EALData) -> bool:
     return data.dtype == "|u1" and shape is not None and len(shape) == 3 and shape[2] == 3 and data.length > 0
 
 
-def _no_image(encoding: str) -> str:
+def _images_only(encoding: str) -> str:
     return f"the encoding {encoding!r} is for images alone, uint8 of shape (height, width, 3)"
 
 
 Item: TypeAlias = EALData | EALError | Callable[[], EALData]
-"""What a feed brings: a value, why there is none, or what makes the value, in the thread that reads it."""
+"""What a feed delivers: a value, an error, or a function that makes the value in the reader's thread."""
 
-
-class Sink(Protocol):
-    """Where a feed brings what it gets."""
-
-    def offer(self, item: Item) -> None:
-        """Take the place of what was brought before. Thread: any; does not block."""
-        ...
+Sink: TypeAlias = Callable[[Item], None]
+"""Receives the newest item, in place of the one before. Thread: any; does not block."""
 
 
 class Feed(Protocol):
-    """Brings values until it is closed."""
+    """Delivers values to a sink until it is closed."""
 
     def close(self) -> None:
-        """Bring nothing more. Calling it twice is harmless. Thread: any; does not block."""
+        """Stop delivering. Calling it twice is harmless. Thread: any; does not block."""
         ...

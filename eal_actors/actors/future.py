@@ -1,4 +1,9 @@
-"""Futures with done-callbacks, cancellation and a deadline of their own."""
+"""Futures with done-callbacks, cancellation and a deadline of their own.
+
+Pykka's futures have no done-callbacks and wait forever unless told otherwise. These never leave anybody waiting beyond
+the deadline: a thread that waits in `get` watches the time itself, and for callbacks, `await` and `gather` a timer of
+the timekeeper does. No timer is set while threads only wait in `get`, because setting one would cost every call.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +17,9 @@ from types import TracebackType
 from typing import Any, Protocol, TypeAlias, TypeVar
 
 import pykka
+from typing_extensions import override
 
-from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter, wait_in_scope
+from eal_actors.kernel.clock import REAL_TIME, Clock, Timer, new_waiter, wait_in_scope
 from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError, WaitTimeoutError
 from eal_actors.kernel.log import get_logger
 
@@ -21,26 +27,18 @@ T = TypeVar("T")
 M = TypeVar("M")
 OptExcInfo: TypeAlias = tuple[type[BaseException] | None, BaseException | None, TracebackType | None]
 
-Later: TypeAlias = Callable[[Callable[[], None]], None]
-"""Has an action run soon, by a thread that may run anybody's code."""
+CallSoon: TypeAlias = Callable[[Callable[[], None]], None]
+"""Schedules an action in a thread that may run user code."""
 
-Relay: TypeAlias = "Callable[[Future[Any], Later | None], None]"
-"""Passes a future's outcome on. Thread: whichever finishes the future: it is quick, runs nobody else's code, and hands
-what does to the second argument, where there is one."""
-
-
-class Alarm(Protocol):
-    """A timer that can be called off."""
-
-    def cancel(self) -> None:
-        """Call it off; harmless when it has rung."""
-        ...
+Relay: TypeAlias = "Callable[[Future[Any], CallSoon | None], None]"
+"""Passes a future's outcome on. Thread: the one that finishes the future. A relay is quick and runs no user code: it
+hands that to the second argument if there is one."""
 
 
 class Timekeeper(Protocol):
-    """Something that rings futures' deadlines: an actor's inbox."""
+    """Runs the timers of futures' deadlines: an actor's inbox or a scenario's loop."""
 
-    def call_at(self, time_s: float, action: Callable[[], None]) -> Alarm:
+    def call_at(self, time_s: float, action: Callable[[], None]) -> Timer:
         """Run the action in the keeper's thread when its clock shows `time_s`."""
         ...
 
@@ -48,14 +46,12 @@ class Timekeeper(Protocol):
 class Future(pykka.Future[T]):
     """The answer to a call, now or later.
 
-    The first outcome stands: a result that comes after the deadline or a cancellation is dropped. A future with a
-    deadline never leaves anybody waiting beyond it: whoever waits in `get` watches the time himself, and for
-    callbacks, `await` and `gather` the timekeeper does.
+    The first outcome counts: a result that arrives after the deadline or a cancellation is dropped.
 
     Args:
-        clock: the clock of its deadline and of `get`'s time-out.
+        clock: the clock of the deadline and of `get`'s time-out.
         deadline_s: the time of that clock at which the call fails; None for none.
-        timekeeper: who rings the deadline when nobody waits in `get`.
+        timekeeper: runs the deadline's timer while nobody waits in `get`.
     """
 
     def __init__(
@@ -72,32 +68,34 @@ class Future(pykka.Future[T]):
         self._waiters: list[threading.Lock] | None = None
         self._callbacks: list[Callable[[Future[T]], None]] | None = None
         self._relays: list[Relay] | None = None
-        self._alarm: Alarm | None = None
+        self._timer: Timer | None = None
 
     _get_hook: Callable[[float | None], T] | None = None
-    # Pykka sets it in __init__, which would cost every call: ours waits until set_get_hook.
+    # Pykka sets it in __init__, which would cost every call; ours waits until set_get_hook.
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.describe()}: {'done' if self._done else 'pending'}>"
 
     def describe(self) -> str:
-        """Return what the future stands for, for messages."""
+        """Return a name of the future for messages."""
         return "future"
 
     # Outcome.
 
     def done(self) -> bool:
-        """Return whether the outcome is there. Thread: any."""
+        """Return whether there is an outcome. Thread: any."""
         return self._done
 
     def cancelled(self) -> bool:
         """Return whether it was cancelled. Thread: any."""
         return isinstance(self._error, CallCancelledError)
 
+    @override
     def set(self, value: Any = None) -> None:
-        """Set the result, unless there is an outcome already. Thread: any."""
+        """Set the result unless there is an outcome already. Thread: any."""
         self._finish(value, None)
 
+    @override
     def set_exception(self, exc_info: BaseException | OptExcInfo | None = None) -> None:
         """Set the failure: an exception, Pykka's triple, or the exception being handled. Thread: any."""
         error = exc_info if isinstance(exc_info, BaseException) else (exc_info or sys.exc_info())[1]
@@ -105,14 +103,19 @@ class Future(pykka.Future[T]):
             raise TypeError("set_exception needs an exception where none is being handled")
         self._finish(None, error)
 
-    def settle(self, value: Any, error: BaseException | None, later: Later) -> None:
-        """Set an outcome from a thread that must not be held up, such as one of a network engine.
+    def fail(self, error: BaseException) -> None:
+        """Set the failure. Thread: any."""
+        self._finish(None, error)
 
-        Whoever waits in `get` is woken and relays run at once; callbacks are handed to `later`. Thread: any.
+    def settle(self, value: Any, error: BaseException | None, call_soon: CallSoon) -> None:
+        """Set an outcome from a thread that must not block, such as one of the network engine.
+
+        Waiting threads wake up and relays run at once; callbacks go to `call_soon`. Thread: any.
         """
-        self._finish(value, error, later)
+        self._finish(value, error, call_soon)
 
-    def _finish(self, value: Any, error: BaseException | None, later: Later | None = None) -> bool:
+    def _finish(self, value: Any, error: BaseException | None, call_soon: CallSoon | None = None) -> bool:
+        """Set the outcome; return False if there is one already."""
         with self._lock:
             if self._done:
                 return False
@@ -121,66 +124,67 @@ class Future(pykka.Future[T]):
                 self._error = error
                 self._traceback = error.__traceback__
             self._done = True
-            waiters, callbacks, relays, alarm = self._waiters, self._callbacks, self._relays, self._alarm
-            self._waiters = self._callbacks = self._relays = self._alarm = None
+            waiters, callbacks, relays, timer = self._waiters, self._callbacks, self._relays, self._timer
+            self._waiters = self._callbacks = self._relays = self._timer = None
         if waiters:
             for waiter in waiters:
                 self.clock.wake(waiter)
-        if alarm is not None:
-            alarm.cancel()
+        if timer is not None:
+            timer.cancel()
         if relays:
             for relay in relays:
-                relay(self, later)
+                relay(self, call_soon)
         if callbacks:
             for callback in callbacks:
-                if later is None:
-                    self._run(callback)
+                if call_soon is None:
+                    self._run_callback(callback)
                 else:
-                    later(partial(self._run, callback))
+                    call_soon(partial(self._run_callback, callback))
         return True
 
-    def _run(self, callback: Callable[[Future[T]], None]) -> None:
+    def _run_callback(self, callback: Callable[[Future[T]], None]) -> None:
         try:
             callback(self)
-        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # another's callback must not break the thread that finishes the call
+        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # user code must not break the thread that finishes the call
             get_logger().exception("a future's done-callback raised", future=self.describe())
 
     def cancel(self) -> bool:
-        """Give up the call: what it started is stopped. Returns False if there was an outcome already. Thread: any."""
-        if self._finish(None, self._cancelled()):
+        """Cancel the call and stop what it started; return False if there was an outcome already. Thread: any."""
+        if self._finish(None, self._cancellation_error()):
             self._given_up()
             return True
         return False
 
     def expire(self) -> None:
-        """Fail with DeadlineError, unless there is an outcome: the deadline has passed. Thread: any."""
-        if self._finish(None, self._expired()):
+        """Fail with DeadlineError unless there is an outcome. Thread: any."""
+        if self._finish(None, self._deadline_error()):
             self._given_up()
 
-    def _cancelled(self) -> EALError:
+    def _cancellation_error(self) -> EALError:
         return CallCancelledError(f"{self.describe()} was cancelled")
 
-    def _expired(self) -> EALError:
+    def _deadline_error(self) -> EALError:
         return DeadlineError(f"{self.describe()} had no answer before its deadline")
 
     def _given_up(self) -> None:
-        """Tell the other side that nobody waits any more."""
+        """Inform the other side that nobody waits for the answer."""
 
     # Waiting.
 
+    @override
     def get(self, *, timeout: float | None = None) -> T:
-        """Return the result, waiting for it at most until the deadline.
+        """Return the result, waiting until the deadline at most.
 
         Args:
-            timeout: seconds of the clock to wait at most; the call itself goes on after it.
+            timeout: seconds of the clock to wait at most; the call itself continues after it.
 
         Raises:
             DeadlineError: the call's deadline passed.
             WaitTimeoutError: the time-out passed.
             CallCancelledError: the call was cancelled; or the caller's task was, which cancels the call.
-            Exception: whatever the call failed with.
+            Exception: the call's own failure.
 
-        Thread: blocks the caller; never call it in an actor on a future of its parent or peer.
+        Thread: blocks the caller. Never call it in an actor on a future of its parent or peer.
         """
         if self._get_hook is not None:
             return super().get(timeout=timeout)
@@ -188,7 +192,7 @@ class Future(pykka.Future[T]):
             self._wait(timeout)
         if self._error is not None:
             raise self._error.with_traceback(self._traceback)
-        return self._value  # type: ignore[no-any-return]  # set() takes what the maker of the future promised
+        return self._value  # type: ignore[no-any-return]  # set() takes any value; its caller knows the type
 
     def exception(self, *, timeout: float | None = None) -> BaseException | None:
         """Return the failure, or None for success, waiting like `get`. Thread: blocks the caller."""
@@ -215,18 +219,18 @@ class Future(pykka.Future[T]):
             try:
                 wait_in_scope(clock, waiter, remaining)
             except CallCancelledError:
-                self._forget(waiter)
+                self._remove_waiter(waiter)
                 self.cancel()
                 raise
         if self._done:
             return
-        self._forget(waiter)
+        self._remove_waiter(waiter)
         if limit == self.deadline_s:
             self.expire()
         else:
-            raise WaitTimeoutError(f"{self.describe()} had no answer within {timeout:g} s; it goes on")
+            raise WaitTimeoutError(f"{self.describe()} had no answer within {timeout:g} s; the call continues")
 
-    def _forget(self, waiter: threading.Lock) -> None:
+    def _remove_waiter(self, waiter: threading.Lock) -> None:
         with self._lock:
             if self._waiters is not None:
                 self._waiters.remove(waiter)
@@ -239,21 +243,20 @@ class Future(pykka.Future[T]):
         Thread: the callback runs in the thread that finishes the future, so it must not block.
         """
         with self._lock:
-            if not self._done:
+            is_pending = not self._done
+            if is_pending:
                 if self._callbacks is None:
                     self._callbacks = []
                 self._callbacks.append(callback)
-            is_pending = not self._done
         if is_pending:
             self.arm()
         else:
-            self._run(callback)
+            self._run_callback(callback)
 
     def link(self, relay: Relay) -> None:
-        """Have the outcome passed on as soon as it is there, at once if it is; see Relay.
+        """Pass the outcome to a relay as soon as there is one, at once if there is.
 
-        Unlike a callback, a relay sets no alarm: who links watches the deadline, or leaves that to who links to him.
-        Thread: any.
+        Unlike a callback, a relay sets no timer: the caller watches the deadline or calls `arm`. Thread: any.
         """
         with self._lock:
             if not self._done:
@@ -264,14 +267,14 @@ class Future(pykka.Future[T]):
         relay(self, None)
 
     def arm(self) -> None:
-        """Have the timekeeper ring the deadline. Thread: any."""
-        if self._alarm is None and not self._done and self.timekeeper is not None and self.deadline_s is not None:
-            alarm = self.timekeeper.call_at(self.deadline_s, self.expire)
+        """Set the deadline's timer at the timekeeper. Thread: any."""
+        if self._timer is None and not self._done and self.timekeeper is not None and self.deadline_s is not None:
+            timer = self.timekeeper.call_at(self.deadline_s, self.expire)
             with self._lock:
                 if not self._done:
-                    self._alarm = alarm
+                    self._timer = timer
                     return
-            alarm.cancel()
+            timer.cancel()
 
     def to_concurrent(self) -> concurrent.futures.Future[T]:
         """Return a standard library future with the same outcome; cancelling it cancels this one. Thread: any."""
@@ -289,16 +292,18 @@ class Future(pykka.Future[T]):
         self.add_done_callback(copy)
         return mirror
 
+    @override
     def __await__(self) -> Generator[Any, None, T]:
         """Wait for the result in an asyncio program; cancelling the task cancels the call."""
         return asyncio.wrap_future(self.to_concurrent()).__await__()
 
+    @override
     def map(self, func: Callable[[T], M]) -> Future[M]:
-        """Return a future of what the function makes of the result.
+        """Return a future of the function's result on this one's.
 
         Thread: the function runs in the thread that finishes this future, so it must not block.
         """
-        mapped: _Mapped[M] = _Mapped(self)
+        mapped: _MappedFuture[M] = _MappedFuture(self)
 
         def apply() -> None:
             if self._error is not None:
@@ -309,27 +314,31 @@ class Future(pykka.Future[T]):
             except Exception as error:  # noqa: BLE001  # it is the outcome
                 mapped.set_exception(error)
 
-        self.link(lambda _, later: apply() if later is None else later(apply))
+        self.link(lambda _, call_soon: apply() if call_soon is None else call_soon(apply))
         return mapped
 
+    @override
     def set_get_hook(self, func: Callable[[float | None], T]) -> None:
-        """See Pykka, whose ActorRef.stop() needs it. Hooked futures answer `get` alone; make others with `map`."""
+        """Set Pykka's hook, which ActorRef.stop() needs. Hooked futures answer `get` alone; make others with `map`."""
         pykka.Future.__init__(self)
         super().set_get_hook(func)
 
 
-class _Mapped(Future[T]):
-    """What becomes of another future: given up together with it."""
+class _MappedFuture(Future[T]):
+    """The result of `Future.map`: cancelled and expired together with its source."""
 
     def __init__(self, source: Future[Any]) -> None:
         super().__init__(source.clock, source.deadline_s, source.timekeeper)
         self._source = source
 
+    @override
     def describe(self) -> str:
         return self._source.describe()
 
+    @override
     def expire(self) -> None:
         self._source.expire()
 
+    @override
     def _given_up(self) -> None:
         self._source.cancel()

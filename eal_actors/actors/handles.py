@@ -1,18 +1,19 @@
-"""Typed handles: what users hold. They name a resource or robot, so they survive a restart of what they name."""
+"""The typed handles of robots, and closing them. A handle names a robot, so it survives restarts of its resources."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Final
 
-from eal_actors.actors.closing import CLOSE_TIMEOUT_S, close_all
+from typing_extensions import override
+
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.resource_handle import ResourceHandle
-from eal_actors.actors.robot_view import Ping, RobotConnection, RobotState, RobotView
-from eal_actors.actors.running import Running
-from eal_actors.actors.state_wait import StateWait
+from eal_actors.actors.robot_view import Ping, RobotConnection, RobotState, RobotView, RunningCommand, StateFuture
 from eal_actors.device.info import unknown_name
-from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import (
     EALError,
     ResourceNotFoundError,
@@ -20,8 +21,12 @@ from eal_actors.kernel.errors import (
     UnavailableError,
     WaitTimeoutError,
 )
+from eal_actors.kernel.log import get_logger
 
 __all__ = ["CLOSE_TIMEOUT_S", "ResourceHandle", "RobotHandle", "close_robots"]
+
+CLOSE_TIMEOUT_S: Final = 5.0
+"""Real time that a robot has to stop by itself before its stuck threads are abandoned."""
 
 
 class RobotHandle(Mapping[str, ResourceHandle]):
@@ -30,7 +35,7 @@ class RobotHandle(Mapping[str, ResourceHandle]):
     Attributes:
         name: the robot's name.
         type: its type's name in the fleet file, or None.
-        types: its type and what that builds on.
+        types: its type and the types that it builds on.
         tags: its tags.
     """
 
@@ -52,14 +57,14 @@ class RobotHandle(Mapping[str, ResourceHandle]):
 
     @property
     def state(self) -> RobotState:
-        """Where the robot is in its life."""
+        """The robot's state."""
         return self._view.state
 
     def on_state(self, callback: Callable[[RobotState], None]) -> Callable[[], None]:
-        """Call back with the robot's state now, and with each later one; errors of the callback are logged.
+        """Call back with the robot's state now and at each change; errors of the callback are logged.
 
         Returns:
-            What ends it; calling it twice is harmless.
+            A function that stops it; calling it twice is harmless.
 
         Thread: any; does not block. The callback runs in the robot's own thread, so it must not block.
         """
@@ -73,20 +78,20 @@ class RobotHandle(Mapping[str, ResourceHandle]):
 
         Thread: any; does not block.
         """
-        return StateWait(self._view, state, timeout_s, self._actor.actor_inbox)
+        return StateFuture(self._view, state, timeout_s, self._actor.actor_inbox)
 
     @property
-    def running(self) -> tuple[Running, ...]:
-        """The commands under way on this robot, whoever gave them; without those that end within an instant.
+    def running(self) -> tuple[RunningCommand, ...]:
+        """The running commands of all controllers on this robot, without those that end within an instant.
 
-        Of a remote robot it is what the robot has told: a command is listed when it has run for some 0.1 to 0.3 s, and
-        its progress is at most as old. Nothing is listed while the robot is out of reach.
+        A remote robot reports them: a command is listed once it has run for some 0.1 to 0.3 s, and its progress is at
+        most as old. Nothing is listed while the robot is out of reach.
         """
         return self._actor.running()
 
     @property
     def problems(self) -> tuple[EALError, ...]:
-        """What kept plugins out, or made the robot fail."""
+        """The errors of plugins that did not connect, or of the robot's failure."""
         return self._view.problems
 
     @property
@@ -96,12 +101,13 @@ class RobotHandle(Mapping[str, ResourceHandle]):
 
     @property
     def not_ready(self) -> Mapping[str, str]:
-        """Why resources are not ready, by their names: their devices are absent, and are tried again.
+        """Why resources are not ready, by their names: their devices are absent and are retried.
 
-        Of a remote robot it is what the robot told when it was connected, or in its answer to the last ping.
+        A remote robot reports it when it is connected and in each answer to a ping.
         """
         return dict(self._view.not_ready)
 
+    @override
     def __getitem__(self, name: str) -> ResourceHandle:
         """Return the handle of a resource.
 
@@ -119,25 +125,28 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         left_out = "".join(f"; left out: {problem.message}" for problem in self.problems)
         raise ResourceNotFoundError(unknown_name("resource", name, self._view.cells) + left_out, robot=self.name)
 
+    @override
     def __contains__(self, name: object) -> bool:
         return name in self._view.cells  # Mapping's own asks __getitem__, which raises where the robot has failed
 
+    @override
     def __iter__(self) -> Iterator[str]:
         return iter(self._view.cells)
 
+    @override
     def __len__(self) -> int:
         return len(self._view.cells)
 
     __hash__ = object.__hash__
-    __eq__ = object.__eq__  # a robot is itself, not what it holds
+    __eq__ = object.__eq__  # two robots with equal resources are not the same robot
 
     def halt(self, *, timeout_s: float | None = None) -> Future[list[int]]:
-        """Stop whatever moves on this robot, at once; see ResourceHandle.halt."""
+        """Stop everything that moves on this robot, at once; see ResourceHandle.halt."""
         return gather([self[name].halt(timeout_s=timeout_s) for name in self])
 
     @property
     def is_remote(self) -> bool:
-        """Whether the robot is in another process, and reached over a network."""
+        """Whether the robot is in another process and reached over a network."""
         return self._actor.is_remote
 
     @property
@@ -146,10 +155,10 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         return self._view.clock
 
     def ping(self) -> Future[Ping]:
-        """Ask the robot how it is, how long the way to it takes, and how far its clock is from ours.
+        """Return the robot's state, the round trip to it, and the offset of its clock from ours.
 
-        A robot of this process answers at once, without having been asked; one that cannot be reached fails with
-        UnavailableError. Each ping makes the offset of the clocks better known.
+        A robot of this process answers at once; one that is out of reach fails with UnavailableError. Each ping
+        improves the estimate of the offset.
 
         Thread: any; does not block.
         """
@@ -157,14 +166,14 @@ class RobotHandle(Mapping[str, ResourceHandle]):
 
     @property
     def stopped_because(self) -> str | None:
-        """Why an emergency stop holds the robot; None if none does."""
+        """The reason of the emergency stop that holds the robot; None if none does."""
         return self._view.latch.reason
 
     def stop(self, reason: str = "") -> Future[None]:
-        """Emergency stop: halt whatever moves, and refuse motions with StoppedError until `resume`.
+        """Stop in an emergency: halt everything that moves, and refuse motions with StoppedError until `resume`.
 
         Args:
-            reason: told to those whose motions are refused.
+            reason: appears in the errors of refused motions.
 
         Thread: any; does not block.
         """
@@ -176,15 +185,14 @@ class RobotHandle(Mapping[str, ResourceHandle]):
 
     @property
     def controller_id(self) -> str | None:
-        """What the robot knows this process by, as in `Ping.holder_ids`; None for a robot of this process."""
+        """The id by which the robot knows this process, as in `Ping.holder_ids`; None for a robot of this process."""
         return self._view.controller_id
 
     def release(self, *resources: str) -> Future[None]:
-        """Let go of resources that this process has commanded, so that another controller may at once.
+        """Release resources that this process has commanded, so that another controller may command them at once.
 
-        Without it they are free when the fleet is closed. What goes on there by our commands is halted; what is
-        commanded later takes the resource anew. Nothing happens to resources that others hold, or nobody does, as
-        within one process.
+        Otherwise they are free when the fleet is closed. Motions of ours are halted; a later command takes the resource
+        anew. Resources that other controllers hold, or nobody holds, as within one process, are left as they are.
 
         Args:
             resources: their names; all of the robot's if there are none.
@@ -211,10 +219,7 @@ class RobotHandle(Mapping[str, ResourceHandle]):
             late = [name for name, cell in self._view.cells.items() if cell.actor is None]
             what = f"{', '.join(late)} did not start" if late else "its plugins did not connect"
             raise UnavailableError(f"{what} within {timeout_s:g} s", robot=self.name) from None
-        if self.state is RobotState.FAILED:
-            raise self._failed()
-        if self.state is RobotState.LOST:
-            raise self._unreached()
+        self._check_state()
 
     def require_started(self) -> None:
         """Raise unless every resource has been up.
@@ -225,6 +230,9 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         """
         if not self._view.started.done():
             raise UnavailableError("has not started yet; see the log, or give connect more time", robot=self.name)
+        self._check_state()
+
+    def _check_state(self) -> None:
         if self.state is RobotState.FAILED:
             raise self._failed()
         if self.state is RobotState.LOST:
@@ -241,10 +249,49 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         return problems[-1].message if problems else otherwise
 
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
-        """Halt every resource, disconnect the plugins, end every thread; see close_all."""
+        """Halt every resource, disconnect the plugins, end every thread; see close_robots."""
         close_robots([self], timeout_s)
 
 
 def close_robots(robots: Sequence[RobotHandle], timeout_s: float = CLOSE_TIMEOUT_S) -> None:
-    """Halt every resource, disconnect the plugins, end every thread, of all robots at once; see close_all."""
-    close_all([(robot._actor, robot._view) for robot in robots], timeout_s)
+    """Halt every resource, disconnect the plugins and end every thread, of all robots at once.
+
+    Stuck threads are abandoned and named in the log.
+
+    Args:
+        robots: the robots.
+        timeout_s: real seconds for them to stop by themselves.
+
+    Thread: blocks the caller, at most about twice `timeout_s` however many robots there are. In a thread of one of the
+    robots, such as a done-callback's, it does not wait for that robot.
+    """
+    for robot in robots:  # before time passes without this thread, or motions would end that are to be stopped
+        robot._actor.shut_down()
+    with contextlib.ExitStack() as stack:
+        for clock in dict.fromkeys(robot.clock for robot in robots):
+            stack.enter_context(clock.outside())
+        _await_end([robot for robot in robots if not robot._actor.is_at_work()], timeout_s)
+
+
+def _await_end(robots: Sequence[RobotHandle], timeout_s: float) -> None:
+    late = _not_stopped(robots, timeout_s)
+    for robot in late:
+        robot._actor.force_down()
+    for robot in _not_stopped(late, timeout_s / 2):
+        robot._actor.abandon(UnavailableError("the robot was stuck while it was closed"))
+    end_s = REAL_TIME.now() + timeout_s / 2
+    for robot in robots:
+        if alive := robot._actor.join(end_s - REAL_TIME.now()):
+            get_logger(robot=robot.name).error("threads are stuck and were left behind", threads=alive)
+
+
+def _not_stopped(robots: Sequence[RobotHandle], timeout_s: float) -> list[RobotHandle]:
+    """Wait for robots to stop; return those that have not."""
+    end_s = REAL_TIME.now() + timeout_s
+    late = []
+    for robot in robots:
+        try:
+            robot._view.stopped.get(timeout=max(0.0, end_s - REAL_TIME.now()))
+        except WaitTimeoutError:
+            late.append(robot)
+    return late

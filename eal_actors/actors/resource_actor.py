@@ -1,4 +1,4 @@
-"""The actor that owns one resource: runs its calls, steps its activities, and keeps it safe."""
+"""The actor that owns one resource: runs its calls, steps its activities, and halts it when anything fails."""
 
 from __future__ import annotations
 
@@ -6,96 +6,115 @@ import contextlib
 import math
 import types
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
 
-from eal_actors.actors.activities import Activities
-from eal_actors.actors.actor import AbandonedThread, EALActor
-from eal_actors.actors.answers import comm_data_of, data_of, explained, status_of
+from typing_extensions import override
+
+from eal_actors.actors.activities import ActivityActor, ScheduledCommand
+from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
-from eal_actors.actors.readiness import Readiness
-from eal_actors.actors.resource_factory import ResourceFactory
-from eal_actors.actors.running import Running, command_of, process_name
-from eal_actors.actors.starts import PendingStart
-from eal_actors.device.data import EALData
+from eal_actors.actors.robot_spec import ResourceFactory
+from eal_actors.actors.robot_view import RunningCommand, command_of, process_name
+from eal_actors.device.data import EALData, ValueInfo
 from eal_actors.device.info import ResourceInfo
 from eal_actors.device.resource import Activity, Resource
+from eal_actors.kernel import log
 from eal_actors.kernel.errors import (
     DeadlineError,
     EALError,
-    PreemptedError,
-    ResourceFaultError,
+    NotReadyError,
     ReturnTypeError,
     StaleCommandError,
     UnavailableError,
-    shown,
+    error_text,
 )
-from eal_actors.kernel.log import bind_work_place, get_logger, is_debugging, set_call
+
+READINESS_PERIOD_S: Final = 0.5
+"""Fleet time between two readiness checks while nobody calls the resource."""
 
 
-class _Later(NamedTuple):
-    """A result that is still to come: the activity that gives it, and what makes the answer of it."""
+class _PendingResult(NamedTuple):
+    """A result that an activity will return, and the function that makes the answer of it."""
 
     activity: Activity
-    answer: Callable[[Any], Any]
+    convert: Callable[[Any], Any]
 
 
-def _now_or_later(result: Any, answer: Callable[[Any], Any]) -> Any:
-    """Make the answer of a result, unless it is an activity, which gives the result later."""
-    return _Later(result, answer) if type(result) is types.GeneratorType else answer(result)
+def _convert(result: Any, convert: Callable[[Any], Any]) -> Any:
+    """Make the answer of a result; an activity gives its result later."""
+    return _PendingResult(result, convert) if type(result) is types.GeneratorType else convert(result)
 
 
-class ResourceObserver(Protocol):
-    """Whom a resource actor tells of its life: its robot. Thread: the resource's actor; none may block."""
-
-    def resource_up(self, actor: ResourceActor, info: ResourceInfo) -> None:
-        """The resource is open and serves calls."""
-        ...
-
-    def resource_ready(self, actor: ResourceActor, reason: str | None) -> None:
-        """Its device can be used, or cannot for a reason."""
-        ...
-
-    def resource_down(self, actor: ResourceActor, error: BaseException | None) -> None:
-        """The resource has ended: crashed with an error, or normally with None."""
-        ...
-
-    def watch(self, actor: ResourceActor, until_s: float) -> None:
-        """Look at that time whether the actor is stuck in what it is doing now."""
-        ...
+def status_of(result: Any) -> int:
+    """Return a status int, where None counts as 1, the thesis's success; or raise ReturnTypeError."""
+    if result is None:
+        return 1
+    if isinstance(result, int):
+        return int(result)
+    raise ReturnTypeError(f"returned {result!r} where a status int is wanted")
 
 
-class ResourceActor(EALActor):
-    """Owns one resource: every touch of it happens in this actor's thread.
+def data_of(result: Any, value: ValueInfo | None = None) -> EALData:
+    """Return the result as EALData, checked against the resource's information, or raise ReturnTypeError."""
+    try:
+        data = EALData.of(result)
+    except EALError as error:
+        raise ReturnTypeError(f"returned what no EALData can hold: {error}") from error
+    if value is not None and (problem := value.problem(data)):
+        raise ReturnTypeError(f"returned a value that {problem}")
+    return data
+
+
+@dataclass(frozen=True, slots=True)
+class ResourceCallbacks:
+    """The callbacks by which a resource's actor reports to its robot's. They run in its thread and must not block.
+
+    Attributes:
+        up: the resource is open and serves calls.
+        ready: its device can be used (None), or cannot for a reason.
+        down: the resource has ended: crashed with an error, or normally with None.
+        watch: check at that time whether the actor is stuck in its current step.
+    """
+
+    up: Callable[[ResourceActor, ResourceInfo], None]
+    ready: Callable[[ResourceActor, str | None], None]
+    down: Callable[[ResourceActor, BaseException | None], None]
+    watch: Callable[[ResourceActor, float], None]
+
+
+class ResourceActor(ActivityActor):
+    """Owns one resource: every access to it happens in this actor's thread.
 
     Args:
         cell: the slot through which calls arrive.
-        factory: makes and unmakes the resource.
-        observer: told when the resource is up and when it is down.
+        factory: makes and destroys the resource.
+        callbacks: report to the robot's actor.
         capacity: the most calls that may wait.
     """
 
-    def __init__(self, cell: ResourceCell, factory: ResourceFactory, observer: ResourceObserver, capacity: int) -> None:
-        super().__init__(f"{cell.robot}/{cell.name}", cell.clock, capacity)
-        self.cell = cell
-        self.resource: Resource | None = None
-        self.busy_until_s: float | None = None
-        """When what runs now must be over; None while the actor is idle. Read by the robot."""
+    def __init__(
+        self, cell: ResourceCell, factory: ResourceFactory, callbacks: ResourceCallbacks, capacity: int
+    ) -> None:
+        super().__init__(cell, capacity)
+        self.put = self.actor_inbox.put
+        self.put_urgent = self.actor_inbox.put_urgent
         self.watched_until_s = math.inf
-        """When the robot looks next whether the actor is stuck. Set to infinity by the robot before it looks."""
+        """The time of the robot's next check whether the actor is stuck. The robot sets it to infinity first."""
         self._factory = factory
-        self._observer = observer
+        self._callbacks = callbacks
         self._is_open = False
         self._current: Call[Any] | None = None
-        self._activities = Activities(self)
-        self._readiness: Readiness | None = None
-        self._pending = PendingStart(self.actor_inbox, self._execute)
-        self._log = get_logger(robot=cell.robot, resource=cell.name)
+        self._reports_readiness = False
+        self._not_ready: str | None = None
+        self._scheduled = ScheduledCommand(self.actor_inbox, self._execute)
 
     # Life.
 
+    @override
     def on_start(self) -> None:
         """Make and open the resource. Thread: the actor's own."""
-        bind_work_place(self.cell.robot, self.cell.name)
+        log.bind_resource(self.cell.robot, self.cell.name)
         self.busy(self.clock.now() + self.cell.timeout_s)
         try:
             self.resource = resource = self._factory.create()
@@ -113,35 +132,32 @@ class ResourceActor(EALActor):
         except BaseException as error:  # noqa: BLE001  # a plugin may raise anything; Pykka would hide it
             self.crash(error)
             return
-        if type(resource).not_ready is not Resource.not_ready:  # most are always ready, and are not asked
-            self._readiness = Readiness(resource, self.actor_inbox, self._tell_readiness, self._log)
-            self._readiness.watch()
+        if type(resource).not_ready is not Resource.not_ready:  # most are always ready and need no check
+            self._reports_readiness = True
+            self._watch_readiness()
         self.busy_until_s = None
         if background is not None:
-            self._activities.begin_background(background)
-        self._observer.resource_up(self, info)
-
-    def _tell_readiness(self, reason: str | None) -> None:
-        self._observer.resource_ready(self, reason)
+            self.begin_background(background)
+        self._callbacks.up(self, info)
 
     def _make_methods(self, resource: Resource, info: ResourceInfo) -> dict[str, Callable[..., Any]]:
-        """Return for each method what runs it and makes the answer of its result."""
+        """Return for each method the function that runs it and converts its result."""
         return {
             "get_status": lambda: status_of(resource.get_status()),
-            "get_value": lambda: _now_or_later(resource.get_value(), lambda result: data_of(result, info.value)),
+            "get_value": lambda: _convert(resource.get_value(), lambda result: data_of(result, info.value)),
             "set_value": self._set_value,
             "send_req": self._send_req,
             "send_cmd": self._send_cmd,
-            "read_comm": lambda length: _now_or_later(resource.read_comm(length), comm_data_of),
-            "write_comm": lambda data, length: _now_or_later(resource.write_comm(data, length), status_of),
+            "read_comm": lambda length: _convert(resource.read_comm(length), data_of),
+            "write_comm": lambda data, length: _convert(resource.write_comm(data, length), status_of),
             "get_config": self._get_config,
-            "set_config": lambda key, data: _now_or_later(resource.set_config(key, data), status_of),
+            "set_config": lambda key, data: _convert(resource.set_config(key, data), status_of),
             "halt": self._halt,
         }
 
     def shut_down(self) -> None:
-        """Halt, close and stop, before anything that waits. Thread: any; does not block."""
-        with contextlib.suppress(EALError):  # it has ended already
+        """Halt, close and stop, before everything that waits. Thread: any; does not block."""
+        with contextlib.suppress(EALError):  # it has stopped already
             self.actor_inbox.call_soon(self._shut_down)
 
     def _shut_down(self) -> None:
@@ -149,33 +165,37 @@ class ResourceActor(EALActor):
         self._refuse(UnavailableError("the robot is being stopped"))
         self._stop()
 
+    @override
     def on_crash(self, error: BaseException) -> None:
-        """Stop what moves, let go, tell the robot. Thread: the actor's own."""
+        """Halt and close the resource and report the crash. Thread: the actor's own."""
         try:
-            self._end(PreemptedError(f"the resource crashed: {shown(error)}"))
+            self._release(f"the resource crashed: {error_text(error)}")
         finally:
-            self._observer.resource_down(self, error)
+            self._callbacks.down(self, error)
 
+    @override
     def on_stop(self) -> None:
-        """Stop what moves, whoever stopped the actor, and tell the robot. Thread: the actor's own."""
-        self._end(PreemptedError("the resource is being stopped"))
-        self._observer.resource_down(self, None)
+        """Halt and close the resource and report the end. Thread: the actor's own."""
+        self._release("the resource is being stopped")
+        self._callbacks.down(self, None)
 
+    @override
     def abandon(self, error: EALError) -> None:
-        """Fail the calls under way too; see EALActor."""
-        under_way = [self._current, self._pending.call, *self._activities.calls()]
+        """Fail the running calls too; see EALActor."""
+        running = [self._current, self._scheduled.call, *self.calls()]
         super().abandon(error)
-        for call in under_way:
+        for call in running:
             if call is not None:
                 call.fail(error.copy())
 
+    @override
     def on_abandoned(self) -> None:
-        """Stop what moves after all, now that the stuck code is unwound. Thread: the actor's own."""
-        self._end(PreemptedError("the resource was stuck and has been abandoned"))
+        """Halt and close the resource, now that the stuck code is unwound. Thread: the actor's own."""
+        self._release("the resource was stuck and has been abandoned")
 
-    def _end(self, reason: EALError) -> None:
-        self._pending.call_off(reason.copy())
-        self._activities.close(reason)
+    def _release(self, reason: str) -> None:
+        self._scheduled.preempt(reason)
+        self.close_activities(reason)
         resource, self.resource = self.resource, None
         if resource is not None:
             if self._is_open:
@@ -183,30 +203,36 @@ class ResourceActor(EALActor):
                 self.guarded(resource.close)
             self.guarded(lambda: self._factory.destroy(resource))
 
-    def guarded(self, step: Callable[[], object]) -> bool:
-        """Run a clean-up step; whatever it raises is logged, as the next must run too. Thread: the actor's own."""
-        try:
-            step()
-        except AbandonedThread:
-            raise
-        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything
-            name = getattr(step, "__name__", "")
-            self._log.error("cleaning up failed", step=name, error=shown(error), exc_info=is_debugging())
-            return False
-        return True
-
+    @override
     def busy(self, until_s: float) -> None:
-        """Note when what begins now must be over, and see that the robot looks then: once, not for every call.
-
-        Thread: the actor's own.
-        """
+        """Note the deadline of the step that begins, and have the robot check it: once, not for every call."""
         self.busy_until_s = until_s
         if until_s < self.watched_until_s:
             self.watched_until_s = until_s
-            self._observer.watch(self, until_s)
+            self._callbacks.watch(self, until_s)
+
+    # Readiness.
+
+    def _watch_readiness(self) -> None:
+        """Check the readiness now and periodically."""
+        self._check_readiness()
+        self.actor_inbox.call_later(READINESS_PERIOD_S, self._watch_readiness)
+
+    def _check_readiness(self) -> str | None:
+        """Return why the device is not ready, or None; log and report a change once."""
+        before, reason = self._not_ready, self.opened.not_ready()
+        self._not_ready = reason
+        if reason is not None and before is None:
+            self._log.warning("not ready", reason=reason)
+        elif reason is None and before is not None:
+            self._log.info("ready again")
+        if reason != before:
+            self._callbacks.ready(self, reason)
+        return reason
 
     # Calls.
 
+    @override
     def on_receive(self, message: Any) -> Any:
         """Run a call. Thread: the actor's own."""
         if isinstance(message, Call):
@@ -215,67 +241,73 @@ class ResourceActor(EALActor):
         return super().on_receive(message)
 
     def _execute(self, call: Call[Any]) -> None:
-        if call._done and not call.stops:  # the hot path: it was given up while it waited
-            return
         deadline_s = call.deadline_s or 0.0
         if call.stops:  # a late stop is still a stop
             deadline_s = max(deadline_s, self.clock.now() + self.cell.timeout_s)
-        elif deadline_s <= self.clock.now():
-            call.fail(DeadlineError(f"{call.method} waited in the mailbox until its deadline; it was not executed"))
+        elif call._done or not self._may_begin(call, deadline_s):  # it was cancelled while it waited
             return
-        if call.begin_by_s is not None and self.clock.now() > call.begin_by_s and not call.stops:
-            call.fail(StaleCommandError(f"{call.method} waited too long to be begun; it was not executed"))
-            return
-        if self.cell.latch.reason is not None and self.cell.latch.refuses(call):  # it passed the slot just before
-            return
-        if call.start_s is not None and not call.stops:
-            if self._pending.is_early(call) and call.method in self._info.methods:
-                self._hold(call)
-                return
-            call.began_s = self.clock.now()
         self._current = call
         self.busy(deadline_s)
-        set_call(call.call_id)
-        if is_debugging():
-            self._log.debug("call", method=call.shown())
+        log.set_call(call.call_id)
+        if log.debug_enabled or call.span is not None:
+            self._trace(call)
+        try:
+            if self._reports_readiness and not call.stops and (reason := self._check_readiness()) is not None:
+                raise NotReadyError(reason)
+            result = self._methods[call.method](*call.arguments)
+            if type(result) is _PendingResult:
+                self.begin(call, *result)
+            elif not call._finish(result, None) and call.method in MOTION_METHODS and not call.stops:
+                self.guarded(self.opened.halt)  # it was cancelled while it ran
+        except AbandonedThread:
+            raise
+        except BaseException as error:
+            self._fail_call(call, error)
+            if not isinstance(error, Exception):
+                raise
+        finally:
+            self.busy_until_s = self._current = None
+            log.set_call(None)
+
+    def _may_begin(self, call: Call[Any], deadline_s: float) -> bool:
+        """Return whether a call may begin now; one that may not fails, or waits for its start time."""
+        now_s = self.clock.now()
+        if deadline_s <= now_s:
+            call.fail(DeadlineError(f"{call.method} waited in the mailbox until its deadline; it was not executed"))
+            return False
+        if call.begin_by_s is not None and now_s > call.begin_by_s:
+            call.fail(StaleCommandError(f"{call.method} waited too long to be begun; it was not executed"))
+            return False
+        if self.cell.latch.reason is not None and self.cell.latch.refuses(call):  # latched after the call was submitted
+            return False
+        if call.start_s is not None:
+            if self._scheduled.is_early(call) and call.method in self._info.methods:
+                self._schedule(call)
+                return False
+            call.began_s = self.clock.now()
+        return True
+
+    def _trace(self, call: Call[Any]) -> None:
+        self._log.debug("call", method=call.text())
         if call.span is not None:
             handler = call.span.part(f"{self.cell.name}/{call.method} handler")
             call.link(lambda done, _: handler.end(done.exception()))
-        try:
-            if self._readiness is not None and not call.stops:
-                self._readiness.require()
-            result = self._methods[call.method](*call.arguments)
-            if type(result) is _Later:
-                self._activities.begin(call, *result)
-            elif not call._finish(result, None) and call.method in MOTION_METHODS and not call.stops:
-                self.guarded(self.opened.halt)  # it was given up while it ran
-        except AbandonedThread:
-            raise
-        except Exception as error:  # noqa: BLE001  # a plugin may raise anything; the caller gets it
-            if call.method in MOTION_METHODS and not isinstance(error, EALError):
-                self.guarded(self.opened.halt)  # it may have set something off before it failed
-            call.fail(self.explained(call, error))
-        except BaseException as error:
-            call.fail(self.explained(call, error))
-            raise
-        finally:
-            self.busy_until_s = self._current = None
-            set_call(None)
 
-    def explained(self, call: Call[Any], error: BaseException) -> EALError:
-        """Return an error as the call's caller is given it. Thread: the actor's own."""
-        self._log.debug("call failed", call=call.call_id, method=call.shown(), error=shown(error))
-        return explained(call, error)
+    def _fail_call(self, call: Call[Any], error: BaseException) -> None:
+        may_move = call.method in MOTION_METHODS and not isinstance(error, EALError)
+        if may_move and isinstance(error, Exception):  # it may have started a motion; a crash halts by itself
+            self.guarded(self.opened.halt)
+        call.fail(self.explain(call, error))
 
-    def _hold(self, call: Call[Any]) -> None:
-        """Let a command wait for its start; one that would be refused then is refused now, and disturbs nothing."""
+    def _schedule(self, call: Call[Any]) -> None:
+        """Hold a command until its start time; an invalid one is refused now and disturbs nothing."""
         try:
             (self._check_command if call.method == "send_cmd" else self._check_new_value)(*call.arguments)
         except EALError as error:
             call.fail(error)
             return
-        self._pending.call_off(PreemptedError(f"a newer command took over: {call.shown()}"))
-        self._pending.hold(call)
+        self._scheduled.preempt(f"a newer command took over: {call.text()}")
+        self._scheduled.hold(call)
 
     def _check_command(self, cmd: str, data: EALData | None) -> None:
         if self._info.commands:
@@ -285,60 +317,49 @@ class ResourceActor(EALActor):
         if self._info.value is not None:
             self._info.value.check(data, "its value")
 
-    def _take_over(self, reason: PreemptedError) -> None:
-        self._pending.call_off(reason.copy())
-        self._activities.close_motion(reason)
+    def _preempt_motions(self, reason: str) -> None:
+        self._scheduled.preempt(reason)
+        self.close_motion(reason)
 
     def _send_cmd(self, cmd: str, data: EALData | None) -> Any:
-        if "send_cmd" in self._info.methods:  # else it raises UnsupportedError, and must not stop what runs
-            if self._activities.is_moving or self._pending.call is not None:
-                self._check_command(cmd, data)  # nor must a command that is refused
-            self._take_over(PreemptedError(f"a newer command took over: {cmd!r}"))
-        return self._started(self.opened.send_cmd(cmd, data))
+        if "send_cmd" in self._info.methods:  # otherwise it raises UnsupportedError and must not stop a motion
+            if self._motion is not None or self._scheduled.call is not None:
+                self._check_command(cmd, data)  # nor must an invalid command
+            self._preempt_motions(f"a newer command took over: {cmd!r}")
+        return _convert(self.opened.send_cmd(cmd, data), status_of)
 
     def _set_value(self, data: EALData) -> Any:
-        if "set_value" in self._info.methods:  # else it raises UnsupportedError, and must not stop what runs
+        if "set_value" in self._info.methods:  # otherwise it raises UnsupportedError and must not stop a motion
             self._check_new_value(data)
-            self._take_over(PreemptedError("a newer set_value took over"))
-        return self._started(self.opened.set_value(data))
-
-    def _started(self, result: Any) -> Any:
-        return _now_or_later(result, status_of)
+            self._preempt_motions("a newer set_value took over")
+        return _convert(self.opened.set_value(data), status_of)
 
     def _send_req(self, req: str) -> Any:
         returns = self._info.parse_request(req)[0].returns if self._info.requests else None
-        return _now_or_later(self.opened.send_req(req), lambda result: data_of(result, returns))
+        return _convert(self.opened.send_req(req), lambda result: data_of(result, returns))
 
     def _get_config(self, key: str) -> Any:
         value = self._info.config(key).value if self._info.configs else None
-        return _now_or_later(self.opened.get_config(key), lambda result: data_of(result, value))
+        return _convert(self.opened.get_config(key), lambda result: data_of(result, value))
 
     def _halt(self) -> int:
-        reason = PreemptedError("halted")
-        self._take_over(reason)
-        self._activities.close_exchanges(reason, lambda call: call.method in MOTION_METHODS)
+        self._preempt_motions("halted")
+        self.close_exchanges("halted", lambda call: call.method in MOTION_METHODS)
         self.opened.halt()
         return 1
 
-    @property
-    def opened(self) -> Resource:
-        """The resource; raises ResourceFaultError once it is closed. Thread: the actor's own."""
-        if self.resource is None:
-            raise ResourceFaultError("is closed")
-        return self.resource
-
-    def running(self) -> list[Running]:
-        """Return the commands under way. Thread: any."""
+    def running(self) -> list[RunningCommand]:
+        """Return the running commands. Thread: any."""
         return [
-            Running(self.cell.name, command_of(call), call.caller or process_name(), since_s, call.progress())
-            for call, since_s in self._activities.commands()
+            RunningCommand(self.cell.name, command_of(call), call.caller or process_name(), since_s, call.progress())
+            for call, since_s in self.commands()
         ]
 
     def stop_activity_of(self, call: Call[Any]) -> None:
-        """Stop the activity that answers a call nobody waits for any more. Thread: any; does not block."""
-        with contextlib.suppress(EALError):  # it has ended, and has stopped everything on its way out
+        """Stop the activity of a call that nobody waits for. Thread: any; does not block."""
+        with contextlib.suppress(EALError):  # it has stopped, and everything with it
             self.actor_inbox.call_soon(lambda: self._give_up(call))
 
     def _give_up(self, call: Call[Any]) -> None:
-        self._pending.forget(call)
-        self._activities.give_up(call)
+        self._scheduled.discard(call)
+        self.stop_activity(call)

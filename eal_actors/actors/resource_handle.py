@@ -1,19 +1,18 @@
-"""The typed handle of one resource: it names a resource, so it survives a restart of what it names."""
+"""The typed handle of one resource. It names the resource, so it survives a restart."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from eal_actors.actors.answers import data_of
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.feeds import Encoding, Feed, Sink, StreamSpec
-from eal_actors.actors.polling import PolledFeed
-from eal_actors.actors.streams import Stream
-from eal_actors.actors.waiting import Waiting, waiting_in
+from eal_actors.actors.resource_actor import data_of
+from eal_actors.actors.robot_view import MailboxLoad, mailbox_load
+from eal_actors.actors.streams import PolledFeed, Stream
 from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceInfo
-from eal_actors.device.link import Link
+from eal_actors.device.link import FaultyLink
 from eal_actors.device.resource import Resource
 from eal_actors.kernel.errors import ArgumentError
 
@@ -23,12 +22,12 @@ def _as_data(value: Any) -> EALData | None:
 
 
 class ResourceHandle:
-    """One resource of one robot. Every call returns a future at once, and never blocks.
+    """One resource of one robot. Every call returns a future at once and never blocks.
 
     A call fails through its future: BusyError when the mailbox is full, UnavailableError while the resource is
     restarting, DeadlineError when no answer came in time, UnsupportedError when the resource lacks the method,
     ArgumentError when it refuses the argument, ResourceFaultError when its own code raised. `timeout_s` is in seconds
-    of the fleet's clock; None takes the fleet file's default.
+    of the fleet's clock and defaults to the fleet file's.
 
     Thread: any; handles may be shared.
     """
@@ -52,13 +51,13 @@ class ResourceHandle:
         return self._cell.robot
 
     @property
-    def link(self) -> Link:
-        """What calls pass on their way."""
+    def link(self) -> FaultyLink:
+        """The link that calls pass."""
         return self._cell.link
 
     @property
     def info(self) -> ResourceInfo:
-        """What the resource says of itself.
+        """The resource's information about itself.
 
         Raises:
             UnavailableError: it has never been up.
@@ -68,9 +67,9 @@ class ResourceHandle:
         return self._cell.info
 
     @property
-    def waiting(self) -> Waiting | None:
-        """What waits in its mailbox; None where that is in another process. Thread: any; does not block."""
-        return waiting_in(self._cell)
+    def waiting(self) -> MailboxLoad | None:
+        """The load of its mailbox; None if that is in another process. Thread: any; does not block."""
+        return mailbox_load(self._cell)
 
     def start_call(
         self,
@@ -80,14 +79,14 @@ class ResourceHandle:
         begin_by_s: float | None = None,
         start_s: float | None = None,
     ) -> Call[Any]:
-        """Call any method with its packed arguments, in the lane where it belongs: for servers.
+        """Call any method with its packed arguments, in the lane where it belongs; for servers.
 
         Args:
             method: one of the nine methods, or `halt`.
             arguments: the method's arguments, values as EALData.
             timeout_s: seconds of the fleet's clock until its deadline.
-            begin_by_s: the fleet's time after which it must not begin any more; None for none.
-            start_s: the fleet's time at which to begin; None for at once, as stops always do.
+            begin_by_s: the latest time of the fleet's clock to begin it; None for no limit.
+            start_s: the time of the fleet's clock to begin it; None for at once, as stops always do.
 
         Thread: any; does not block.
         """
@@ -103,7 +102,7 @@ class ResourceHandle:
         return call
 
     def open_feed(self, spec: StreamSpec, sink: Sink) -> Feed:
-        """Have values brought to a sink until the feed is closed: for servers. Thread: any; does not block."""
+        """Deliver values to a sink until the feed is closed; for servers. Thread: any; does not block."""
         return PolledFeed(self._cell, spec, sink)
 
     def _call(
@@ -128,18 +127,18 @@ class ResourceHandle:
         return call
 
     def get_status(self, *, timeout_s: float | None = None) -> Call[int]:
-        """Ask for the status; overtakes what waits, and is answered while a command runs."""
+        """Return the status. The call overtakes those that wait, and is answered while a command runs."""
         return self._urgent_call("get_status", (), timeout_s, stops=False)
 
     def get_value(self, *, timeout_s: float | None = None) -> Call[EALData]:
-        """Ask for the value."""
+        """Return the value."""
         return self._call("get_value", (), timeout_s)
 
     def glance(self) -> EALData | None:
         """Return the value at once if this process knows it, without a call; None where get_value must ask.
 
-        It is for whoever looks at very many resources very often: it passes the mailbox by, in the caller's thread.
-        What is in another process, behind a faulty link, not up, or fails, is not known.
+        For callers that read very many resources very often: it bypasses the mailbox, in the caller's thread. The value
+        is unknown if the resource is in another process, behind a faulty link or not up, or if reading fails.
 
         Thread: any; does not block.
         """
@@ -150,15 +149,15 @@ class ResourceHandle:
             if (resource := actor.resource) is None or (value := resource.glance()) is None:
                 return None
             return data_of(value, resource.value)
-        except Exception:  # noqa: BLE001  # a plugin may raise anything; whoever asks by get_value is told what is wrong
+        except Exception:  # noqa: BLE001  # a plugin may raise anything; get_value reports what is wrong
             return None
 
     def set_value(self, value: Any, *, timeout_s: float | None = None, at_s: float | None = None) -> Call[int]:
-        """Set the value; the answer is a status int. `at_s` is as with send_cmd."""
+        """Set the value; returns a status int. `at_s` as in send_cmd."""
         return self._call("set_value", (EALData.of(value),), timeout_s, at_s)
 
     def send_req(self, req: str, *, timeout_s: float | None = None) -> Call[EALData]:
-        """Send a request; the answer is its data."""
+        """Send a request; returns its data."""
         return self._call("send_req", (req,), timeout_s)
 
     def send_cmd(
@@ -166,17 +165,16 @@ class ResourceHandle:
     ) -> Call[int]:
         """Send a command; the future is done when the command is, with a status int.
 
-        Its `progress()` is how far it has come, where the resource tells.
-
-        A newer command takes over from a running one, whose future fails with PreemptedError. A stop overtakes
-        everything that waits, and drops the commands that wait.
+        The future's `progress()` is the command's progress, where the resource reports it. A newer command replaces a
+        running one, whose future fails with PreemptedError. A stop overtakes everything that waits and drops the
+        commands that wait.
 
         Args:
             cmd: the command.
             data: its argument, where its text does not hold it.
             timeout_s: seconds of the fleet's clock until its deadline, which counts from now on.
-            at_s: when to begin, by the fleet's clock; None, or a time that is past when the resource reads it, for at
-                once. Until then the resource goes on with what it does, and a newer command or a stop calls it off
+            at_s: when to begin, by the fleet's clock; None, or a time that has passed when the resource reads it, for
+                at once. Until then the resource continues what it does, and a newer command or a stop cancels this one
                 with PreemptedError. Stops take no time: they begin at once.
         """
         info, arguments = self._cell.info, (cmd, _as_data(data))
@@ -185,24 +183,24 @@ class ResourceHandle:
         return self._call("send_cmd", arguments, timeout_s, at_s)
 
     def read_comm(self, length: int, *, timeout_s: float | None = None) -> Call[EALData]:
-        """Read up to `length` bytes; the answer holds what was read."""
+        """Read up to `length` bytes; returns the bytes read."""
         return self._call("read_comm", (length,), timeout_s)
 
     def write_comm(self, data: Any, length: int | None = None, *, timeout_s: float | None = None) -> Call[int]:
-        """Write the first `length` bytes, all if None; the answer is how many were written."""
+        """Write the first `length` bytes, all if None; returns how many were written."""
         packed = EALData.of(data)
         return self._call("write_comm", (packed, packed.length if length is None else length), timeout_s)
 
     def get_config(self, key: str, *, timeout_s: float | None = None) -> Call[EALData]:
-        """Ask for a configuration value."""
+        """Return a configuration value."""
         return self._call("get_config", (key,), timeout_s)
 
     def set_config(self, key: str, value: Any = None, *, timeout_s: float | None = None) -> Call[int]:
-        """Set a configuration value; the answer is a status int."""
+        """Set a configuration value; returns a status int."""
         return self._call("set_config", (key, _as_data(value)), timeout_s)
 
     def halt(self, *, timeout_s: float | None = None) -> Call[int]:
-        """Stop what moves, at once: overtakes everything, closes the running command, drops those that wait."""
+        """Stop everything that moves, at once: overtake all calls, close the running command, drop those that wait."""
         return self._urgent_call("halt", (), timeout_s, stops=True)
 
     def stream(self, rate_hz: float = 10.0, encoding: Encoding = "raw", *, timeout_s: float | None = None) -> Stream:
@@ -210,12 +208,12 @@ class ResourceHandle:
 
         Args:
             rate_hz: values in a second of the fleet's clock, at most; over 0, up to 1000.
-            encoding: how images travel through a network: `raw`, `jpeg` (small, loses a little) or `png` (loses
-                nothing). The reader gets an image in any case; within a process nothing is encoded.
+            encoding: the encoding of images on a network: `raw`, `jpeg` (small, loses a little) or `png` (loses
+                nothing). The reader always gets an image; within a process nothing is encoded.
             timeout_s: how long a reader waits for a value; None for the fleet file's default and one period.
 
         Raises:
-            ArgumentError: such a rate or encoding does not exist, or the value is no uint8 image (height, width, 3).
+            ArgumentError: the rate or encoding is invalid, or the value is no uint8 image (height, width, 3).
             UnsupportedError: the resource has no value; or OpenCV is needed for the encoding and not installed.
 
         Thread: any; does not block.

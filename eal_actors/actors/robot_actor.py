@@ -6,41 +6,39 @@ import contextlib
 import math
 import threading
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, Final
+
+from typing_extensions import override
 
 from eal_actors.actors.actor import AbandonedThread, EALActor
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
-from eal_actors.actors.resource_actor import ResourceActor
-from eal_actors.actors.resource_factory import ResourceFactory
+from eal_actors.actors.resource_actor import ResourceActor, ResourceCallbacks
 from eal_actors.actors.robot_spec import OpenPlugins, RobotSpec
-from eal_actors.actors.robot_view import Ping, RobotState, RobotView, release
-from eal_actors.actors.running import Running
-from eal_actors.actors.supervision import ChildSpec, RestartIntensity, wants_restart
+from eal_actors.actors.robot_view import Ping, RobotConnection, RobotState, RobotView, RunningCommand, release
+from eal_actors.actors.supervision import RestartIntensity
 from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError, PluginError, RobotFailedError, UnavailableError, shown
+from eal_actors.kernel.errors import EALError, PluginError, RobotFailedError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
 
 HANG_GRACE_S: Final = 1.0
-"""How long after its deadline a call may still run before its resource counts as stuck, in fleet time."""
+"""Fleet time that a call may run beyond its deadline before its resource counts as stuck."""
 _ROUNDING_S: Final = 1e-6
-"""Of a difference of times."""
 _UNWIND_S: Final = 0.5
-"""How long (real time) an abandoned thread has to unwind before somebody else halts its resource."""
+"""Real time that an abandoned thread has to unwind before another thread halts its resource."""
 
 
-class RobotActor(EALActor):
-    """Supervises the resources of one robot: one for one, with back-off, and an end.
+class RobotActor(EALActor, RobotConnection):
+    """Supervises the resources of one robot, one for one, with back-off and a limit.
 
     Too many restarts within the window stop the whole robot safely and mark it failed: a robot whose motor driver
-    keeps crashing must not go on.
+    keeps crashing must not continue.
 
     Args:
         spec: the robot.
-        view: where it tells everybody how it is.
+        view: the state to publish.
     """
 
     is_remote = False
@@ -50,24 +48,30 @@ class RobotActor(EALActor):
         self.spec = spec
         self.view = view
         self._plugins: OpenPlugins | None = None
-        self._specs: dict[str, ChildSpec[ResourceActor]] = {}
         self._children: dict[str, ResourceActor] = {}
         self._starting: set[str] = set()
         self._intensity = RestartIntensity(spec.max_restarts, spec.restart_window_s)
+        self._callbacks = ResourceCallbacks(
+            up=lambda actor, info: self._soon(lambda: self._on_up(actor, info)),
+            ready=lambda actor, reason: view.note_readiness(actor.cell.name, reason),
+            down=lambda actor, error: self._soon(lambda: self._on_down(actor, error)),
+            watch=self._watch,
+        )
         self._stopping = False
         self._threads: list[threading.Thread] = []
         self._log = get_logger(robot=spec.name)
 
     # Start.
 
+    @override
     def on_start(self) -> None:
         """Connect the plugins and start the resources. Thread: the robot's own; may take long."""
         try:
             self._start()
         except AbandonedThread:
             raise
-        except BaseException as error:  # noqa: BLE001  # whatever a plugin does: the robot fails, nothing else
-            self._fail(RobotFailedError(f"could not start: {shown(error)}", robot=self.spec.name))
+        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything: the robot fails, nothing else
+            self._fail(RobotFailedError(f"could not start: {error_text(error)}", robot=self.spec.name))
 
     def _start(self) -> None:
         self._plugins = self.spec.open_plugins()
@@ -79,46 +83,28 @@ class RobotActor(EALActor):
         for problem in self._plugins.errors:
             self._log.error("plugin left out", reason=problem.message)
         spec, latch = self.spec, self.view.latch
-        cells = {
+        self.view.cells = {  # assigned whole, because other threads read it
             name: ResourceCell(spec.name, name, self.clock, self.actor_inbox, spec.timeout_s, spec.link, latch)
             for name in self._plugins.resources
         }
-        for name, factory in self._plugins.resources.items():
-            start = partial(self._launch, cells[name], factory)
-            self._specs[name] = ChildSpec(name, start, self.spec.restart)
-        self.view.cells = cells  # whole, because others read it
-        self._starting = set(self._specs)
-        for name in list(self._specs):
+        self._starting = set(self.view.cells)
+        for name in list(self.view.cells):
             self._spawn(name)
         self._ready_if_all_up()
 
-    def _launch(self, cell: ResourceCell, factory: ResourceFactory) -> ResourceActor:
-        return ResourceActor(cell, factory, self, self.spec.mailbox).launch()
-
     def _spawn(self, name: str) -> None:
-        if self._stopping or self.view.state is RobotState.FAILED:
+        if self._stopping or self.view.state is RobotState.FAILED or self._plugins is None:
             return
-        self._children[name] = actor = self._specs[name].start()
+        factory, cell = self._plugins.resources[name], self.view.cells[name]
+        self._children[name] = actor = ResourceActor(cell, factory, self._callbacks, self.spec.mailbox).launch()
         self._threads = [thread for thread in self._threads if thread.is_alive()]
         if actor.thread is not None:
             self._threads.append(actor.thread)
 
-    # What the children tell, in their own threads.
+    # Reports of the children.
 
-    def resource_up(self, actor: ResourceActor, info: ResourceInfo) -> None:
-        """See ResourceObserver."""
-        self._later(lambda: self._on_up(actor, info))
-
-    def resource_ready(self, actor: ResourceActor, reason: str | None) -> None:
-        """See ResourceObserver."""
-        self.view.note_readiness(actor.cell.name, reason)
-
-    def resource_down(self, actor: ResourceActor, error: BaseException | None) -> None:
-        """See ResourceObserver."""
-        self._later(lambda: self._on_down(actor, error))
-
-    def _later(self, action: Callable[[], None]) -> None:
-        with contextlib.suppress(EALError):  # the robot has ended: nobody is left to be told
+    def _soon(self, action: Callable[[], None]) -> None:
+        with contextlib.suppress(EALError):  # the robot has ended
             self.actor_inbox.call_soon(action)
 
     def _on_up(self, actor: ResourceActor, info: ResourceInfo) -> None:
@@ -142,7 +128,7 @@ class RobotActor(EALActor):
             return
         del self._children[name]
         actor.cell.actor = None
-        self.view.note_readiness(name, None)  # it is more than not ready: the calls say what it is
+        self.view.note_readiness(name, None)  # it is worse than not ready: calls fail with the reason
         if self._stopping:
             if not self._children:
                 self._stop()
@@ -152,16 +138,16 @@ class RobotActor(EALActor):
         self._restart(name, error)
 
     def _restart(self, name: str, error: BaseException | None) -> None:
-        cell, spec = self.view.cells[name], self._specs[name]
+        cell, restart = self.view.cells[name], self.spec.restart
         if isinstance(error, UnavailableError):
             reason = error.message
         else:
-            reason = f"crashed with {shown(error)}" if error is not None else "ended"
-        if isinstance(error, PluginError):  # a fault of the plugin's code: trying again does not mend it
+            reason = f"crashed with {error_text(error)}" if error is not None else "ended"
+        if isinstance(error, PluginError):  # an error in the plugin's code: another try cannot help
             self._fail(RobotFailedError(f"{name} {reason}", robot=self.spec.name))
             return
-        if not wants_restart(spec.restart, crashed=error is not None):
-            cell.error = UnavailableError(f"{reason}; it is not restarted ({spec.restart.value})")
+        if not restart.applies(crashed=error is not None):
+            cell.error = UnavailableError(f"{reason}; it is not restarted ({restart.value})")
             self._log.error("resource is gone", resource=name, reason=reason)
             self._starting.discard(name)
             self._ready_if_all_up()
@@ -178,21 +164,20 @@ class RobotActor(EALActor):
 
     # Stuck resources.
 
-    def watch(self, actor: ResourceActor, until_s: float) -> None:
-        """See ResourceObserver."""
+    def _watch(self, actor: ResourceActor, until_s: float) -> None:
         self.actor_inbox.call_at(until_s + HANG_GRACE_S, lambda: self._abandon_if_stuck(actor))
 
     def _abandon_if_stuck(self, actor: ResourceActor) -> None:
         if self._children.get(actor.cell.name) is not actor:
             return
-        actor.watched_until_s = math.inf  # first, so that what begins from here on asks for another look
+        actor.watched_until_s = math.inf  # first, so that a step that begins from here on asks for another check
         busy_until_s = actor.busy_until_s
         if busy_until_s is None:
             return
         overdue_s = self.clock.now() - busy_until_s
-        if overdue_s < HANG_GRACE_S - _ROUNDING_S:  # within its time: look again when that is over
+        if overdue_s < HANG_GRACE_S - _ROUNDING_S:  # within its time: check again when that is over
             actor.watched_until_s = busy_until_s
-            self.watch(actor, busy_until_s)
+            self._watch(actor, busy_until_s)
         else:
             self._abandon(actor, f"was stuck for {overdue_s:.1f} s beyond its deadline")
 
@@ -202,39 +187,38 @@ class RobotActor(EALActor):
         resource = actor.resource
         actor.abandon(error)
         if resource is not None:
-            watch = threading.Thread(
+            rescue = threading.Thread(
                 target=_halt_if_still_stuck, args=(actor, resource.halt), name=f"{actor.name} halt", daemon=True
             )
-            watch.start()
-            self._threads.append(watch)
+            rescue.start()
+            self._threads.append(rescue)
         self._on_down(actor, error)
 
-    # What everybody may ask.
+    # RobotConnection.
 
+    @override
     def ping(self) -> Future[Ping]:
-        """See RobotConnection: answered at once, whatever the robot does."""
+        """Answer at once, whatever the robot does."""
+        view = self.view
         future: Future[Ping] = Future()
-        view, not_ready = self.view, dict(self.view.not_ready)
         future.set(
             Ping(
                 view.state,
                 release(),
                 len(view.cells),
                 view.latch.reason,
-                not_ready=not_ready,
+                not_ready=dict(view.not_ready),
                 running=self.running(),
             )
         )
         return future
 
-    def running(self) -> tuple[Running, ...]:
-        """See RobotConnection."""
-        return tuple(running for actor in list(self._children.values()) for running in actor.running())
+    @override
+    def running(self) -> tuple[RunningCommand, ...]:
+        return tuple(command for actor in list(self._children.values()) for command in actor.running())
 
-    # Emergency stop.
-
+    @override
     def stop_now(self, reason: str) -> Future[None]:
-        """See RobotConnection."""
         self.view.latch.set(reason)
         halts = []
         for cell in self.view.cells.values():
@@ -242,13 +226,14 @@ class RobotActor(EALActor):
             cell.submit_urgent(halt, stops=True)
         return gather(halts).map(lambda _: None)
 
+    @override
     def resume(self) -> Future[None]:
-        """See RobotConnection."""
         self.view.latch.clear()
         return self._done()
 
+    @override
     def release(self, _: Sequence[str]) -> Future[None]:
-        """See RobotConnection: within a process nobody holds a resource against others."""
+        """Do nothing: within a process no controller holds a resource against others."""
         return self._done()
 
     def _done(self) -> Future[None]:
@@ -271,9 +256,9 @@ class RobotActor(EALActor):
         for actor in self._children.values():
             actor.shut_down()
 
+    @override
     def shut_down(self) -> None:
-        """Stop every resource safely, disconnect the plugins, and end. Thread: any; does not block."""
-        self._later(self._shut_down)
+        self._soon(self._shut_down)
 
     def _shut_down(self) -> None:
         if self._stopping:
@@ -283,17 +268,18 @@ class RobotActor(EALActor):
         if not self._children:
             self._stop()
 
+    @override
     def force_down(self) -> None:
-        """Abandon whatever has not stopped by itself. Thread: any; does not block."""
-        self._later(self._force_down)
+        self._soon(self._force_down)
 
     def _force_down(self) -> None:
         self._stopping = True
         for actor in list(self._children.values()):
             self._abandon(actor, "did not stop in time")
 
+    @override
     def on_stop(self) -> None:
-        """Disconnect the plugins, and tell everybody. Thread: the robot's own."""
+        """Disconnect the plugins and publish the end. Thread: the robot's own."""
         if self._children:  # stopped from outside, by Pykka
             self._stopping = True
             self._shut_down_children(UnavailableError("the robot was stopped"))
@@ -312,23 +298,25 @@ class RobotActor(EALActor):
             except Exception:  # noqa: BLE001  # a plugin may raise anything, and the robot must end
                 self._log.exception("disconnecting the plugins failed")
 
+    @override
     def abandon(self, error: EALError) -> None:
         """Stop the resources all the same; see EALActor."""
         for actor in list(self._children.values()):
             actor.shut_down()
         super().abandon(error)
 
+    @override
     def is_at_work(self) -> bool:
-        """Return whether the caller runs in a thread of this robot, which cannot wait for its own end."""
         return threading.current_thread() in (self.thread, *self._threads)
 
+    @override
     def on_crash(self, error: BaseException) -> None:
-        """Fail: a robot actor that crashes stops its resources. Thread: the robot's own."""
-        self._fail(RobotFailedError(f"its own actor crashed: {shown(error)}", robot=self.spec.name))
+        """Fail, which stops the resources. Thread: the robot's own."""
+        self._fail(RobotFailedError(f"its own actor crashed: {error_text(error)}", robot=self.spec.name))
         self.on_stop()
 
+    @override
     def join(self, timeout_s: float) -> list[str]:
-        """Wait (real time) for the robot's threads; return the names of those still alive. Thread: blocks it."""
         end_s = REAL_TIME.now() + timeout_s
         threads = [*self._threads, *([self.thread] if self.thread is not None else [])]
         threads = [thread for thread in threads if thread is not threading.current_thread()]
@@ -339,7 +327,7 @@ class RobotActor(EALActor):
 
 
 def _halt_if_still_stuck(actor: ResourceActor, halt: Callable[[], Any]) -> None:
-    """Halt a resource whose own thread cannot: better from a foreign thread than not at all."""
+    """Halt a resource from a foreign thread if its own cannot, which is better than not at all."""
     if actor.thread is not None:
         actor.thread.join(_UNWIND_S)
         if actor.thread.is_alive():
@@ -350,6 +338,6 @@ def _halt_if_still_stuck(actor: ResourceActor, halt: Callable[[], Any]) -> None:
 
 
 def start_robot(spec: RobotSpec) -> tuple[RobotActor, RobotView]:
-    """Start a robot's actor; its view's `started` tells when it is up. Thread: any; does not block."""
+    """Start a robot's actor; its view's `started` is done when it is up. Thread: any; does not block."""
     view = RobotView(spec.name, spec.clock)
     return RobotActor(spec, view).launch(), view

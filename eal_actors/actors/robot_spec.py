@@ -1,4 +1,4 @@
-"""What a robot's actor is told of its robot."""
+"""The specification of a robot for its actor, and the plugins that it opens."""
 
 from __future__ import annotations
 
@@ -6,15 +6,27 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from eal_actors.actors.resource_factory import ResourceFactory
 from eal_actors.actors.supervision import Restart
-from eal_actors.device.link import Link
+from eal_actors.device.link import FaultyLink
+from eal_actors.device.resource import Resource
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import EALError
 
 
+class ResourceFactory(Protocol):
+    """Makes and destroys one resource; the plugin manager provides it. Thread: the resource's actor."""
+
+    def create(self) -> Resource:
+        """Return a new resource."""
+        ...
+
+    def destroy(self, resource: Resource) -> None:
+        """Destroy the resource."""
+        ...
+
+
 class OpenPlugins(Protocol):
-    """A robot's connected plugins: what the plugin manager hands out."""
+    """A robot's connected plugins; the plugin manager provides them."""
 
     @property
     def resources(self) -> Mapping[str, ResourceFactory]:
@@ -23,7 +35,7 @@ class OpenPlugins(Protocol):
 
     @property
     def errors(self) -> tuple[EALError, ...]:
-        """What kept plugins out."""
+        """The errors of plugins that did not connect."""
         ...
 
     def close(self) -> None:
@@ -33,7 +45,7 @@ class OpenPlugins(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RobotSpec:
-    """What a robot actor needs to know of its robot.
+    """The specification of a robot.
 
     Attributes:
         name: the robot's name.
@@ -44,7 +56,7 @@ class RobotSpec:
         restart: when resources are restarted.
         max_restarts: restarts allowed within the window, for all resources together.
         restart_window_s: the window in seconds.
-        link: what the calls to its resources pass on their way; a perfect one if None.
+        link: the link that calls to its resources pass; a faultless one if None.
     """
 
     name: str
@@ -55,4 +67,4 @@ class RobotSpec:
     restart: Restart = Restart.PERMANENT
     max_restarts: int = 3
     restart_window_s: float = 5.0
-    link: Link | None = None
+    link: FaultyLink | None = None

@@ -1,22 +1,26 @@
-"""What everybody may know of a robot connection, and what whoever serves one must be able to do."""
+"""The state of a robot connection that any thread may read, and the interface of the actors behind it."""
 
 from __future__ import annotations
 
 import enum
+import getpass
+import os
+import socket
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.metadata import version
-from typing import Protocol
+from typing import Any, Protocol
 
-from eal_actors.actors.call import ResourceCell, StopLatch
-from eal_actors.actors.future import Future
-from eal_actors.actors.inbox import Inbox
-from eal_actors.actors.running import Running
-from eal_actors.actors.waiting import Waiting
+from typing_extensions import override
+
+from eal_actors.actors.actor import EALActor, Inbox
+from eal_actors.actors.call import Call, ResourceCell, StopLatch
+from eal_actors.actors.future import Future, Timekeeper
+from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME, Clock
-from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.errors import DeadlineError, EALError, UnavailableError
 from eal_actors.kernel.log import get_logger
 
 
@@ -26,15 +30,88 @@ def release() -> str:
     return version("eal-actors")
 
 
+def process_name(who: str | None = None) -> str:
+    """Return the name of this process for people: `anna@lab-pc (pid 4711)`.
+
+    Args:
+        who: the name of its certificate; the user's if None.
+    """
+    return f"{who or _user()}@{socket.gethostname()} (pid {os.getpid()})"
+
+
+@cache
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a number without a name, as in some containers
+        return str(os.getuid()) if hasattr(os, "getuid") else "somebody"
+
+
 class RobotState(enum.Enum):
-    """Where a robot connection is in its life."""
+    """The state of a robot connection."""
 
     STARTING = "starting"
     READY = "ready"
     LOST = "lost"
-    """It was ready, and is out of reach; it is looked for, and comes back by itself."""
+    """It was ready and is out of reach; the framework looks for it and reconnects by itself."""
     FAILED = "failed"
     STOPPED = "stopped"
+
+
+@dataclass(frozen=True, slots=True)
+class RunningCommand:
+    """A command that a robot executes at present.
+
+    Attributes:
+        resource: the resource that executes it.
+        command: its text, or the method where that is not `send_cmd`.
+        by: the name of the process that sent it.
+        since_s: when it began, by the fleet's clock.
+        progress: its latest progress report; None if there is none.
+    """
+
+    resource: str
+    command: str
+    by: str
+    since_s: float
+    progress: Progress | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values."""
+        return asdict(self)
+
+
+def command_of(call: Call[Any]) -> str:
+    """Return the text of a command, or the method of another call."""
+    return str(call.arguments[0]) if call.method == "send_cmd" else call.method
+
+
+@dataclass(frozen=True, slots=True)
+class MailboxLoad:
+    """The calls that wait in a mailbox.
+
+    Attributes:
+        count: how many.
+        oldest_s: seconds of the fleet's clock since the oldest of them was made; 0 if none waits.
+    """
+
+    count: int
+    oldest_s: float
+
+
+def mailbox_load(cell: ResourceCell) -> MailboxLoad | None:
+    """Return the load of a resource's mailbox; None if that is in another process. Thread: any; does not block."""
+    actor = cell.actor
+    if actor is None:
+        return MailboxLoad(0, 0.0)
+    if not isinstance(actor, EALActor):
+        return None
+    made_s = [
+        call.deadline_s - call.timeout_s
+        for call in (envelope.message for envelope in actor.actor_inbox.waiting())
+        if isinstance(call, Call) and call.deadline_s is not None
+    ]
+    return MailboxLoad(len(made_s), max(0.0, cell.clock.now() - min(made_s)) if made_s else 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,19 +119,19 @@ class Ping:
     """A robot's answer to a ping.
 
     Attributes:
-        state: where the robot is in its life, as it says itself.
+        state: the robot's own view of its state.
         release: the release of the framework that runs it.
         resources: how many resources it has.
-        stopped: why an emergency stop holds it; None if none does.
-        holders: by the names of resources, the controllers that hold them, as people call them.
-        holder_ids: the same controllers by their ids; see RobotHandle.controller_id.
-        round_trip_s: real seconds that this ping was under way; 0 for a robot of this process.
+        stopped: the reason of an emergency stop that holds it; None if none does.
+        holders: the names of the controllers that hold resources, by the resources' names.
+        holder_ids: the ids of the same controllers; see RobotHandle.controller_id.
+        round_trip_s: the ping's round trip in real seconds; 0 for a robot of this process.
         offset_s: the robot's clock minus the controller's, both in real seconds; 0 for a robot of this process.
-        offset_error_s: by how many seconds at most `offset_s` is wrong, either way.
-        not_ready: by the names of resources whose device cannot be used now, the reason.
-        running: the commands under way, whoever gave them.
-        mailboxes: by the names of resources of another process, what waits there, in real seconds; without empty ones.
-        restarts: how often resources of another process were restarted; without those that never were.
+        offset_error_s: the greatest error of `offset_s`, either way.
+        not_ready: why the devices of resources cannot be used now, by the resources' names.
+        running: the running commands of all controllers.
+        mailboxes: the loads of mailboxes in another process, by the resources' names, in real seconds; no empty ones.
+        restarts: the restarts of resources in another process, by their names; only those over 0.
     """
 
     state: RobotState
@@ -67,13 +144,13 @@ class Ping:
     offset_s: float = 0.0
     offset_error_s: float = 0.0
     not_ready: Mapping[str, str] = field(default_factory=dict)
-    running: tuple[Running, ...] = ()
-    mailboxes: Mapping[str, Waiting] = field(default_factory=dict)
+    running: tuple[RunningCommand, ...] = ()
+    mailboxes: Mapping[str, MailboxLoad] = field(default_factory=dict)
     restarts: Mapping[str, int] = field(default_factory=dict)
 
 
 class RobotView:
-    """What everybody may read of a robot; written by its actor alone.
+    """The state of a robot, readable by any thread and written by its actor alone.
 
     Args:
         name: the robot's name.
@@ -81,11 +158,11 @@ class RobotView:
 
     Attributes:
         cells: its resources' slots by name, in the order of its plugins.
-        problems: what kept plugins out, or made the robot fail.
+        problems: the errors of plugins that did not connect, or of the robot's failure.
         restarts: how often each resource was restarted.
-        not_ready: why resources are not ready, by their names; written by the resources' actors too.
-        latch: whether an emergency stop holds it.
-        controller_id: what a robot of another process knows us by; None in its own.
+        not_ready: why resources are not ready, by their names; the resources' actors write it too.
+        latch: its emergency stop.
+        controller_id: the id by which a robot of another process knows this one; None for a robot of this process.
         started: done when every resource is up, or the robot has failed.
         stopped: done when everything has ended.
     """
@@ -107,7 +184,7 @@ class RobotView:
 
     @property
     def state(self) -> RobotState:
-        """Where it is in its life."""
+        """The robot's state."""
         return self._state
 
     @state.setter
@@ -118,85 +195,119 @@ class RobotView:
             self._state = state
             observers = self._observers
         for observer in observers:
-            self._tell(observer, state)
+            self._notify(observer, state)
 
     def observe(self, observer: Callable[[RobotState], None]) -> Callable[[], None]:
-        """Tell of the state now, and of each change; returns what ends that. Errors of the observer are logged.
+        """Call an observer with the state now and at each change; return a function that stops it.
 
-        Thread: any; the observer runs in this thread once, then in the robot's.
+        Errors of the observer are logged. Thread: any; the observer runs in this thread once, then in the robot's.
         """
         with self._lock:
             self._observers = (*self._observers, observer)
             state = self._state
-        self._tell(observer, state)
-        return lambda: self._forget(observer)
+        self._notify(observer, state)
+        return lambda: self._remove(observer)
 
-    def _forget(self, observer: Callable[[RobotState], None]) -> None:
+    def _remove(self, observer: Callable[[RobotState], None]) -> None:
         with self._lock:
             self._observers = tuple(other for other in self._observers if other is not observer)
 
-    def _tell(self, observer: Callable[[RobotState], None], state: RobotState) -> None:
+    def _notify(self, observer: Callable[[RobotState], None], state: RobotState) -> None:
         try:
             observer(state)
-        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # anybody's code must not break the robot's thread
+        except (Exception, SystemExit, GeneratorExit):  # noqa: BLE001  # user code must not break the robot's thread
             get_logger(robot=self.name).exception("a callback of the robot's state raised")
 
     def note_readiness(self, name: str, reason: str | None) -> None:
-        """Note why a resource is not ready; None if it is. Thread: any."""
+        """Record why a resource is not ready; None if it is. Thread: any."""
         if reason is None:
             self.not_ready.pop(name, None)
         else:
             self.not_ready[name] = reason
 
 
+class StateFuture(Future[RobotState]):
+    """Done when a robot is in a state. It fails at the deadline, or as soon as the robot can never reach the state.
+
+    Args:
+        view: the robot.
+        state: the state.
+        timeout_s: seconds of the fleet's clock.
+        timekeeper: runs the deadline's timer.
+    """
+
+    def __init__(self, view: RobotView, state: RobotState, timeout_s: float, timekeeper: Timekeeper) -> None:
+        super().__init__(view.clock, view.clock.now() + timeout_s, timekeeper)
+        self._view = view
+        self._wanted = state
+        self._timeout_s = timeout_s
+        stop_observing = view.observe(self._check)
+        self.link(lambda _, __: stop_observing())
+        self.arm()  # otherwise a future that nobody waits for would observe the robot for ever
+
+    @override
+    def describe(self) -> str:
+        return f"{self._view.name}: wait for state {self._wanted.value}"
+
+    def _check(self, state: RobotState) -> None:
+        if state is self._wanted:
+            self.set(state)
+        elif state is RobotState.STOPPED or (state is RobotState.FAILED and self._wanted is not RobotState.STOPPED):
+            why = f"it is {state.value}, and cannot become {self._wanted.value} any more"
+            self.set_exception(UnavailableError(why, robot=self._view.name))
+
+    @override
+    def _deadline_error(self) -> EALError:
+        state = self._view.state.value
+        message = f"still {state}, not {self._wanted.value}, after {self._timeout_s:g} s"
+        return DeadlineError(message, robot=self._view.name)
+
+
 class RobotConnection(Protocol):
-    """The actor behind a robot: one that runs it in this process, or one that speaks with it over a network."""
+    """The actor behind a robot: one that runs it in this process, or one that reaches it over a network.
 
-    @property
-    def clock(self) -> Clock:
-        """The fleet's clock."""
-        ...
+    Attributes:
+        clock: the fleet's clock.
+        is_remote: whether the robot is in another process.
+        actor_inbox: runs the timers of deadlines, by the fleet's clock.
 
-    @property
-    def is_remote(self) -> bool:
-        """Whether the robot is in another process."""
-        ...
+    Thread: any; only `join` blocks.
+    """
 
-    @property
-    def actor_inbox(self) -> Inbox:
-        """Where deadlines are rung, by the fleet's clock."""
-        ...
+    clock: Clock
+    is_remote: bool
+    actor_inbox: Inbox
 
-    def running(self) -> tuple[Running, ...]:
-        """Return the commands under way, as far as is known now. Thread: any; does not block."""
+    def running(self) -> tuple[RunningCommand, ...]:
+        """Return the running commands, as far as is known now."""
         ...
 
     def ping(self) -> Future[Ping]:
-        """Ask how the robot is, and how far its clock is from ours. Thread: any; does not block."""
+        """Ask for the robot's state and the offset of its clock."""
         ...
 
     def stop_now(self, reason: str) -> Future[None]:
-        """Halt whatever moves, and refuse motions from now on. Thread: any; does not block."""
+        """Latch the emergency stop: halt everything that moves and refuse motions."""
         ...
 
     def resume(self) -> Future[None]:
-        """Allow motions again. Thread: any; does not block."""
+        """Release the emergency stop."""
         ...
 
     def release(self, resources: Sequence[str], /) -> Future[None]:
-        """Let others command resources that this process holds. Thread: any; does not block."""
+        """Release resources that this process holds, so that other controllers may command them."""
         ...
 
     def shut_down(self) -> None:
-        """Stop every resource safely, and end. Thread: any; does not block."""
+        """Stop every resource safely, and end."""
         ...
 
     def force_down(self) -> None:
-        """Abandon whatever has not stopped by itself. Thread: any; does not block."""
+        """Abandon every resource that has not stopped by itself."""
         ...
 
     def abandon(self, error: EALError) -> None:
-        """Give up an actor that is stuck. Thread: any; does not block."""
+        """Abandon a stuck actor."""
         ...
 
     def is_at_work(self) -> bool:

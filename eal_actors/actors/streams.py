@@ -1,47 +1,63 @@
-"""Stream: the newest value of a resource, again and again, for a reader of whatever speed."""
+"""The newest value of a resource, again and again: the stream for a reader of any speed, and the feed that polls."""
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterator
 from types import TracebackType
 from typing import Final, Self
 
-from eal_actors.actors.call import ResourceCell
-from eal_actors.actors.feeds import Item, StreamSpec
-from eal_actors.actors.polling import PolledFeed
+from typing_extensions import override
+
+from eal_actors.actors.call import Call, ResourceCell
+from eal_actors.actors.feeds import Feed, Item, Sink, StreamSpec
+from eal_actors.actors.future import Future
 from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import new_waiter, wait_in_scope
-from eal_actors.kernel.errors import BusyError, DeadlineError, EALError, UnavailableError
+from eal_actors.kernel.errors import (
+    BusyError,
+    DeadlineError,
+    EALError,
+    ResourceFaultError,
+    UnavailableError,
+    error_text,
+)
 
-_PASSING: Final = (UnavailableError, BusyError, DeadlineError)
-"""What keeps values away for a while: a reader waits over it."""
+_TRANSIENT: Final = (UnavailableError, BusyError, DeadlineError)
+"""The errors that interrupt a stream for a while; a reader waits for the next value."""
+
+_POLL_TIMEOUT_S: Final = 30.0
+"""Real seconds that a polled value may take. No caller waits for a single one, so a camera that is slow on a busy
+machine must not be restarted for being late, only a resource that hangs."""
+_LOST_S: Final = 2.0
+"""Seconds beyond a period after which a poll over a faulty link counts as lost."""
 
 
 class Stream(Iterator[EALData]):
-    """Values of one resource as they come, the newest first and each at most once.
+    """Values of one resource as they arrive, the newest first and each at most once.
 
         with robot["Camera"].stream(rate_hz=10, encoding="jpeg") as frames:
             for frame in frames:
                 show(frame.value)
 
-    It keeps one value, the newest: a reader that is slower than the resource misses some, and never gets an old one.
-    Every value has a `stamp_s` in seconds of the reader's fleet clock: the time that the resource gave, else when
-    it was read, so `fleet.clock.now() - value.stamp_s` is its age.
+    It keeps the newest value only: a reader slower than the resource misses some and never gets an old one. Every value
+    has a `stamp_s` in seconds of the reader's fleet clock: the resource's time stamp, else the time of reading, so
+    `fleet.clock.now() - value.stamp_s` is its age.
 
-    While the resource restarts or the robot is lost, a reader waits, at most for the time-out; reading again afterwards
-    goes on where the robot is back. The resource and its robot work for a stream until it is closed.
+    While the resource restarts or the robot is lost, a reader waits, at most for the time-out; a later read continues
+    once the robot is back. The resource and its robot serve a stream until it is closed.
 
     Args:
         cell: the slot of the resource.
-        spec: what is wanted.
+        spec: the rate and encoding.
         timeout_s: seconds of the fleet's clock that `next` waits at most.
 
     Raises:
-        ArgumentError: the resource's values cannot travel in the encoding.
-        UnsupportedError: the resource has no value; or OpenCV is wanted and not installed.
+        ArgumentError: the encoding cannot carry the resource's values.
+        UnsupportedError: the resource has no value; or OpenCV is needed and not installed.
 
-    Thread: any. Of several readers of one stream, each value goes to one; open a stream for each instead.
+    Thread: any. Several readers of one stream share its values; open a stream for each instead.
     """
 
     def __init__(self, cell: ResourceCell, spec: StreamSpec, timeout_s: float) -> None:
@@ -57,11 +73,11 @@ class Stream(Iterator[EALData]):
         self._item: Item | None = None
         self._waiters: list[threading.Lock] = []
         self._skipped = 0
-        self._trouble: EALError | None = None
+        self._latest_error: EALError | None = None
         self._ended_by: EALError | None = None
         self._is_closed = False
-        self._feed = (cell.open_feed or PolledFeed)(cell, spec, self)
-        cell.join_stream(self)
+        self._feed: Feed = (cell.open_feed or PolledFeed)(cell, spec, self._offer)
+        cell.add_close_callback(self._end)
 
     def __repr__(self) -> str:
         state = "closed" if self._is_closed else "open"
@@ -69,18 +85,19 @@ class Stream(Iterator[EALData]):
 
     @property
     def skipped(self) -> int:
-        """How many values came and were replaced by newer ones before anybody read them."""
+        """The number of values that newer ones replaced before they were read."""
         return self._skipped
 
+    @override
     def __next__(self) -> EALData:
         """Return the newest value, waiting for one that is newer than the last.
 
         Raises:
             StopIteration: the stream is closed.
             UnavailableError: the robot is disconnected or has failed; or it was out of reach until the time-out.
-            DeadlineError: no value came until the time-out.
+            DeadlineError: no value arrived until the time-out.
             CallCancelledError: the caller's task was cancelled.
-            EALError: what get_value failed with.
+            EALError: get_value failed.
 
         Thread: blocks the caller.
         """
@@ -97,7 +114,7 @@ class Stream(Iterator[EALData]):
                     waiter = new_waiter()
                     self._waiters.append(waiter)
             if item is not None:
-                value = self._opened(item)
+                value = self._open(item)
                 if value is not None:
                     return value
                 continue
@@ -105,38 +122,36 @@ class Stream(Iterator[EALData]):
             if left_s > 0:
                 wait_in_scope(clock, waiter, left_s)
             with self._lock:
-                if waiter in self._waiters:  # nobody has woken it
+                if waiter in self._waiters:  # the time passed
                     self._waiters.remove(waiter)
                     if clock.now() >= end_s:
-                        raise self._reason()
+                        raise self._timeout_error()
 
-    def _opened(self, item: Item) -> EALData | None:
-        """Return the value of an item, or None where there is nothing but trouble that passes."""
+    def _open(self, item: Item) -> EALData | None:
+        """Return the value of an item, or None for a transient error."""
         try:
             if isinstance(item, EALError):
                 raise item.copy()
             value = item if isinstance(item, EALData) else item()
-        except _PASSING as error:
-            self._trouble = error.at(self._cell.robot, self._cell.name)
+        except _TRANSIENT as error:
+            self._latest_error = error.at(self._cell.robot, self._cell.name)
             return None
         except EALError as error:
             error.at(self._cell.robot, self._cell.name)
             raise
-        self._trouble = None
+        self._latest_error = None
         return value
 
-    def _reason(self) -> EALError:
+    def _timeout_error(self) -> EALError:
         if self._cell.actor is None:
             return self._cell.unavailable()
-        if self._trouble is not None:
-            return self._trouble.copy()
+        if self._latest_error is not None:
+            return self._latest_error.copy()
         message = f"no new value came within {self._timeout_s:g} s"
         return DeadlineError(message, robot=self._cell.robot, resource=self._cell.name)
 
-    # What the feed and the cell tell.
-
-    def offer(self, item: Item) -> None:
-        """See Sink."""
+    def _offer(self, item: Item) -> None:
+        """Replace the unread item. Thread: the feed's; does not block."""
         with self._lock:
             if self._is_closed:
                 return
@@ -145,8 +160,8 @@ class Stream(Iterator[EALData]):
             self._item = item
         self._wake()
 
-    def end(self, error: EALError) -> None:
-        """There will be nothing more: what is still unread can be read, then the error is raised. Thread: any."""
+    def _end(self, error: EALError) -> None:
+        """End with an error, which is raised after the unread value. Thread: any."""
         with self._lock:
             self._ended_by = error.copy().at(self._cell.robot, self._cell.name)
         self._feed.close()
@@ -158,14 +173,12 @@ class Stream(Iterator[EALData]):
         for waiter in waiters:
             self._cell.clock.wake(waiter)
 
-    # The end.
-
     def close(self) -> None:
-        """End the stream; whoever waits for a value gets StopIteration. Calling it twice is harmless. Thread: any."""
+        """End the stream; waiting readers get StopIteration. Calling it twice is harmless. Thread: any."""
         with self._lock:
             self._is_closed = True
             self._item = None
-        self._cell.leave_stream(self)
+        self._cell.remove_close_callback(self._end)
         self._feed.close()
         self._wake()
 
@@ -176,3 +189,65 @@ class Stream(Iterator[EALData]):
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self.close()
+
+
+class PolledFeed:
+    """The feed of a resource in this process: one get_value call at a time, which waits in the mailbox like all others.
+
+    The polls keep to a grid of whole periods from the first one. If an answer takes longer than a period, the polls of
+    the meantime are skipped, so that a slow resource is never overloaded.
+
+    Args:
+        cell: the slot of the resource.
+        spec: the rate and encoding.
+        sink: receives the values.
+
+    Thread: the timekeeper's and the resource's.
+    """
+
+    def __init__(self, cell: ResourceCell, spec: StreamSpec, sink: Sink) -> None:
+        self._cell = cell
+        self._spec = spec
+        self._sink = sink
+        self._start_s = cell.clock.now()
+        self._count = 0
+        self._is_closed = False
+        self._timeout_s = max(cell.timeout_s, cell.clock.of_real(_POLL_TIMEOUT_S))
+        self._timer = cell.timekeeper.call_at(self._start_s, self._poll)
+
+    def close(self) -> None:
+        """Stop polling. Thread: any."""
+        self._is_closed = True
+        self._timer.cancel()
+
+    def _poll(self) -> None:
+        if self._is_closed:
+            return
+        call: Call[EALData] = Call(self._cell, "get_value", (), self._timeout_s)
+        self._cell.submit(call)
+        if self._cell.link.is_faulty:
+            self._cell.timekeeper.call_later(self._spec.period_s + _LOST_S, call.expire)
+        call.add_done_callback(self._deliver)
+
+    def _deliver(self, call: Future[EALData]) -> None:
+        if self._is_closed:
+            return
+        now_s = self._cell.clock.now()
+        error = call.exception()
+        if error is None:
+            self._sink(self._check(call.get(), now_s))
+        else:
+            self._sink(error if isinstance(error, EALError) else ResourceFaultError(error_text(error)))
+        elapsed = math.floor((now_s - self._start_s) / self._spec.period_s)
+        self._count = max(self._count, elapsed) + 1
+        self._timer = self._cell.timekeeper.call_at(self._start_s + self._count * self._spec.period_s, self._poll)
+        if self._is_closed:  # just now, by another thread, which has cancelled the timer before
+            self._timer.cancel()
+
+    def _check(self, data: EALData, now_s: float) -> EALData | EALError:
+        """Return the value with a time stamp, or why the encoding cannot carry it."""
+        try:
+            self._spec.check_value(data)
+        except EALError as error:
+            return error.at(self._cell.robot, self._cell.name)
+        return data if data.stamp_s is not None else data.with_meta(stamp_s=now_s)

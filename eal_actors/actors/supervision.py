@@ -1,18 +1,14 @@
-"""When to restart a child that crashed, and when to give up: plain rules, in Elixir's vocabulary."""
+"""Rules for restarting a child that crashed, and for giving up, in Elixir's vocabulary."""
 
 from __future__ import annotations
 
 import enum
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Generic, TypeVar
-
-A = TypeVar("A")
 
 
 class Restart(enum.Enum):
-    """Which children are restarted."""
+    """When a child is restarted."""
 
     PERMANENT = "permanent"
     """Always, also after a normal end."""
@@ -21,25 +17,14 @@ class Restart(enum.Enum):
     TEMPORARY = "temporary"
     """Never."""
 
-
-@dataclass(frozen=True, slots=True)
-class ChildSpec(Generic[A]):
-    """How to start a child, and what to do when it ends.
-
-    Attributes:
-        name: the child's name under its supervisor.
-        start: makes and starts it.
-        restart: when to start it again.
-    """
-
-    name: str
-    start: Callable[[], A]
-    restart: Restart = Restart.PERMANENT
+    def applies(self, *, crashed: bool) -> bool:
+        """Return whether a child is started again after it ended."""
+        return self is Restart.PERMANENT or (self is Restart.TRANSIENT and crashed)
 
 
 @dataclass(frozen=True, slots=True)
 class BackOff:
-    """How long to wait before the next restart: `initial_s * factor ** n`, at most `longest_s`."""
+    """The delay before the next restart: `initial_s * factor ** n`, at most `longest_s`."""
 
     initial_s: float = 0.1
     factor: float = 2.0
@@ -52,7 +37,7 @@ class BackOff:
 
 @dataclass
 class RestartIntensity:
-    """One-for-one supervision's memory: at most `max_restarts` restarts within `window_s` for all children together.
+    """One-for-one supervision: at most `max_restarts` restarts within `window_s` for all children together.
 
     Attributes:
         max_restarts: restarts allowed within the window.
@@ -66,7 +51,7 @@ class RestartIntensity:
     _restarts_at_s: deque[float] = field(default_factory=deque)
 
     def next_delay_s(self, now_s: float) -> float | None:
-        """Note a restart at `now_s`; return the delay before it, or None when it is one too many."""
+        """Record a restart at `now_s`; return the delay before it, or None when it is one too many."""
         while self._restarts_at_s and self._restarts_at_s[0] <= now_s - self.window_s:
             self._restarts_at_s.popleft()
         if len(self._restarts_at_s) >= self.max_restarts:
@@ -74,8 +59,3 @@ class RestartIntensity:
         delay_s = self.back_off.delay_s(len(self._restarts_at_s))
         self._restarts_at_s.append(now_s)
         return delay_s
-
-
-def wants_restart(restart: Restart, *, crashed: bool) -> bool:
-    """Return whether a child with that restart setting is started again after it ended."""
-    return restart is Restart.PERMANENT or (restart is Restart.TRANSIENT and crashed)

@@ -17,7 +17,7 @@ from eal_actors.cli.opening import advice_on_plugins, find_resource, read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import counted, new_table, short_path, stderr, stdout, write_json
 from eal_actors.cli.tape_measure import Person
-from eal_actors.device.wheels import NOMINAL, WheelCalibration
+from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.kernel.lock_step import MAX

@@ -1,4 +1,4 @@
-"""`eal dashboard`: a page to watch a fleet by, and to steer it."""
+"""`eal dashboard`: a web page to watch and control a fleet."""
 
 from __future__ import annotations
 
@@ -27,28 +27,26 @@ if TYPE_CHECKING:
 
 def show_dashboard(
     fleet: FleetOption,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Where to listen; 0 for any port that is free.")] = 8080,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="The port; 0 for any free port.")] = 8080,
     host: Annotated[
-        str, typer.Option(help="The address to listen at; 0.0.0.0 for all, then read-only without --token.")
+        str, typer.Option(help="The address to listen at; 0.0.0.0 for all addresses, read-only without --token.")
     ] = "127.0.0.1",
-    token: Annotated[
-        bool, typer.Option("--token", help="Have only those command who open the link with the token.")
-    ] = False,
+    token: Annotated[bool, typer.Option("--token", help="Require the token in the printed link for commands.")] = False,
     scenarios: Annotated[
         Path | None,
         typer.Option(
             exists=True,
             file_okay=False,
-            show_default="scenarios here, else those that come with eal",
+            show_default="./scenarios, else the bundled scenarios",
             help="The folder of scenarios that the page can start.",
         ),
     ] = None,
-    runs_dir: Annotated[Path, typer.Option(help="Where the folders of runs are made.")] = Path("runs"),
+    runs_dir: Annotated[Path, typer.Option(help="The folder for the runs' records.")] = Path("runs"),
 ) -> None:
-    """Serve a page by which people watch a fleet and steer it, until Ctrl-C or SIGTERM.
+    """Serve a web page to watch and control a fleet, until Ctrl-C or SIGTERM.
 
-    It shows the robots, the arena with live poses, cameras, scenarios and logs. Escape stops every robot. When this
-    ends, everything that moves is halted.
+    The page shows the robots, a map with live poses, cameras, scenarios and logs. Escape stops every robot. At the end
+    all robots are halted.
     """
     try:
         from eal_actors.operate.dashboard import Access, Dashboard
@@ -74,15 +72,15 @@ def show_dashboard(
 def _announce(page: Dashboard, fleet: str, out: Console) -> None:
     out.print(Text.assemble((fleet, "bold"), f": {page.link}"), soft_wrap=True)
     if page.access.refusal(page.access.token) is not None:
-        out.print("read-only: --token lets those command who have the link", soft_wrap=True)
-    out.print(Text("Ctrl-C ends it and halts the robots.", style="dim"), soft_wrap=True)
+        out.print("read-only: use --token for a link that permits commands", soft_wrap=True)
+    out.print(Text("Press Ctrl-C to halt the robots and quit.", style="dim"), soft_wrap=True)
 
 
 def _in_real_time(config: FleetConfig) -> FleetConfig:
-    """Return a fleet that people can watch: as fast as the machine goes is no pace for them."""
+    """Return the fleet with a rate that people can follow."""
     if config.rate != MAX:
         return config
-    stderr().print("the fleet's clock runs at rate 1 here, in place of max", style="dim", soft_wrap=True)
+    stderr().print("the fleet's clock runs at rate 1 instead of max", style="dim", soft_wrap=True)
     return replace(config, rate=1.0)
 
 

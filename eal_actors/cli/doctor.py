@@ -1,4 +1,4 @@
-"""`eal doctor`: what is wrong with a machine and a fleet, and what to do about it."""
+"""`eal doctor`: check a machine and a fleet, with advice on each problem."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import JsonOption, RobotsArgument
 from eal_actors.cli.output import counted, new_table, stdout, write_json
-from eal_actors.facade.elsewhere import FLEET_VARIABLE
+from eal_actors.facade.connections import FLEET_VARIABLE
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.operate.doctor import Diagnostic, Severity, diagnose_fleet, diagnose_machine
 
@@ -31,16 +31,16 @@ def examine(
             "-f",
             envvar=FLEET_VARIABLE,
             show_default=False,
-            help="The fleet file; without one, the machine alone.",
+            help="The fleet file; without it, only the machine is checked.",
         ),
     ] = None,
     robots: RobotsArgument = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Look at this machine and at a fleet, and say what to do about each finding.
+    """Check this machine and a fleet, with advice on each problem.
 
-    Packages, clock, plugins, devices and their rights, cameras, certificates, ports, and the robots of other processes,
-    which are asked how they are. Nothing is moved. Ends with 1 if there is a problem; warnings do not count.
+    Checks packages, clock, plugins, devices and their permissions, cameras, certificates and ports. Pings the robots of
+    other processes. No robot moves. Exits with 1 if there is a problem; warnings do not count.
     """
     findings = [*diagnose_machine(), *(_of_fleet(fleet, robots or []) if fleet is not None else ())]
     problems = sum(finding.level is Severity.PROBLEM for finding in findings)
@@ -58,7 +58,7 @@ def _of_fleet(fleet: Path, robots: list[str]) -> Iterator[Diagnostic]:
     except ConfigError as error:
         for problem in error.problems:
             yield Diagnostic(
-                Severity.PROBLEM, "fleet file", str(problem), "Correct the file there; eal check looks again."
+                Severity.PROBLEM, "fleet file", str(problem), "Correct the file there, then check it with eal check."
             )
         return
     yield from diagnose_fleet(config)

@@ -12,8 +12,8 @@ from typing import IO, Final
 import typer
 
 from eal_actors.kernel.log import get_logger
-from eal_actors.scenario import Event, Listener
-from eal_actors.scenario.strict_json import as_json
+from eal_actors.scenario import Listener, RunEvent
+from eal_actors.scenario.report.records import as_json
 
 STDOUT: Final = "-"
 
@@ -45,7 +45,7 @@ def event_stream(target: str | None) -> Iterator[list[Listener]]:
 def _writer(stream: IO[str]) -> Listener:
     is_open = True
 
-    def write(event: Event) -> None:
+    def write(event: RunEvent) -> None:
         nonlocal is_open
         if not is_open:
             return

@@ -1,4 +1,4 @@
-"""`--metrics-port`: metrics beside what a command does."""
+"""`--metrics-port`: Prometheus metrics of a command's robots."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MetricsPortOption = Annotated[
         min=0,
         max=65535,
         show_default=False,
-        help="Serve metrics for Prometheus at this port, on loopback; 0 for any port that is free.",
+        help="Serve Prometheus metrics at this port on loopback; 0 for any free port.",
     ),
 ]
 
@@ -33,7 +33,7 @@ def metrics_at(
     console: Console,
     dead_man_trips: Mapping[str, int] | None = None,
 ) -> Iterator[None]:
-    """Serve metrics of robots if a port is given, and print where.
+    """Serve metrics of robots if a port is given, and print the URL.
 
     Raises:
         UnsupportedError: prometheus-client is not installed.

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from eal_actors.facade.elsewhere import FLEET_VARIABLE
+from eal_actors.facade.connections import FLEET_VARIABLE
 from eal_actors.kernel.log import LogFormat
 
 LogLevel = Literal["debug", "info", "warning", "error"]

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from eal_actors.device.data import DataType, EALData
-from eal_actors.scenario.strict_json import as_json
+from eal_actors.scenario.report.records import as_json
 
 _PIPE_WIDTH: Final = 160
 """Columns where nobody looks at them: wide, so that lines stay whole for grep."""

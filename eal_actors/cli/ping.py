@@ -12,8 +12,7 @@ from rich.text import Text
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.actors.robot_view import Ping, RobotState
-from eal_actors.actors.running import Running
+from eal_actors.actors.robot_view import Ping, RobotState, RunningCommand
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.opening import read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption, RobotsArgument
@@ -182,7 +181,7 @@ def _notes(entry: _Findings) -> Iterator[Text]:
             yield Text(f"{running.resource} carries out {running.command} for {running.by}{_shown_progress(running)}")
 
 
-def _shown_progress(running: Running) -> str:
+def _shown_progress(running: RunningCommand) -> str:
     told = running.progress
     if told is None:
         return ""

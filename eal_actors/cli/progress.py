@@ -21,12 +21,12 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.log import configure_logging
 from eal_actors.scenario import (
-    Event,
     LogLine,
     RobotDropped,
     RobotReplaced,
     RunContinued,
     RunEnded,
+    RunEvent,
     RunPaused,
     RunResumed,
     RunStarted,
@@ -63,7 +63,7 @@ class Progress(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None: ...
 
-    def hear(self, event: Event) -> None:
+    def hear(self, event: RunEvent) -> None:
         """Take notice of an event. Thread: the run's."""
         ...
 
@@ -89,13 +89,13 @@ class PlainProgress:
     ) -> None:
         """Nothing is left to do: every line is out."""
 
-    def hear(self, event: Event) -> None:
+    def hear(self, event: RunEvent) -> None:
         """See Progress."""
         if line := event_line(event):
             self._console.print(Text(f"{event.time_s:8.2f} s  ").append(line), soft_wrap=True)
 
 
-def event_line(event: Event) -> Text | None:
+def event_line(event: RunEvent) -> Text | None:
     """Return an event in one line, without its time."""
     match event:
         case RunStarted():
@@ -121,7 +121,7 @@ def event_line(event: Event) -> Text | None:
     return _step_line(event)
 
 
-def _step_line(event: Event) -> Text | None:
+def _step_line(event: RunEvent) -> Text | None:
     match event:
         case StepStarted():
             return Text(f"{_who(event.robot)}{event.label}")
@@ -189,14 +189,14 @@ class LiveProgress:
         self._live.stop()
         configure_logging(self._options.log_format, self._options.log_level)
 
-    def hear(self, event: Event) -> None:
+    def hear(self, event: RunEvent) -> None:
         """See Progress."""
         with self._lock:
             self._note(event)
         if isinstance(event, _TOLD) and (line := event_line(event)):
             self._console.print(line, soft_wrap=True)
 
-    def _note(self, event: Event) -> None:
+    def _note(self, event: RunEvent) -> None:
         match event:
             case RunStarted() | RunContinued():
                 self._start_s = self._clock.now() - event.time_s

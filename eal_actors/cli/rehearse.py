@@ -20,8 +20,7 @@ from eal_actors.lab.rehearsal import Incident, Nearest, Rehearsal, rehearse
 from eal_actors.lab.rehearsal.approaches import TOUCH_M
 from eal_actors.managers.twins import SimulatedFleet, simulated
 from eal_actors.scenario import Scenario
-from eal_actors.scenario.plan import bind_roles
-from eal_actors.scenario.step_places import step_place
+from eal_actors.scenario.language.binding import find_candidates
 
 _SEEDS = 3
 
@@ -70,7 +69,7 @@ def rehearse_scenario(
     if seeds is not None and seed:
         raise typer.BadParameter("give the seeds, or how many", param_hint="'--seeds' / '--seed'")
     order = read_order(Wanted(scenario, fleet, settings or (), bindings or ()))
-    bound = bind_roles(order.scenario, order.config, order.binding)
+    bound = find_candidates(order.scenario, order.config, order.binding)
     twins = simulated(order.config, {name for names in bound.values() for name in names}, keep or ())
     first = order.config.seed
     chosen = list(dict.fromkeys(seed)) if seed else list(range(first, first + (seeds or _SEEDS)))
@@ -141,7 +140,7 @@ def _line(scenario: Scenario, seed: int, incident: Incident) -> Text:
         ("hits ", "bold red") if approach.is_hit else (f"comes within {_metres(nearest.gap_m)} of ", STYLES["dropped"])
     )
     during = "; ".join(
-        f"{step.robot} {step.label} ({step_place(scenario, step.step).file}:{step_place(scenario, step.step).line})"
+        f"{step.robot} {step.label} ({scenario.position_of(step.step).file}:{scenario.position_of(step.step).line})"
         for step in incident.steps
     )
     return Text.assemble(
@@ -205,7 +204,7 @@ def _as_json(order: Order, twins: SimulatedFleet, margin_m: float, done: Sequenc
 
 def _incident(scenario: Scenario, incident: Incident) -> dict[str, Any]:
     approach = incident.approach
-    steps = [(step, step_place(scenario, step.step)) for step in incident.steps]
+    steps = [(step, scenario.position_of(step.step)) for step in incident.steps]
     return {
         "robot": approach.robot,
         "is_hit": approach.is_hit,

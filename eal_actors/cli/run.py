@@ -56,7 +56,7 @@ from eal_actors.recording import (
 )
 from eal_actors.recording.run_folder import TRAJECTORY
 from eal_actors.scenario import Listener, Plan, Report, Run, make_plan
-from eal_actors.scenario.plan import bind_roles
+from eal_actors.scenario.language.binding import find_candidates
 
 _DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 """One of these is set where windows can be opened."""
@@ -153,7 +153,7 @@ class _Done:
 
 
 def _bound(order: Order) -> set[str]:
-    return {name for names in bind_roles(order.scenario, order.config, order.binding).values() for name in names}
+    return {name for names in find_candidates(order.scenario, order.config, order.binding).values() for name in names}
 
 
 def _carry_out(

@@ -7,7 +7,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from eal_actors.facade.elsewhere import FLEET_VARIABLE
+from eal_actors.facade.connections import FLEET_VARIABLE
 from eal_actors.recording import Extent
 
 ScenarioArgument: TypeAlias = Annotated[

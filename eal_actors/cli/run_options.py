@@ -16,8 +16,7 @@ from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
 from eal_actors.kernel.lock_step import MAX, Rate
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario import Resumption, Scenario, load_scenario, read_run
-from eal_actors.scenario.loading import with_parameters
-from eal_actors.scenario.parameters import read_settings
+from eal_actors.scenario.language.parameters import read_settings, with_parameters
 
 T = TypeVar("T")
 

@@ -11,7 +11,7 @@ from rich.tree import Tree
 
 from eal_actors.cli.output import counted
 from eal_actors.scenario import Entry, Plan, Timeline
-from eal_actors.scenario.parameters import describe
+from eal_actors.scenario.language.parameters import describe
 
 _MOST_NAMES: Final = 6
 

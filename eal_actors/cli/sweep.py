@@ -36,8 +36,8 @@ from eal_actors.lab.sweeping.picture import draw_sweep
 from eal_actors.lab.sweeping.results import CRASHED, REFUSED
 from eal_actors.lab.sweeping.worker import Task, Workplace
 from eal_actors.managers.twins import simulated
-from eal_actors.scenario.parameters import missing_parameters
-from eal_actors.scenario.plan import bind_roles
+from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario.language.parameters import missing_parameters
 
 T = TypeVar("T")
 _LIMIT = 1000
@@ -127,7 +127,7 @@ def _require_sound(sweep: Sweep, limit: int) -> None:
     given = {**scenario.parameters, **{variation.name: variation.values[0] for variation in sweep.variations}}
     if missing := missing_parameters(scenario.file, given, scenario.tree):
         raise ConfigError(missing)
-    bound = bind_roles(scenario, sweep.fleet)
+    bound = find_candidates(scenario, sweep.fleet)
     simulated(sweep.fleet, {name for names in bound.values() for name in names}, sweep.keep)
 
 

@@ -1,4 +1,4 @@
-"""`eal top`: a fleet in the terminal, with a key that stops it."""
+"""`eal top`: watch and stop a fleet in the terminal."""
 
 from __future__ import annotations
 
@@ -15,20 +15,19 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.log import configure_logging
-from eal_actors.operate.metrics.call_observer import CallObserver
+from eal_actors.operate.metrics.call_observer import observe_calls
 
 
 def show_top(
     context: typer.Context,
     fleet: FleetOption,
     robots: RobotsArgument = None,
-    runs_dir: Annotated[Path, typer.Option(help="Where runs write down how far they have come.")] = Path("runs"),
+    runs_dir: Annotated[Path, typer.Option(help="The folder of the runs' records.")] = Path("runs"),
 ) -> None:
-    """Watch a fleet in the terminal: robots, what they do, mailboxes, calls, and how far the newest run has come.
+    """Watch a fleet in the terminal: robots, commands, mailboxes, calls, and the progress of the newest run.
 
-    s stops every robot and r resumes; enter shows a robot in detail; q quits. Calls are those of this process: of
-    robots that are served elsewhere, the latency is that of pings where there are none, and `eal serve --metrics-port`
-    tells the rest.
+    s stops every robot and r resumes; enter shows a robot's details; q quits. Calls are those of this process. For a
+    robot on the network without such calls, the latency is that of pings; `eal serve --metrics-port` reports all calls.
     """
     try:
         from eal_actors.operate.top.call_statistics import RecentCalls
@@ -38,18 +37,18 @@ def show_top(
             f"eal top needs {error.name}, which is not installed: pip install 'eal-actors[top]'"
         ) from error
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise UnsupportedError("eal top needs a terminal; `eal ping --json` tells programs how robots are")
+        raise UnsupportedError("eal top needs a terminal; programs can use `eal ping --json`")
     heed_signals()
     config = read_fleet(fleet, robots or ())
     if config.rate == MAX:
-        config = read_fleet(fleet, robots or (), rate=1.0)  # as fast as the machine goes is no pace for people
+        config = read_fleet(fleet, robots or (), rate=1.0)  # people cannot follow rate max
     options = context.find_object(GlobalOptions) or GlobalOptions()
     calls, lines = RecentCalls(), LogBuffer()
     with Fleet(config).connect() as opened:
         clock = opened.clock
         configure_logging("human", options.log_level, cast("TextIO", lines))
         try:
-            with CallObserver(clock, lambda call, _, took_s: calls.note(call.cell.robot, clock.now(), took_s)):
+            with observe_calls(clock, lambda call, _, taken_s: calls.add(call.cell.robot, clock.now(), taken_s)):
                 TopApp(opened, calls, runs_dir, lines).run()
         finally:
             configure_logging(options.log_format, options.log_level)

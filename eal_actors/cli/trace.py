@@ -18,26 +18,26 @@ TraceOption = Annotated[
         metavar="URL|otlp|console",
         envvar="OTEL_TRACES_EXPORTER",
         show_default=False,
-        help="Send traces to an OpenTelemetry collector, to the one that OTEL_* variables name, or to stderr.",
+        help="Send traces to an OpenTelemetry collector, to the collector of the OTEL_* variables, or to stderr.",
     ),
 ]
 
 _NONE: Final = "none"
-"""How OTEL_TRACES_EXPORTER says that there are to be no traces."""
+"""The value of OTEL_TRACES_EXPORTER for no traces."""
 
 
 @contextmanager
 def traces_to(where: str | None, service: str, console: Console) -> Iterator[None]:
-    """Trace this process if it is asked for, and print where the traces go.
+    """Trace this process if requested, and print the destination.
 
     Args:
-        where: see tracing.exporter_to; None or `none` for nowhere.
-        service: what the process is called.
-        console: where to print.
+        where: see tracing.exporter_to; None or `none` for no traces.
+        service: the name of the process.
+        console: the console to print to.
 
     Raises:
         UnsupportedError: OpenTelemetry is not installed.
-        BadParameter: traces cannot go there.
+        BadParameter: the destination is invalid.
     """
     if where in (None, _NONE):
         yield

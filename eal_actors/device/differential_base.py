@@ -1,7 +1,7 @@
-"""The base that most robots on a floor have: two driven wheels or tracks, and the commands of the thesis's experiments.
+"""The base of most robots on a floor: two driven wheels or tracks, and the commands of the thesis's experiments.
 
-A driver's own class carries out three motions, and inherits the rest: the commands with their units and ranges, the
-configuration keys, and the checks of what is asked for. So a controller finds the same `Base` on each of them.
+A driver implements three motions and inherits the rest: the commands with their units and ranges, the configuration
+keys and the argument checks. So a controller finds the same `Base` on each robot.
 """
 
 from __future__ import annotations
@@ -11,11 +11,14 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Final
 
-from eal_actors.device.data import DataType, EALData
-from eal_actors.device.info import ResourceInfo, ResourceType, ValueInfo
+from pydantic import Field
+from typing_extensions import override
+
+from eal_actors.device.data import DataType, EALData, ValueInfo
+from eal_actors.device.info import ResourceInfo, ResourceType
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter
-from eal_actors.device.wheels import WheelCalibration
 from eal_actors.kernel.errors import ArgumentError
+from eal_actors.kernel.strict_model import StrictModel
 
 _DISTANCE: Final = ValueInfo(DataType.DOUBLE, "m", 0, 100)
 _ANGLE: Final = ValueInfo(DataType.DOUBLE, "deg", 0, 3600)
@@ -29,16 +32,59 @@ _WHEEL_RATIO: Final = ValueInfo(DataType.DOUBLE, None, 0.9, 1.1, description="a 
 _ROUNDING: Final = 1e-9
 
 
+class WheelCalibration(StrictModel):
+    """The deviation of a robot's wheels from their nominal sizes, in the terms of Borenstein and Feng.
+
+    A base commands its wheels and computes its odometry by it, so that distances and angles come out true.
+    With both factors at 1, nothing changes, not even by a rounding.
+    """
+
+    track_factor: float = Field(default=1.0, ge=0.5, le=2.0)
+    """E_b: effective over nominal distance of the wheels; over 1 the robot turns too little."""
+    wheel_ratio: float = Field(default=1.0, ge=0.9, le=1.1)
+    """E_d: diameter of the right wheel over the left one's; over 1 the robot drifts to the left."""
+
+    @property
+    def left_factor(self) -> float:
+        """c_L: travel of the left wheel per metre counted."""
+        return 2.0 / (self.wheel_ratio + 1.0)
+
+    @property
+    def right_factor(self) -> float:
+        """c_R: travel of the right wheel per metre counted; the mean of both is 1."""
+        return 2.0 / (1.0 / self.wheel_ratio + 1.0)
+
+    def counted(self, ahead: float, arc: float) -> tuple[float, float]:
+        """Return the counts of the left and the right wheel for a motion.
+
+        Args:
+            ahead: distance or speed of the robot's centre.
+            arc: the angle to the left, or its rate, times half the nominal distance of the wheels; in the unit of
+                `ahead`.
+        """
+        arm = arc * self.track_factor
+        return (ahead - arm) / self.left_factor, (ahead + arm) / self.right_factor
+
+    def travelled(self, left: float, right: float) -> tuple[float, float]:
+        """Return the motion for the counts of the wheels: distance ahead, and arc to the left. Inverts `counted`."""
+        left, right = left * self.left_factor, right * self.right_factor
+        return (left + right) / 2, (right - left) / 2 / self.track_factor
+
+
+NOMINAL: Final = WheelCalibration()
+"""The calibration of wheels of exactly their nominal sizes."""
+
+
 @dataclass(frozen=True, slots=True)
 class Drivetrain:
-    """What the wheels and motors of a make of robot can do.
+    """The abilities of the wheels and motors of a type of robot.
 
     Attributes:
-        name: of the make, for messages.
+        name: the type's name, for messages.
         track_m: nominal distance of its wheels.
-        speed_m_s: speed at first.
+        speed_m_s: default speed.
         max_speed_m_s: greatest speed, of each wheel too.
-        turn_rate_deg_s: turn rate at first.
+        turn_rate_deg_s: default turn rate.
         max_turn_rate_deg_s: greatest turn rate.
     """
 
@@ -56,7 +102,7 @@ class DifferentialBase(Resource, ABC):
     A driver implements `drive`, `turn` and `follow`, the property `calibration`, `halt` and `get_status`.
 
     Args:
-        drivetrain: what it drives.
+        drivetrain: the robot's drivetrain.
     """
 
     types = ResourceType.ACTUATOR
@@ -71,7 +117,7 @@ class DifferentialBase(Resource, ABC):
         self._step_m = 0.5
         self._twist_timeout_s = 0.5
 
-    # What a driver adds.
+    # Implemented by the driver.
 
     @abstractmethod
     def drive(self, distance_m: float, speed_m_s: float) -> Activity:
@@ -93,41 +139,42 @@ class DifferentialBase(Resource, ABC):
 
     @abstractmethod
     def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
-        """Hold a twist, which the drivetrain reaches, until the time-out; then stop.
+        """Hold a twist, which is within the drivetrain's limits, until the time-out; then stop.
 
-        Closing the activity leaves the wheels turning: a newer twist takes over without a stop, a halt stops.
+        Closing the activity leaves the wheels turning: a newer twist replaces it without a stop, a halt stops.
 
         Args:
             speed_m_s: forward positive.
             turn_rate_rad_s: counter-clockwise positive.
-            timeout_s: how long, if no newer twist comes.
+            timeout_s: how long, if no newer twist arrives.
         """
 
     @property
     @abstractmethod
     def calibration(self) -> WheelCalibration:
-        """What motions and odometry know of the wheels."""
+        """The calibration that motions and odometry use."""
 
     @calibration.setter
     @abstractmethod
     def calibration(self, calibration: WheelCalibration) -> None: ...
 
     def wheel_speeds_m_s(self, speed_m_s: float, turn_rate_rad_s: float) -> tuple[float, float]:
-        """Return what the left and the right wheel have to count in a second for a twist.
+        """Return the counts per second of the left and the right wheel for a twist.
 
-        Where one would have to go too fast, it is the same curve, driven slower.
+        If one exceeds its greatest speed, the same curve is driven slower.
         """
         left_m_s, right_m_s = self.calibration.counted(speed_m_s, turn_rate_rad_s * self.drivetrain.track_m / 2)
         excess = max(1.0, max(abs(left_m_s), abs(right_m_s)) / self.drivetrain.max_speed_m_s)
         return left_m_s / excess, right_m_s / excess
 
-    # What it brings.
+    # Inherited by the driver.
 
+    @override
     def set_value(self, data: EALData) -> Activity:
         """Drive at a twist until a newer command, or until the time-out passes without one.
 
         Raises:
-            ArgumentError: the robot does not reach it, or it is no number.
+            ArgumentError: the twist is beyond the drivetrain's limits, or not finite.
         """
         speed_m_s, turn_rate_rad_s = (float(number) for number in data.value)
         self._check_reach("speed", speed_m_s, self.drivetrain.max_speed_m_s, "m/s")
@@ -212,7 +259,7 @@ class DifferentialBase(Resource, ABC):
 
     @config("twist_timeout_s", _TWIST_TIMEOUT)
     def twist_timeout_s(self) -> float:
-        """Time after which a twist ends, if no newer one comes."""
+        """Time after which a twist ends if no newer one arrives."""
         return self._twist_timeout_s
 
     @config_setter("twist_timeout_s")
@@ -232,7 +279,7 @@ class DifferentialBase(Resource, ABC):
 
     @config_setter("track_factor")
     def set_track_factor(self, track_factor: float) -> None:
-        """Set what later commands, twists and the odometry know of the distance of the wheels."""
+        """Set the factor for later commands, twists and the odometry."""
         self.calibration = self.calibration.model_copy(update={"track_factor": float(track_factor)})
 
     @config("wheel_ratio", _WHEEL_RATIO)
@@ -242,7 +289,7 @@ class DifferentialBase(Resource, ABC):
 
     @config_setter("wheel_ratio")
     def set_wheel_ratio(self, wheel_ratio: float) -> None:
-        """Set what later commands, twists and the odometry know of the wheels' diameters."""
+        """Set the ratio for later commands, twists and the odometry."""
         self.calibration = self.calibration.model_copy(update={"wheel_ratio": float(wheel_ratio)})
 
     def _turn(self, degrees: float) -> Activity:
@@ -255,8 +302,9 @@ class DifferentialBase(Resource, ABC):
                 f"which the {self.drivetrain.name} reaches, not {value:g}"
             )
 
+    @override
     def _make_info(self) -> ResourceInfo:
-        """Return what it says of itself; speeds reach as far as the drivetrain does."""
+        """Return the information; the drivetrain sets the limits of the speeds."""
         info = super()._make_info()
         most = {"speed_m_s": self.drivetrain.max_speed_m_s, "turn_rate_deg_s": self.drivetrain.max_turn_rate_deg_s}
         configs = (

@@ -1,4 +1,4 @@
-"""The way from the controllers of a robot to its resources, and what is made wrong with it on purpose."""
+"""The link from the controllers of a robot to its resources, on which faults can be injected."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import zlib
 from collections.abc import Iterable
 
 
-class Link:
-    """A link that a fault plan may delay, make lossy or cut: to try controllers, whatever the true link is.
+class FaultyLink:
+    """A link that a fault plan may delay, make lossy or cut, to test controllers.
 
-    Calls that are lost are not refused: they reach nobody, and their callers wait until their deadlines, as with a
-    robot out of reach. What is lost depends on the fleet's seed, the robot's name and the calls alone.
+    Lost calls are not refused: they reach no resource, and their callers wait until their deadlines, as with a robot
+    out of reach. The losses depend on the fleet's seed, the robot's name and the calls alone.
 
     Args:
         robot: the robot's name.
         seed: the fleet's seed.
 
     Attributes:
-        is_faulty: whether anything is wrong with it.
-        spared: resources that stand beside the robot, such as ground truth: their calls always arrive.
+        is_faulty: whether the link has any fault.
+        spared: resources beside the robot, such as ground truth: their calls always arrive.
         lost: how many calls were lost.
 
     Thread: any.
@@ -38,7 +38,7 @@ class Link:
 
     @property
     def delay_s(self) -> float:
-        """Seconds of the fleet's clock that each call takes on its way."""
+        """The transit time of each call, in seconds of the fleet's clock."""
         return self._delay_s
 
     @property
@@ -52,11 +52,11 @@ class Link:
         return self._is_cut
 
     def spare(self, resources: Iterable[str]) -> None:
-        """Let the calls of these resources always arrive."""
+        """Exempt these resources: their calls always arrive."""
         self.spared = self.spared.union(resources)
 
     def impair(self, *, delay_s: float | None = None, loss: float | None = None, is_cut: bool | None = None) -> None:
-        """Change what is given.
+        """Set faults; None leaves one as it is.
 
         Args:
             delay_s: at least 0.
@@ -70,7 +70,7 @@ class Link:
             self.is_faulty = bool(self._delay_s or self._loss or self._is_cut)
 
     def delay_of_next_s(self) -> float | None:
-        """Return how long the next call takes on its way, or None if it is lost."""
+        """Return the transit time of the next call, or None if it is lost."""
         with self._lock:
             if self._is_cut or (self._loss and self._random.random() < self._loss):
                 self.lost += 1

@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
-from eal_actors.device.link import Link
+from eal_actors.device.link import FaultyLink
 from eal_actors.device.ports import BytePort
 from eal_actors.device.proximity import ProximityObserver
 from eal_actors.device.world import WorldModel
@@ -87,13 +87,13 @@ class FleetServices:
         self.proximity_observer: ProximityObserver | None = None
         self._lock = threading.RLock()
         self._shared: dict[Hashable, Any] = {}
-        self._links: dict[str, Link] = {}
+        self._links: dict[str, FaultyLink] = {}
 
-    def link(self, robot: str) -> Link:
+    def link(self, robot: str) -> FaultyLink:
         """Return the link to a robot, for plugins that make faults on purpose. Thread: any."""
         with self._lock:
             if robot not in self._links:
-                self._links[robot] = Link(robot, self.seed)
+                self._links[robot] = FaultyLink(robot, self.seed)
             return self._links[robot]
 
     def shared(self, key: Hashable, make: Callable[[], _T]) -> _T:

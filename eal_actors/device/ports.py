@@ -397,3 +397,59 @@ class TcpPort:
     def close(self) -> None:
         """See BytePort."""
         self._socket.close()
+
+
+class UdpPort:
+    """A UDP socket as a BytePort: a read or a write is one datagram. It never blocks.
+
+    An absent peer is no error, because datagrams may be lost.
+
+    Args:
+        host: name or address of the peer; datagrams from others are ignored.
+        port: its port.
+        local_port: the local port; 0 for any.
+
+    Raises:
+        OSError: the host is unknown or unreachable, or the local port is in use.
+
+    Thread: the constructor blocks while the name is looked up.
+    """
+
+    def __init__(self, host: str, port: int, local_port: int = 0) -> None:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        self._socket = socket.socket(family, kind, protocol)
+        try:
+            self._socket.setblocking(False)
+            self._socket.bind(("", local_port))
+            self._socket.connect(address)
+        except BaseException:
+            self._socket.close()
+            raise
+
+    @property
+    def in_waiting(self) -> int:
+        """Return 1 if a datagram can be read, else 0."""
+        return len(select.select([self._socket], [], [], 0)[0])
+
+    def read(self, size: int = 65536) -> bytes:  # noqa: ARG002  # a datagram is read as a whole
+        """Return the next datagram; empty for none."""
+        try:
+            return self._socket.recv(65536)
+        except (BlockingIOError, ConnectionRefusedError):  # the peer of an earlier datagram did not listen
+            return b""
+
+    def write(self, data: bytes) -> int:
+        """Send one datagram; return 0 if it could not be sent now."""
+        try:
+            return self._socket.send(data)
+        except (BlockingIOError, ConnectionRefusedError):  # the second reports an earlier datagram
+            return 0
+
+    def reset_input_buffer(self) -> None:
+        """Discard all received datagrams."""
+        while self.in_waiting:
+            self.read()
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()

@@ -12,8 +12,8 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, TypeAlias, TypeVar
 
-from eal_actors.device.data import EALData
-from eal_actors.device.info import METHODS, CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
+from eal_actors.device.data import EALData, ValueInfo
+from eal_actors.device.info import METHODS, CommandInfo, ConfigInfo, ResourceInfo, ResourceType
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 
 Activity: TypeAlias = Generator[float, None, Any]
@@ -120,7 +120,7 @@ class Resource:
     description: ClassVar[str] = ""
     name: str = ""
 
-    _told_progress: tuple[float | None, str] | None = None
+    _reported_progress: tuple[float | None, str] | None = None
     _handlers: ClassVar[dict[tuple[str, str], str]] = {}
     _fields: ClassVar[dict[tuple[str, str], dict[str, Any]]] = {}
 
@@ -270,7 +270,7 @@ class Resource:
             if fraction != fraction:
                 raise ArgumentError("progress needs a fraction from 0 to 1, not NaN")
             fraction = min(max(float(fraction), 0.0), 1.0)
-        self._told_progress = fraction, text
+        self._reported_progress = fraction, text
 
     def background(self) -> Activity | None:
         """Return an activity that runs as long as the resource does, such as a poller; None for none.

@@ -1,1 +1,1 @@
-"""What users hold: Fleet, the concurrent way in, and EAL, the synchronous one."""
+"""The users' APIs: Fleet for concurrent programs, EAL for synchronous scripts, RobotService for servers."""

@@ -1,8 +1,7 @@
-"""Fleet: the concurrent way in. Robots by name, tag or type; every call returns a future at once."""
+"""Fleet: the concurrent API. Robots by name, tag or type; every call returns a future at once."""
 
 from __future__ import annotations
 
-import atexit
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
@@ -19,7 +18,7 @@ from eal_actors.actors.robot_view import RobotState, RobotView
 from eal_actors.actors.supervision import Restart
 from eal_actors.device.info import unknown_name
 from eal_actors.device.plugin_context import FleetServices
-from eal_actors.facade.endings import end_as_before, end_in_good_order
+from eal_actors.facade.shutdown import close_on_exit, forget
 from eal_actors.facade.tasks import TaskGroup
 from eal_actors.facade.together import Command, Together, start_together
 from eal_actors.kernel.clock import Clock
@@ -44,9 +43,7 @@ from eal_actors.net.controller.remote_robot import RemoteRobot, RemoteSpec
 R = TypeVar("R")
 
 START_TIMEOUT_S: Final = 30.0
-"""How long (real time) `connect` waits for the robots to start."""
-
-_open_fleets: set[Fleet] = set()
+"""Real seconds that `connect` waits for the robots to start."""
 
 
 class Fleet(Mapping[str, RobotHandle]):
@@ -55,10 +52,10 @@ class Fleet(Mapping[str, RobotHandle]):
         with Fleet.load("fleets/sim.yaml") as fleet:
             gather(robot["Base"].send_cmd("r45") for robot in fleet.values()).get()
 
-    Any number of threads and controllers may use one fleet at once.
+    Any number of threads and controllers may use a fleet at the same time.
 
     Args:
-        config: the fleet, as EALConfigManager read it.
+        config: the fleet's configuration.
         clock: the fleet's clock; made from the file's rate if None.
     """
 
@@ -73,14 +70,14 @@ class Fleet(Mapping[str, RobotHandle]):
 
     @classmethod
     def load(cls, path: str | Path, *, environment: Mapping[str, str] | None = None) -> Fleet:
-        """Read a fleet file; nothing is connected yet.
+        """Read a fleet file, without connecting a robot.
 
         Args:
-            path: the fleet file, or the name of one that comes with the framework, such as `sim`.
-            environment: what `${NAME}` in the file means; the process's environment if None.
+            path: the fleet file, or the name of a bundled one such as `sim`.
+            environment: the values of `${NAME}` in the file; the process's environment if None.
 
         Raises:
-            ConfigError: everything that is wrong with the file.
+            ConfigError: the file is invalid; the error lists every problem.
         """
         return cls(EALConfigManager.load(path, environment=environment).fleet)
 
@@ -89,19 +86,17 @@ class Fleet(Mapping[str, RobotHandle]):
     def connect(self, robots: Iterable[str] | None = None, *, timeout_s: float = START_TIMEOUT_S) -> Self:
         """Connect the robots and wait until each is up or has failed.
 
-        As long as a fleet is connected, SIGTERM and SIGHUP end the program as `sys.exit` does, so that leaving it halts
-        the robots, unless the program has handlers of its own.
-
-        One robot that fails does not keep the others: its `state` and `problems` tell, and the log does. Robots that
-        are connected already stay as they are.
+        A robot that fails does not stop the others: see its `state` and `problems`, and the log. Robots that are
+        connected already stay connected. While a fleet is connected, SIGTERM and SIGHUP halt the robots; see
+        `eal_actors.facade.shutdown`.
 
         Args:
-            robots: the names of those to connect; all if None. The others are not touched.
-            timeout_s: real seconds to wait at most; whoever is late is left starting.
+            robots: the names of the robots to connect; all if None.
+            timeout_s: real seconds to wait at most; a robot that is late continues to start.
 
         Raises:
-            ConfigError: a plugin that does not exist, or settings that it refuses, or rate max with robots of other
-            processes; nothing is connected then.
+            ConfigError: a plugin does not exist or refuses its settings, or the rate is max and robots are in other
+                processes. Nothing is connected then.
             RobotNotFoundError: the fleet has no robot of one of the names.
 
         Thread: blocks the caller.
@@ -110,10 +105,9 @@ class Fleet(Mapping[str, RobotHandle]):
         self._check(wanted)
         try:
             with self._start_lock:
-                _open_fleets.add(self)
-                end_in_good_order()
+                close_on_exit(self.close)
                 self.clock.sleep(0)  # from here on a lock-step clock counts this thread
-                for robot in wanted:  # one by one, so that each is known to `close` should Ctrl-C come between
+                for robot in wanted:  # one by one: `close` must know each if Ctrl-C strikes
                     if robot.name not in self._robots:
                         self._robots = {**self._robots, robot.name: self._start(robot)}
             self._wait_started([robot.name for robot in wanted], self.clock.now() + self.clock.of_real(timeout_s))
@@ -126,17 +120,17 @@ class Fleet(Mapping[str, RobotHandle]):
         for name in names:
             try:
                 self[name].wait_started(max(0.0, end_s - self.clock.now()))
-            except RobotFailedError:  # its own actor has logged why
+            except RobotFailedError:  # its actor has logged the reason
                 pass
             except UnavailableError as error:
-                if self[name].state is RobotState.LOST:  # its connection has logged why
+                if self[name].state is RobotState.LOST:  # its connection has logged the reason
                     continue
                 get_logger(robot=name).error("robot is late", reason=error.message)
 
     def _check(self, robots: Iterable[RobotConfig]) -> None:
         problems: set[Problem] = set()
         for robot in robots:
-            if robot.address is None:  # the plugins of the others are in their own processes
+            if robot.address is None:  # the plugins of the others are in other processes
                 problems.update(self._plugins.check(robot)[0])
             elif self.config.rate == MAX:
                 problems.add(Problem(str(self.config.source), 0, 0, "clock.rate", no_lock_step(robot.name)))
@@ -167,31 +161,29 @@ class Fleet(Mapping[str, RobotHandle]):
         return RemoteRobot(spec, view, self._controller).launch(), view
 
     def _leave_network(self, timeout_s: float) -> None:
-        """Close the network once no robot is left that needs it. Thread: holds the start lock."""
+        """Close the network. Thread: holds the start lock."""
         controller, self._controller = self._controller, None
         if controller is not None:
             controller.shut_down()
             if not controller.join(timeout_s):
-                get_logger(fleet=self.name).error("the network did not close in time and was left behind")
+                get_logger(fleet=self.name).error("the network did not close in time and was abandoned")
 
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
-        """Halt everything that moves, disconnect every robot and end its threads. Calling it twice is harmless.
+        """Halt all motion, disconnect every robot and end its threads. Closing it twice is harmless.
 
         Args:
-            timeout_s: real seconds for the robots to stop by themselves; what is stuck is abandoned then.
+            timeout_s: real seconds for the robots to stop; a robot that is stuck is abandoned then.
 
         Thread: blocks the caller.
         """
         with self._start_lock:
             robots = dict(self._robots)
-        close_robots(list(robots.values()), timeout_s)  # they stay known until then, should Ctrl-C come between
+        close_robots(list(robots.values()), timeout_s)  # they stay known until then, in case of Ctrl-C
         with self._start_lock:
             self._robots = {name: robot for name, robot in self._robots.items() if robots.get(name) is not robot}
             if not self._robots:
                 self._leave_network(timeout_s)
-                _open_fleets.discard(self)
-        if not _open_fleets:
-            end_as_before()
+                forget(self.close)
 
     def __enter__(self) -> Self:
         return self if self._robots else self.connect()
@@ -233,7 +225,7 @@ class Fleet(Mapping[str, RobotHandle]):
         return len(self._robots)
 
     __hash__ = object.__hash__
-    __eq__ = object.__eq__  # a fleet is itself, not what it holds
+    __eq__ = object.__eq__  # by identity, unlike other mappings
 
     def select(
         self,
@@ -242,22 +234,22 @@ class Fleet(Mapping[str, RobotHandle]):
         tags: Iterable[str] | None = None,
         types: Iterable[str] | None = None,
     ) -> list[RobotHandle]:
-        """Return the robots that fit everything given, in the order of the fleet file.
+        """Return the robots that match all arguments, in the order of the fleet file.
 
         Args:
             names: one of these names.
             tags: one of these tags.
-            types: one of these types, or a type that builds on one.
+            types: one of these types, or a type derived from one.
 
         Raises:
-            RobotNotFoundError: a name, tag or type that the fleet does not know.
+            RobotNotFoundError: the fleet has no such name, tag or type.
         """
         chosen = EALConfigManager(self.config).select(names, tags=tags, types=types)
         return [self[robot.name] for robot in chosen]
 
     @property
     def problems(self) -> list[EALError]:
-        """What went wrong with robots and plugins so far."""
+        """The errors of robots and plugins so far."""
         return [problem.at(robot.name) for robot in self._robots.values() for problem in robot.problems]
 
     def each(
@@ -308,28 +300,28 @@ class Fleet(Mapping[str, RobotHandle]):
         return TaskGroup(self.clock, timeout_s)
 
     def halt(self, *, timeout_s: float | None = None) -> Future[list[list[int]]]:
-        """Stop whatever moves on every robot, at once. Thread: any; does not block."""
+        """Stop all motion of every robot at once. Thread: any; does not block."""
         return gather([robot.halt(timeout_s=timeout_s) for robot in self._robots.values()])
 
     def together(
         self, commands: Mapping[ResourceHandle, Command], *, lead_s: float = 0.1, timeout_s: float | None = None
     ) -> Together:
-        """Send commands to many resources, which begin at one time however long the way to each is.
+        """Send commands to many resources that begin at the same time, whatever the delay of each link.
 
             start = fleet.together({robot["Base"]: "r45" for robot in fleet.values()})
             print(start.record.get().skew_s)
 
-        The time is far enough off for the slowest link: the clocks of robots on the network are compared by pings
-        first. A command that comes late all the same begins as it comes, and the record tells. Stops do not wait.
+        Pings compare the clocks of robots on the network first; the start allows for the slowest link. A command that
+        arrives late begins on arrival, which the record shows. Stops do not wait.
 
         Args:
             commands: by resource, the command; or the command and its argument.
-            lead_s: seconds of the fleet's clock between the last sending and the start, beside what the links take.
-            timeout_s: until the deadline of each command, from now on; None for the fleet file's default.
+            lead_s: seconds of the fleet's clock until the start, in addition to the delay of the slowest link.
+            timeout_s: seconds until the deadline of each command; None for the fleet file's default.
 
         Raises:
-            RobotNotFoundError: a resource is of no robot of this fleet.
-            ArgumentError: `lead_s` is below 0 or no number.
+            RobotNotFoundError: a resource belongs to no robot of this fleet.
+            ArgumentError: `lead_s` is negative or not finite.
 
         Thread: blocks the caller for a few round trips where robots are on the network, at most 0.5 s of real time.
         """
@@ -337,7 +329,7 @@ class Fleet(Mapping[str, RobotHandle]):
         return start_together(commands, robots, self.clock, lead_s, timeout_s)
 
     def stop(self, reason: str = "") -> Future[list[None]]:
-        """Emergency stop of every robot: halt whatever moves, and refuse motions until `resume`; see RobotHandle.stop.
+        """Stop every robot in an emergency: halt all motion and refuse new motion until `resume`; see RobotHandle.stop.
 
         Thread: any; does not block.
         """
@@ -346,10 +338,3 @@ class Fleet(Mapping[str, RobotHandle]):
     def resume(self) -> Future[list[None]]:
         """End the emergency stop of every robot. Thread: any; does not block."""
         return gather([robot.resume() for robot in self._robots.values()])
-
-
-@atexit.register
-def _close_open_fleets() -> None:
-    """Stop the motors of fleets that a program forgot to close."""
-    for fleet in list(_open_fleets):
-        fleet.close()

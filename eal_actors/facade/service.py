@@ -1,4 +1,4 @@
-"""RobotService: a robot of a fleet file, run in this process and offered to the network."""
+"""RobotService: a robot of a fleet file that runs in this process and serves the network."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from eal_actors.net.server.robot_server import RobotServer
 from eal_actors.net.session import endpoints_of, open_session, robot_config
 
 _CLOSE_S: Final = 1.5
-"""Real seconds that each part of the end may take."""
+"""Real seconds for each step of closing."""
 
 
 class RobotService:
-    """Runs one robot of a fleet and serves its resources, for the length of a `with` block.
+    """A robot that runs in this process and serves its resources on the network, for a `with` block.
 
     Args:
         config: the fleet.
         robot: the robot's name.
 
     Attributes:
-        endpoints: where it listens, or which routers it dials out to.
-        is_behind_router: whether it dials out.
+        endpoints: the endpoints that it listens on, or of the routers that it connects to.
+        is_behind_router: whether it connects to routers.
         dead_man_trips: how often each resource was halted because its controller was silent.
 
     Raises:
@@ -42,12 +42,13 @@ class RobotService:
 
     def __init__(self, config: FleetConfig, robot: str) -> None:
         (wanted,) = EALConfigManager(config).select([robot])
+        problem = ""
         if wanted.address is None:
-            message = f"robot {robot!r} has no address, so nobody can reach it; give it one, such as tcp/0.0.0.0:50000"
-            raise ConfigError([Problem(str(config.source), 0, 0, f"robots.{robot}", message)])
-        if not wanted.plugins:
-            message = f"robot {robot!r} has no plugins here, so there is nothing to serve; give it one under 'plugins'"
-            raise ConfigError([Problem(str(config.source), 0, 0, f"robots.{robot}", message)])
+            problem = "has no address, so it cannot be reached; give it one, such as tcp/0.0.0.0:50000"
+        elif not wanted.plugins:
+            problem = "has no plugins here, so it has nothing to serve; give it one under 'plugins'"
+        if problem:
+            raise ConfigError([Problem(str(config.source), 0, 0, f"robots.{robot}", f"robot {robot!r} {problem}")])
         self._config = config
         self._name = robot
         self._exclusive = wanted.exclusive
@@ -61,14 +62,14 @@ class RobotService:
 
     @property
     def robot(self) -> RobotHandle:
-        """The robot as this process sees it."""
+        """The robot in this process."""
         return self._fleet[self._name]
 
     def open(self) -> Self:
-        """Start the robot, then open the network: whoever finds it finds it ready.
+        """Start the robot, then open the network, so that controllers find it ready.
 
         Raises:
-            ConfigError: what its plugins refuse; or `exclusive` names no resource of it.
+            ConfigError: its plugins refuse their settings; or `exclusive` names an unknown resource.
             RobotFailedError: it could not start.
             UnavailableError: the port is in use, or no router answers.
 
@@ -90,10 +91,10 @@ class RobotService:
         return self
 
     def wait(self) -> None:
-        """Wait, which takes for ever, unless the service breaks down.
+        """Wait until the server crashes.
 
         Raises:
-            UnavailableError: its server has crashed, so that whoever looks after this process is to start it anew.
+            UnavailableError: the server has crashed; restart the process.
             RuntimeError: it is not open.
 
         Thread: blocks the caller.
@@ -103,27 +104,19 @@ class RobotService:
         self._server.wait()
 
     def _check_exclusive(self) -> None:
-        problems = [
-            Problem(
-                str(self._config.source),
-                0,
-                0,
-                f"robots.{self._name}.exclusive",
-                unknown_name("resource", name, self.robot),
-            )
-            for name in self._exclusive or ()
-            if name not in self.robot
-        ]
+        source, path = str(self._config.source), f"robots.{self._name}.exclusive"
+        unknown = [name for name in self._exclusive or () if name not in self.robot]
+        problems = [Problem(source, 0, 0, path, unknown_name("resource", name, self.robot)) for name in unknown]
         if problems:
             raise ConfigError(problems)
 
     def _halt(self) -> None:
-        """Stop what moves while whoever moves it can still be told, and let nothing begin any more."""
+        """Stop all motion and refuse new motion, while controllers can still receive the outcome."""
         with suppress(EALError):
             self.robot.stop("its server is being stopped").get(timeout=self.robot.clock.of_real(_CLOSE_S / 3))
 
     def close(self) -> None:
-        """Take leave of the network, halt everything and stop the robot. Calling it twice is harmless.
+        """Halt everything, leave the network and stop the robot. Closing it twice is harmless.
 
         Thread: blocks the caller, for a bounded time.
         """

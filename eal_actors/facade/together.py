@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
@@ -19,8 +20,6 @@ Command: TypeAlias = str | tuple[str, Any]
 """A command, or a command and its argument."""
 
 _PINGS: Final = 5
-_PINGING_S: Final = 0.5
-"""Real seconds that all pings together may take."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +56,12 @@ class StartRecord:
     @property
     def skew_s(self) -> float | None:
         """Seconds from the first begin to the last; None where not all have begun."""
-        times = [begin.began_s for begin in self.begins if begin.began_s is not None]
-        return max(times) - min(times) if times and len(times) == len(self.begins) else None
+        return skew([begin.began_s for begin in self.begins], ())[0]
 
     @property
     def skew_error_s(self) -> float:
         """By how many seconds at most `skew_s` is wrong, either way."""
-        return sum(sorted(begin.error_s for begin in self.begins)[-2:])
+        return skew((), (begin.error_s for begin in self.begins))[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +89,9 @@ def start_together(
     """See Fleet.together."""
     if not (math.isfinite(lead_s) and lead_s >= 0):
         raise ArgumentError(f"lead_s must be seconds from 0, not {lead_s!r}")
-    way_s = clock.of_real(_longest_way_s(list(robots), clock))
-    way_s += max((handle.link.delay_s for handle in commands), default=0.0)
-    start_s = clock.now() + lead_s + way_s
+    delay_s = clock.of_real(_longest_delay_s(robots, clock))
+    delay_s += max((handle.link.delay_s for handle in commands), default=0.0)
+    start_s = clock.now() + lead_s + delay_s
     calls = []
     for handle, wanted in commands.items():
         command, data = (wanted, None) if isinstance(wanted, str) else wanted
@@ -104,25 +102,54 @@ def start_together(
     return Together(start_s, futures, record)
 
 
-def _longest_way_s(robots: list[RobotHandle], clock: Clock) -> float:
-    """Compare the clocks; return the longest round trip, with what the offset of that clock may be wrong by."""
-    longest_s = 0.0
-    end_s = REAL_TIME.now() + _PINGING_S
+class DelayMeter:
+    """Measures the longest delay to some robots by pings; the caller waits for them.
+
+    Args:
+        robots: the robots.
+
+    Attributes:
+        longest_s: the longest round trip so far, in real seconds, with the maximum error of the clock offset.
+    """
+
+    TIMEOUT_S: Final = 0.5
+    """Real seconds to wait for the answers."""
+
+    def __init__(self, robots: Iterable[RobotHandle]) -> None:
+        self.longest_s = 0.0
+        self._robots = list(robots)
+
+    def ping(self) -> list[Future[Ping]]:
+        """Ping every robot that is ready."""
+        return [robot.ping() for robot in self._robots if robot.state is RobotState.READY]
+
+    def record(self, pings: Sequence[Future[Ping]]) -> bool:
+        """Record the answers; return whether all pings are done. Missing answers count as the timeout."""
+        answers = [ping.get() for ping in pings if ping.done() and ping.exception() is None]
+        self.longest_s = max([self.longest_s, *(ping.round_trip_s + ping.offset_error_s for ping in answers)])
+        is_complete = all(ping.done() for ping in pings)
+        if not is_complete:
+            self.longest_s = max(self.longest_s, self.TIMEOUT_S)
+        return is_complete
+
+
+def _longest_delay_s(robots: Iterable[RobotHandle], clock: Clock) -> float:
+    meter = DelayMeter(robots)
+    end_s = REAL_TIME.now() + meter.TIMEOUT_S
     for _ in range(_PINGS):
-        pings = [robot.ping() for robot in robots if robot.state is RobotState.READY]
+        pings = meter.ping()
         if not all(ping.done() for ping in pings):
-            try:
-                with clock.outside():
-                    gather(pings, return_exceptions=True).get(timeout=max(0.0, end_s - REAL_TIME.now()))
-            except WaitTimeoutError:
-                return max(longest_s, _PINGING_S)
-        told = [ping.get() for ping in pings if ping.exception() is None]
-        longest_s = max([longest_s, *map(_way_s, told)])
-    return longest_s
+            with clock.outside(), suppress(WaitTimeoutError):
+                gather(pings, return_exceptions=True).get(timeout=max(0.0, end_s - REAL_TIME.now()))
+        if not meter.record(pings):
+            break
+    return meter.longest_s
 
 
-def _way_s(ping: Ping) -> float:
-    return ping.round_trip_s + ping.offset_error_s
+def skew(begins: Sequence[float | None], errors: Iterable[float]) -> tuple[float | None, float]:
+    """Return the time from the first begin to the last, or None if one is missing, and its maximum error."""
+    times = [begin for begin in begins if begin is not None]
+    return max(times) - min(times) if times and len(times) == len(begins) else None, sum(sorted(errors)[-2:])
 
 
 def _begin_of(handle: ResourceHandle, command: str, future: Future[int]) -> Begin:

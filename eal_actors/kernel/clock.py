@@ -1,25 +1,36 @@
-"""Time for the whole framework: nothing else reads a clock or sleeps.
+"""Clocks and timers: no other code reads the time or sleeps.
 
 A fleet has one Clock. Sleeps, time-outs, deadlines, timers and simulated physics all follow it, so that the same
-scenario runs in real time, faster, or step by step under a test's hand.
+scenario runs in real time, faster, or step by step in a test.
 
-Every wait goes through `Clock.wait` on a *waiter*, a lock that is held until somebody releases it to wake the
-one thread that waits. It is what `threading.Condition` is made of, and several times cheaper.
+Every wait goes through `Clock.wait` on a *waiter*, a lock that is held until another thread releases it to wake the
+one thread that waits. `threading.Condition` is built from the same, and is several times slower.
 """
 
 from __future__ import annotations
 
 import contextlib
 import heapq
-import itertools
 import threading
 import time
-from collections.abc import Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from datetime import UTC, datetime
-from typing import Final, Protocol
+from typing import Final, Generic, TypeVar
+
+from typing_extensions import override
 
 from eal_actors.kernel.errors import CallCancelledError
+
+_MAIN_THREAD: Final = threading.main_thread().ident
+_SIGNAL_CHECK_S: Final = 0.2
+"""The main thread, which handles signals, interrupts its waits this often (real time)."""
+
+ROUNDING_S: Final = 1e-9
+"""A timer is due this early: now + (time - now) is not always time."""
+
+_SWEEP_AT: Final = 1024
 
 
 def new_waiter() -> threading.Lock:
@@ -29,39 +40,35 @@ def new_waiter() -> threading.Lock:
     return waiter
 
 
-_MAIN_THREAD: Final = threading.main_thread().ident
-_LOOK_UP_S: Final = 0.2
-"""How often (real time) the main thread, where signals are handled, looks up from a wait."""
-
-
 def release(lock: threading.Lock) -> None:
-    """Release a lock, of which any number of threads may believe that it is still held. For clocks alone."""
+    """Release a lock, which another thread may have released already. For clocks alone."""
     try:
         lock.release()
-    except RuntimeError:  # already released; contextlib.suppress costs several times as much, in every wake-up
+    except RuntimeError:  # released already; contextlib.suppress costs several times as much, in every wake-up
         return
 
 
 def acquire_alert(lock: threading.Lock, real_s: float) -> bool:
-    """Acquire a lock within real seconds; a main thread stays alert to signals meanwhile. For clocks alone."""
+    """Acquire a lock within real seconds; the main thread still handles signals meanwhile. For clocks alone."""
     if threading.get_ident() != _MAIN_THREAD:
         return lock.acquire(timeout=min(real_s, threading.TIMEOUT_MAX))
     end_s = time.monotonic() + real_s
-    while True:  # a signal that comes on the brink of a wait is handled only after it
+    while True:  # a signal just before a wait begins would be handled only after it
         left_s = end_s - time.monotonic()
-        if left_s <= _LOOK_UP_S:
+        if left_s <= _SIGNAL_CHECK_S:
             return lock.acquire(timeout=max(left_s, 0.0))
-        if lock.acquire(timeout=_LOOK_UP_S):
+        if lock.acquire(timeout=_SIGNAL_CHECK_S):
             return True
 
 
-class Clock(Protocol):
-    """What the framework needs to know of time. All durations are in seconds of this clock."""
+class Clock(ABC):
+    """The time of a fleet. All durations are in seconds of this clock."""
 
+    @abstractmethod
     def now(self) -> float:
         """Return the seconds since the clock was made. Never goes backwards. Thread: any."""
-        ...
 
+    @abstractmethod
     def wait(self, waiter: threading.Lock, timeout_s: float | None) -> bool:
         """Block until the waiter is released or the time-out passes.
 
@@ -71,15 +78,14 @@ class Clock(Protocol):
 
         Returns:
             True if the waiter was released, False if the time passed. A waiter may be released without need:
-            callers check again what they wait for.
+            callers check their condition again.
 
         Thread: blocks the caller.
         """
-        ...
 
     def wake(self, waiter: threading.Lock) -> None:
         """Release the waiter: wake the thread that waits on it; harmless if it was woken already. Thread: any."""
-        ...
+        release(waiter)
 
     def sleep(self, duration_s: float) -> None:
         """Block the caller for a duration in seconds of this clock.
@@ -89,19 +95,19 @@ class Clock(Protocol):
 
         Thread: blocks the caller.
         """
-        ...
+        wait_in_scope(self, new_waiter(), duration_s)
 
     def of_real(self, duration_s: float) -> float:
-        """Return how many seconds of this clock a time-out of so many real seconds is. Thread: any."""
-        ...
+        """Return a time-out of so many real seconds in seconds of this clock. Thread: any."""
+        return duration_s
 
     def start(self, thread: threading.Thread) -> None:
-        """Start a thread that lives by this clock. Thread: any."""
-        ...
+        """Start a thread that follows this clock. Thread: any."""
+        thread.start()
 
     def outside(self) -> AbstractContextManager[None]:
-        """Return a context in which the thread may wait for what no clock knows of, such as the end of a thread."""
-        ...
+        """Return a context in which the thread may wait for something other than the clock, such as a thread's end."""
+        return contextlib.nullcontext()
 
 
 class CancelScope:
@@ -201,7 +207,7 @@ def wait_in_scope(clock: Clock, waiter: threading.Lock, timeout_s: float | None)
     return clock.wait(waiter, timeout_s) if scope is None else scope.wait(clock, waiter, timeout_s)
 
 
-class ScaledClock:
+class ScaledClock(Clock):
     """A clock that runs at `rate` times real time.
 
     Args:
@@ -214,34 +220,18 @@ class ScaledClock:
         self.rate: Final = float(rate)
         self._start_s = time.monotonic()
 
+    @override
     def now(self) -> float:
-        """See Clock."""
         return (time.monotonic() - self._start_s) * self.rate
 
+    @override
     def wait(self, waiter: threading.Lock, timeout_s: float | None) -> bool:
-        """See Clock."""
         real_s = threading.TIMEOUT_MAX if timeout_s is None else max(timeout_s, 0.0) / self.rate
         return acquire_alert(waiter, real_s)
 
-    def wake(self, waiter: threading.Lock) -> None:
-        """See Clock."""
-        release(waiter)
-
-    def sleep(self, duration_s: float) -> None:
-        """See Clock."""
-        wait_in_scope(self, new_waiter(), duration_s)
-
+    @override
     def of_real(self, duration_s: float) -> float:
-        """See Clock."""
         return duration_s * self.rate
-
-    def start(self, thread: threading.Thread) -> None:
-        """See Clock."""
-        thread.start()
-
-    def outside(self) -> AbstractContextManager[None]:
-        """See Clock: this clock does not mind."""
-        return contextlib.nullcontext()
 
 
 class SystemClock(ScaledClock):
@@ -251,71 +241,67 @@ class SystemClock(ScaledClock):
         super().__init__(1.0)
 
 
-class ManualClock:
-    """A clock that stands still until a test moves it.
-
-    Waits without a release end only when `advance` passes their time. `advance` does not wait for the threads
-    it wakes: a test waits for what they do (a future, an event).
-    """
-
-    def __init__(self, start_s: float = 0.0) -> None:
-        self._now = start_s
-        self._lock = threading.Lock()
-        self._order = itertools.count()
-        self._waits: list[tuple[float, int, threading.Lock, list[bool]]] = []
-
-    def now(self) -> float:
-        """See Clock."""
-        return self._now
-
-    def wait(self, waiter: threading.Lock, timeout_s: float | None) -> bool:
-        """See Clock."""
-        if timeout_s is None:
-            return waiter.acquire()
-        expired = [False]
-        with self._lock:
-            if timeout_s <= 0:
-                return waiter.acquire(blocking=False)
-            heapq.heappush(self._waits, (self._now + timeout_s, next(self._order), waiter, expired))
-        waiter.acquire()
-        return not expired[0]
-
-    def wake(self, waiter: threading.Lock) -> None:
-        """See Clock."""
-        release(waiter)
-
-    def sleep(self, duration_s: float) -> None:
-        """See Clock."""
-        wait_in_scope(self, new_waiter(), duration_s)
-
-    def of_real(self, duration_s: float) -> float:
-        """See Clock."""
-        return duration_s
-
-    def start(self, thread: threading.Thread) -> None:
-        """See Clock."""
-        thread.start()
-
-    def outside(self) -> AbstractContextManager[None]:
-        """See Clock: this clock does not mind."""
-        return contextlib.nullcontext()
-
-    def advance(self, duration_s: float) -> None:
-        """Move the clock forward and wake every wait whose time has come. Thread: any."""
-        with self._lock:
-            self._now += duration_s
-            due = []
-            while self._waits and self._waits[0][0] <= self._now:
-                due.append(heapq.heappop(self._waits))
-        for _, _, waiter, expired in due:
-            expired[0] = True
-            release(waiter)
-
-
 REAL_TIME: Final = SystemClock()
-"""For what must happen in real time whatever the fleet's clock does: closing, joining threads."""
+"""The clock for waits that must take real time whatever the fleet's clock does: closing, joining threads."""
 
 
 def wall_time() -> datetime:
     """Return the date and time of day, in UTC: for names of files and records, never for durations."""
     return datetime.now(UTC)
+
+
+class Timer:
+    """An action with a time.
+
+    Args:
+        time_s: when, in seconds of a clock.
+        order: of two timers of one time, the one with the lower order goes first.
+        action: the action; None once it has run or is cancelled.
+    """
+
+    __slots__ = ("action", "order", "time_s")
+
+    def __init__(self, time_s: float, order: int, action: Callable[[], None]) -> None:
+        self.time_s = time_s
+        self.order = order
+        self.action: Callable[[], None] | None = action
+
+    def cancel(self) -> None:
+        """Cancel it; harmless when it has run. Thread: any, because it is one assignment."""
+        self.action = None
+
+
+R = TypeVar("R", bound=Timer)
+
+
+class TimerHeap(Generic[R]):
+    """Timers in the order of their times. Cancelled ones are removed now and then. Thread: its owner locks it."""
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[float, int, R]] = []
+        self._sweep_at = _SWEEP_AT
+
+    def __len__(self) -> int:
+        return len(self._heap)
+
+    def add(self, timer: R) -> None:
+        """Add a timer."""
+        heapq.heappush(self._heap, (timer.time_s, timer.order, timer))
+        if len(self._heap) > self._sweep_at:
+            self._heap = [entry for entry in self._heap if entry[2].action is not None]
+            heapq.heapify(self._heap)
+            self._sweep_at = max(_SWEEP_AT, 2 * len(self._heap))
+
+    def first(self) -> R | None:
+        """Return the next timer, or None."""
+        while self._heap and self._heap[0][2].action is None:
+            heapq.heappop(self._heap)
+        return self._heap[0][2] if self._heap else None
+
+    def pop(self) -> R:
+        """Remove the timer that `first` returned."""
+        return heapq.heappop(self._heap)[2]
+
+    def clear(self) -> None:
+        """Remove all timers."""
+        self._heap.clear()

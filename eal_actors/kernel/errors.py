@@ -1,37 +1,37 @@
-"""Every error of the framework, on one page.
+"""The errors of the framework.
 
     EALError
-    ├── DataError               (ValueError)        a value that no EALData can hold
-    ├── ConfigError             (ValueError)        what is wrong with a file, every problem at once
-    ├── PluginError             (RuntimeError)      a plugin that cannot be loaded, or breaks its promise
+    ├── DataError               (ValueError)        no EALData can hold the value
+    ├── ConfigError             (ValueError)        a file is invalid; it carries every problem
+    ├── PluginError             (RuntimeError)      a plugin cannot be loaded, or does not provide what it names
     ├── ResourceError
     │   ├── ResourceNotFoundError (KeyError)        no resource of that name or id
     │   ├── UnsupportedError    (NotImplementedError) the resource lacks that method
     │   ├── ArgumentError       (ValueError)        unknown command, or an argument outside its type or range
-    │   ├── ReturnTypeError     (TypeError)         the resource returned what it may not return
+    │   ├── ReturnTypeError     (TypeError)         the resource returned an invalid type
     │   ├── ResourceFaultError  (RuntimeError)      the resource's own code raised
     │   └── ResourceInUseError  (RuntimeError)      resources are still checked out
     ├── CallError
     │   ├── DeadlineError       (TimeoutError)      no answer before the call's deadline
-    │   ├── WaitTimeoutError    (TimeoutError)      the caller stopped waiting; the call goes on
+    │   ├── WaitTimeoutError    (TimeoutError)      the caller stopped waiting; the call continues
     │   ├── BusyError           (RuntimeError)      the mailbox is full
     │   ├── CallCancelledError  (CancelledError)    the caller cancelled the call
-    │   ├── PreemptedError      (RuntimeError)      a newer command or a halt took over
-    │   ├── StaleCommandError   (RuntimeError)      a command that came too late or twice; it was not executed
+    │   ├── PreemptedError      (RuntimeError)      a newer command or a halt replaced the command
+    │   ├── StaleCommandError   (RuntimeError)      a late or repeated command; it was not executed
     │   ├── ResourceBusyError   (RuntimeError)      another controller holds the actuator
     │   ├── StoppedError        (RuntimeError)      an emergency stop holds until it is resumed
     │   └── UnavailableError    (ConnectionError)   the resource is restarting, stopped or gone
-    │       └── NotReadyError                       its device is away; it is tried again by itself
+    │       └── NotReadyError                       its device is absent; it is retried automatically
     ├── RobotError
     │   ├── RobotNotFoundError  (KeyError)          no robot of that name, tag or type
     │   ├── RobotFailedError    (ConnectionError)   the robot gave up and was stopped safely
     │   ├── AccessDeniedError   (PermissionError)   the robot does not grant this to this controller
-    │   ├── ProtocolError       (ConnectionError)   the other end speaks another version, or no sense
+    │   ├── ProtocolError       (ConnectionError)   the other end speaks another version, or sends invalid data
     │   └── RemoteError         (ConnectionError)   not possible through a network connection
-    └── ScenarioError           (RuntimeError)      a scenario that cannot run on this fleet
+    └── ScenarioError           (RuntimeError)      a scenario cannot run on this fleet
 
-Every error has a stable `code`, the name that crosses the wire and stands in records. Errors that come
-from a resource carry `robot` and `resource`, and show them in front of the message.
+Every error has a stable `code`, its name on the wire and in records. Errors of a resource carry `robot` and
+`resource`, and show them in front of the message.
 """
 
 from __future__ import annotations
@@ -41,13 +41,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+from typing_extensions import override
+
 
 class EALError(Exception):
-    """The root of the tree: catch it to catch whatever the framework raises.
+    """The root of the tree: catch it to catch every error of the framework.
 
     Attributes:
-        robot: name of the robot the error comes from, or None.
-        resource: name of the resource the error comes from, or None.
+        robot: the name of the robot, or None.
+        resource: the name of the resource, or None.
     """
 
     code: ClassVar[str] = "error"
@@ -59,7 +61,7 @@ class EALError(Exception):
         self.resource = resource
 
     def at(self, robot: str | None, resource: str | None = None) -> Self:
-        """Name the culprit, unless the error already does; returns the error itself."""
+        """Name the robot and resource unless they are set already; return the error itself."""
         if self.robot is None:
             self.robot = robot
         if self.resource is None:
@@ -67,7 +69,7 @@ class EALError(Exception):
         return self
 
     def copy(self) -> Self:
-        """Return the same error anew: each caller raises its own, with its own traceback."""
+        """Return a copy: each caller raises its own, with its own traceback."""
         return type(self)(self.message, robot=self.robot, resource=self.resource)
 
     def __str__(self) -> str:
@@ -76,29 +78,29 @@ class EALError(Exception):
 
 
 class DataError(EALError, ValueError):
-    """A value, length or modifier that no EALData can hold (Source: thesis B.1)."""
+    """No EALData can hold the value, length or modifier (Source: thesis B.1)."""
 
     code = "data"
 
 
-def shown(error: BaseException) -> str:
-    """Return an exception as `Type: message`; an exception whose message cannot be made must not hide another."""
+def error_text(error: BaseException) -> str:
+    """Return an exception as `Type: message`, or its type alone if its `__str__` raises."""
     try:
         return f"{type(error).__name__}: {error}"
-    except Exception:  # noqa: BLE001  # its __str__ may do anything
+    except Exception:  # noqa: BLE001
         return type(error).__name__
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Problem:
-    """One thing that is wrong with a file.
+    """One error in a file.
 
     Attributes:
-        file: the file's name as the user gave it.
-        line: 1-based line, 0 where the whole file is meant.
-        column: 1-based column, 0 where the whole file is meant.
+        file: the file's name as the user wrote it.
+        line: 1-based line, 0 for the whole file.
+        column: 1-based column, 0 for the whole file.
         path: dotted path of the key, such as `robots.evbot1.timeout_s`; empty for the whole file.
-        message: what is wrong and what was meant.
+        message: the error, and the valid alternatives.
     """
 
     file: str
@@ -113,7 +115,7 @@ class Problem:
 
 
 class ConfigError(EALError, ValueError):
-    """Everything that is wrong with a fleet, scenario, world or plugin file.
+    """A fleet, scenario, world or plugin file is invalid; all its problems at once.
 
     Attributes:
         problems: the problems, in the order of the file.
@@ -124,21 +126,21 @@ class ConfigError(EALError, ValueError):
     def __init__(self, problems: Sequence[Problem]) -> None:
         self.problems = tuple(sorted(problems))
         super().__init__("\n".join(str(problem) for problem in self.problems))
-        self.args = (self.problems,)  # what copies and unpickles it makes it anew from these
+        self.args = (self.problems,)  # copying and unpickling construct it from these
 
+    @override
     def copy(self) -> Self:
-        """See EALError."""
         return type(self)(self.problems).at(self.robot, self.resource)
 
 
 class PluginError(EALError, RuntimeError):
-    """A plugin that cannot be found or loaded, or that does not hold what it names."""
+    """A plugin cannot be found or loaded, or does not provide what it names."""
 
     code = "plugin"
 
 
 class ResourceError(EALError):
-    """What a single resource can do wrong, or be asked wrongly."""
+    """An error of a single resource, or of a request to it."""
 
     code = "resource"
 
@@ -162,7 +164,7 @@ class ArgumentError(ResourceError, ValueError):
 
 
 class ReturnTypeError(ResourceError, TypeError):
-    """The resource returned something else than its information says."""
+    """The resource returned a type other than its information declares."""
 
     code = "return_type"
 
@@ -180,7 +182,7 @@ class ResourceInUseError(ResourceError, RuntimeError):
 
 
 class CallError(EALError):
-    """A call that did not run to its end."""
+    """A call that did not complete."""
 
     code = "call"
 
@@ -192,7 +194,7 @@ class DeadlineError(CallError, TimeoutError):
 
 
 class WaitTimeoutError(CallError, TimeoutError):
-    """The caller's own waiting time ended; the call itself goes on."""
+    """The caller's own waiting time ended; the call itself continues."""
 
     code = "wait_timeout"
 
@@ -210,19 +212,19 @@ class CallCancelledError(CallError, concurrent.futures.CancelledError):
 
 
 class PreemptedError(CallError, RuntimeError):
-    """A newer command, or a halt, took the place of this command."""
+    """A newer command, or a halt, replaced this command."""
 
     code = "preempted"
 
 
 class StaleCommandError(CallError, RuntimeError):
-    """A command that came too late, or a second time: the robot has refused to execute it."""
+    """The command arrived too late or a second time: the robot did not execute it."""
 
     code = "stale_command"
 
 
 class ResourceBusyError(CallError, RuntimeError):
-    """Another controller, which the message names, holds the actuator; nothing was executed."""
+    """Another controller, named in the message, holds the actuator; nothing was executed."""
 
     code = "resource_busy"
 
@@ -240,13 +242,13 @@ class UnavailableError(CallError, ConnectionError):
 
 
 class NotReadyError(UnavailableError):
-    """The device is absent, off or not connected at present: nothing was executed, and it is tried again by itself."""
+    """The device is absent, off or not connected: nothing was executed, and the connection is retried automatically."""
 
     code = "not_ready"
 
 
 class RobotError(EALError):
-    """What can be wrong with a whole robot."""
+    """An error of a whole robot."""
 
     code = "robot"
 
@@ -270,18 +272,18 @@ class AccessDeniedError(RobotError, PermissionError):
 
 
 class ProtocolError(RobotError, ConnectionError):
-    """The other end of a connection speaks another version of the protocol, or sends what makes no sense."""
+    """The other end of a connection speaks another version of the protocol, or sends invalid data."""
 
     code = "protocol"
 
 
 class RemoteError(RobotError, ConnectionError):
-    """Not possible through a network connection (Source: thesis §4.5)."""
+    """The operation is not possible through a network connection (Source: thesis §4.5)."""
 
     code = "remote"
 
 
 class ScenarioError(EALError, RuntimeError):
-    """A scenario that cannot run on this fleet, or that was not started properly."""
+    """A scenario cannot run on this fleet, or was not started properly."""
 
     code = "scenario"

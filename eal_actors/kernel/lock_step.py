@@ -1,17 +1,17 @@
-"""A clock that jumps: as fast as the machine goes, and the same on every run.
+"""A clock that jumps: as fast as the machine can go, and the same on every run.
 
-Of the threads that count, one at a time has *the turn*. It keeps the turn until it waits. Then the next thread that was
-woken has it, in the order of the wake-ups; where none was, everybody waits for time, and time jumps to the earliest end
-of a wait. So the threads run one after the other in an order that depends on nothing but what they do, however busy
-the machine is: whatever they do is repeatable.
+Of the threads that count, one at a time has *the turn* and keeps it until it waits. Then the next thread that was woken
+gets it, in the order of the wake-ups; if none was, all wait for time, and time jumps to the earliest end of a wait. So
+the threads run one after the other in an order that depends only on what they do, however busy the machine is: a run
+is repeatable.
 
-Where threads keep one another busy without end, such as one that asks for a value until it changes, time goes on after
-a number of turns: such a loop ends, if later than one that sleeps between two looks.
+Where threads keep one another busy forever, such as one that polls a value until it changes, time advances after a
+number of turns, so such a loop ends, if later than one that sleeps between two polls.
 
 A thread counts as soon as it waits on the clock, or was started by `LockStepClock.start`. A thread that has the turn
-and waits for something else (a socket, a key, another thread) would keep everybody waiting. A watch notices it, takes
-the turn away, and says so; the thread counts again as soon as it waits on the clock. What such a thread does is not
-repeatable. `outside` is for code that knows beforehand that it waits for something else.
+and waits for something else (a socket, a key, another thread) would block all others. A watchdog detects it, takes the
+turn away and logs a warning; the thread counts again as soon as it waits on the clock. Its actions are not repeatable.
+`outside` is for code that knows beforehand that it waits for something else.
 """
 
 from __future__ import annotations
@@ -25,41 +25,41 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar, Final, Literal, TypeAlias
 
-from eal_actors.kernel.clock import Clock, ScaledClock, acquire_alert, new_waiter, release, wait_in_scope
+from typing_extensions import override
+
+from eal_actors.kernel.clock import Clock, ScaledClock, Timer, TimerHeap, acquire_alert, new_waiter, release
 from eal_actors.kernel.log import get_logger
-from eal_actors.kernel.timers import Timer, TimerHeap
 
 MAX: Final = "max"
-"""The rate of a clock that goes as fast as the machine."""
+"""The rate of a clock as fast as the machine."""
 
 Rate: TypeAlias = float | Literal["max"]
 """Seconds of a clock in one real second, or MAX."""
 
-_LOOK_S: Final = 0.25
-_IDLE_LOOKS: Final = 2
-_IDLE_LOOKS_WHILE_OTHERS_WORK: Final = 20
+_CHECK_S: Final = 0.25
+_IDLE_CHECKS: Final = 2
+_IDLE_CHECKS_WHILE_OTHERS_WORK: Final = 20
 _IDLE_S: Final = 0.001
-"""A thread that has the turn, sleeps at every look and uses less processor time than this in between, this many times,
-waits for something; who wakes up now and then to see whether it came, uses some. If other threads of the process work
-meanwhile, or want a processor to, it may be for it, as those of OpenCV do: then it takes more looks to tell."""
+"""A thread that has the turn waits for something if it sleeps at this many checks in a row and uses less processor time
+than this in between (one that wakes up now and then to poll uses more). Other threads of the process that work
+meanwhile, or want a processor, may work for it, as those of OpenCV do: then it takes more checks."""
 _OTHERS_WORK: Final = 0.2
-"""Share of the time that a process works at least to count as working."""
+"""The least share of the time that a working process uses."""
 
 _PATIENCE_S: Final = 30.0
-"""Processor time that the process may use in one turn before time goes on without the thread that has it."""
-
+"""Processor time that the process may use in one turn before time advances without the thread that has it."""
 
 _TURNS_AT_ONCE: Final = 100
 _TURNS_AT_ONCE_EACH: Final = 10
-"""So many turns, and so many more for each thread that waits, may be taken while time stands still."""
+"""The most turns while time stands still: a constant, and more for each thread that waits."""
 
 
 class _Wait(Timer):
     """One thread's wait: for a waiter, for a time, or only for the turn.
 
     Attributes:
-        thread: whose it is.
-        waiter: what it waits on; None where it only waits for the turn.
+        thread: the waiting thread.
+        waiter: the lock it waits on; None where it only waits for the turn.
         go: held until the thread has the turn.
         was_released: True if the waiter was released, False if the time passed.
         is_over: the thread has the turn, or has given up waiting.
@@ -70,20 +70,20 @@ class _Wait(Timer):
     def __init__(
         self, thread: threading.Thread, waiter: threading.Lock | None = None, time_s: float = 0.0, order: int = 0
     ) -> None:
-        super().__init__(time_s, order, self._nothing)
+        super().__init__(time_s, order, _do_nothing)
         self.thread = thread
         self.waiter = waiter
         self.go = new_waiter()
         self.was_released = False
         self.is_over = False
 
-    @staticmethod
-    def _nothing() -> None:
-        """Stand for the action that a live timer has."""
+
+def _do_nothing() -> None:
+    """Do nothing: the action of a wait, which as a live timer must have one."""
 
 
-class LockStepClock:
-    """See the module. It implements `Clock`."""
+class LockStepClock(Clock):
+    """A clock that advances only when all threads wait; see the module."""
 
     rate: Final = MAX
 
@@ -97,25 +97,22 @@ class LockStepClock:
         self._ready: deque[_Wait] = deque()
         self._waits: dict[threading.Lock, _Wait] = {}
         self._timed: TimerHeap[_Wait] = TimerHeap()
-        self._watch: threading.Lock | None = None
+        self._watchdog: threading.Lock | None = None
 
     _in_step: ClassVar[set[threading.Thread]] = set()
-    """The threads that wait for their turn, on whatever clock."""
+    """The threads that wait for their turn, on any clock."""
 
+    @override
     def now(self) -> float:
-        """See Clock."""
         return self._now
 
-    def of_real(self, duration_s: float) -> float:
-        """See Clock: there is no rate, so a time-out is taken as seconds of this clock."""
-        return duration_s
-
+    @override
     def wait(self, waiter: threading.Lock, timeout_s: float | None) -> bool:
-        """See Clock. A time-out of 0 lets those go first that are ready."""
+        """Wait as `Clock` says; with a time-out of 0, the threads that are ready go first."""
         time_s = self._now + (timeout_s or 0.0)
         wait = _Wait(threading.current_thread(), waiter, time_s, next(self._order))
         with self._lock:
-            self._waits[waiter] = wait  # before a look at the waiter, or a signal's release in between would be lost
+            self._waits[waiter] = wait  # before the waiter is checked, or a signal's release in between would be lost
             if waiter.acquire(blocking=False):
                 self._end(wait)
                 return True
@@ -127,8 +124,8 @@ class LockStepClock:
         self._await_turn(wait)
         return wait.was_released
 
+    @override
     def wake(self, waiter: threading.Lock) -> None:
-        """See Clock."""
         with self._lock:
             wait = self._waits.pop(waiter, None)
             if wait is None:
@@ -139,12 +136,8 @@ class LockStepClock:
             self._ready.append(wait)
             self._dispatch_if_free()
 
-    def sleep(self, duration_s: float) -> None:
-        """See Clock."""
-        wait_in_scope(self, new_waiter(), duration_s)
-
+    @override
     def start(self, thread: threading.Thread) -> None:
-        """See Clock."""
         wait, run = _Wait(thread), thread.run
 
         def run_in_turn() -> None:
@@ -162,9 +155,9 @@ class LockStepClock:
         with self._lock:
             self._dispatch_if_free()
 
+    @override
     @contextlib.contextmanager
     def outside(self) -> Iterator[None]:
-        """See Clock."""
         me = threading.current_thread()
         with self._lock:
             has_turn = self._running is me
@@ -180,16 +173,16 @@ class LockStepClock:
                     self._dispatch_if_free()
                 self._await_turn(wait)
 
-    # The turn. Its steps are in an order in which Ctrl-C may strike between any two.
+    # The turn. Its steps are in an order that lets Ctrl-C strike between any two.
 
     def _hand_over(self) -> None:
-        """Give the turn to the next, if the calling thread has it or nobody has. Thread: holds the lock."""
+        """Give the turn to the next thread if the caller or no thread has it. Thread: holds the lock."""
         if self._running is threading.current_thread():
             self._running = None
         self._dispatch_if_free()
 
     def _dispatch_if_free(self) -> None:
-        """Give the turn to the next if nobody has it. Thread: holds the lock."""
+        """Give the turn to the next thread if no thread has it. Thread: holds the lock."""
         if self._running is None:
             wait = self._next()
             if wait is not None:
@@ -199,10 +192,10 @@ class LockStepClock:
                 self._end(wait)
                 if self._ready and self._ready[0] is wait:
                     self._ready.popleft()
-        self._see_to_watch()
+        self._adjust_watchdog()
 
     def _next(self) -> _Wait | None:
-        """Return the wait that ends next; time jumps to its end where that lies ahead. Thread: holds the lock."""
+        """Return the wait that ends next; time jumps to its end if that is ahead. Thread: holds the lock."""
         while self._ready and self._ready[0].is_over:
             self._ready.popleft()
         wait = self._timed.first()
@@ -214,9 +207,9 @@ class LockStepClock:
         return wait
 
     def _is_spinning(self) -> bool:
-        """Return whether threads keep one another busy, such as by asking for a value over and over.
+        """Return whether threads keep one another busy, such as by polling a value.
 
-        On a clock that runs, that takes time. So time goes on as if it had.
+        On a running clock that would take time, so time advances as if it had.
         """
         return self._turns - self._jumped_at > _TURNS_AT_ONCE + _TURNS_AT_ONCE_EACH * len(self._waits)
 
@@ -237,47 +230,49 @@ class LockStepClock:
         finally:
             self._in_step.discard(wait.thread)
 
-    # The watch.
+    # The watchdog.
 
-    def _see_to_watch(self) -> None:
-        """Have a watch as long as somebody waits for the turn or for time. Thread: holds the lock."""
-        if self._watch is None:
+    def _adjust_watchdog(self) -> None:
+        """Run the watchdog as long as a thread waits for the turn or for time. Thread: holds the lock."""
+        if self._watchdog is None:
             if self._ready or self._timed.first() is not None:
-                self._watch = new_waiter()
-                threading.Thread(target=self._keep_watch, args=(self._watch,), name="clock watch", daemon=True).start()
+                self._watchdog = new_waiter()
+                threading.Thread(
+                    target=self._guard_turn, args=(self._watchdog,), name="clock watchdog", daemon=True
+                ).start()
         elif not self._waits and not self._ready:
-            release(self._watch)
+            release(self._watchdog)
 
-    def _keep_watch(self, stop: threading.Lock) -> None:
-        """Take the turn from threads that wait for something else."""
-        turns, idle_looks, begun_used_s, used_s, all_used_s = -1, 0, 0.0, 0.0, 0.0
+    def _guard_turn(self, stop: threading.Lock) -> None:
+        """Take the turn from threads that wait for something else. Thread: the watchdog's."""
+        turns, idle_checks, begun_used_s, used_s, all_used_s = -1, 0, 0.0, 0.0, 0.0
         while True:
             with self._lock:
                 if not self._waits and not self._ready:
-                    self._watch = None
+                    self._watchdog = None
                     return
                 holder, turn = self._running, self._turns
             if holder is not None:
                 used_before_s, used_s = used_s, _processor_time_s(holder)
                 all_used_before_s, all_used_s = all_used_s, time.process_time()
                 if turn != turns:
-                    turns, idle_looks, begun_used_s = turn, 0, all_used_s
+                    turns, idle_checks, begun_used_s = turn, 0, all_used_s
                 else:
                     is_idle = used_s - used_before_s < _IDLE_S and holder not in self._in_step and _sleeps(holder)
-                    idle_looks = idle_looks + 1 if is_idle else 0
-                others_work = all_used_s - all_used_before_s > _OTHERS_WORK * _LOOK_S or _some_want_to_run()
-                looks = _IDLE_LOOKS_WHILE_OTHERS_WORK if others_work else _IDLE_LOOKS
-                if idle_looks >= looks or all_used_s - begun_used_s > _PATIENCE_S or not holder.is_alive():
-                    self._go_on_without(holder, turn)
-            stop.acquire(timeout=_LOOK_S)
+                    idle_checks = idle_checks + 1 if is_idle else 0
+                others_work = all_used_s - all_used_before_s > _OTHERS_WORK * _CHECK_S or _some_want_to_run()
+                checks = _IDLE_CHECKS_WHILE_OTHERS_WORK if others_work else _IDLE_CHECKS
+                if idle_checks >= checks or all_used_s - begun_used_s > _PATIENCE_S or not holder.is_alive():
+                    self._take_turn_from(holder, turn)
+            stop.acquire(timeout=_CHECK_S)
 
-    def _go_on_without(self, holder: threading.Thread, turn: int) -> None:
+    def _take_turn_from(self, holder: threading.Thread, turn: int) -> None:
         with self._lock:
             if self._turns != turn or self._running is not holder:
                 return
             if holder.is_alive() and self._next() is not None:
                 get_logger(thread=holder.name).warning(
-                    "a thread waits for something other than the fleet's clock: time goes on without it, and this run "
+                    "a thread waits for something other than the fleet's clock: time advances without it, and this run "
                     "may not repeat"
                 )
             self._running = None
@@ -285,7 +280,7 @@ class LockStepClock:
 
 
 def _processor_time_s(thread: threading.Thread) -> float:
-    """Return the processor time that a thread has used; that of the process where the system tells no better."""
+    """Return the processor time of a thread, or of the process where the system cannot tell."""
     with contextlib.suppress(OSError):  # it has ended just now
         if thread.ident is not None and thread.is_alive() and hasattr(time, "pthread_getcpuclockid"):
             return time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
@@ -293,14 +288,14 @@ def _processor_time_s(thread: threading.Thread) -> float:
 
 
 def _sleeps(thread: threading.Thread) -> bool:
-    """Return whether a thread waits for something that is no processor and no disk; True if the system cannot tell."""
+    """Return whether a thread waits for neither processor nor disk; True if the system cannot tell."""
     return _state(thread.native_id) in {"S", None}
 
 
 def _some_want_to_run() -> bool:
-    """Return whether a thread of this process runs or would if it had a processor; the calling one does not count.
+    """Return whether another thread of this process runs, or would if it had a processor.
 
-    It tells the helpers of a library that are starved on a busy machine, whose processor time says nothing.
+    It detects the helper threads of a library that starve on a busy machine, which processor time does not show.
     """
     me = str(threading.get_native_id())
     with contextlib.suppress(OSError):
@@ -309,7 +304,7 @@ def _some_want_to_run() -> bool:
 
 
 def _state(task: int | str | None) -> str | None:
-    """Return the letter of a thread's state in /proc; None if it has ended just now, or there is no /proc."""
+    """Return the letter of a thread's state in /proc; None if it has just ended, or there is no /proc."""
     try:
         stat = Path(f"/proc/self/task/{task}/stat").read_text(encoding="utf-8")
     except OSError:
@@ -318,5 +313,5 @@ def _state(task: int | str | None) -> str | None:
 
 
 def clock_of(rate: Rate) -> Clock:
-    """Return a new clock of a rate."""
+    """Return a new clock of that rate."""
     return LockStepClock() if rate == MAX else ScaledClock(rate)

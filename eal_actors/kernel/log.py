@@ -1,10 +1,10 @@
-"""Logging: one structlog configuration, bound to robot, resource and call id.
+"""Logging: one structlog configuration, whose lines name the robot, resource and call.
 
-People get coloured lines on stderr, programs get JSON lines. A library must not write where nobody asked, so
-that without `configure_logging` only warnings and errors are shown.
+Terminals get coloured lines on stderr, programs get JSON lines. A library must not write unasked, so without
+`configure_logging` only warnings and errors are shown.
 
-A resource's actor notes in its thread what it works for, so that every line written there, by the framework or by a
-plugin, says which robot, resource and call it belongs to.
+A resource's actor records its resource and call in its thread, so that every line written there, by the framework or
+by a plugin, names them.
 """
 
 from __future__ import annotations
@@ -21,27 +21,23 @@ import structlog
 
 LogFormat = Literal["human", "json"]
 
-_work_place: ContextVar[Mapping[str, str]] = ContextVar("work place", default=MappingProxyType({}))
+_resource: ContextVar[Mapping[str, str]] = ContextVar("resource", default=MappingProxyType({}))
 _call_id: ContextVar[int | None] = ContextVar("call id", default=None)
-_least_level = logging.WARNING
+debug_enabled = False
+"""Whether debug lines are shown: a check before costly messages. A variable, because every call reads it."""
 
 
-def bind_work_place(robot: str, resource: str) -> None:
+def bind_resource(robot: str, resource: str) -> None:
     """Name the robot and resource in every line of this thread from now on."""
-    _work_place.set({"robot": robot, "resource": resource})
+    _resource.set({"robot": robot, "resource": resource})
 
 
 set_call: Final = _call_id.set
-"""Name the call in every line of this thread from now on; None for no call. Cheap: it is done for every call."""
-
-
-def is_debugging() -> bool:
-    """Return whether debug lines are shown: for what is too costly to say otherwise."""
-    return _least_level <= logging.DEBUG
+"""Name the call in every line of this thread from now on; None for no call. Every call does it, so it must be cheap."""
 
 
 def _add_context(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
-    for key, value in _work_place.get().items():
+    for key, value in _resource.get().items():
         event.setdefault(key, value)
     if (call_id := _call_id.get()) is not None:
         event.setdefault("call", call_id)
@@ -49,9 +45,9 @@ def _add_context(_: object, __: str, event: structlog.typing.EventDict) -> struc
 
 
 class _Stream:
-    """A stream that is looked up at each line, and whose failures stay its own.
+    """A stream that is looked up at each line and whose failures are ignored.
 
-    A log line must never stop a motor's actor because somebody closed the terminal.
+    A log line must never stop a motor's actor because the terminal was closed.
     """
 
     def __init__(self, stream: TextIO | None) -> None:
@@ -73,15 +69,16 @@ class _Stream:
 
 
 def configure_logging(format: LogFormat = "human", level: str = "info", stream: TextIO | None = None) -> None:  # noqa: A002
-    """Choose how log lines look and which are shown.
+    """Set the format and level of log lines.
 
     Args:
         format: `human` for coloured lines (plain where the stream is no terminal), `json` for one object a line.
-        level: the least level shown: debug, info, warning or error.
-        stream: where the lines go; stderr if None.
+        level: the lowest level shown: debug, info, warning or error.
+        stream: the output; stderr if None.
     """
-    global _least_level  # one process, one configuration
-    _least_level = logging.getLevelNamesMapping()[level.upper()]
+    global debug_enabled  # one process, one configuration
+    lowest = logging.getLevelNamesMapping()[level.upper()]
+    debug_enabled = lowest <= logging.DEBUG
     out = _Stream(stream)
     renderer: structlog.typing.Processor
     if format == "json":
@@ -97,11 +94,11 @@ def configure_logging(format: LogFormat = "human", level: str = "info", stream: 
         shared.append(structlog.processors.format_exc_info)
     structlog.configure(
         processors=[*shared, renderer],
-        wrapper_class=structlog.make_filtering_bound_logger(_least_level),
+        wrapper_class=structlog.make_filtering_bound_logger(lowest),
         logger_factory=structlog.PrintLoggerFactory(cast("TextIO", out)),
         cache_logger_on_first_use=False,
     )
-    logging.getLogger("pykka").setLevel(logging.CRITICAL)  # every failure it would print is reported by our actors
+    logging.getLogger("pykka").setLevel(logging.CRITICAL)  # our actors report every failure that it would print
 
 
 def get_logger(**bound: object) -> structlog.typing.FilteringBoundLogger:

@@ -1,4 +1,4 @@
-"""Spans: what is under way, told to whoever traces it. Nobody does, and it costs nothing, before a tracer is there."""
+"""Trace spans: the interface of a tracer, without one. Nothing is traced, at no cost, until `install` is called."""
 
 from __future__ import annotations
 
@@ -7,77 +7,78 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Literal, Protocol, TypeAlias, TypeVar
 
 Kind: TypeAlias = Literal["internal", "client"]
-"""Within this process, or sent to another one."""
+"""A span within this process, or of a call to another one."""
 About: TypeAlias = Mapping[str, str | int | float | bool]
+"""The attributes of a span."""
 
 Y = TypeVar("Y")
 R = TypeVar("R")
 
 
 class Span(Protocol):
-    """Something under way, from its making until `end`. Thread: any."""
+    """An operation, from its creation until `end`. Thread: any."""
 
     @property
     def traceparent(self) -> str:
-        """How W3C Trace Context names it, for another process."""
+        """Its name in W3C Trace Context, for another process."""
         ...
 
     def current(self) -> AbstractContextManager[object]:
-        """Return a block in which what this thread begins is a part of it."""
+        """Return a context in which the spans that this thread begins are parts of it."""
         ...
 
     def part(self, name: str) -> Span:
-        """Begin a part of it."""
+        """Begin a part of it, a child span."""
         ...
 
     def note(self, event: str) -> None:
-        """Note that something happened."""
+        """Record an event."""
         ...
 
     def end(self, error: BaseException | None = None) -> None:
-        """End it, with the error that it failed with."""
+        """End it, with its error if it failed."""
         ...
 
 
 class Tracer(Protocol):
-    """Who wants to know of spans. Thread: any; nothing blocks, nothing raises."""
+    """Creates spans. Thread: any; no method blocks or raises."""
 
     def begin(self, name: str, about: About, kind: Kind = "internal") -> Span | None:
-        """Begin a part of what this thread is in; None where it is in nothing that is traced."""
+        """Begin a part of this thread's current span; return None if it has none."""
         ...
 
     def begin_trace(self, name: str, about: About) -> Span:
-        """Begin something that is a part of nothing."""
+        """Begin a root span."""
         ...
 
     def within(self, traceparent: str) -> AbstractContextManager[object]:
-        """Return a block in which what this thread begins is a part of a span of another process."""
+        """Return a context in which the spans that this thread begins are parts of another process's span."""
         ...
 
 
 tracer: Tracer | None = None
-"""Read where something begins; None as long as nobody traces."""
+"""The installed tracer, or None."""
 
 
-def install(wanted: Tracer) -> Callable[[], None]:
-    """Trace this process from now on; returns what ends it."""
+def install(installed: Tracer) -> Callable[[], None]:
+    """Trace this process from now on; return a function that stops it."""
     global tracer  # read by every call, so it must be cheap to read
-    before, tracer = tracer, wanted
+    before, tracer = tracer, installed
 
-    def end() -> None:
+    def uninstall() -> None:
         global tracer
         tracer = before
 
-    return end
+    return uninstall
 
 
 def within(traceparent: str) -> AbstractContextManager[object]:
-    """Return a block in which what this thread begins is a part of a span of another process, if it named one."""
+    """Return a context in which the spans of this thread are parts of another process's span, if it named one."""
     return tracer.within(traceparent) if traceparent and tracer is not None else nullcontext()
 
 
 def during(span: Span | None, steps: Generator[Y, None, R]) -> Generator[Y, None, R]:
-    """Go through a generator's steps so that what it begins is a part of a span, whatever runs between them."""
+    """Run a generator's steps so that the spans they begin are parts of a span, whatever runs between the steps."""
     if span is None:
         return (yield from steps)
     try:

@@ -7,13 +7,22 @@ import difflib
 import inspect
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from itertools import pairwise
 from types import UnionType
 from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, Tag, ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    Tag,
+    ValidationError,
+)
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
@@ -108,6 +117,20 @@ def _attribute_docs(node: ast.ClassDef) -> dict[str, str]:
     }
 
 
+class DeferredType:
+    """An annotation whose type is found when a model with it is built, after modules that import that model.
+
+    Args:
+        find: returns the type.
+    """
+
+    def __init__(self, find: Callable[[], object]) -> None:
+        self.find = find
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return handler.generate_schema(self.find())
+
+
 def _refuse_boolean(value: object) -> object:
     if isinstance(value, bool):  # Python's True equals 1, and pydantic's Literal agrees
         raise ValueError(f"must be 1, not {show(value)}")
@@ -193,6 +216,8 @@ def _choices(annotation: object) -> list[object]:
     origin = get_origin(annotation)
     if origin is Annotated:
         inner, *extras = get_args(annotation)
+        if extras and isinstance(extras[0], DeferredType):
+            return _choices(extras[0].find())
         return [annotation] if any(isinstance(extra, Tag) for extra in extras) else _choices(inner)
     if origin in (Union, UnionType):
         return [choice for part in get_args(annotation) for choice in _choices(part)]

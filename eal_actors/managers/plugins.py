@@ -19,7 +19,7 @@ from eal_actors.device.info import unknown_name
 from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
 from eal_actors.device.ports import BytePort
 from eal_actors.device.resource import Resource
-from eal_actors.kernel.errors import ConfigError, EALError, PluginError, Problem, shown
+from eal_actors.kernel.errors import ConfigError, EALError, PluginError, Problem, error_text
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, discover
 
@@ -50,7 +50,7 @@ def import_plugin(manifest: PluginManifest) -> ModuleType:
         try:
             return importlib.import_module(f"{package}.plugin")
         except (Exception, SystemExit) as error:
-            raise PluginError(f"plugin {manifest.name!r} fails to import: {shown(error)}") from error
+            raise PluginError(f"plugin {manifest.name!r} fails to import: {error_text(error)}") from error
 
 
 def _require_modules(plugin: PluginManifest, user: PluginManifest) -> None:
@@ -131,7 +131,7 @@ class ConnectedPlugins:
             try:
                 module.disconnect(plugin)
             except (Exception, SystemExit, KeyboardInterrupt, GeneratorExit) as error:  # noqa: BLE001
-                failed.append(f"{name}: {shown(error)}")
+                failed.append(f"{name}: {error_text(error)}")
         if failed:
             raise PluginError(f"disconnect failed in {'; '.join(failed)}")
 
@@ -201,7 +201,7 @@ class EALPluginManager:
         try:
             plugin = _with_context(module.connect, context)
         except (Exception, SystemExit, KeyboardInterrupt, GeneratorExit) as error:
-            raise PluginError(f"plugin {manifest.name!r}: connect raised {shown(error)}") from error
+            raise PluginError(f"plugin {manifest.name!r}: connect raised {error_text(error)}") from error
         if not isinstance(plugin, EALPlugin):
             raise PluginError(f"plugin {manifest.name!r}: connect returned {plugin!r}, which is no EALPlugin")
         connected.append((settings.instance, module, plugin))  # from here on it is owed a disconnect
@@ -251,7 +251,7 @@ class EALPluginManager:
         except ValidationError as error:
             raise ConfigError(settings.problems_from(error, model)) from None
         except Exception as error:
-            raise PluginError(f"plugin {manifest.name!r}: its Settings raised {shown(error)}") from error
+            raise PluginError(f"plugin {manifest.name!r}: its Settings raised {error_text(error)}") from error
 
     def _explain_unknown(self, name: str) -> str:
         for manifest in self.manifests.values():

@@ -19,7 +19,7 @@ from typing_extensions import override
 
 from eal_actors.actors.actor import EALActor
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import EALError, shown
+from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
 
 WINDOW: Final = 256
@@ -144,4 +144,4 @@ class Sender(EALActor):
 
     @override
     def on_crash(self, error: BaseException) -> None:
-        get_logger().error("a sender of the network has crashed", actor=self.name, error=shown(error))
+        get_logger().error("a sender of the network has crashed", actor=self.name, error=error_text(error))

@@ -1,10 +1,10 @@
-"""Tracing: spans of this process, given to OpenTelemetry (Source: https://opentelemetry.io/docs/specs/otel/trace/).
+"""Tracing: OpenTelemetry spans of this process (Source: https://opentelemetry.io/docs/specs/otel/trace/).
 
     with Tracing("http://127.0.0.1:4318", "eal run"):
         ...
 
-A run of a scenario is a trace; its steps, their calls, and what the robots' resources do for them are its spans, in
-whichever process. What nobody traces further up, such as a dashboard's look at the poses, is not traced here either.
+A run of a scenario is a trace. Its spans are the steps, their calls, and the handling of the calls by the robots, in
+all processes. A call without a span above it, such as a dashboard's poll of a pose, is not traced.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import sys
 import threading
 from contextlib import AbstractContextManager
-from types import TracebackType
 from typing import Final, Self
 from urllib.parse import urlsplit
 
@@ -22,18 +21,19 @@ from opentelemetry.sdk.resources import SERVICE_NAME, SERVICE_VERSION, OTELResou
 from opentelemetry.sdk.trace import TracerProvider
 from opentelemetry.sdk.trace.export import BatchSpanProcessor, ConsoleSpanExporter, SpanExporter
 from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
+from typing_extensions import override
 
 from eal_actors.actors.robot_view import release
 from eal_actors.kernel import spans
-from eal_actors.kernel.errors import ArgumentError, EALError, shown
+from eal_actors.kernel.errors import ArgumentError, EALError, error_text
 
 CONSOLE: Final = "console"
 """Spans as JSON on stderr."""
 OTLP: Final = "otlp"
-"""Spans to where OTEL_EXPORTER_OTLP_ENDPOINT says; http://localhost:4318 if it says nothing."""
+"""Spans to the endpoint in OTEL_EXPORTER_OTLP_ENDPOINT, by default http://localhost:4318."""
 _PATH: Final = "/v1/traces"
 _CLOSE_S: Final = 3.0
-"""Real seconds after which a collector that does not answer is not tried again."""
+"""Real seconds to wait for the collector at the end."""
 _W3C: Final = TraceContextTextMapPropagator()
 _KINDS: Final[dict[spans.Kind, trace.SpanKind]] = {
     "internal": trace.SpanKind.INTERNAL,
@@ -42,13 +42,13 @@ _KINDS: Final[dict[spans.Kind, trace.SpanKind]] = {
 
 
 def exporter_to(where: str) -> SpanExporter:
-    """Return what takes spans to a collector, or prints them.
+    """Return the exporter to a collector or to stderr.
 
     Args:
         where: CONSOLE, OTLP, or the URL of a collector that speaks OTLP over HTTP.
 
     Raises:
-        ArgumentError: it is none of these.
+        ArgumentError: `where` is none of these.
     """
     if where == CONSOLE:
         return ConsoleSpanExporter(out=sys.stderr)
@@ -56,22 +56,21 @@ def exporter_to(where: str) -> SpanExporter:
         return OTLPSpanExporter()
     parts = urlsplit(where)
     if parts.scheme not in ("http", "https") or not parts.hostname:
-        raise ArgumentError(f"traces go to a URL such as http://127.0.0.1:4318, or to {CONSOLE}, not to {where!r}")
+        raise ArgumentError(f"traces need a URL such as http://127.0.0.1:4318, or {OTLP} or {CONSOLE}, not {where!r}")
     return OTLPSpanExporter(endpoint=where if parts.path.strip("/") else f"{where.rstrip('/')}{_PATH}")
 
 
-class Tracing:
+class Tracing(spans.Tracer):
     """Traces this process for the length of a `with` block.
 
-    The environment variables that OpenTelemetry's SDK defines count, such as OTEL_SERVICE_NAME, OTEL_TRACES_SAMPLER
-    and OTEL_EXPORTER_OTLP_HEADERS.
+    The environment variables of OpenTelemetry's SDK apply, such as OTEL_SERVICE_NAME, OTEL_TRACES_SAMPLER and
+    OTEL_EXPORTER_OTLP_HEADERS.
 
     Args:
-        exporter: where spans go, or its name; see exporter_to. Spans wait in a bounded queue, and those that find it
-            full are dropped.
-        service: what this process is called, where the environment says nothing.
+        exporter: the exporter, or its name; see exporter_to. Its queue is bounded: when it is full, spans are dropped.
+        service: the name of this process, unless the environment sets one.
 
-    Thread: any; blocks only at the end, until the collector has what is left, or is given up.
+    Thread: any; blocks only at the end, until the collector has the rest or _CLOSE_S are over.
 
     Raises:
         ArgumentError: see exporter_to.
@@ -88,21 +87,17 @@ class Tracing:
         self._uninstall = spans.install(self)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._uninstall()
-        impatience = threading.Timer(_CLOSE_S, self._exporter.shutdown)
-        impatience.daemon = True
-        impatience.start()
+        time_out = threading.Timer(_CLOSE_S, self._exporter.shutdown)
+        time_out.daemon = True
+        time_out.start()
         self._provider.shutdown()
-        impatience.cancel()
-        impatience.join()
+        time_out.cancel()
+        time_out.join()
 
-    # See spans.Tracer.
-
+    @override
     def begin(self, name: str, about: spans.About, kind: spans.Kind = "internal") -> spans.Span | None:
-        """See spans.Tracer: what another process began is served here."""
         above = trace.get_current_span().get_span_context()
         if not above.is_valid:
             return None
@@ -113,19 +108,18 @@ class Tracing:
             ),
         )
 
+    @override
     def begin_trace(self, name: str, about: spans.About) -> spans.Span:
-        """See spans.Tracer."""
         return _Span(self._tracer, self._tracer.start_span(name, context.Context(), attributes=about))
 
+    @override
     def within(self, traceparent: str) -> AbstractContextManager[object]:
-        """See spans.Tracer; what makes no sense is passed over, as W3C Trace Context demands."""
+        # W3C Trace Context: an invalid traceparent is ignored.
         above = trace.get_current_span(_W3C.extract({"traceparent": traceparent}, context.Context()))
         return trace.use_span(above, record_exception=False, set_status_on_exception=False)
 
 
-class _Span:
-    """See spans.Span."""
-
+class _Span(spans.Span):
     __slots__ = ("_span", "_tracer")
 
     def __init__(self, tracer: trace.Tracer, span: trace.Span) -> None:
@@ -133,23 +127,28 @@ class _Span:
         self._span = span
 
     @property
+    @override
     def traceparent(self) -> str:
         carrier: dict[str, str] = {}
         _W3C.inject(carrier, trace.set_span_in_context(self._span, context.Context()))
         return carrier.get("traceparent", "")
 
+    @override
     def current(self) -> AbstractContextManager[object]:
         return trace.use_span(self._span, record_exception=False, set_status_on_exception=False)
 
+    @override
     def part(self, name: str) -> spans.Span:
         above = trace.set_span_in_context(self._span, context.Context())
         return _Span(self._tracer, self._tracer.start_span(name, above))
 
+    @override
     def note(self, event: str) -> None:
         self._span.add_event(event)
 
+    @override
     def end(self, error: BaseException | None = None) -> None:
         if error is not None:
             self._span.set_attribute("error.type", error.code if isinstance(error, EALError) else type(error).__name__)
-            self._span.set_status(trace.StatusCode.ERROR, shown(error))
+            self._span.set_status(trace.StatusCode.ERROR, error_text(error))
         self._span.end()

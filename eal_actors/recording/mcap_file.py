@@ -16,7 +16,7 @@ from eal_actors.recording.messages import Message, nanoseconds
 from eal_actors.recording.poses import POSE_RESOURCE, PoseSample
 from eal_actors.recording.schemas import MessageSchema
 from eal_actors.recording.timeline import log_entry_of
-from eal_actors.scenario.strict_json import as_json
+from eal_actors.scenario.report.records import as_json
 
 if TYPE_CHECKING:
     from mcap.records import McapRecord

@@ -6,17 +6,16 @@ import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias
+from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias, TypeVar
 
 from eal_actors.device.world import WorldModel
 from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
 from eal_actors.recording.poses import PoseSample, split_at_breaks
 from eal_actors.recording.run_folder import RunFolder, folder_errors
-from eal_actors.scenario.report import Report
+from eal_actors.scenario.report.summary import Report
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _Dashes: TypeAlias = str | tuple[int, tuple[int, ...]]
 
@@ -52,14 +51,17 @@ class _RobotStyle(NamedTuple):
         )
 
 
+Out = TypeVar("Out", bound=Path | io.StringIO)
+
+
 def draw_trajectory(
     paths: Mapping[str, Sequence[PoseSample]],
     world: WorldModel | None,
-    out: Path,
-    title: str,
+    out: Out,
+    title: str = "",
     outcomes: Mapping[str, str] | None = None,
     breaks_s: Sequence[float] = (),
-) -> Path | None:
+) -> Out | None:
     """Draw each robot's path, from its start (hollow) to its end (filled, with its heading), and its heading over time.
 
     The headings show a robot that turns in place, which its path cannot. The path of a robot that failed or was dropped
@@ -68,60 +70,14 @@ def draw_trajectory(
     Args:
         paths: samples by robot, as `PoseRecorder.paths_since` returns them.
         world: the arena at its start; None draws the paths alone.
-        out: the PNG file to write.
+        out: the PNG file to write; or a text stream for an SVG document.
         title: the picture's title.
         outcomes: the outcomes of robots by name, see `RobotReport`; None shows none.
         breaks_s: the times at which the run was resumed; the paths have gaps there.
 
     Returns:
-        The file, or None when matplotlib is not installed, which is logged.
+        `out`, or None when matplotlib is not installed, which is logged.
     """
-    figure = _figure(paths, world, title, outcomes, breaks_s)
-    if figure is None:
-        return None
-    figure.savefig(out)
-    return out
-
-
-def draw_run(run: RunFolder, report: Report, world: WorldModel | None) -> Path | None:
-    """Draw the robots' paths into the run's folder.
-
-    Returns:
-        The picture; None if no robot has a Pose, or matplotlib is missing, which is logged.
-
-    Raises:
-        ScenarioError: it cannot be written.
-    """
-    if not run.paths:
-        return None
-    title = f"{report.scenario} on {report.fleet}: {report.outcome}"
-    outcomes = {name: robot.outcome for name, robot in report.robots.items()}
-    with folder_errors(run.path):
-        return draw_trajectory(run.paths, world, run.path / _PICTURE, title, outcomes, run.breaks_s)
-
-
-def trajectory_svg(
-    paths: Mapping[str, Sequence[PoseSample]],
-    world: WorldModel | None,
-    outcomes: Mapping[str, str] | None = None,
-    breaks_s: Sequence[float] = (),
-) -> str | None:
-    """Return the picture without a title as an SVG element for a page; None without matplotlib."""
-    figure = _figure(paths, world, "", outcomes, breaks_s)
-    if figure is None:
-        return None
-    out = io.StringIO()
-    figure.savefig(out, format="svg")
-    return out.getvalue()[out.getvalue().index("<svg") :]  # a page must not contain the XML head
-
-
-def _figure(
-    paths: Mapping[str, Sequence[PoseSample]],
-    world: WorldModel | None,
-    title: str,
-    outcomes: Mapping[str, str] | None,
-    breaks_s: Sequence[float],
-) -> Figure | None:
     figure = new_figure(9.0, 8.0)
     if figure is None:
         return None
@@ -140,7 +96,25 @@ def _figure(
     _label(arena, headings, title)
     if 0 < len(paths) <= _MOST_IN_LEGEND:
         arena.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, handlelength=3.5)
-    return figure
+    figure.savefig(out, format="svg" if isinstance(out, io.StringIO) else "png")
+    return out
+
+
+def draw_run(run: RunFolder, report: Report, world: WorldModel | None) -> Path | None:
+    """Draw the robots' paths into the run's folder.
+
+    Returns:
+        The picture; None if no robot has a Pose, or matplotlib is missing, which is logged.
+
+    Raises:
+        ScenarioError: it cannot be written.
+    """
+    if not run.paths:
+        return None
+    title = f"{report.scenario} on {report.fleet}: {report.outcome}"
+    outcomes = {name: robot.outcome for name, robot in report.robots.items()}
+    with folder_errors(run.path):
+        return draw_trajectory(run.paths, world, run.path / _PICTURE, title, outcomes, run.breaks_s)
 
 
 def _label(arena: Axes, headings: Axes, title: str) -> None:

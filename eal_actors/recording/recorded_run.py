@@ -13,11 +13,11 @@ from typing import Any, Final, NamedTuple
 
 from eal_actors.device.data import DataType, EALData
 from eal_actors.device.info import ResourceInfo
-from eal_actors.kernel.errors import ScenarioError, UnsupportedError, shown
+from eal_actors.kernel.errors import ScenarioError, UnsupportedError, error_text
 from eal_actors.recording import schemas
 from eal_actors.recording.mcap_file import McapContent, RecordedMessage, read_mcap
 from eal_actors.recording.messages import ranges_of, seconds, yaw_of
-from eal_actors.scenario.strict_json import numbers_again
+from eal_actors.scenario.report.records import numbers_again
 
 INFOS: Final = "resources.json"
 """The attachment with the ResourceInfo of each robot's resources."""
@@ -71,7 +71,7 @@ class RecordedRun:
                 for robot, infos in self.content.attachments[INFOS].items()
             }
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise ScenarioError(f"the record's {INFOS} is invalid: {shown(error)}") from error
+            raise ScenarioError(f"the record's {INFOS} is invalid: {error_text(error)}") from error
 
     @cached_property
     def duration_s(self) -> float:
@@ -137,7 +137,7 @@ def _value_of(entry: RecordedMessage) -> EALData:
             case schemas.VALUE.name:
                 return _generic_value(message, stamp_s)
     except (KeyError, TypeError, ValueError) as error:
-        raise ScenarioError(f"the record's value at {stamp_s:.3f} s is invalid: {shown(error)}") from error
+        raise ScenarioError(f"the record's value at {stamp_s:.3f} s is invalid: {error_text(error)}") from error
     raise ScenarioError(f"the record has a message of schema {entry.schema} in place of a value")
 
 

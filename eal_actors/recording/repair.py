@@ -18,7 +18,7 @@ from eal_actors.recording.mcap_file import (
     write_pose,
 )
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
-from eal_actors.scenario.journal import cut_half_line
+from eal_actors.scenario.report.journal import cut_half_line
 
 PART_FILE: Final = "run-2.mcap"
 """The file of a resumed run until its end, when it is merged into RECORD_FILE."""

@@ -14,11 +14,11 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from eal_actors.kernel.clock import wall_time
-from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError, shown
+from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError, error_text
 from eal_actors.recording.mcap_file import RECORD_FILE, McapContent, read_mcap
 from eal_actors.recording.poses import PoseSample
-from eal_actors.scenario.report import Report
-from eal_actors.scenario.resuming import EVENTS, SUMMARY
+from eal_actors.scenario.report.journal import EVENTS, SUMMARY
+from eal_actors.scenario.report.summary import Report
 
 TRAJECTORY: Final = "trajectory.csv"
 
@@ -83,7 +83,7 @@ class RunFolder:
         try:
             return Report.model_validate_json(file.read_text(encoding="utf-8"))
         except (ValidationError, ValueError) as error:
-            raise ScenarioError(f"{file} is no summary of a run: {shown(error)}") from error
+            raise ScenarioError(f"{file} is no summary of a run: {error_text(error)}") from error
 
     @cached_property
     def events(self) -> tuple[dict[str, Any], ...]:
@@ -116,7 +116,7 @@ class RunFolder:
                 sample = PoseSample(*(float(row[name]) for name in PoseSample._fields))
                 found.setdefault(row["robot"], []).append(sample)
         except (KeyError, ValueError, TypeError) as error:
-            raise ScenarioError(f"{file} is no table of paths: {shown(error)}") from error
+            raise ScenarioError(f"{file} is no table of paths: {error_text(error)}") from error
         return found
 
     @cached_property

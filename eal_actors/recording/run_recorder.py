@@ -23,8 +23,8 @@ from eal_actors.recording.recorded_run import INFOS
 from eal_actors.recording.repair import PART_FILE, merge_record
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.recording.sampler import Sampler, SampleSpec
-from eal_actors.scenario.events import Event, RunContinued, RunStarted, StepEnded
-from eal_actors.scenario.report import StepRecord
+from eal_actors.scenario.report.events import RunContinued, RunEvent, RunStarted, StepEnded
+from eal_actors.scenario.report.summary import StepRecord
 
 Extent: TypeAlias = Literal["poses", "sensors", "all"]
 """The extent of a record beside events: poses; also the values of all sensors except cameras; also images."""
@@ -159,7 +159,7 @@ class RunRecorder:
 
     # Events. Thread: the run's.
 
-    def hear(self, event: Event) -> None:
+    def hear(self, event: RunEvent) -> None:
         """Record an event of the run; the first one has the time of its start."""
         with self._lock:
             if isinstance(event, RunStarted | RunContinued) and self._start_s is None:

@@ -62,9 +62,9 @@ class MessageSchema(NamedTuple):
 
 POSE: Final = MessageSchema("foxglove.PoseInFrame", _object(timestamp=_TIME, frame_id=_TEXT, pose=_POSE))
 TRANSFORMS: Final = MessageSchema("foxglove.FrameTransforms", _object(transforms=_list(_TRANSFORM)))
+_DATA: Final = {**_TEXT, "contentEncoding": "base64"}
 IMAGE: Final = MessageSchema(
-    "foxglove.CompressedImage",
-    _object(timestamp=_TIME, frame_id=_TEXT, data={**_TEXT, "contentEncoding": "base64"}, format=_TEXT),
+    "foxglove.CompressedImage", _object(timestamp=_TIME, frame_id=_TEXT, data=_DATA, format=_TEXT)
 )
 SCAN: Final = MessageSchema(
     "foxglove.LaserScan",
@@ -80,13 +80,10 @@ SCAN: Final = MessageSchema(
     ),
 )
 LOG: Final = MessageSchema(
-    "foxglove.Log",
-    _object(timestamp=_TIME, level=_WHOLE, message=_TEXT, name=_TEXT, file=_TEXT, line=_WHOLE),
+    "foxglove.Log", _object(timestamp=_TIME, level=_WHOLE, message=_TEXT, name=_TEXT, file=_TEXT, line=_WHOLE)
 )
-SCENE: Final = MessageSchema(
-    "foxglove.SceneUpdate",
-    _object(deletions=_list(_object(timestamp=_TIME, type=_WHOLE, id=_TEXT)), entities=_list(_ENTITY)),
-)
+_DELETION: Final = _object(timestamp=_TIME, type=_WHOLE, id=_TEXT)
+SCENE: Final = MessageSchema("foxglove.SceneUpdate", _object(deletions=_list(_DELETION), entities=_list(_ENTITY)))
 VALUE: Final = MessageSchema(
     "eal.Value",
     _object(

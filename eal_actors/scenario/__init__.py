@@ -1,18 +1,21 @@
-"""Scenarios: what a whole fleet is to do, checked before anything moves, run in parallel, and reported honestly.
+"""Scenarios: steps for a whole fleet, checked before anything moves, run in parallel, and reported.
 
 with Fleet.load("fleets/sim.yaml") as fleet:
     report = run_scenario(Path("scenarios/dance.yaml"), fleet)
 """
 
-from eal_actors.scenario.engine import Listener, Run, run_scenario
-from eal_actors.scenario.events import (
+from eal_actors.scenario.engine.plan import Plan, make_plan
+from eal_actors.scenario.engine.run import Run, run_scenario
+from eal_actors.scenario.language.loading import check_scenario, load_scenario, parse_scenario, scenario_schema
+from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.report.events import (
     Checkpoint,
-    Event,
     LogLine,
     RobotDropped,
     RobotReplaced,
     RunContinued,
     RunEnded,
+    RunEvent,
     RunPaused,
     RunResumed,
     RunStarted,
@@ -22,10 +25,9 @@ from eal_actors.scenario.events import (
     StepRetried,
     StepStarted,
 )
-from eal_actors.scenario.loading import check_scenario, load_scenario, parse_scenario, scenario_schema
-from eal_actors.scenario.plan import Plan, make_plan
-from eal_actors.scenario.python_steps import StepContext
-from eal_actors.scenario.report import (
+from eal_actors.scenario.report.journal import Listener
+from eal_actors.scenario.report.resuming import Resumption, read_run
+from eal_actors.scenario.report.summary import (
     ErrorReport,
     Report,
     RobotReport,
@@ -33,9 +35,13 @@ from eal_actors.scenario.report import (
     StepRecord,
     summary_schema,
 )
-from eal_actors.scenario.resuming import Resumption, read_run
-from eal_actors.scenario.scenario import Scenario
-from eal_actors.scenario.timeline import Entry, Timeline
+from eal_actors.scenario.report.timeline import Timeline, TimelineEntry
+from eal_actors.scenario.steps.python import StepContext
+
+Entry = TimelineEntry
+"""The former name."""
+Event = RunEvent
+"""The former name."""
 
 __all__ = [
     "Checkpoint",
@@ -53,6 +59,7 @@ __all__ = [
     "Run",
     "RunContinued",
     "RunEnded",
+    "RunEvent",
     "RunPaused",
     "RunResumed",
     "RunStarted",
@@ -66,6 +73,7 @@ __all__ = [
     "StepRetried",
     "StepStarted",
     "Timeline",
+    "TimelineEntry",
     "check_scenario",
     "load_scenario",
     "make_plan",

@@ -18,11 +18,8 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Report, Scenario, StepRecord, load_scenario, run_scenario
-from eal_actors.scenario.loading import with_parameters
-from eal_actors.scenario.model import AnyStep, ExpectStep, inner_steps
-from eal_actors.scenario.parameters import read_settings
-from eal_actors.scenario.plan import bind_roles
-from eal_actors.scenario.step_places import step_place
+from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario.language.parameters import read_settings, with_parameters
 
 _STEPS: Final = re.compile(r"""^(["']?)steps\1\s*:""", re.MULTILINE)
 _SECTION: Final = "eal_actors run"
@@ -58,18 +55,8 @@ class ScenarioFile(pytest.File):
         except ConfigError as error:
             raise self.CollectError(str(error)) from error
         is_wanted = self.config.getoption("--eal-all") or self.session.isinitpath(self.path)
-        if is_wanted or holds_expect(scenario):
+        if is_wanted or scenario.expectations():
             yield ScenarioCase.from_parent(self, name=scenario.name, scenario=scenario)
-
-
-def holds_expect(scenario: Scenario) -> bool:
-    """Return whether a scenario or one of its parts holds an `expect`."""
-    steps = (*scenario.file.steps, *scenario.file.finally_)
-    return _expects(steps) or any(holds_expect(part) for part in scenario.parts.values())
-
-
-def _expects(steps: Sequence[AnyStep]) -> bool:
-    return any(isinstance(step, ExpectStep) or any(_expects(inner) for _, inner in inner_steps(step)) for step in steps)
 
 
 class _CaseFailed(Exception):  # noqa: N818  # it is what pytest calls a failure
@@ -105,10 +92,12 @@ class ScenarioCase(pytest.Item):
         self.user_properties += [("eal_fleet", str(_shown(fleet))), ("eal_seed", config.seed)]
         directory = _new_folder(self.config, self.name)
         report = self._run(config, directory)
-        if report.outcome == "done" and not any(map(_is_broken, report.steps)):
+        if report.outcome == "done" and not any(map(self._is_broken, report.steps)):
             shutil.rmtree(directory)
             return
-        lines = [self._told(step) for step in report.steps if _is_broken(step) or step.outcome in ("failed", "dropped")]
+        lines = [
+            self._told(step) for step in report.steps if self._is_broken(step) or step.outcome in ("failed", "dropped")
+        ]
         if not lines and report.error is not None:
             lines.append(report.error.message)
         self.user_properties.append(("eal_run", str(directory)))
@@ -119,7 +108,7 @@ class ScenarioCase(pytest.Item):
         given = [f"{name}={value}" for name, value in self.config.getoption("--eal-set")]
         own = [text for text in given if text.partition("=")[0] in self.scenario.file.parameters]
         scenario = with_parameters(self.scenario, read_settings(self.scenario.file, own))
-        robots = {name for names in bind_roles(scenario, config).values() for name in names}
+        robots = {name for names in find_candidates(scenario, config).values() for name in names}
         twins = simulated(config, robots, self.config.getoption("--eal-keep"))
         self._say([*_sentences(twins.replaced, ""), *_sentences(twins.left_out, "left out: ")])
         with Fleet(twins.config).connect(robots) as opened:
@@ -145,11 +134,16 @@ class ScenarioCase(pytest.Item):
             )
         return found
 
+    def _is_broken(self, step: StepRecord) -> bool:
+        """Return whether a step is an expectation that did not hold, even if the scenario continued."""
+        is_expectation = step.step in self.scenario.expectations()
+        return is_expectation and step.outcome not in ("done", "aborted", "stopped")
+
     def _told(self, step: StepRecord) -> str:
-        place = step_place(self.scenario, step.step)
+        place = self.scenario.position_of(step.step)
         who = f" ({step.robot})" if step.robot is not None else ""
         why = step.error.message if step.error is not None else step.outcome
-        what = "" if step.kind == ExpectStep.kind else f"{step.label} {step.outcome}: "
+        what = "" if step.step in self.scenario.expectations() else f"{step.label} {step.outcome}: "
         return f"{_shown(Path(place.file))}:{place.line}:{place.column}: {step.step}{who}: {what}{why}"
 
     def _say(self, lines: Sequence[str]) -> None:
@@ -170,11 +164,6 @@ class ScenarioCase(pytest.Item):
     def reportinfo(self) -> tuple[Path, int, str]:
         """Return where it stands, and its name."""
         return self.path, 0, f"scenario {self.name}"
-
-
-def _is_broken(step: StepRecord) -> bool:
-    """Return whether a step is an expectation that did not hold, also where the scenario went on without it."""
-    return step.kind == ExpectStep.kind and step.outcome not in ("done", "aborted", "stopped")
 
 
 def _new_folder(config: pytest.Config, name: str) -> Path:

@@ -1,7 +1,7 @@
-"""The eight operations of the thesis's benchmark (section 5.2) in numpy, each timed once, and each answer examined.
+"""The eight operations of the thesis's benchmark (section 5.2) in numpy, each timed once and verified.
 
-`python3 numpy_engine.py N` prints a line of JSON for each operation. It needs numpy alone, to run in any image.
-The factors L and U are made by solving one system: numpy has no call that returns them.
+`python3 numpy_engine.py N` prints a line of JSON per operation. It needs only numpy, so it runs in any image.
+It computes the factors L and U by solving one system, because numpy does not return them.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 
 
 def timed(name: str, work: Callable[[], Any], error_of: Callable[[Any], float]) -> Any:
-    """Print how long a piece of work takes, and return its answer; ends the program if the answer is wrong."""
+    """Print the duration of an operation and return its result; exit if the result is wrong."""
     start_s = perf_counter()
     answer = work()
     seconds = perf_counter() - start_s
     error = error_of(answer)
     if not error < 1e-6:
-        sys.exit(f"{name}: the answer is wrong: its error is {error:g}")
+        sys.exit(f"{name}: wrong result, error {error:g}")
     print(json.dumps({"operation": name, "seconds": round(seconds, 6)}), flush=True)  # noqa: T201
     return answer
 

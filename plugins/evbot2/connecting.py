@@ -1,4 +1,4 @@
-"""What the plugins of both EvBots do to come up: settings, the port that comes back, and the first greeting."""
+"""The start of the plugins of both EvBots: settings, the port, and the first greeting."""
 
 from __future__ import annotations
 
@@ -11,146 +11,106 @@ from eal_actors.plugin import (
     BytePort,
     EALPlugin,
     Field,
-    NotReadyError,
     PluginContext,
     PluginSettingsModel,
     ReopeningPort,
     WheelCalibration,
 )
 
-from .device import Device
-from .messages import WATCHDOG_MS, Channel
+from .codec import Codec
+from .firmware import BaseEmulator
+from .messages import WATCHDOG_MS, BaseReply, BaseRequest, Channel
 from .odometry import Odometer
-from .session import HostSide, Way
-from .talk import Talk
+from .session import BaseSession
 
-_MOST_BYTES: Final = 65536
 _FIRST_GREETING_S: Final = 0.5
-_POLLS_A_WATCHDOG: Final = 3
+_WATCHDOG_POLLS: Final = 3
 
 
-class TalkSettings(PluginSettingsModel):
-    """What the fleet file may set for either EvBot."""
+class SessionSettings(PluginSettingsModel):
+    """The settings common to both EvBots."""
 
     poll_hz: float = Field(default=20.0, ge=5, le=50)
-    """Polls of the base a second."""
+    """Polls of the base per second."""
     watchdog_s: float = Field(default=0.5, ge=WATCHDOG_MS[0] / 1000, le=WATCHDOG_MS[1] / 1000)
-    """The base stops by itself when it hears nothing for so long; at least three polls."""
+    """The base stops after this time without a message; at least three polls."""
     calibration: WheelCalibration = WheelCalibration()
-    """What is known of the wheels, as `eal calibrate` finds it out."""
+    """The wheel calibration, as measured by `eal calibrate`."""
 
     @model_validator(mode="after")
     def _check_watchdog(self) -> Self:
-        least_s = _POLLS_A_WATCHDOG / self.poll_hz
+        least_s = _WATCHDOG_POLLS / self.poll_hz
         if self.watchdog_s < least_s:
             raise ValueError(
-                f"watchdog_s must be at least {_POLLS_A_WATCHDOG} polls, {least_s:g} s at poll_hz {self.poll_hz:g}, "
+                f"watchdog_s must be at least {_WATCHDOG_POLLS} polls, {least_s:g} s at poll_hz {self.poll_hz:g}, "
                 f"not {self.watchdog_s:g}"
             )
         return self
 
 
-class SimulatedWay:
-    """A Way through a simulated port, which is there as soon as it is asked for, and never lost.
-
-    Args:
-        port: the port.
-        name: see Way.
-    """
-
-    openings: Final = 1
-
-    def __init__(self, port: BytePort, name: str) -> None:
-        self.name: Final = name
-        self._port = port
-        self._is_closed = False
-
-    def why_not_ready(self) -> str | None:
-        """See Way."""
-        return f"{self.name} is closed" if self._is_closed else None
-
-    def read(self) -> bytes:
-        """See Way."""
-        self._check()
-        return self._port.read(_MOST_BYTES)
-
-    def write(self, data: bytes) -> int:
-        """See Way."""
-        self._check()
-        return self._port.write(data) or 0
-
-    def close(self) -> None:
-        """See Way."""
-        self._is_closed = True
-        self._port.close()
-
-    def _check(self) -> None:
-        if (reason := self.why_not_ready()) is not None:
-            raise NotReadyError(reason)
-
-
 class EvBotPlugin(EALPlugin):
     """An EvBot at the other end of a port."""
 
-    def __init__(self, talk: Talk, odometer: Odometer, *names: str) -> None:
+    def __init__(self, session: BaseSession, odometer: Odometer, *names: str) -> None:
         super().__init__(*names)
-        self.talk = talk
+        self.session = session
         self.odometer = odometer
 
 
-def way_to(
+def open_base_port(
     context: PluginContext,
     url: str,
     make: str,
-    emulate: Callable[[Any], Device],
-    open_port: Callable[[], BytePort],
-) -> Way:
-    """Open the way to a base: to a simulated one for `sim://world/<robot>`, and else to a real one.
+    emulate: Callable[[Any], BaseEmulator],
+    open_real: Callable[[], BytePort],
+) -> ReopeningPort:
+    """Open the port to a base: a simulated one for `sim://world/<robot>`, else a real one.
 
     Args:
         context: of the plugin.
-        url: what the settings say.
-        make: what a simulated robot must be.
-        emulate: makes the emulator for a simulated robot's body.
-        open_port: opens the port of a real one.
+        url: from the settings.
+        make: the make of a simulated robot.
+        emulate: creates the emulator for the vehicle of a simulated robot.
+        open_real: opens the port of a real one.
 
     Raises:
         PluginError: the configuration is wrong.
 
-    Thread: the robot's; waits for a port of a network to open.
+    Thread: the robot's; blocks while a network port opens.
     """
-    if url.startswith("sim:"):
-        return SimulatedWay(context.simulated_port(url, make, emulate), url)
-    port = ReopeningPort(open_port, context.clock, url)
+    is_simulated = url.startswith("sim:")
+    port = ReopeningPort(
+        (lambda: context.simulated_port(url, make, emulate)) if is_simulated else open_real, context.clock, url
+    )
     port.open()
     return port
 
 
-def come_up(
+def start_session(
     context: PluginContext,
-    way: Way,
-    codec: HostSide,
+    port: ReopeningPort,
+    codec: Codec[BaseReply, BaseRequest],
     *,
     model: int,
     channels: tuple[Channel, ...],
     track_m: float,
-) -> tuple[Talk, Odometer]:
-    """Greet the base; one that is away is greeted when it comes.
+) -> tuple[BaseSession, Odometer]:
+    """Greet the base; an absent base is greeted when it appears.
 
     Args:
-        context: of the plugin, with TalkSettings.
-        way: to the base.
-        codec: how the base speaks.
-        model: what the base must be.
-        channels: what it moves.
+        context: of the plugin, with SessionSettings.
+        port: to the base.
+        codec: the wire codec.
+        model: the expected model.
+        channels: its channels.
         track_m: nominal distance of its wheels.
 
-    Thread: the robot's; waits half a second for the base at most.
+    Thread: the robot's; waits at most half a second for the base.
     """
-    settings: TalkSettings = context.settings
+    settings: SessionSettings = context.settings
     odometer = Odometer(track_m, settings.calibration)
-    talk = Talk(
-        way,
+    session = BaseSession(
+        port,
         codec,
         context.clock,
         model=model,
@@ -161,9 +121,9 @@ def come_up(
         name=context.robot,
     )
     try:
-        for delay_s in talk.greet(_FIRST_GREETING_S):
+        for delay_s in session.greet(_FIRST_GREETING_S):
             context.clock.sleep(delay_s)
     except BaseException:
-        talk.close()
+        session.close()
         raise
-    return talk, odometer
+    return session, odometer

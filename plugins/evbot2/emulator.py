@@ -1,10 +1,10 @@
-"""An EvBot II at the other end of the wire: the reference firmware over any body that drives.
+"""The emulator of an EvBot II: the reference firmware with any vehicle.
 
-As a program it is a robot on an endless floor:
+As a program it emulates a robot on an endless floor:
 
     python -m plugins.evbot2.emulator --pty [--pace] [--loss 0.1] [--seed 7]
 
-prints the port that the plugin opens, and runs until Ctrl-C or SIGTERM, when it prints its pose.
+It prints the port for the plugin, runs until Ctrl-C or SIGTERM, and then prints its pose.
 """
 
 from __future__ import annotations
@@ -15,61 +15,60 @@ from collections.abc import Callable, Mapping
 from random import Random
 from typing import Any, Final
 
-from .body import Body, FreeBody, SimulatedBody
-from .device import Device
-from .faults import FaultyWire
-from .firmware import Firmware, any_boot
+from .firmware import BaseEmulator, Firmware, any_boot
 from .messages import Channel
-from .protocol import BAUD_RATE, MODEL, BaseCodec
-from .serving import TICK_S, Serving, on_pty, run
-from .wheels import WheelModel, Wheels
+from .protocol import BAUD_RATE, MODEL, BaseLineCodec
+from .serving import TICK_S, EmulatorServer, FaultyWire, on_pty, run
+from .vehicle import FreeVehicle, Vehicle
+from .wheels import WheelController, WheelModel
 
 TRACKS: Final = WheelModel(track_m=0.24, step_m=0.0005, max_speed_m_s=0.4, acceleration_m_s2=0.5)
 """The tracks of an EvBot II."""
 
 
-def evbot2(body: Body, tick_s: float, boot: int = 1) -> Device:
+def evbot2(vehicle: Vehicle, tick_s: float, boot: int = 1) -> BaseEmulator:
     """Return an EvBot II.
 
     Args:
-        body: what it drives.
-        tick_s: how often its `tick` is called while it is busy.
+        vehicle: its vehicle.
+        tick_s: its tick interval while it is busy.
         boot: see Firmware.
     """
-    return Device(Firmware(MODEL, TRACKS, {Channel.WHEELS: Wheels(body, TRACKS, tick_s)}, boot), BaseCodec())
+    wheels = WheelController(vehicle, TRACKS, tick_s)
+    return BaseEmulator(Firmware(MODEL, TRACKS, {Channel.WHEELS: wheels}, boot), BaseLineCodec())
 
 
-def in_the_world(body: SimulatedBody) -> Device:
-    """Return the EvBot II whose body is a robot of a simulated world."""
-    return evbot2(body, body.tick_s)
+def simulated_evbot2(vehicle: Any) -> BaseEmulator:
+    """Return an EvBot II with the vehicle of a simulated robot."""
+    return evbot2(vehicle, vehicle.tick_s)
 
 
-def free_body(now_s: Callable[[], float], track_factor: float = 1.0) -> FreeBody:
-    """Return an EvBot II's body on an endless floor."""
-    return FreeBody(now_s, TRACKS.track_m, TRACKS.acceleration_m_s2, track_factor)
+def free_vehicle(now_s: Callable[[], float], track_factor: float = 1.0) -> FreeVehicle:
+    """Return an EvBot II's vehicle on an endless floor."""
+    return FreeVehicle(now_s, TRACKS.track_m, TRACKS.acceleration_m_s2, track_factor)
 
 
-def emulate(settings: Mapping[str, Any], now_s: Callable[[], float]) -> Device:  # noqa: ARG001  # the same for all
+def emulate(settings: Mapping[str, Any], now_s: Callable[[], float]) -> BaseEmulator:  # noqa: ARG001  # the same for all
     """Return the emulator for `eal plugin check`: an EvBot II on an endless floor."""
-    return evbot2(free_body(now_s), TICK_S, any_boot())
+    return evbot2(free_vehicle(now_s), TICK_S, any_boot())
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run an emulator until it is interrupted."""
     parser = argparse.ArgumentParser(prog="python -m plugins.evbot2.emulator", description="An emulated EvBot II.")
-    parser.add_argument("--pty", action="store_true", required=True, help="serve a pseudo-terminal; prints its path")
-    parser.add_argument("--pace", action="store_true", help=f"send as slowly as {BAUD_RATE} baud")
-    parser.add_argument("--loss", type=share, default=0.0, help="share of the lines that are lost, each way")
-    parser.add_argument("--seed", type=int, default=0, help="of what is lost")
+    parser.add_argument("--pty", action="store_true", required=True, help="serve a pseudo-terminal and print its path")
+    parser.add_argument("--pace", action="store_true", help=f"delay bytes as a line of {BAUD_RATE} baud does")
+    parser.add_argument("--loss", type=share, default=0.0, help="share of the lines that are lost, in each direction")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the losses")
     asyncio.run(_serve(parser.parse_args(arguments)))
 
 
 async def _serve(options: argparse.Namespace) -> None:
-    random = Random(options.seed)  # noqa: S311  # nobody is to be kept out by it
-    body = free_body(asyncio.get_running_loop().time)
+    random = Random(options.seed)  # noqa: S311  # not for security
+    vehicle = free_vehicle(asyncio.get_running_loop().time)
     there, back = (FaultyWire(random, options.loss) for _ in range(2))
-    serving = Serving(evbot2(body, TICK_S, any_boot()), there, back, BAUD_RATE if options.pace else None)
-    await run(on_pty(serving), body)
+    server = EmulatorServer(evbot2(vehicle, TICK_S, any_boot()), there, back, BAUD_RATE if options.pace else None)
+    await run(on_pty(server), vehicle)
 
 
 def share(text: str) -> float:

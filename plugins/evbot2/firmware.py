@@ -1,25 +1,30 @@
-"""What the base's micro-controller does: leases, tags and the watchdog. It reads no clock and knows no wire."""
+"""The reference firmware of a base: leases, tags and the watchdog; and the emulated base with a codec.
+
+Nothing here reads a clock or blocks: the owner passes bytes and the time. Thread: the owner's.
+"""
 
 from __future__ import annotations
 
 import math
 import secrets
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Any, Final
 
+from .codec import Codec
 from .messages import (
     CHANNELS,
     MAX_NUMBER,
     TAGS,
     VERSION,
     WATCHDOG_MS,
+    BaseReply,
+    BaseRequest,
+    BaseWelcome,
     Channel,
     Code,
-    Reply,
-    Request,
+    InvalidRequest,
     State,
     Verb,
-    Welcome,
     is_newer,
 )
 from .wheels import Actuator, WheelModel
@@ -28,19 +33,17 @@ _ROUNDING_S: Final = 1e-9
 
 
 class Firmware:
-    """Carries out requests, each order once, and stops everything when it hears nothing fresh.
+    """Carries out requests, each order once, and stops everything when it receives nothing new for the watchdog time.
 
     Args:
         model: 2 for the EvBot II, 3 for the EvBot III.
-        wheels: of the make, for the greeting.
+        wheels: the wheel model, for the greeting.
         actuators: by channel.
-        senses: returns the numbers that the status has behind those of the actuators.
-        boot: another number each time it is switched on, 1..65535; the first lease follows from it.
+        senses: returns the numbers of the status after those of the actuators.
+        boot: a new number for each power-up, 1..65535; the first lease follows from it.
 
     Attributes:
-        executed: how many orders were carried out.
-
-    Thread: its owner's; none of it blocks.
+        executed: the number of orders carried out.
     """
 
     def __init__(
@@ -68,18 +71,18 @@ class Firmware:
 
     @property
     def is_busy(self) -> bool:
-        """Whether something moves, so that `tick` must be called again and again."""
+        """Whether something moves; `tick` must be called repeatedly."""
         return any(actuator.is_busy for actuator in self._actuators.values())
 
     def tick(self, now_s: float) -> None:
-        """Look after what moves; stop it when the watchdog time has passed in silence."""
+        """Advance all motions; stop them when the watchdog time has passed without a new message."""
         if self._is_leased and now_s - self._heard_s > self._watchdog_s + _ROUNDING_S:
             self._end_lease(State.SILENT)
         for actuator in self._actuators.values():
             actuator.tick(now_s)
 
-    def handle(self, request: Request, now_s: float) -> Reply:
-        """Carry out a request and return the reply to it."""
+    def handle(self, request: BaseRequest, now_s: float) -> BaseReply:
+        """Carry out a request and return its reply."""
         self.tick(now_s)
         if request.verb is Verb.HELLO:
             code = self._greet(request.numbers, now_s)
@@ -104,7 +107,7 @@ class Firmware:
         for actuator in self._actuators.values():
             actuator.stop(state)
 
-    def _order(self, channel: Channel, request: Request, now_s: float) -> Code:
+    def _order(self, channel: Channel, request: BaseRequest, now_s: float) -> Code:
         if request.tag == self._tags[channel] and channel in self._replies:
             verb, code = self._replies[channel]
             return code if verb is request.verb else Code.OLD
@@ -131,7 +134,7 @@ class Firmware:
 
     def _welcome(self) -> tuple[int, ...]:
         step_um, speed_um_s = (round(value * 1e6) for value in (self._wheels.step_m, self._wheels.max_speed_m_s))
-        welcome = Welcome(self._model, VERSION, self._boot, self._lease, step_um, speed_um_s)
+        welcome = BaseWelcome(self._model, VERSION, self._boot, self._lease, step_um, speed_um_s)
         return (*welcome, self._polled, *self._tags.values())
 
     def _status(self, now_s: float) -> tuple[int, ...]:
@@ -140,10 +143,68 @@ class Firmware:
         return (*numbers, *self._senses())
 
     @staticmethod
-    def _reply(request: Request, code: Code, numbers: tuple[int, ...] = ()) -> Reply:
-        return Reply(request.verb, request.tag, code, numbers)
+    def _reply(request: BaseRequest, code: Code, numbers: tuple[int, ...] = ()) -> BaseReply:
+        return BaseReply(request.verb, request.tag, code, numbers)
+
+
+class BaseEmulator:
+    """An emulated base: firmware with a codec, bytes in, bytes out.
+
+    Args:
+        firmware: the firmware.
+        codec: the wire codec.
+
+    Attributes:
+        firmware: the firmware.
+        nonsense: the number of intact but invalid requests.
+    """
+
+    def __init__(self, firmware: Firmware, codec: Codec[Any, BaseReply]) -> None:
+        self.firmware = firmware
+        self.nonsense = 0
+        self._codec = codec
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether something moves; `tick` must be called repeatedly."""
+        return self.firmware.is_busy
+
+    @property
+    def damaged(self) -> int:
+        """The number of damaged requests, which are ignored."""
+        return self._codec.damaged
+
+    @property
+    def complaints(self) -> list[str]:
+        """The counts of unreadable requests, for `eal plugin check`."""
+        counts = {"damaged": self.damaged, "invalid": self.nonsense}
+        return [f"{count} requests {kind}" for kind, count in counts.items() if count]
+
+    def tick(self, now_s: float) -> None:
+        """Advance to a time."""
+        self.firmware.tick(now_s)
+
+    def feed(self, data: bytes, now_s: float) -> bytes:
+        """Take bytes from the wire and return the replies to them.
+
+        Args:
+            data: any bytes, in pieces of any size.
+            now_s: the time, which never goes backwards.
+        """
+        return b"".join(self.replies(data, now_s))
+
+    def replies(self, data: bytes, now_s: float) -> list[bytes]:
+        """Take bytes and return the replies to them one by one; see `feed`."""
+        self.tick(now_s)
+        return [self._codec.encode(self._answer(request, now_s)) for request in self._codec.feed(data)]
+
+    def _answer(self, request: BaseRequest | InvalidRequest, now_s: float) -> BaseReply:
+        if isinstance(request, InvalidRequest):
+            self.nonsense += 1
+            return BaseReply(Verb.NONE, request.tag, request.code)
+        return self.firmware.handle(request, now_s)
 
 
 def any_boot() -> int:
-    """Return a number for `boot` that is hardly the one before: what a micro-controller makes of noise."""
+    """Return a random `boot` number, as a micro-controller derives it from noise."""
     return secrets.randbelow(TAGS - 1) + 1

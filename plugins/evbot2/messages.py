@@ -1,12 +1,12 @@
-"""What host and base say to each other, whatever carries it: requests, replies and the numbers in them.
+"""The messages between host and base, independent of the wire format: requests, replies and their numbers.
 
-A request has a verb, a tag, a lease and whole numbers; a reply has the same verb and tag, a code and whole numbers.
-The EvBot II writes them as lines of text, the EvBot III as binary frames.
+A request has a verb, a tag, a lease and whole numbers. A reply has the same verb and tag, a code and whole numbers. The
+EvBot II encodes them as lines of text, the EvBot III as binary frames.
 
-- The *lease* is a number that the base gives out when it is greeted. It lapses when the base has heard nothing fresh
-  for the watchdog time: then everything stops, and no request that names it is carried out any more, however late.
+- The base assigns a *lease* number in reply to a greeting. The lease ends when no new message arrived for the watchdog
+  time: then everything stops, and later requests with its number are refused.
 - The *tag* numbers the orders of each channel (wheels, turret) and the polls, each from 1, modulo 65536. An order is
-  carried out only if its tag is newer than that of its channel's last; the last one's tag gets its reply once more.
+  carried out only if its tag is newer than that of its channel's last order. The last order's tag gets its reply again.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 VERSION: Final = 1
-"""Of the protocol, in the greeting and in its answer."""
+"""The protocol version, in the greeting and in its reply."""
 
 TAGS: Final = 1 << 16
 MAX_NUMBER: Final = (1 << 31) - 1
@@ -28,57 +28,57 @@ MAX_NUMBERS: Final = 24
 """The most numbers in a message."""
 
 WATCHDOG_MS: Final = (100, 5000)
-"""What a greeting may ask for."""
+"""The allowed watchdog times."""
 
 
 class Verb(IntEnum):
-    """What a request wants. The name is the word on a text line, the number the byte in a frame."""
+    """The verb of a request. The name is the word on a text line, the number the byte in a frame."""
 
     NONE = 0
-    """In replies alone: to a request whose verb makes no sense."""
+    """Only in replies: to a request with an unknown verb."""
     HELLO = 1
     """Greet: version, watchdog in ms, number of the host."""
     STAT = 2
-    """Poll: tell the status."""
+    """Poll the status."""
     MOVE = 3
-    """Have each wheel travel its way, from rest to rest, both in the same time: left in um, right in um, speed of the
-    one with the longer way in um/s."""
+    """Move both wheels from rest to rest in the same time: left in um, right in um, speed of the wheel with the longer
+    travel in um/s."""
     VEL = 4
-    """Hold wheel speeds: left in um/s, right in um/s, for so many ms."""
+    """Hold wheel speeds: left in um/s, right in um/s, duration in ms."""
     STOP = 5
     """Stop the wheels."""
     SWING = 6
     """Turn the turret: angle in urad, to the left if positive; rate in urad/s."""
     AIM = 7
-    """Turn the turret to an angle to the left of straight ahead, the shorter way round: urad, urad/s."""
+    """Turn the turret to an angle to the left of straight ahead, in the shorter direction: urad, urad/s."""
     REST = 8
     """Stop the turret."""
     BYE = 9
-    """Stop everything, and give the lease back."""
+    """Stop everything, and end the lease."""
 
 
 class Code(IntEnum):
-    """What became of a request. The name is the word on a text line, the number the byte in a frame."""
+    """The result of a request. The name is the word on a text line, the number the byte in a frame."""
 
     OK = 0
     LEASE = 1
-    """The lease has lapsed, or is none: nothing was done; greet."""
+    """The lease is invalid or has ended: not carried out; greet again."""
     OLD = 2
-    """A newer order was carried out before: nothing was done."""
+    """A newer order was carried out before: not carried out."""
     RANGE = 3
-    """A number is outside its range: nothing was done."""
+    """A number is out of range: not carried out."""
     VERB = 4
-    """No such verb here."""
+    """The base does not have this verb."""
     ARGS = 5
-    """The verb takes another count of numbers."""
+    """The count of numbers is wrong for the verb."""
     VERSION = 6
-    """The base does not speak this version."""
+    """The base does not support this version."""
     BUSY = 7
     """Another host holds the lease."""
 
 
 class Channel(Enum):
-    """What has tags of its own."""
+    """A channel: a group of orders with common tags."""
 
     WHEELS = "wheels"
     TURRET = "turret"
@@ -97,7 +97,7 @@ ARGUMENTS: Final[Mapping[Verb, int]] = MappingProxyType(
         Verb.BYE: 0,
     }
 )
-"""How many numbers a request has."""
+"""The count of numbers of each request."""
 
 CHANNELS: Final[Mapping[Verb, Channel]] = MappingProxyType(
     {
@@ -109,36 +109,36 @@ CHANNELS: Final[Mapping[Verb, Channel]] = MappingProxyType(
         Verb.REST: Channel.TURRET,
     }
 )
-"""To which channel an order goes; the other verbs are no orders."""
+"""The channel of each order; the other verbs are not orders."""
 
 STOPS: Final[Mapping[Channel, Verb]] = MappingProxyType({Channel.WHEELS: Verb.STOP, Channel.TURRET: Verb.REST})
-"""What stops a channel."""
+"""The stop order of each channel."""
 
 
 class State(IntEnum):
-    """What became of the last motion of a channel."""
+    """The state of the last motion of a channel."""
 
     IDLE = 0
-    """There was none since the base was switched on."""
+    """There was none since power-up."""
     MOVING = 1
     DONE = 2
     STOPPED = 3
-    """It was told to stop."""
+    """Stopped by an order."""
     STALLED = 4
-    """It was driven, and the encoders counted nothing: it was stopped."""
+    """Stopped, because its encoders counted nothing."""
     SILENT = 5
-    """The base heard nothing for the watchdog time: it was stopped."""
+    """Stopped by the watchdog."""
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
-    """What the host says.
+class BaseRequest:
+    """A message from the host.
 
     Attributes:
-        verb: what it wants.
+        verb: its verb.
         tag: its number, 0..65535.
-        lease: the lease it was given, 1..65535; 0 in a greeting.
-        numbers: as many as the verb takes.
+        lease: its lease, 1..65535; 0 in a greeting.
+        numbers: the arguments of the verb.
     """
 
     verb: Verb
@@ -148,14 +148,14 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
-    """What the base answers.
+class BaseReply:
+    """A message from the base.
 
     Attributes:
         verb: the request's.
         tag: the request's.
-        code: what became of it.
-        numbers: if it is OK, those of a Welcome after a greeting, and else of the make's status.
+        code: the result.
+        numbers: if the code is OK: those of a BaseWelcome after a greeting, else of the make's status.
     """
 
     verb: Verb
@@ -165,21 +165,21 @@ class Reply:
 
 
 @dataclass(frozen=True, slots=True)
-class Nonsense:
-    """A request that arrived whole and still makes no sense: it is answered with its code."""
+class InvalidRequest:
+    """An intact but invalid request; the reply has its code."""
 
     tag: int
     code: Code
 
 
-class Welcome(NamedTuple):
-    """The answer to a greeting; behind it stand the newest tags, of polls and then of each channel."""
+class BaseWelcome(NamedTuple):
+    """The reply to a greeting; the newest tags follow, of polls and then of each channel."""
 
     model: int
     """2 for the EvBot II, 3 for the EvBot III."""
     version: int
     boot: int
-    """Another one each time the base is switched on: then its encoders begin at 0."""
+    """A new number for each power-up, which resets the encoders to 0."""
     lease: int
     step_um: int
     """Travel of a wheel from one count of its encoder to the next."""
@@ -188,19 +188,19 @@ class Welcome(NamedTuple):
 
 
 class WheelStatus(NamedTuple):
-    """What every status begins with."""
+    """The first numbers of every status."""
 
     uptime_ms: int
-    """Modulo 2^31: of two replies the older one is known by it."""
+    """Modulo 2^31: tells which of two replies is older."""
     order: int
     """Tag of the last motion order that was accepted."""
     state: int
-    """A State: what became of it."""
+    """Its State."""
     left: int
-    """What the left encoder has counted in all, forward positive; modulo 2^32, signed."""
+    """Total of the left encoder, forward positive; modulo 2^32, signed."""
     right: int
     strain: int
-    """1 while the motors strain against something that holds them up, else 0."""
+    """1 while something blocks the motors, else 0."""
 
 
 def is_newer(tag: int, than: int) -> bool:

@@ -1,4 +1,4 @@
-"""Where an EvBot believes it is: a pose by dead reckoning from what its encoders count."""
+"""Odometry of an EvBot: dead reckoning from its encoder counts."""
 
 from __future__ import annotations
 
@@ -17,22 +17,21 @@ from eal_actors.plugin import (
 )
 
 from ..roomba.odometry import DeadReckoning
-from .messages import Welcome
-from .session import Reading
-from .talk import Talk
+from .messages import BaseWelcome
+from .session import BaseSession, StatusReading
 
 _COUNTS = 1 << 32
 
 
 class Odometer:
-    """Follows the encoders of a base, also over its restarts.
+    """Dead reckoning from the encoders of a base, across its restarts.
 
     Args:
         track_m: nominal distance of the wheels.
-        calibration: what is known of the wheels.
+        calibration: the wheel calibration.
 
     Attributes:
-        calibration: what is known of the wheels; it holds for what is counted from now on.
+        calibration: the wheel calibration for later counts.
 
     Thread: any.
     """
@@ -45,8 +44,8 @@ class Odometer:
         self._boot: int | None = None
         self._travel_m = (0.0, 0.0)
 
-    def follow(self, welcome: Welcome, reading: Reading) -> None:
-        """Take in a reading."""
+    def follow(self, welcome: BaseWelcome, reading: StatusReading) -> None:
+        """Update the pose from a status."""
         counted = reading.wheels.left, reading.wheels.right
         with self._lock:
             if self._counted is not None and self._boot == welcome.boot:
@@ -63,23 +62,23 @@ class Odometer:
 
     @property
     def travel_m(self) -> tuple[float, float]:
-        """What the left and the right encoder have counted since the first reading."""
+        """The totals of the left and the right encoder since the first reading."""
         return self._travel_m
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """Where it is: x in m, y in m, yaw in rad, in (-pi, pi]."""
+        """The pose: x in m, y in m, yaw in rad, in (-pi, pi]."""
         with self._lock:
             return self._reckoning.pose
 
     def place(self, x_m: float, y_m: float, yaw_rad: float) -> None:
-        """Say where it is."""
+        """Set the pose."""
         with self._lock:
             self._reckoning.place(x_m, y_m, yaw_rad)
 
 
 def _difference(count: int, before: int) -> int:
-    """Return how far a counter modulo 2^32 has gone."""
+    """Return the difference of a counter modulo 2^32."""
     return (count - before + _COUNTS // 2) % _COUNTS - _COUNTS // 2
 
 
@@ -89,24 +88,24 @@ class Odometry(Resource):
     types = ResourceType.SENSOR
     value = ValueInfo(DataType.DOUBLE, shape=(3,), description="x_m, y_m, yaw_rad")
 
-    def __init__(self, talk: Talk, odometer: Odometer) -> None:
-        self._talk = talk
+    def __init__(self, session: BaseSession, odometer: Odometer) -> None:
+        self._session = session
         self._odometer = odometer
 
     def not_ready(self) -> str | None:
-        """Return why the base cannot be asked at present."""
-        return self._talk.why_not_ready()
+        """Return why the base cannot be read now."""
+        return self._session.why_not_ready()
 
     def get_value(self) -> EALData:
         """Return [x_m, y_m, yaw_rad], yaw in (-pi, pi]."""
-        stamp_s = self._talk.latest().stamp_s
-        return EALData.of(self._odometer.pose, frame_id=f"{self._talk.name}/odom", stamp_s=stamp_s)
+        stamp_s = self._session.latest().stamp_s
+        return EALData.of(self._odometer.pose, frame_id=f"{self._session.name}/odom", stamp_s=stamp_s)
 
     def set_value(self, data: EALData) -> None:
-        """Set the pose that it goes on from.
+        """Set the pose to continue from.
 
         Raises:
-            ArgumentError: part of it is no number.
+            ArgumentError: a number is not finite.
         """
         x_m, y_m, yaw_rad = (float(number) for number in data.value)
         if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
@@ -116,5 +115,5 @@ class Odometry(Resource):
     @request("travel", ValueInfo(DataType.DOUBLE, "m", shape=(2,)))
     def travel(self) -> EALData:
         """Return the totals of the left and the right encoder since the start."""
-        stamp_s = self._talk.latest().stamp_s
+        stamp_s = self._session.latest().stamp_s
         return EALData.of(self._odometer.travel_m, unit="m", stamp_s=stamp_s)

@@ -1,78 +1,72 @@
 """The evbot2 plugin: a tracked base over a serial line (Source: thesis §6.1.1)."""
 
-# ruff: noqa: N802, N816  # create_Base and its like are what the plugin API calls
+# ruff: noqa: N802, N816  # the plugin API requires names such as create_Base
 
 from __future__ import annotations
 
 from typing import Final, Literal
 
-from eal_actors.plugin import (
-    Drivetrain,
-    Field,
-    PluginContext,
-    Resource,
-    open_serial,
-)
+from eal_actors.plugin import Drivetrain, Field, PluginContext, Resource, open_serial
 
 from .base import Base
-from .connecting import EvBotPlugin, TalkSettings, come_up, way_to
-from .emulator import TRACKS, in_the_world
+from .connecting import EvBotPlugin, SessionSettings, open_base_port, start_session
+from .emulator import TRACKS, simulated_evbot2
 from .messages import Channel
 from .odometry import Odometry
-from .protocol import BAUD_RATE, MODEL, HostCodec
+from .protocol import BAUD_RATE, MODEL, HostLineCodec
 
 DRIVETRAIN: Final = Drivetrain("evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0)
 """The EvBot II."""
 
 
-class Settings(TalkSettings):
-    """What the fleet file may set."""
+class Settings(SessionSettings):
+    """The plugin's settings in the fleet file."""
 
     port: str = Field(min_length=1)
-    """The serial port: a device path, a URL that pyserial knows, such as socket://host:port, or sim://world/<robot>."""
+    """The serial port: a device path, a URL of pyserial, such as socket://host:port, or sim://world/<robot>."""
     baudrate: Literal[9600, 19200, 38400, 57600, 115200] = BAUD_RATE
     """Baud rate of a device path."""
 
 
 def connect(context: PluginContext) -> EvBotPlugin:
-    """Open the port and greet the base; one that is away is not ready, and greeted when it comes.
+    """Open the port and greet the base; an absent base is not ready, and greeted when it appears.
 
     Raises:
-        PluginError: no EvBot II can be behind such a port.
+        PluginError: the port is invalid.
 
-    Thread: the robot's; see way_to and come_up.
+    Thread: the robot's; see open_base_port and start_session.
     """
     settings: Settings = context.settings
-    way = way_to(
+    port = open_base_port(
         context,
         settings.port,
         DRIVETRAIN.name,
-        in_the_world,
+        simulated_evbot2,
         lambda: open_serial(settings.port, baudrate=settings.baudrate),
     )
-    talk, odometer = come_up(
-        context, way, HostCodec(), model=MODEL, channels=(Channel.WHEELS,), track_m=DRIVETRAIN.track_m
+    session, odometer = start_session(
+        context, port, HostLineCodec(), model=MODEL, channels=(Channel.WHEELS,), track_m=DRIVETRAIN.track_m
     )
-    return EvBotPlugin(talk, odometer, "Base", "Odometry")
+    return EvBotPlugin(session, odometer, "Base", "Odometry")
 
 
 def disconnect(plugin: EvBotPlugin) -> None:
-    """Close the port; the base has been stopped before."""
-    plugin.talk.close()
+    """Close the port; the base is stopped already."""
+    plugin.session.close()
 
 
 def create_Base(context: PluginContext) -> Base:
-    """Make the base."""
-    return Base(context.plugin.talk, context.plugin.odometer, DRIVETRAIN)
+    """Create the base."""
+    return Base(context.plugin.session, context.plugin.odometer, DRIVETRAIN)
 
 
 def create_Odometry(context: PluginContext) -> Odometry:
-    """Make the odometry."""
-    return Odometry(context.plugin.talk, context.plugin.odometer)
+    """Create the odometry."""
+    return Odometry(context.plugin.session, context.plugin.odometer)
 
 
 def _destroy(resource: Resource) -> None:
-    """Let go of what `create_...` took: nothing, the talk is the plugin's."""
+    """Do nothing: the plugin owns the session."""
 
 
 destroy_Base, destroy_Odometry = _destroy, _destroy

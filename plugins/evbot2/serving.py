@@ -1,4 +1,4 @@
-"""Runs a device as a program, behind a pseudo-terminal, a TCP port or a UDP port, until it is told to end."""
+"""Serves an emulated base as a program: on a pseudo-terminal, a TCP port or a UDP port, until a signal ends it."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import tty
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
+from random import Random
 from typing import Final
 
-from .body import FreeBody
-from .device import Device
-from .faults import FaultyWire
+from .firmware import BaseEmulator
+from .vehicle import FreeVehicle
 
 TICK_S: Final = 0.005
-"""How often a device that is served looks after what moves."""
+"""Tick interval of a served base."""
 
 _BITS_A_BYTE: Final = 10
 _MOST_BYTES: Final = 4096
@@ -27,8 +27,39 @@ _MOST_BYTES: Final = 4096
 Address = tuple[str, int]
 
 
-class _Pace:
-    """One way of a line, on which bytes take their time. Args: baud_rate; None for at once."""
+class FaultyWire:
+    """Loses, duplicates and reorders messages in one direction; a delayed message arrives with a later one.
+
+    Args:
+        random: the random generator.
+        loss: share of the messages that are lost, 0..1.
+        duplicate: share of the others that arrive twice, the second time possibly much later, 0..1.
+        reorder: share of the others that are delayed, 0..1.
+    """
+
+    def __init__(self, random: Random, loss: float = 0.0, duplicate: float = 0.0, reorder: float = 0.0) -> None:
+        self._random = random
+        self._loss = loss
+        self._duplicate = duplicate
+        self._reorder = reorder
+        self._held: list[bytes] = []
+
+    def carry(self, piece: bytes) -> list[bytes]:
+        """Take a message and return those that arrive now, in order of arrival."""
+        arriving = []
+        if self._random.random() >= self._loss:
+            is_late = self._random.random() < self._reorder
+            if not is_late:
+                arriving.append(piece)
+            if is_late or self._random.random() < self._duplicate:
+                self._held.append(piece)
+        while self._held and self._random.random() < 0.5:
+            arriving.append(self._held.pop(self._random.randrange(len(self._held))))
+        return arriving
+
+
+class _BaudRateDelay:
+    """The transmission delay of one direction of a line. Args: baud_rate; None for no delay."""
 
     def __init__(self, baud_rate: int | None) -> None:
         self._baud_rate = baud_rate
@@ -44,20 +75,20 @@ class _Pace:
         self._loop.call_at(self._free_at_s, deliver, data)
 
 
-class Serving:
-    """What is common to all ways of serving a device. Thread: that of its event loop.
+class EmulatorServer:
+    """Serves an emulated base. Thread: the one of its event loop.
 
     Args:
-        device: the device.
-        incoming: what happens to pieces on their way to it.
-        outgoing: what happens to its replies.
-        baud_rate: pace of both ways; None for at once.
+        device: the base.
+        incoming: the wire for requests.
+        outgoing: the wire for replies.
+        baud_rate: of both directions; None for no delay.
         rate: seconds of the device's time in one real second.
     """
 
     def __init__(
         self,
-        device: Device,
+        device: BaseEmulator,
         incoming: FaultyWire,
         outgoing: FaultyWire,
         baud_rate: int | None = None,
@@ -65,29 +96,29 @@ class Serving:
     ) -> None:
         self._device = device
         self._incoming, self._outgoing = incoming, outgoing
-        self._there, self._back = _Pace(baud_rate), _Pace(baud_rate)
+        self._request_delay, self._reply_delay = _BaudRateDelay(baud_rate), _BaudRateDelay(baud_rate)
         self._rate = rate
         self._loop = asyncio.get_running_loop()
 
-    def take(self, piece: bytes, send: Callable[[bytes], object]) -> None:
-        """Hand a piece to the device when it has arrived, and its replies to a function when they have."""
+    def receive(self, piece: bytes, send: Callable[[bytes], object]) -> None:
+        """Pass a message to the base on its arrival, and its replies to `send` on theirs."""
         for arrived in self._incoming.carry(piece):
-            self._there.carry(arrived, partial(self._reply, send=send))
+            self._request_delay.carry(arrived, partial(self._reply, send=send))
 
     def _reply(self, request: bytes, send: Callable[[bytes], object]) -> None:
         for reply in self._device.replies(request, self._loop.time() * self._rate):
             for sent in self._outgoing.carry(reply):
-                self._back.carry(sent, send)
+                self._reply_delay.carry(sent, send)
 
     async def keep_ticking(self) -> None:
-        """Let the device's time pass, for ever."""
+        """Tick the base forever."""
         while True:
             self._device.tick(self._loop.time() * self._rate)
             await asyncio.sleep(TICK_S)
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Let the device's time pass for the length of a block."""
+        """Tick the base for the length of a block."""
         ticking = asyncio.create_task(self.keep_ticking())
         try:
             yield
@@ -97,32 +128,32 @@ class Serving:
                 await ticking
 
 
-async def run(served: AbstractAsyncContextManager[str], body: FreeBody, scheme: str = "") -> None:
-    """Serve until Ctrl-C or SIGTERM; at first it prints where, at the end the robot's pose.
+async def run(served: AbstractAsyncContextManager[str], vehicle: FreeVehicle, scheme: str = "") -> None:
+    """Serve until Ctrl-C or SIGTERM; print the address at the start and the robot's pose at the end.
 
     Args:
-        served: serves for the length of a block, and gives the address.
-        body: the robot's body.
-        scheme: what stands before the address, such as `udp://`.
+        served: serves for the length of a block, and yields the address.
+        vehicle: the robot's vehicle.
+        scheme: prefix of the address, such as `udp://`.
     """
     loop, ended = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, ended.set)
     async with served as address:
-        _say(f"{scheme}{address}")
+        _print(f"{scheme}{address}")
         await ended.wait()
-    x_m, y_m, yaw_rad = body.pose
-    _say(f"pose {x_m:.4f} m {y_m:.4f} m {math.degrees(yaw_rad):.2f} deg")
+    x_m, y_m, yaw_rad = vehicle.pose
+    _print(f"pose {x_m:.4f} m {y_m:.4f} m {math.degrees(yaw_rad):.2f} deg")
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()
 
 
 @asynccontextmanager
-async def on_pty(serving: Serving) -> AsyncIterator[str]:
-    """Serve behind a pseudo-terminal for the length of a block; gives the path of its port."""
+async def on_pty(server: EmulatorServer) -> AsyncIterator[str]:
+    """Serve behind a pseudo-terminal for the length of a block; yields the path of its port."""
     loop = asyncio.get_running_loop()
     master, slave = os.openpty()
     try:
@@ -131,11 +162,11 @@ async def on_pty(serving: Serving) -> AsyncIterator[str]:
         os.set_blocking(master, False)
 
         def send(data: bytes) -> None:
-            with contextlib.suppress(BlockingIOError):  # nobody reads: what does not fit is lost, as on a wire
+            with contextlib.suppress(BlockingIOError):  # no reader: excess bytes are lost, as on a wire
                 os.write(master, data)
 
-        loop.add_reader(master, lambda: serving.take(os.read(master, _MOST_BYTES), send))
-        async with serving.running():
+        loop.add_reader(master, lambda: server.receive(os.read(master, _MOST_BYTES), send))
+        async with server.running():
             yield os.ttyname(slave)
     finally:
         loop.remove_reader(master)
@@ -144,53 +175,53 @@ async def on_pty(serving: Serving) -> AsyncIterator[str]:
 
 
 @asynccontextmanager
-async def on_tcp(serving: Serving, address: Address) -> AsyncIterator[str]:
-    """Serve TCP connections for the length of a block; gives `host:port`."""
+async def on_tcp(server: EmulatorServer, address: Address) -> AsyncIterator[str]:
+    """Serve TCP connections for the length of a block; yields `host:port`."""
     connections: dict[asyncio.Task[None] | None, asyncio.StreamWriter] = {}
 
-    async def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def serve_connection(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         connections[task := asyncio.current_task()] = writer
         with contextlib.suppress(ConnectionError):
             while data := await reader.read(_MOST_BYTES):
-                serving.take(data, writer.write)
+                server.receive(data, writer.write)
         del connections[task]
         writer.close()
 
-    server = await asyncio.start_server(connected, *address)
+    listener = await asyncio.start_server(serve_connection, *address)
     try:
-        async with serving.running():
-            yield _shown(server.sockets[0].getsockname())
+        async with server.running():
+            yield _format(listener.sockets[0].getsockname())
     finally:
-        server.close()
+        listener.close()
         for writer in connections.values():
             writer.close()
         await asyncio.gather(*filter(None, connections))
-        await server.wait_closed()
+        await listener.wait_closed()
 
 
-class _Datagrams(asyncio.DatagramProtocol):
-    def __init__(self, serving: Serving) -> None:
-        self._serving = serving
+class _DatagramServer(asyncio.DatagramProtocol):
+    def __init__(self, server: EmulatorServer) -> None:
+        self._server = server
         self._transport: asyncio.DatagramTransport
 
     def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]
         self._transport = transport
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
-        self._serving.take(data, lambda reply: self._transport.sendto(reply, addr))
+        self._server.receive(data, lambda reply: self._transport.sendto(reply, addr))
 
 
 @asynccontextmanager
-async def on_udp(serving: Serving, address: Address) -> AsyncIterator[str]:
-    """Serve datagrams for the length of a block; gives `host:port`."""
+async def on_udp(server: EmulatorServer, address: Address) -> AsyncIterator[str]:
+    """Serve datagrams for the length of a block; yields `host:port`."""
     loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(lambda: _Datagrams(serving), local_addr=address)
+    transport, _ = await loop.create_datagram_endpoint(lambda: _DatagramServer(server), local_addr=address)
     try:
-        async with serving.running():
-            yield _shown(transport.get_extra_info("sockname"))
+        async with server.running():
+            yield _format(transport.get_extra_info("sockname"))
     finally:
         transport.close()
 
 
-def _shown(address: Address) -> str:
+def _format(address: Address) -> str:
     return f"{address[0]}:{address[1]}"

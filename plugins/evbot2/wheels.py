@@ -1,4 +1,4 @@
-"""The wheels as the firmware drives them: moves by the encoders, held speeds, and what stops them."""
+"""Motion control of the wheels in the firmware: moves by encoder, timed speeds, and stall detection."""
 
 from __future__ import annotations
 
@@ -7,60 +7,60 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from .body import Body
+from typing_extensions import override
+
 from .messages import Code, State, Verb, WheelStatus
+from .vehicle import Vehicle
 
 MAX_TRAVEL_UM: Final = 100_000_000
 """Of a wheel in one move: 100 m."""
 
 MIN_SPEED_UM_S: Final = 1000
 HOLD_MS: Final = (20, 60_000)
-"""How long speeds may be held."""
+"""The allowed hold times of speeds."""
 
 STALL_S: Final = 1.5
-"""Driven wheels that count nothing for so long are stopped."""
+"""Driven wheels without an encoder count for this time are stopped."""
 
-_REST_S: Final = 0.06  # wheels that have counted nothing for so long stand
-_RAMP_SHARE: Final = 0.8  # of the acceleration: so that both wheels ramp in proportion
-_BRAKE_SHARE: Final = 0.45  # of the acceleration: less than half, so that the wheels follow to the very end
-_CATCH_UP_HZ: Final = 4.0  # a wheel that lags behind its part of the way catches up at this rate
+_REST_S: Final = 0.06  # wheels without an encoder count for this time are at rest
+_RAMP_SHARE: Final = 0.8  # of the acceleration, so that both wheels can ramp in proportion
+_BRAKE_SHARE: Final = 0.45  # of the acceleration: less than half, so that the wheels can follow until the end
+_CATCH_UP_HZ: Final = 4.0  # rate at which a wheel that lags behind its share catches up
 _CATCH_UP_SHARE: Final = 0.2  # of the speed, at most
-_OFF_STEPS: Final = 1.5  # a move that ends so many encoder steps off, because a tick came late, is gone on with
-_LATEST_S: Final = 0.5  # a tick that comes later than that is none to count on
+_OFF_STEPS: Final = 1.5  # in encoder steps: a move that ends with a greater error, because of a late tick, is continued
+_LATEST_S: Final = 0.5  # upper limit of the tick interval in the speed calculation
 _TRIES: Final = 3  # to end a move
-_TICKS_TO_GO: Final = 2  # at the end, what is left is spread over at least so many ticks
+_TICKS_TO_GO: Final = 2  # the rest of a move takes at least this many ticks
 _ROUNDING: Final = 1e-6
 _UM: Final = 1e6
 
 
 class Actuator(Protocol):
-    """What a channel of the firmware moves."""
+    """The hardware of a channel of the firmware."""
 
     @property
     def is_busy(self) -> bool:
-        """Whether it has something to look after, and needs its ticks."""
-        ...
+        """Whether it moves and needs ticks."""
+        raise NotImplementedError
 
     def accept(self, verb: Verb, numbers: Sequence[int], tag: int, now_s: float) -> Code:
-        """Carry out an order, or say why not."""
-        ...
+        """Begin an order; return the reply code."""
+        raise NotImplementedError
 
     def tick(self, now_s: float) -> None:
-        """Look after what moves."""
-        ...
+        """Advance the motion."""
 
     def stop(self, state: State) -> None:
-        """Stop, if it moves, and note why."""
-        ...
+        """Stop the motion, if any, and record its end state."""
 
     def status(self) -> tuple[int, ...]:
         """Return its numbers in the status."""
-        ...
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)
 class WheelModel:
-    """The wheels of a make.
+    """The wheel parameters of a make.
 
     Attributes:
         track_m: nominal distance of the wheels.
@@ -77,13 +77,13 @@ class WheelModel:
 
 @dataclass(slots=True)
 class _Move:
-    """Travels of both wheels, which end at the same time; from rest to rest."""
+    """A move of both wheels from rest to rest, which end at the same time."""
 
     left_m: float
     right_m: float
     speed_m_s: float
-    start: tuple[int, int] = (0, 0)  # what the encoders counted when the wheels stood
-    ramp_m_s: float = 0.0  # how fast the faster wheel may be by now
+    start: tuple[int, int] = (0, 0)  # encoder counts at rest
+    ramp_m_s: float = 0.0  # present speed limit of the faster wheel
     tries: int = 0
     is_begun: bool = False
     is_ending: bool = False
@@ -93,16 +93,16 @@ class _Move:
         return max(abs(self.left_m), abs(self.right_m))
 
     def gone_m(self, counted: tuple[int, int], step_m: float) -> tuple[float, float]:
-        """Return how far the wheels have gone since they stood."""
+        """Return the travel of the wheels since rest."""
         return (counted[0] - self.start[0]) * step_m, (counted[1] - self.start[1]) * step_m
 
     def share(self, gone_m: tuple[float, float]) -> float:
-        """Return which part of the whole both wheels have gone, over 1 if they went too far."""
+        """Return the travelled share of both wheels, over 1 if they overshot."""
         signs = math.copysign(1.0, self.left_m), math.copysign(1.0, self.right_m)
         return (signs[0] * gone_m[0] + signs[1] * gone_m[1]) / (abs(self.left_m) + abs(self.right_m))
 
     def speeds_m_s(self, fastest_m_s: float, gone_m: tuple[float, float]) -> tuple[float, float]:
-        """Return the wheels' speeds, in proportion to their ways; the one that lags behind its part goes faster."""
+        """Return the wheels' speeds, in proportion to their lengths; a wheel that lags behind its share is faster."""
         share, most_m_s = self.share(gone_m), _CATCH_UP_SHARE * abs(fastest_m_s)
         left_m_s, right_m_s = (
             fastest_m_s * way_m / self.length_m + max(-most_m_s, min(most_m_s, _CATCH_UP_HZ * (share * way_m - gone)))
@@ -111,17 +111,17 @@ class _Move:
         return left_m_s, right_m_s
 
 
-class Wheels:
-    """Both wheels: an Actuator.
+class WheelController(Actuator):
+    """Controls both wheels.
 
     Args:
-        body: what turns them and counts.
-        model: of the make.
-        tick_s: how often `tick` is called while it is busy, if it is not late.
+        vehicle: the motors and encoders.
+        model: the wheel parameters.
+        tick_s: nominal tick interval while it is busy.
     """
 
-    def __init__(self, body: Body, model: WheelModel, tick_s: float) -> None:
-        self._body = body
+    def __init__(self, vehicle: Vehicle, model: WheelModel, tick_s: float) -> None:
+        self._vehicle = vehicle
         self._model = model
         self._least_tick_s = self._tick_s = tick_s
         self._ticked_s = -math.inf
@@ -131,15 +131,15 @@ class Wheels:
         self._hold_until_s = -math.inf
         self._driven = (0.0, 0.0)
         self._counted = self._count()
-        self._counted_s = -math.inf  # when they counted last
+        self._counted_s = -math.inf  # time of the last encoder count
 
     @property
+    @override
     def is_busy(self) -> bool:
-        """See Actuator."""
         return self._state is State.MOVING
 
+    @override
     def accept(self, verb: Verb, numbers: Sequence[int], tag: int, now_s: float) -> Code:
-        """See Actuator."""
         if verb is Verb.STOP:
             self.stop(State.STOPPED)
             return Code.OK
@@ -155,8 +155,8 @@ class Wheels:
         self.tick(now_s)
         return Code.OK
 
+    @override
     def tick(self, now_s: float) -> None:
-        """See Actuator."""
         if not self.is_busy:
             return
         self._tick_s = min(max(now_s - self._ticked_s, self._least_tick_s), _LATEST_S)
@@ -170,20 +170,20 @@ class Wheels:
         elif now_s >= self._hold_until_s - _ROUNDING:
             self.stop(State.DONE)
 
+    @override
     def stop(self, state: State) -> None:
-        """See Actuator."""
         self._move = None
         self._drive(0.0, 0.0, always=True)
         if self._state is State.MOVING:
             self._state = state
 
+    @override
     def status(self) -> WheelStatus:
-        """See Actuator; the uptime is the firmware's to fill in."""
         left, right = self._count()
-        return WheelStatus(0, self._order, self._state, _signed(left), _signed(right), int(self._body.strained()))
+        return WheelStatus(0, self._order, self._state, _signed(left), _signed(right), int(self._vehicle.strained()))
 
     def _follow(self, move: _Move, now_s: float) -> None:
-        """Go on with a move: come to rest, go the way, come to rest."""
+        """Advance a move: come to rest, travel, come to rest."""
         stands = now_s - self._counted_s >= _REST_S - _ROUNDING
         if not move.is_begun:
             if not stands:
@@ -198,16 +198,16 @@ class Wheels:
                 self.stop(State.DONE)
                 return
             move.is_ending, move.ramp_m_s = False, 0.0
-        if -_OFF_STEPS * self._model.step_m < missing_m < self._model.step_m / 4:  # two encoders tell half a step
+        if -_OFF_STEPS * self._model.step_m < missing_m < self._model.step_m / 4:  # two encoders resolve half a step
             move.is_ending, move.tries, self._counted_s = True, move.tries + 1, now_s
             self._drive(0.0, 0.0)
             return
         if not any(self._driven):
-            self._counted_s = now_s  # from here on they are driven, and have to count
+            self._counted_s = now_s  # stall detection begins
         self._drive(*move.speeds_m_s(math.copysign(self._speed_m_s(move, abs(missing_m)), missing_m), gone_m))
 
     def _speed_m_s(self, move: _Move, missing_m: float) -> float:
-        """Return how fast the wheel with the longer way is to go with so much of it left."""
+        """Return the speed of the wheel with the longer travel for a remaining travel."""
         acceleration_m_s2 = self._model.acceleration_m_s2
         move.ramp_m_s += _RAMP_SHARE * acceleration_m_s2 * self._tick_s
         slowing_m_s = math.sqrt(2 * _BRAKE_SHARE * acceleration_m_s2 * missing_m)
@@ -216,10 +216,10 @@ class Wheels:
     def _drive(self, left_m_s: float, right_m_s: float, *, always: bool = False) -> None:
         if always or (left_m_s, right_m_s) != self._driven:
             self._driven = left_m_s, right_m_s
-            self._body.drive(left_m_s, right_m_s)
+            self._vehicle.drive(left_m_s, right_m_s)
 
     def _count(self) -> tuple[int, int]:
-        left_m, right_m = self._body.travel_m()
+        left_m, right_m = self._vehicle.travel_m()
         step_m = self._model.step_m
         return math.floor(left_m / step_m + _ROUNDING), math.floor(right_m / step_m + _ROUNDING)
 

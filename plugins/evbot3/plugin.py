@@ -1,6 +1,6 @@
 """The evbot3 plugin: two wheels and a turret over a wireless network (Source: thesis §6.1.2)."""
 
-# ruff: noqa: N802, N816  # create_Base and its like are what the plugin API calls
+# ruff: noqa: N802, N816  # the plugin API requires names such as create_Base
 
 from __future__ import annotations
 
@@ -9,22 +9,14 @@ from urllib.parse import urlsplit
 
 from pydantic import field_validator
 
-from eal_actors.plugin import (
-    BytePort,
-    Drivetrain,
-    Field,
-    PluginContext,
-    Resource,
-    open_tcp,
-)
+from eal_actors.plugin import BytePort, Drivetrain, Field, PluginContext, Resource, UdpPort, open_tcp
 
 from ..evbot2.base import Base
-from ..evbot2.connecting import EvBotPlugin, TalkSettings, come_up, way_to
+from ..evbot2.connecting import EvBotPlugin, SessionSettings, open_base_port, start_session
 from ..evbot2.messages import Channel
 from ..evbot2.odometry import Odometry
-from .datagrams import UdpPort
-from .emulator import WHEELS, in_the_world
-from .protocol import MODEL, HostCodec
+from .emulator import WHEELS, simulated_evbot3
+from .protocol import MODEL, HostFrameCodec
 from .sensors import Battery, Bump
 from .turret import Turret
 
@@ -34,11 +26,11 @@ DRIVETRAIN: Final = Drivetrain("evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_
 _CONNECT_TIMEOUT_S: Final = 2.0
 
 
-class Settings(TalkSettings):
-    """What the fleet file may set."""
+class Settings(SessionSettings):
+    """The plugin's settings in the fleet file."""
 
     address: str = Field(min_length=1)
-    """Where the base listens: udp://host:port, tcp://host:port, or sim://world/<robot>."""
+    """The address of the base: udp://host:port, tcp://host:port, or sim://world/<robot>."""
 
     @field_validator("address")
     @classmethod
@@ -52,12 +44,12 @@ def _endpoint(address: str) -> tuple[str, str, int]:
     """Return scheme, host and port of an address.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is invalid.
     """
     parts = urlsplit(address)
     is_plain = not (parts.path or parts.query or parts.fragment or parts.username)
     if parts.scheme not in ("udp", "tcp") or not parts.hostname or not parts.port or not is_plain:
-        raise ValueError(f"{address!r} is no udp://host:port, tcp://host:port or sim://world/<robot>")
+        raise ValueError(f"{address!r} is not udp://host:port, tcp://host:port or sim://world/<robot>")
     return parts.scheme, parts.hostname, parts.port
 
 
@@ -67,52 +59,54 @@ def _open(address: str) -> BytePort:
 
 
 def connect(context: PluginContext) -> EvBotPlugin:
-    """Open the way to the base and greet it; one that is away is not ready, and greeted when it comes.
+    """Open the port and greet the base; an absent base is not ready, and greeted when it appears.
 
     Raises:
-        PluginError: no EvBot III can be behind such an address.
+        PluginError: the address is invalid.
 
-    Thread: the robot's; see way_to and come_up.
+    Thread: the robot's; see open_base_port and start_session.
     """
     settings: Settings = context.settings
-    way = way_to(context, settings.address, DRIVETRAIN.name, in_the_world, lambda: _open(settings.address))
+    address = settings.address
+    port = open_base_port(context, address, DRIVETRAIN.name, simulated_evbot3, lambda: _open(address))
     channels = (Channel.WHEELS, Channel.TURRET)
-    talk, odometer = come_up(context, way, HostCodec(), model=MODEL, channels=channels, track_m=DRIVETRAIN.track_m)
-    return EvBotPlugin(talk, odometer, "Base", "Odometry", "Turret", "Bump", "Battery")
+    codec, track_m = HostFrameCodec(), DRIVETRAIN.track_m
+    session, odometer = start_session(context, port, codec, model=MODEL, channels=channels, track_m=track_m)
+    return EvBotPlugin(session, odometer, "Base", "Odometry", "Turret", "Bump", "Battery")
 
 
 def disconnect(plugin: EvBotPlugin) -> None:
-    """Close the way to the base, which has been stopped before."""
-    plugin.talk.close()
+    """Close the port; the base is stopped already."""
+    plugin.session.close()
 
 
 def create_Base(context: PluginContext) -> Base:
-    """Make the base."""
-    return Base(context.plugin.talk, context.plugin.odometer, DRIVETRAIN)
+    """Create the base."""
+    return Base(context.plugin.session, context.plugin.odometer, DRIVETRAIN)
 
 
 def create_Odometry(context: PluginContext) -> Odometry:
-    """Make the odometry."""
-    return Odometry(context.plugin.talk, context.plugin.odometer)
+    """Create the odometry."""
+    return Odometry(context.plugin.session, context.plugin.odometer)
 
 
 def create_Turret(context: PluginContext) -> Turret:
-    """Make the turret."""
-    return Turret(context.plugin.talk)
+    """Create the turret."""
+    return Turret(context.plugin.session)
 
 
 def create_Bump(context: PluginContext) -> Bump:
-    """Make the bumpers."""
-    return Bump(context.plugin.talk)
+    """Create the bumpers."""
+    return Bump(context.plugin.session)
 
 
 def create_Battery(context: PluginContext) -> Battery:
-    """Make the battery."""
-    return Battery(context.plugin.talk)
+    """Create the battery."""
+    return Battery(context.plugin.session)
 
 
 def _destroy(resource: Resource) -> None:
-    """Let go of what `create_...` took: nothing, the talk is the plugin's."""
+    """Do nothing: the plugin owns the session."""
 
 
 destroy_Base = destroy_Odometry = destroy_Turret = destroy_Bump = destroy_Battery = _destroy

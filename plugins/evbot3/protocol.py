@@ -1,22 +1,24 @@
-"""The EvBot III's wire protocol: binary frames, bytes in, bytes out. The README holds its tables.
+"""The EvBot III's wire protocol: binary frames, bytes in, bytes out. The README has its tables.
 
 A frame is `00`, a body without zeros, `00`. The body is the COBS form of
 
     E3, kind (1 request, 2 reply), verb, code (0 in a request), tag (2 bytes), lease (2 bytes; 0 in a reply),
     numbers (4 bytes each, signed), CRC-32 of all before (4 bytes)
 
-with the most significant byte first. A datagram holds one frame; in a stream they follow each other. What is not
-exactly so is not there: whoever waits for an answer to it asks again.
+with the most significant byte first. A datagram holds one frame; in a stream they follow each other. A frame in any
+other form is ignored: its sender gets no reply and sends it again.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
-from typing import Final, Generic, TypeVar
+from typing import Final
 
-from ..evbot2.messages import ARGUMENTS, MAX_NUMBERS, Code, Nonsense, Reply, Request, Verb
+from typing_extensions import override
+
+from ..evbot2.codec import Codec
+from ..evbot2.messages import ARGUMENTS, MAX_NUMBERS, BaseReply, BaseRequest, Code, InvalidRequest, Verb
 
 MODEL: Final = 3
 MAGIC: Final = 0xE3
@@ -29,14 +31,14 @@ _LONGEST_RUN: Final = 254
 MAX_BODY_BYTES: Final = _HEAD.size + MAX_NUMBERS * _NUMBER_BYTES + _CRC.size + 1
 """Of a body without zeros: COBS adds one byte to so few."""
 
+_LONGEST_PARTIAL: Final = MAX_BODY_BYTES + 1  # one byte more than allowed, so that an overlong body stays overlong
+
 _VERBS: Final = {int(verb): verb for verb in Verb}
 _CODES: Final = {int(code): code for code in Code}
 
-_T = TypeVar("_T")
-
 
 def stuffed(data: bytes) -> bytes:
-    """Return data without its zeros (Consistent Overhead Byte Stuffing): each becomes the way to the next."""
+    """Return data without its zeros (Consistent Overhead Byte Stuffing): each becomes the distance to the next."""
     out = bytearray()
     for run in data.split(b"\0"):
         rest = run
@@ -67,18 +69,20 @@ def _framed(kind: int, verb: int, code: int, tag: int, lease: int, numbers: tupl
     return b"\0" + stuffed(data + _CRC.pack(zlib.crc32(data))) + b"\0"
 
 
-def encode_request(request: Request) -> bytes:
+def encode_request(request: BaseRequest) -> bytes:
     """Return a request as a frame."""
     return _framed(REQUEST, request.verb, 0, request.tag, request.lease, request.numbers)
 
 
-def encode_reply(reply: Reply) -> bytes:
+def encode_reply(reply: BaseReply) -> bytes:
     """Return a reply as a frame."""
     return _framed(REPLY, reply.verb, reply.code, reply.tag, 0, reply.numbers)
 
 
 def _unframed(body: bytes, kind: int) -> tuple[int, int, int, int, tuple[int, ...]] | None:
-    """Return verb, code, tag, lease and numbers of a frame's body; None if it is damaged, or of another kind."""
+    """Return verb, code, tag, lease and numbers of a frame's body; None if it is damaged or of another kind."""
+    if len(body) > MAX_BODY_BYTES:
+        return None
     data = unstuffed(body)
     if data is None or len(data) < _HEAD.size + _CRC.size or (len(data) - _HEAD.size - _CRC.size) % _NUMBER_BYTES:
         return None
@@ -90,73 +94,54 @@ def _unframed(body: bytes, kind: int) -> tuple[int, int, int, int, tuple[int, ..
     return verb, code, tag, lease, struct.unpack_from(f">{count}i", content, _HEAD.size)
 
 
-def parse_request(body: bytes) -> Request | Nonsense | None:
-    """Return the request in a frame's body; None if it is none."""
+def parse_request(body: bytes) -> BaseRequest | InvalidRequest | None:
+    """Return the request in a frame's body; None if it is invalid."""
     if (found := _unframed(body, REQUEST)) is None:
         return None
     number, _, tag, lease, numbers = found
     verb = _VERBS.get(number, Verb.NONE)
     if verb is Verb.NONE:
-        return Nonsense(tag, Code.VERB)
+        return InvalidRequest(tag, Code.VERB)
     if len(numbers) != ARGUMENTS[verb]:
-        return Nonsense(tag, Code.ARGS)
-    return Request(verb, tag, lease, numbers)
+        return InvalidRequest(tag, Code.ARGS)
+    return BaseRequest(verb, tag, lease, numbers)
 
 
-def parse_reply(body: bytes) -> Reply | None:
-    """Return the reply in a frame's body; None if it is none."""
+def parse_reply(body: bytes) -> BaseReply | None:
+    """Return the reply in a frame's body; None if it is invalid."""
     if (found := _unframed(body, REPLY)) is None:
         return None
     verb, code, tag, _, numbers = found
     if verb not in _VERBS or code not in _CODES:
         return None
-    return Reply(_VERBS[verb], tag, _CODES[code], numbers)
+    return BaseReply(_VERBS[verb], tag, _CODES[code], numbers)
 
 
-class _Frames(Generic[_T]):
-    """Cuts what arrives, in pieces of any size, into frames; what is no whole frame is passed over.
-
-    Attributes:
-        damaged: how many frames were passed over.
-    """
-
-    def __init__(self, parse: Callable[[bytes], _T | None]) -> None:
-        self._parse = parse
-        self._begun = bytearray()
-        self.damaged = 0
-
-    def feed(self, data: bytes) -> list[_T]:
-        """Take bytes and return what has become whole by them."""
-        self._begun += data
-        *bodies, rest = self._begun.split(b"\0")
-        self._begun = rest[-MAX_BODY_BYTES - 1 :]  # one byte too many: then it stays too long
-        parsed = [self._parse(bytes(body)) if len(body) <= MAX_BODY_BYTES else None for body in bodies if body]
-        found = [one for one in parsed if one is not None]
-        self.damaged += len(parsed) - len(found)
-        return found
-
-    def reset(self) -> None:
-        """Forget what has begun to arrive."""
-        self._begun.clear()
-
-
-class BaseCodec(_Frames[Request | Nonsense]):
-    """The base's side: requests in, replies out."""
+class BaseFrameCodec(Codec[BaseRequest | InvalidRequest, BaseReply]):
+    """The codec of a base."""
 
     def __init__(self) -> None:
-        super().__init__(parse_request)
+        super().__init__(b"\0", _LONGEST_PARTIAL, skip_empty=True)
 
-    def encode(self, reply: Reply) -> bytes:
-        """Return a reply as bytes."""
-        return encode_reply(reply)
+    @override
+    def encode(self, message: BaseReply) -> bytes:
+        return encode_reply(message)
+
+    @override
+    def _decode(self, piece: bytes) -> BaseRequest | InvalidRequest | None:
+        return parse_request(piece)
 
 
-class HostCodec(_Frames[Reply]):
-    """The host's side: replies in, requests out."""
+class HostFrameCodec(Codec[BaseReply, BaseRequest]):
+    """The codec of a driver."""
 
     def __init__(self) -> None:
-        super().__init__(parse_reply)
+        super().__init__(b"\0", _LONGEST_PARTIAL, skip_empty=True)
 
-    def encode(self, request: Request) -> bytes:
-        """Return a request as bytes."""
-        return encode_request(request)
+    @override
+    def encode(self, message: BaseRequest) -> bytes:
+        return encode_request(message)
+
+    @override
+    def _decode(self, piece: bytes) -> BaseReply | None:
+        return parse_reply(piece)

@@ -1,4 +1,4 @@
-"""What an EvBot III's status has behind that of the wheels: turret, bumpers and battery, as numbers and as values."""
+"""The numbers of an EvBot III's status after those of the wheels: turret, bumpers and battery."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from eal_actors.plugin import UnavailableError
 
-from ..evbot2.session import Reading
+from ..evbot2.session import StatusReading
 
 
 class TurretStatus(NamedTuple):
@@ -15,7 +15,7 @@ class TurretStatus(NamedTuple):
     order: int
     """Tag of the last motion order that was accepted."""
     state: int
-    """A State: what became of it."""
+    """Its State."""
     yaw_urad: int
     """Its angle to the left of straight ahead, in (-pi, pi]."""
 
@@ -27,7 +27,7 @@ class SenseStatus(NamedTuple):
     """Bit 0 left, bit 1 right: pressed."""
     voltage_mv: int
     current_ma: int
-    """Under 0 while the battery is drained."""
+    """Below 0 while the battery is drained."""
     charge_mah: int
     capacity_mah: int
     temperature_mc: int
@@ -38,17 +38,17 @@ _TURRET_NUMBERS: Final = len(TurretStatus._fields)
 _NUMBERS: Final = _TURRET_NUMBERS + len(SenseStatus._fields)
 
 
-def turret_of(reading: Reading) -> TurretStatus:
+def turret_of(reading: StatusReading) -> TurretStatus:
     """Return a reading's turret; raises UnavailableError if it has none."""
-    return TurretStatus(*_checked(reading)[:_TURRET_NUMBERS])
+    return TurretStatus(*_extra_numbers(reading)[:_TURRET_NUMBERS])
 
 
-def senses_of(reading: Reading) -> SenseStatus:
+def senses_of(reading: StatusReading) -> SenseStatus:
     """Return a reading's bumpers and battery; raises UnavailableError if it has none."""
-    return SenseStatus(*_checked(reading)[_TURRET_NUMBERS:])
+    return SenseStatus(*_extra_numbers(reading)[_TURRET_NUMBERS:])
 
 
-def _checked(reading: Reading) -> tuple[int, ...]:
+def _extra_numbers(reading: StatusReading) -> tuple[int, ...]:
     if len(reading.rest) != _NUMBERS:
-        raise UnavailableError(f"the base's status has {len(reading.rest)} numbers behind the wheels', not {_NUMBERS}")
+        raise UnavailableError(f"the base's status has {len(reading.rest)} numbers after the wheels', not {_NUMBERS}")
     return reading.rest

@@ -17,9 +17,9 @@ from eal_actors.plugin import (
     config_setter,
 )
 
-from ..evbot2.base import watched
+from ..evbot2.base import run_motion
 from ..evbot2.messages import Channel, State, Verb
-from ..evbot2.talk import Talk
+from ..evbot2.session import BaseSession
 from .firmware import MAX_TURRET_RATE_RAD_S
 from .status import turret_of
 
@@ -33,33 +33,33 @@ class Turret(Resource):
     """Turns on the robot; get_status: 0 rests, 1 turns; get_value: its angle in rad, to the left of straight ahead.
 
     Args:
-        talk: the talk with the base, which Base polls.
+        session: the session with the base, which Base polls.
     """
 
     types = ResourceType.ACTUATOR
     value = ValueInfo(DataType.DOUBLE, "rad")
 
-    def __init__(self, talk: Talk) -> None:
-        self._talk = talk
+    def __init__(self, session: BaseSession) -> None:
+        self._session = session
         self._turn_rate_deg_s = 90.0
 
     def not_ready(self) -> str | None:
-        """Return why the turret cannot be turned at present."""
-        return self._talk.why_not_ready()
+        """Return why the turret cannot turn now."""
+        return self._session.why_not_ready()
 
     def get_status(self) -> int:
         """Return 0 while it rests, 1 while it turns."""
-        return int(turret_of(self._talk.latest()).state == State.MOVING)
+        return int(turret_of(self._session.latest()).state == State.MOVING)
 
     def get_value(self) -> EALData:
         """Return its angle relative to the robot, in (-pi, pi]."""
-        reading = self._talk.latest()
+        reading = self._session.latest()
         yaw_rad = min(max(turret_of(reading).yaw_urad / _U, -math.pi), math.pi)
-        return EALData.of(yaw_rad, unit="rad", frame_id=f"{self._talk.name}/base", stamp_s=reading.stamp_s)
+        return EALData.of(yaw_rad, unit="rad", frame_id=f"{self._session.name}/base", stamp_s=reading.stamp_s)
 
     def halt(self) -> None:
         """Stop at once."""
-        self._talk.stop(Channel.TURRET)
+        self._session.stop(Channel.TURRET)
 
     @command("l<degrees>", _ANGLE)
     def left_by(self, degrees: float) -> Activity:
@@ -95,21 +95,21 @@ class Turret(Resource):
     def _turn(self, verb: Verb, degrees: float) -> Activity:
         numbers = tuple(round(math.radians(angle_deg) * _U) for angle_deg in (degrees, self._turn_rate_deg_s))
         begun_rad = last_rad = self._yaw_rad()
-        way_rad = math.radians(degrees)
+        angle_rad = math.radians(degrees)
         if verb is Verb.AIM:
-            way_rad = math.remainder(way_rad - begun_rad, math.tau)
+            angle_rad = math.remainder(angle_rad - begun_rad, math.tau)
         gone_rad = 0.0
 
-        def tell() -> None:
+        def report() -> None:
             nonlocal gone_rad, last_rad
             now_rad = self._yaw_rad()
             gone_rad += math.remainder(now_rad - last_rad, math.tau)
             last_rad = now_rad
-            self.progress(gone_rad / way_rad if way_rad else None)
+            self.progress(gone_rad / angle_rad if angle_rad else None)
 
         is_done = False
         try:
-            yield from watched(self._talk, verb, numbers, self._outcome, tell)
+            yield from run_motion(self._session, verb, numbers, self._motion_state, report)
             is_done = True
             return 1
         finally:
@@ -117,8 +117,8 @@ class Turret(Resource):
                 self.halt()
 
     def _yaw_rad(self) -> float:
-        return turret_of(self._talk.latest()).yaw_urad / _U
+        return turret_of(self._session.latest()).yaw_urad / _U
 
-    def _outcome(self) -> tuple[int, State]:
-        turret = turret_of(self._talk.latest())
+    def _motion_state(self) -> tuple[int, State]:
+        turret = turret_of(self._session.latest())
         return turret.order, State(turret.state)

@@ -1,8 +1,7 @@
-"""Datagrams: a communication resource over UDP, where bytes come and go in pieces that stay whole."""
+"""A communication resource over UDP: each read or write is one datagram."""
 
 from __future__ import annotations
 
-import socket
 from collections import deque
 from collections.abc import Generator
 from typing import Final
@@ -12,84 +11,36 @@ from eal_actors.plugin import Activity, ArgumentError, Clock, EALData, Reopening
 from ..serial_port.line import LOOK_S, Line
 
 MOST_BYTES: Final = 65507
-"""The longest datagram there can be over IPv4."""
-_MOST_WAITING: Final = 1024
+"""The longest datagram over IPv4."""
 
-
-class UdpPort:
-    """A UDP socket as a BytePort, for a ReopeningPort; a read or a write is of one datagram.
-
-    Args:
-        host: the other end; what others send is not heard.
-        port: its port.
-        local_port: the port at this end; 0 for any.
-
-    Raises:
-        OSError: there is no such host, or no way to it, or the local port is taken.
-    """
-
-    in_waiting = 0  # nobody asks
-
-    def __init__(self, host: str, port: int, local_port: int) -> None:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        self._socket = socket.socket(family, kind, protocol)
-        try:
-            self._socket.setblocking(False)
-            self._socket.bind(("", local_port))
-            self._socket.connect(address)
-        except OSError:
-            self._socket.close()
-            raise
-
-    def read(self, size: int = 1) -> bytes:  # noqa: ARG002  # datagrams come whole
-        """Return the next datagram; empty for none."""
-        try:
-            return self._socket.recv(65536)
-        except (BlockingIOError, ConnectionRefusedError):  # that nobody listened is no news: UDP promises nothing
-            return b""
-
-    def write(self, data: bytes) -> int:
-        """Send one datagram; return 0 if it does not go out now."""
-        try:
-            return self._socket.send(data)
-        except (BlockingIOError, ConnectionRefusedError):  # the latter is about an earlier one: send it again
-            return 0
-
-    def reset_input_buffer(self) -> None:
-        """Forget what has arrived."""
-        while self.read():
-            pass
-
-    def close(self) -> None:
-        """Let go of it."""
-        self._socket.close()
+_BUFFERED_DATAGRAMS: Final = 1024
 
 
 class Datagrams(Line):
-    """Datagrams there and back, each whole or not at all; get_status answers how many bytes wait to be read.
+    """Sends and receives datagrams; get_status: the number of bytes to read.
 
     Args:
-        port: of UdpPorts.
+        port: opens UdpPorts.
         clock: the fleet's clock.
-        timeout_s: how long a read waits at most.
+        timeout_s: longest wait of a read.
     """
 
     def __init__(self, port: ReopeningPort, clock: Clock, timeout_s: float) -> None:
         super().__init__(port, clock, timeout_s)
-        self._datagrams: deque[bytes] = deque(maxlen=_MOST_WAITING)  # the oldest are lost first, as with UDP itself
+        self._datagrams: deque[bytes] = deque(maxlen=_BUFFERED_DATAGRAMS)  # when full, the oldest is lost
 
     def get_status(self) -> int:
-        """Return how many bytes wait to be read, of all datagrams together."""
-        self._take_in()
+        """Return the number of bytes to read, of all datagrams."""
+        self._receive()
         return sum(map(len, self._datagrams))
 
     def discard(self) -> None:
-        """Forget what has come and was not read."""
-        self._take_in()
+        """Discard all unread datagrams."""
+        self._receive()
         self._datagrams.clear()
 
     def read_comm(self, length: int) -> Generator[float, None, bytes]:
-        """Return the next datagram, as soon as it is there.
+        """Return the next datagram; wait for it if there is none.
 
         Raises:
             ArgumentError: it is longer than `length`; it stays for the next read.
@@ -99,10 +50,10 @@ class Datagrams(Line):
         return super().read_comm(length)
 
     def write_comm(self, data: EALData, length: int) -> Activity:
-        """Send the first `length` bytes as one datagram, which may get lost, and return how many they were.
+        """Send the first `length` bytes as one datagram, which may get lost; return `length`.
 
         Raises:
-            ArgumentError: the data has not so many, or no datagram can hold them.
+            ArgumentError: the data is shorter, or too long for a datagram.
             NotReadyError: the host cannot be reached.
         """
         if length > MOST_BYTES:
@@ -113,7 +64,7 @@ class Datagrams(Line):
         """Send the datagram."""
         return self._port.write(bytes(data))
 
-    def _take_in(self) -> None:
+    def _receive(self) -> None:
         while datagram := self._port.read():
             self._datagrams.append(datagram)
 
@@ -122,10 +73,12 @@ class Datagrams(Line):
         self._readers.append(turn)
         try:
             while True:
-                self._take_in()
+                self._receive()
                 if self._readers[0] is turn and self._datagrams:
                     if (size := len(self._datagrams[0])) > length:
-                        raise ArgumentError(f"the next datagram has {size} bytes, and {length} are wanted; it stays")
+                        raise ArgumentError(
+                            f"the next datagram has {size} bytes, more than the {length} requested; it stays"
+                        )
                     return self._datagrams.popleft()
                 if (left_s := end_s - self._clock.now()) <= 0:
                     raise UnavailableError(f"no datagram came from {self._port.name} within {self._timeout_s:g} s")

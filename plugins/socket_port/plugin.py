@@ -12,37 +12,38 @@ from eal_actors.plugin import (
     PluginError,
     PluginSettingsModel,
     ReopeningPort,
+    UdpPort,
     open_tcp,
 )
 
 from ..serial_port.line import Line
-from .datagrams import Datagrams, UdpPort
+from .datagrams import Datagrams
 
 
 class Settings(PluginSettingsModel):
-    """What the fleet file may set."""
+    """The plugin's settings in the fleet file."""
 
     host: str = Field(min_length=1)
-    """Name or address of the other end."""
+    """Name or address of the peer."""
     port: int = Field(ge=1, le=65535)
     """Its port."""
     protocol: Literal["tcp", "udp"] = "tcp"
-    """A stream of bytes, or datagrams."""
+    """A byte stream, or datagrams."""
     local_port: int = Field(default=0, ge=0, le=65535)
-    """For udp: the port at this end; 0 for any."""
+    """For udp: the local port; 0 for any."""
     connect_timeout_s: float = Field(default=5.0, ge=0.05, le=60)
-    """For tcp: real seconds in which the other end must answer, or it is tried again."""
+    """For tcp: timeout of a connection attempt, in real seconds; it is repeated."""
     timeout_s: float = Field(default=1.0, ge=0, le=3600)
-    """How long a read or a write waits at most."""
+    """Longest wait of a read or a write."""
     name: str = Field(default="SocketPort", pattern=r"^[A-Za-z][A-Za-z0-9_]*$")
     """The resource's name."""
 
 
-class Stream(Line):
-    """Bytes there and back over TCP, in order; get_status answers how many wait to be read."""
+class TcpStream(Line):
+    """Sends and receives bytes over TCP; get_status: the number of bytes to read."""
 
     def send(self, data: memoryview) -> int:
-        """Send what goes out at once."""
+        """Send as many bytes as possible without waiting; return their number."""
 
         def send_some(port: Any) -> int:
             sent: int = port.write_some(data)
@@ -52,7 +53,7 @@ class Stream(Line):
 
 
 class SocketPlugin(EALPlugin):
-    """Holds the one connection."""
+    """A plugin with one connection."""
 
     def __init__(self, name: str, port: ReopeningPort, resource: Line) -> None:
         super().__init__(name)
@@ -61,12 +62,12 @@ class SocketPlugin(EALPlugin):
 
 
 def connect(context: PluginContext) -> SocketPlugin:
-    """Connect; while the other end is absent, it is tried again and again.
+    """Connect; attempts are repeated while the peer is absent.
 
     Raises:
         PluginError: the settings contradict each other.
 
-    Thread: the robot's; takes up to `connect_timeout_s`, and as long as it takes to look up the name.
+    Thread: the robot's; blocks for the name lookup and at most `connect_timeout_s`.
     """
     settings: Settings = context.settings
     host, number = settings.host, settings.port
@@ -77,21 +78,21 @@ def connect(context: PluginContext) -> SocketPlugin:
         port = ReopeningPort(lambda: UdpPort(host, number, settings.local_port), context.clock, name)
         resource = Datagrams(port, context.clock, settings.timeout_s)
     elif settings.local_port:
-        raise PluginError(f"local_port is for udp, and {name} is tcp")
+        raise PluginError(f"local_port needs protocol: udp, but {name} is tcp")
     else:
         port = ReopeningPort(lambda: open_tcp(host, number, settings.connect_timeout_s), context.clock, name)
-        resource = Stream(port, context.clock, settings.timeout_s)
+        resource = TcpStream(port, context.clock, settings.timeout_s)
     port.open()
     return SocketPlugin(settings.name, port, resource)
 
 
 def disconnect(plugin: SocketPlugin) -> None:
-    """Hang up."""
+    """Close the connection."""
     plugin.port.close()
 
 
 def __getattr__(name: str) -> Callable[..., Any]:
-    """Return `create_<name>` and `destroy_<name>`, whatever name the settings give the resource."""
+    """Return `create_<name>` or `destroy_<name>`, because the settings name the resource."""
     if name.startswith("create_"):
         return _create
     if name.startswith("destroy_"):
@@ -100,10 +101,10 @@ def __getattr__(name: str) -> Callable[..., Any]:
 
 
 def _create(context: PluginContext) -> Line:
-    """Return the resource, which the plugin holds with its connection."""
+    """Return the plugin's resource."""
     resource: Line = context.plugin.resource
     return resource
 
 
 def _destroy(resource: Line) -> None:
-    """Let go of what `_create` took: nothing, the connection is the plugin's."""
+    """Do nothing: the plugin owns the connection."""

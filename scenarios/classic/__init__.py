@@ -1,1 +1,1 @@
-"""The thesis's own programs, carried over line by line with `eal_actors.classic`."""
+"""The thesis's own programs, ported line by line to `eal_actors.classic`."""

@@ -2,8 +2,8 @@
 
 Usage: EAL_FLEET=fleets/sim.yaml dance.py HOST...
 
-Departs from table 6.3 in one thing: `sendCmd` waits for the end of a step here, so that the program needs no sleep; the
-robots of this program step one after the other. `scenarios/dance.py` makes them step together.
+Departs from table 6.3: `sendCmd` waits for the end of a step here, so the program needs no sleep, and its robots step
+one after the other. In `scenarios/dance.py` they step at the same time.
 """
 
 import sys

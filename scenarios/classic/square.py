@@ -1,6 +1,6 @@
 """Drive a robot in a square, forward and then backward (Source: thesis table 6.1).
 
-Run it with EAL_FLEET naming a fleet file; the argument names the robot, where the fleet has several.
+Set EAL_FLEET to a fleet file. The argument is the robot's name, if the fleet has several robots.
 """
 
 import sys

@@ -11,7 +11,6 @@ from eal_actors.actors.resource_handle import ResourceHandle
 from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Activity, Resource, command
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import (
     CallCancelledError,
     DeadlineError,
@@ -20,6 +19,7 @@ from eal_actors.kernel.errors import (
     ReturnTypeError,
     UnsupportedError,
 )
+from tests.manual_clock import ManualClock
 from tests.robots import advance_until_done, running_robot
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from eal_actors.device.data import DataType
-from eal_actors.device.info import ResourceType, ValueInfo
-from eal_actors.device.link import Link
+from eal_actors.device.data import DataType, ValueInfo
+from eal_actors.device.info import ResourceType
+from eal_actors.device.link import FaultyLink
 from eal_actors.device.resource import Resource
 from tests.robots import WAIT_S, running_robot
 
@@ -71,7 +71,7 @@ def test_a_glance_that_fails_or_is_no_such_value_sees_nothing() -> None:
 
 
 def test_nothing_is_seen_over_a_faulty_link_or_after_the_end() -> None:
-    gauge, link = Gauge(), Link("robot")
+    gauge, link = Gauge(), FaultyLink("robot")
     with running_robot({"Gauge": lambda: gauge}, link=link) as robot:
         link.impair(is_cut=True)
         assert robot["Gauge"].glance() is None

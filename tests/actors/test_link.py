@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eal_actors.device.link import Link
+from eal_actors.device.link import FaultyLink
 from eal_actors.device.resource import Activity, Resource, command
 from eal_actors.kernel.errors import DeadlineError, EALError
 from eal_actors.kernel.lock_step import LockStepClock
@@ -32,7 +32,7 @@ class Wheel(Resource):
 
 
 def test_a_delay_is_on_the_fleets_clock_and_keeps_the_order() -> None:
-    clock, link = LockStepClock(), Link("robot")
+    clock, link = LockStepClock(), FaultyLink("robot")
     with running_robot({"Wheel": lambda: Wheel(clock)}, clock=clock, link=link) as robot:
         began_ms = robot["Wheel"].get_status().get()
         link.impair(delay_s=0.25)
@@ -42,7 +42,7 @@ def test_a_delay_is_on_the_fleets_clock_and_keeps_the_order() -> None:
 
 
 def test_a_cut_link_leaves_callers_waiting_until_their_deadline() -> None:
-    clock, link = LockStepClock(), Link("robot")
+    clock, link = LockStepClock(), FaultyLink("robot")
     with running_robot({"Wheel": lambda: Wheel(clock)}, clock=clock, link=link) as robot:
         link.impair(is_cut=True)
         asked_s = clock.now()
@@ -55,7 +55,7 @@ def test_a_cut_link_leaves_callers_waiting_until_their_deadline() -> None:
 
 
 def test_a_motion_ends_at_its_deadline_though_its_link_was_cut() -> None:
-    clock, link = LockStepClock(), Link("robot")
+    clock, link = LockStepClock(), FaultyLink("robot")
     wheel = Wheel(clock)
     with running_robot({"Wheel": lambda: wheel}, clock=clock, link=link) as robot:
         turning = robot["Wheel"].send_cmd("turn", timeout_s=5.0)
@@ -70,7 +70,7 @@ def test_a_motion_ends_at_its_deadline_though_its_link_was_cut() -> None:
 
 
 def test_spared_resources_are_always_reached() -> None:
-    clock, link = LockStepClock(), Link("robot")
+    clock, link = LockStepClock(), FaultyLink("robot")
     link.spare(["Wheel"])
     link.impair(is_cut=True)
     with running_robot({"Wheel": lambda: Wheel(clock)}, clock=clock, link=link) as robot:
@@ -79,7 +79,7 @@ def test_spared_resources_are_always_reached() -> None:
 
 
 def which_arrive(seed: int, name: str = "robot") -> list[bool]:
-    clock, link = LockStepClock(), Link(name, seed)
+    clock, link = LockStepClock(), FaultyLink(name, seed)
     link.impair(loss=0.3)
     arrived = []
     with running_robot({"Wheel": lambda: Wheel(clock)}, clock=clock, link=link) as robot:

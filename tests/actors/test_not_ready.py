@@ -8,13 +8,13 @@ from collections.abc import Iterator
 
 import pytest
 
-from eal_actors.actors.readiness import LOOK_S
+from eal_actors.actors.resource_actor import READINESS_PERIOD_S
 from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Activity, Resource, command
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import NotReadyError, PreemptedError, ResourceFaultError, UnavailableError
 from eal_actors.kernel.log import configure_logging
+from tests.manual_clock import ManualClock
 from tests.robots import WAIT_S, running_robot
 
 
@@ -99,7 +99,7 @@ def test_a_robot_says_which_resources_are_not_ready_and_why(motor: Motor, log: i
         assert robot.ping().get().not_ready == {"Motor": "away"}
         motor.reason = "still away"
         motor.asked.clear()
-        clock.advance(LOOK_S)
+        clock.advance(READINESS_PERIOD_S)
         assert motor.asked.wait(WAIT_S)  # it is asked now and again
         robot["Motor"].halt().get()
         assert robot.not_ready == {"Motor": "still away"}

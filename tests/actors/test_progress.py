@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import pytest
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.actors.running import Running, process_name
+from eal_actors.actors.robot_view import RunningCommand, process_name
 from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Activity, Progress, Resource, command, request
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ArgumentError, PreemptedError
+from tests.manual_clock import ManualClock
 from tests.robots import WAIT_S, advance_until_done, running_robot
 
 
@@ -126,7 +126,7 @@ def test_what_runs_is_listed(clock: ManualClock, robot: RobotHandle) -> None:
     call = robot["Lift"].send_cmd("up")
     look = robot["Lift"].send_req("look")
     robot["Lift"].get_status().exception(timeout=WAIT_S)
-    listed: list[Running] = list(robot.running)
+    listed: list[RunningCommand] = list(robot.running)
     assert len(listed) == 1  # a request is no command
     running = listed[0]
     assert (running.resource, running.command, running.by) == ("Lift", "up", process_name())

@@ -6,10 +6,9 @@ from typing import Any
 
 import pytest
 
-from eal_actors.device.data import DataType, EALData
-from eal_actors.device.info import ResourceType, ValueInfo
+from eal_actors.device.data import DataType, EALData, ValueInfo
+from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import (
     ArgumentError,
     BusyError,
@@ -21,6 +20,7 @@ from eal_actors.kernel.errors import (
     UnavailableError,
     UnsupportedError,
 )
+from tests.manual_clock import ManualClock
 from tests.robots import WAIT_S, advance_until_done, running_robot
 
 

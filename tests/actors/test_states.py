@@ -11,8 +11,8 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotConnection, RobotState, RobotView
 from eal_actors.device.resource import Resource
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import DeadlineError, EALError, UnavailableError
+from tests.manual_clock import ManualClock
 from tests.robots import WAIT_S, running_robot
 
 

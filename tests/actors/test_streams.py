@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eal_actors.device.info import ResourceType
-from eal_actors.device.link import Link
+from eal_actors.device.link import FaultyLink
 from eal_actors.device.resource import Activity, Resource, command
 from eal_actors.kernel.clock import Clock, SystemClock
 from eal_actors.kernel.errors import (
@@ -250,7 +250,7 @@ def test_a_resource_that_is_slow_is_not_restarted_for_it() -> None:
 
 def test_a_cut_link_keeps_values_away_until_it_is_whole_again() -> None:
     clock = lock_step()
-    link = Link("robot")
+    link = FaultyLink("robot")
     with (
         running_robot({"Counter": lambda: Counter(clock)}, clock=clock, link=link) as robot,
         robot["Counter"].stream(10, timeout_s=5.0) as stream,

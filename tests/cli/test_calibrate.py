@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from eal_actors.cli import app
-from eal_actors.device.wheels import WheelCalibration
+from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.lab.calibration.ends_file import write_ends
 from eal_actors.lab.calibration.square import square_end
 from eal_actors.lab.calibration.umbmark import SquareEnds

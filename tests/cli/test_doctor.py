@@ -119,7 +119,7 @@ class TestRemoteRobots:
             result = eal("doctor", "--fleet", file, "--json")
         assert result.exit_code == 1
         ((level, what),) = findings(result, "ports")
-        assert (level, "in use" in what) == ("problem", True)
+        assert (level, "used by" in what) == ("problem", True)
         ((level, what),) = findings(result, "robots")
         assert (level, "does not answer" in what) == ("problem", True)
 
@@ -148,7 +148,7 @@ class TestCertificates:
         make_certificate(secured.parent / "keys", "one", ["127.0.0.1"])
         found = self.check(eal, secured)
         assert [level for level, _ in found] == ["ok", "ok"]
-        assert found[0][1].startswith("controller is in order, until ")
+        assert found[0][1].startswith("controller is valid until ")
 
     def test_one_of_this_machine_that_is_missing_is_a_problem(self, eal: Any, secured: Path) -> None:
         assert ("problem", f"{secured.parent}/keys/one.pem is missing") in self.check(eal, secured)
@@ -161,9 +161,9 @@ class TestCertificates:
         made.file.with_suffix(".key").rename(keys / "one.key")
         (keys / "controller.key").chmod(0o644)
         told = [what for level, what in self.check(eal, secured) if level == "problem"]
-        assert f"{keys}/controller.key has the mode 644: others can read or change it" in told
-        assert "one was not signed by the authority of ca.pem" in told
-        assert "one is dialled at 127.0.0.1, but its certificate is for 10.0.0.1" in told
+        assert f"{keys}/controller.key has the mode 644: other users can read or change it" in told
+        assert "one is not signed by the authority in ca.pem" in told
+        assert "one has the host 127.0.0.1, but its certificate is for 10.0.0.1" in told
 
     def test_a_key_that_is_not_of_its_certificate(self, eal: Any, secured: Path) -> None:
         keys = secured.parent / "keys"

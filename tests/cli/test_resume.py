@@ -16,10 +16,10 @@ from rich.console import Console
 from eal_actors.cli.options import GlobalOptions
 from eal_actors.cli.progress import LiveProgress
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.recording import RunFolder
 from eal_actors.recording.mcap_file import McapContent, read_mcap
 from eal_actors.scenario import Report, RunContinued, StepStarted
+from tests.manual_clock import ManualClock
 
 SCENARIO = """\
 version: 1

@@ -15,13 +15,13 @@ from textual.widgets import DataTable, Static
 
 from eal_actors import Fleet
 from eal_actors.facade.service import RobotService
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import PreemptedError, StoppedError
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.operate.metrics.call_observer import CallObserver
+from eal_actors.operate.metrics.call_observer import observe_calls
 from eal_actors.operate.top.call_statistics import RecentCalls
 from eal_actors.operate.top.run_progress import latest_run, progress_of
 from eal_actors.operate.top.screen import Details, LogBuffer, TopApp
+from tests.manual_clock import ManualClock
 from tests.net.links import eventually, free_port
 
 Script = Callable[[TopApp, Pilot[None]], Awaitable[None]]
@@ -33,11 +33,11 @@ def watch(fleet: Fleet, runs: Path, script: Script, lines: LogBuffer | None = No
     clock = fleet.clock
 
     async def play() -> None:
-        app = TopApp(fleet, calls, runs, lines, look_each_s=None)
+        app = TopApp(fleet, calls, runs, lines, update_period_s=None)
         async with app.run_test(size=(140, 30)) as pilot:
             await script(app, pilot)
 
-    with CallObserver(clock, lambda call, _, took_s: calls.note(call.cell.robot, clock.now(), took_s)):
+    with observe_calls(clock, lambda call, _, taken_s: calls.add(call.cell.robot, clock.now(), taken_s)):
         asyncio.run(play())
 
 
@@ -56,7 +56,7 @@ def fleet(slides: Path) -> Any:
 
 
 class TestRobots:
-    def test_states_commands_and_figures_are_shown(self, fleet: Fleet, tmp_path: Path) -> None:
+    def test_states_commands_and_statistics_are_shown(self, fleet: Fleet, tmp_path: Path) -> None:
         clock: Any = fleet.clock
 
         async def script(app: TopApp, _: Pilot[None]) -> None:
@@ -66,7 +66,7 @@ class TestRobots:
             drive = fleet["one"]["Slide"].send_cmd("to1")
             fleet["one"]["Slide"].get_status().get()
             clock.advance(0.5)
-            app.look()
+            app.refresh_fleet()
             one = cells(app, "one")
             assert one[4] == "2.1"  # 21 calls have ended in 10 s
             assert one[5:7] == ["0.0 ms", "0.0 ms"]
@@ -85,10 +85,10 @@ class TestRobots:
             assert isinstance(drive.exception(), PreemptedError)
             assert all(robot.stopped_because == "stopped at eal top" for robot in fleet.values())
             assert isinstance(fleet["one"]["Slide"].send_cmd("to1").exception(), StoppedError)
-            app.look()
+            app.refresh_fleet()
             assert cells(app, "one")[1] == "STOP"
             await pilot.press("r")
-            app.look()
+            app.refresh_fleet()
             assert [cells(app, name)[1] for name in fleet] == ["ready", "ready"]
 
         watch(fleet, tmp_path, script)
@@ -98,11 +98,11 @@ class TestRobots:
             await pilot.press("down", "enter")
             await pilot.pause()
             assert isinstance(app.screen, Details)
-            app.look()
+            app.refresh_fleet()
             assert "two: ready, in this process" in text(app, "#details")
-            assert "Slide, 0 calls wait" in text(app, "#details")
+            assert "Slide, 0 calls waiting" in text(app, "#details")
             await pilot.press("s")
-            app.look()
+            app.refresh_fleet()
             assert "emergency stop: stopped at eal top" in text(app, "#details")
             await pilot.press("escape")
             await pilot.pause()
@@ -118,8 +118,8 @@ class TestRobots:
         async def script(app: TopApp, _: Pilot[None]) -> None:
             lines.write("first\nsecond\n")
             lines.write("third\n")
-            app.look()
-            assert text(app, "#told") == "second\nthird"
+            app.refresh_fleet()
+            assert text(app, "#log") == "second\nthird"
 
         watch(fleet, tmp_path, script, lines)
 
@@ -132,7 +132,7 @@ class TestRobots:
             assert cells(app, "one")[1:4] == ["ready", "–", "–"]  # it has not answered yet
 
             def is_measured() -> bool:
-                app.look()
+                app.refresh_fleet()
                 return cells(app, "one")[5].endswith("ms")
 
             assert eventually(is_measured)
@@ -159,11 +159,13 @@ class TestRuns:
             watch(fleet, runs, script)
         (file,) = runs.glob("*/events.jsonl")
         lines = file.read_text(encoding="utf-8").splitlines()
-        (first_end,) = [n for n, line in enumerate(lines) if json.loads(line)["event"] == "step_ended"][:1]
-        cut = progress_of([*lines[: first_end + 1], lines[first_end + 1][:10]])  # while the next line is being written
+        kinds = [json.loads(line)["event"] for line in lines]
+        end = kinds.index("step_ended")
+        start = kinds.index("step_started", end)  # that robot's next step, whichever robot was first
+        cut = progress_of([*lines[: start + 1], lines[start + 1][:10]])  # while the next line is being written
         assert cut is not None
-        assert (cut.done, cut.calls, cut.outcome) == (1, 4, None)
-        assert [label for _, label in cut.now]
+        assert (cut.done, cut.calls, cut.outcome) == (kinds[:start].count("step_ended"), 4, None)
+        assert cut.steps
 
     def test_runs_of_other_fleets_are_not(self, eal: Any, slides: Path, move: Path, tmp_path: Path) -> None:
         eal("run", move, "--fleet", slides, "--runs-dir", tmp_path / "runs", "--rate", "max")
@@ -171,21 +173,21 @@ class TestRuns:
         assert latest_run(tmp_path / "nowhere", "slides") is None
 
 
-class TestFigures:
+class TestStatistics:
     def test_quantiles_and_rates_of_the_last_seconds(self) -> None:
         recent = RecentCalls()
-        recent.note("one", 0.0, 9.0)  # too long ago
+        recent.add("one", 0.0, 9.0)  # too long ago
         for number in range(100):
-            recent.note("one", 10.5, (number + 1) / 100)
-        figures = recent.figures("one", 11.0)
-        assert (figures.calls_per_s, figures.p50_s, figures.p99_s) == (10.0, 0.5, 0.99)
-        assert recent.figures("two", 11.0).p50_s is None
+            recent.add("one", 10.5, (number + 1) / 100)
+        statistics = recent.statistics("one", 11.0)
+        assert (statistics.calls_per_s, statistics.p50_s, statistics.p99_s) == (10.0, 0.5, 0.99)
+        assert recent.statistics("two", 11.0).p50_s is None
 
     def test_a_flood_is_counted_by_what_is_kept_of_it(self) -> None:
         recent = RecentCalls()
         for number in range(10_000):
-            recent.note("one", number / 10_000, 0.001)
-        assert recent.figures("one", 1.0).calls_per_s == pytest.approx(10_000, rel=0.01)
+            recent.add("one", number / 10_000, 0.001)
+        assert recent.statistics("one", 1.0).calls_per_s == pytest.approx(10_000, rel=0.01)
 
 
 def test_without_a_terminal_it_says_so(eal: Any, slides: Path) -> None:

@@ -120,5 +120,5 @@ def test_a_place_that_is_none_is_refused_before_anything_moves(
 ) -> None:
     result = eal("run", move, "--fleet", slides, "--trace", "somewhere", "--runs-dir", tmp_path / "runs")
     assert result.exit_code == 2
-    assert "traces go to a URL such as http://127.0.0.1:4318" in result.stderr
+    assert "traces need a URL such as http://127.0.0.1:4318" in result.stderr
     assert not (tmp_path / "runs").exists()

@@ -106,7 +106,7 @@ def test_what_builds_on_an_image_gets_what_the_user_adds_only_if_it_says_so_itse
         (
             "images/small.yaml",
             SMALL.replace("name: small", "name: tiny"),
-            "is 'tiny', but the file is called small.yaml",
+            "is 'tiny', but the file is small.yaml",
         ),
         ("images/large.yaml", LARGE.replace("[small]", "[smal]"), "there is no image 'smal'; did you mean 'small'?"),
         ("images/small.yaml", SMALL + "include: [large]\n", "include loop"),

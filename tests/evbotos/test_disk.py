@@ -103,7 +103,7 @@ def test_two_disks_of_the_same_contents_are_the_same_bytes(tmp_path: Path) -> No
 
 @needs_tools
 def test_what_does_not_fit_is_refused_with_a_remedy(tmp_path: Path) -> None:
-    with pytest.raises(BuildError, match=r"the root file system has 3\.1 MB, but its place 2\.1 MB: `layout: \{slot"):
+    with pytest.raises(BuildError, match=r"the root file system has 3\.1 MB, its partition 2\.1 MB: `layout: \{slot"):
         write_disk(tmp_path / "disk", LAYOUT, contents(tmp_path, 3 * MIB))
     big = contents(tmp_path)
     (tmp_path / "kernel").write_bytes(bytes(KERNEL_ROOM + 1))

@@ -73,7 +73,7 @@ def test_a_sysroot_holds_what_compilers_read(tmp_path: Path, make_package: MakeP
 
 def test_a_sysroot_without_headers_is_told(tmp_path: Path, make_package: MakePackage) -> None:
     files = {name: text for name, text in FILES.items() if "Python.h" not in name}
-    with pytest.raises(BuildError, match=r"no usr/include/python3\*/Python\.h"):
+    with pytest.raises(BuildError, match=r"lack usr/include/python3\*/Python\.h"):
         make_sysroot([make_package("some", files)], tmp_path / "sysroot")
 
 

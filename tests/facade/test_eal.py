@@ -58,7 +58,7 @@ def test_each_call_exists_under_both_names_and_names_its_section(thesis: str, ou
         assert f"thesis {section}" in (inspect.getdoc(call) or "")
 
 
-def test_never_both_manners_on_one_object() -> None:
+def test_no_object_has_both_naming_styles() -> None:
     ours = {name for name in dir(EAL) if not name.startswith("_")}
     thesis = {name for name in dir(classic.EAL) if not name.startswith("_")}
     assert not ours & thesis
@@ -150,7 +150,7 @@ def test_the_structured_calls(eal: EAL) -> None:
     assert eal.resource_info(line).types.names == ("COMMUNICATION",)
 
 
-def test_errors_are_typed_and_name_the_culprit(eal: EAL) -> None:
+def test_errors_are_typed_and_name_the_resource(eal: EAL) -> None:
     line = eal.find_resource("Line")
     with pytest.raises(UnsupportedError, match="one/Line: Line does not support get_value"):
         eal.get_value(line)
@@ -164,7 +164,7 @@ def test_errors_are_typed_and_name_the_culprit(eal: EAL) -> None:
         eal.get_value(99)
 
 
-def test_the_librarian_keeps_the_connection_open_until_all_is_returned(line_fleet: Path) -> None:
+def test_the_connection_stays_open_until_all_resources_are_returned(line_fleet: Path) -> None:
     eal = connect("one", fleet=line_fleet)
     first, second = eal.get_resource("Line"), eal.get_resource("Line")
     assert isinstance(first, Resource)
@@ -180,7 +180,7 @@ def test_the_librarian_keeps_the_connection_open_until_all_is_returned(line_flee
     eal.disconnect()
 
 
-def test_leaving_the_with_block_disconnects_even_with_something_out(line_fleet: Path) -> None:
+def test_leaving_the_with_block_disconnects_even_if_a_resource_is_checked_out(line_fleet: Path) -> None:
     with pytest.raises(ResourceInUseError), connect("one", fleet=line_fleet) as eal:
         eal.get_resource("Line")
 
@@ -195,7 +195,7 @@ def test_the_host_is_a_robot_of_the_fleet(line_fleet: Path, monkeypatch: pytest.
     monkeypatch.setenv("EAL_FLEET", str(line_fleet))
     with connect("two", 50000) as eal:
         assert eal.get_resource_list() == ["Line", "SampleResource"]
-    with pytest.raises(RobotNotFoundError, match=r"knows no robot 'three'.*it has one, two"):
+    with pytest.raises(RobotNotFoundError, match=r"has no robot 'three'.*it has one, two"):
         connect("three")
     with pytest.raises(RobotNotFoundError, match="has 2 robots; name one"):
         connect()
@@ -208,7 +208,7 @@ def test_an_open_fleet_can_be_used_and_stays_open(line_fleet: Path) -> None:
         assert fleet["one"]["Line"].get_status().get() == 0
 
 
-def test_a_closed_connection_says_so(line_fleet: Path) -> None:
+def test_a_closed_connection_refuses_calls(line_fleet: Path) -> None:
     with connect("one", fleet=line_fleet), connect("one", fleet=line_fleet) as eal:
         line = eal.find_resource("Line")
         eal.disconnect()
@@ -233,7 +233,7 @@ def test_the_last_connection_to_a_robot_halts_it() -> None:
             drive.get()
 
 
-def test_a_fleet_that_is_not_connected_says_so(line_fleet: Path) -> None:
+def test_a_fleet_that_is_not_connected_refuses_calls(line_fleet: Path) -> None:
     fleet = Fleet.load(line_fleet)
     with pytest.raises(UnavailableError, match="is not connected"):
         connect("one", fleet=fleet)

@@ -10,7 +10,7 @@ from eal_actors.testing import Simulation
 ROBOTS = {"a": {"model": "roomba", "start": (-1, 0)}, "b": {"model": "evbot3", "start": (1, 0)}}
 
 
-def test_a_stop_halts_what_moves_and_refuses_what_would() -> None:
+def test_a_stop_halts_motion_and_refuses_new_motion() -> None:
     with Simulation(ROBOTS) as simulation:
         drives = {name: robot["Base"].send_cmd("f1") for name, robot in simulation.fleet.items()}
         simulation.advance(1.0)
@@ -26,7 +26,7 @@ def test_a_stop_halts_what_moves_and_refuses_what_would() -> None:
         assert {name: simulation.pose(name) for name in ROBOTS} == poses
 
 
-def test_readings_stops_and_settings_pass_a_stop() -> None:
+def test_a_stop_allows_readings_stops_and_settings() -> None:
     with Simulation(ROBOTS) as simulation:
         simulation["a"].stop().get()
         assert simulation["a"]["Base"].get_status().get() == 0
@@ -37,7 +37,7 @@ def test_readings_stops_and_settings_pass_a_stop() -> None:
         assert simulation["b"]["Base"].send_cmd("f0.1").get() == 1
 
 
-def test_a_resumed_robot_moves_again_but_not_by_itself() -> None:
+def test_a_resumed_robot_moves_only_on_a_new_command() -> None:
     with Simulation(ROBOTS) as simulation:
         simulation["a"]["Base"].send_cmd("f1")
         simulation.advance(0.5)

@@ -11,7 +11,7 @@ from eal_actors.testing import Simulation
 from tests.net.links import fleet_of, free_port
 
 
-def test_a_robot_of_this_process_answers_at_once_whatever_it_does() -> None:
+def test_a_robot_of_this_process_answers_at_once_while_it_moves() -> None:
     with Simulation({"a": {"model": "roomba"}}) as simulation:
         robot = simulation["a"]
         robot["Base"].send_cmd("f1")
@@ -24,7 +24,7 @@ def test_a_robot_of_this_process_answers_at_once_whatever_it_does() -> None:
     assert robot.ping().get().state is RobotState.STOPPED
 
 
-def test_a_robot_that_is_not_there_fails_the_ping_and_holds_nobody_up() -> None:
+def test_the_ping_of_an_unreachable_robot_fails_without_delay() -> None:
     config = fleet_of({}, {"r": f"tcp/127.0.0.1:{free_port()}"})
     with Fleet(config).connect(timeout_s=0.0) as fleet, pytest.raises(UnavailableError, match="r: the robot did not"):
         fleet["r"].ping().get()

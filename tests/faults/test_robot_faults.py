@@ -23,7 +23,7 @@ from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.scenario import Event, Listener, Report, Run, Signalled, StepRetried, load_scenario, make_plan
+from eal_actors.scenario import Listener, Report, Run, RunEvent, Signalled, StepRetried, load_scenario, make_plan
 from plugins.roomba.bodies import ConstantBattery
 from tests.emulated import PATIENT, WAIT_S, Emulated, a_roomba, an_evbot2, an_evbot3, plugged_in, plugin_of
 
@@ -117,7 +117,7 @@ def test_a_device_that_is_unplugged_and_plugged_in_while_a_scenario_tries_again(
     with plugged_in(MAKES[make]()) as robot, fleet_of(hero=plugin_of(make, robot.address)) as fleet:
         stood: list[bool] = []
 
-        def hear(event: Event) -> None:
+        def hear(event: RunEvent) -> None:
             if isinstance(event, StepRetried) and not stood:
                 robot.let_pass(WATCHDOG_S)
                 stood.append(robot.stands())
@@ -202,7 +202,7 @@ def test_a_robot_that_freezes_fails_alone_and_stands_when_it_thaws(make: str, tm
         works_again(fleet, tmp_path, robot)
 
 
-def _freeze(process: subprocess.Popen[str], event: Event) -> None:
+def _freeze(process: subprocess.Popen[str], event: RunEvent) -> None:
     if isinstance(event, Signalled):
         process.send_signal(signal.SIGSTOP)
 

@@ -16,7 +16,7 @@ from eal_actors.actors.handles import ResourceHandle
 from eal_actors.actors.supervision import Restart
 from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Activity, Resource, command
-from eal_actors.kernel.clock import REAL_TIME, ManualClock, ScaledClock
+from eal_actors.kernel.clock import REAL_TIME, ScaledClock
 from eal_actors.kernel.errors import (
     ArgumentError,
     DeadlineError,
@@ -26,6 +26,7 @@ from eal_actors.kernel.errors import (
     ReturnTypeError,
     RobotFailedError,
 )
+from tests.manual_clock import ManualClock
 from tests.robots import WAIT_S, advance_until_done, running_robot
 
 

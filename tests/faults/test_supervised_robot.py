@@ -16,7 +16,7 @@ from eal_actors.actors.robot_spec import RobotSpec
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.actors.supervision import Restart
 from eal_actors.device.resource import Activity, Resource, command
-from eal_actors.kernel.clock import REAL_TIME, ManualClock, ScaledClock
+from eal_actors.kernel.clock import REAL_TIME, ScaledClock
 from eal_actors.kernel.errors import (
     DeadlineError,
     PreemptedError,
@@ -25,6 +25,7 @@ from eal_actors.kernel.errors import (
     RobotFailedError,
     UnavailableError,
 )
+from tests.manual_clock import ManualClock
 from tests.robots import WAIT_S, InlinePlugins, running_robot
 
 

@@ -14,9 +14,9 @@ from eal_actors.net.wire import keys
 from eal_actors.net.wire import messages as wire
 from eal_actors.net.wire.frames import decode_frame
 from plugins.evbot2 import protocol as evbot2_protocol
-from plugins.evbot2.emulator import evbot2, free_body
+from plugins.evbot2.emulator import evbot2, free_vehicle
 from plugins.evbot3 import protocol as evbot3_protocol
-from plugins.evbot3.emulator import FreeTurretBody, evbot3
+from plugins.evbot3.emulator import FreeTurretVehicle, evbot3
 from plugins.roomba import groups, packets
 from plugins.roomba.bodies import FreeRoombaBody
 from plugins.roomba.oi_emulator import OiEmulator
@@ -113,19 +113,19 @@ def _oi_stream(data: bytes) -> None:
 
 
 def _evbot2(data: bytes) -> None:
-    _same_in_pieces(data, lambda: evbot2_protocol.BaseCodec().feed)
-    for reply in _same_in_pieces(data, lambda: evbot2_protocol.HostCodec().feed):
-        if evbot2_protocol.HostCodec().feed(evbot2_protocol.encode_reply(reply)) != [reply]:
+    _same_in_pieces(data, lambda: evbot2_protocol.BaseLineCodec().feed)
+    for reply in _same_in_pieces(data, lambda: evbot2_protocol.HostLineCodec().feed):
+        if evbot2_protocol.HostLineCodec().feed(evbot2_protocol.encode_reply(reply)) != [reply]:
             raise AssertionError(f"{reply} is not what it was")
-    _obeys(data, lambda: evbot2(free_body(lambda: 0.0), _TICK_S).feed)
+    _obeys(data, lambda: evbot2(free_vehicle(lambda: 0.0), _TICK_S).feed)
 
 
 def _evbot3(data: bytes) -> None:
-    _same_in_pieces(data, lambda: evbot3_protocol.BaseCodec().feed)
-    for reply in _same_in_pieces(data, lambda: evbot3_protocol.HostCodec().feed):
-        if evbot3_protocol.HostCodec().feed(evbot3_protocol.encode_reply(reply)) != [reply]:
+    _same_in_pieces(data, lambda: evbot3_protocol.BaseFrameCodec().feed)
+    for reply in _same_in_pieces(data, lambda: evbot3_protocol.HostFrameCodec().feed):
+        if evbot3_protocol.HostFrameCodec().feed(evbot3_protocol.encode_reply(reply)) != [reply]:
             raise AssertionError(f"{reply} is not what it was")
-    _obeys(data, lambda: evbot3(FreeTurretBody(lambda: 0.0), _TICK_S).feed)
+    _obeys(data, lambda: evbot3(FreeTurretVehicle(lambda: 0.0), _TICK_S).feed)
 
 
 def _sci_emulator(data: bytes) -> None:

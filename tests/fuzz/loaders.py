@@ -12,8 +12,8 @@ from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import read_manifest
-from eal_actors.scenario.expressions.template import parse_bare, parse_template
-from eal_actors.scenario.loading import parse_scenario
+from eal_actors.scenario.language.expressions import parse_bare, parse_template
+from eal_actors.scenario.language.loading import parse_scenario
 
 ROOT = Path(__file__).parents[2]
 _REFERENCE = re.compile(r"(file|map|include|world|plugin_dirs|scenario)")

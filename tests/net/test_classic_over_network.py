@@ -10,7 +10,7 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.facade import shared
+from eal_actors.facade import connections
 from eal_actors.kernel.bundled import bundled_path
 from scenarios.classic import camera, dance, square
 from tests.net.links import free_port
@@ -42,9 +42,9 @@ def running(fleet_file: Path) -> Iterator[Servers]:
 @pytest.fixture
 def fleet(running: Servers, fleet_file: Path) -> Iterator[Fleet]:
     """The fleet that the programs share with their test."""
-    opened = shared.acquire_fleet(fleet_file)
+    opened = connections.acquire_fleet(fleet_file)
     yield opened
-    shared.release_fleet(opened)
+    connections.release_fleet(opened)
 
 
 def poses(fleet: Fleet) -> dict[str, tuple[float, ...]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors import Fleet, classic, connect
-from eal_actors.facade.elsewhere import robot_at
+from eal_actors.facade.connections import find_robot
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import ConfigError, RobotNotFoundError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
@@ -68,7 +68,7 @@ def test_a_robot_of_the_fleet_file_is_found_by_its_address(port: int, file: Path
     file.write_text(f"version: 1\nname: f\nrobots: {{r1: {{address: '{endpoint(port)}'}}}}\n", encoding="utf-8")
     with Fleet.load(file) as fleet, connect(LOCALHOST, port, fleet=fleet) as eal:
         assert repr(eal) == "<EAL r1>"
-        with pytest.raises(RobotNotFoundError, match=f"knows no robot '{LOCALHOST}'"):
+        with pytest.raises(RobotNotFoundError, match=f"has no robot '{LOCALHOST}'"):
             connect(LOCALHOST, port + 1, fleet=fleet)
 
 
@@ -84,7 +84,7 @@ def test_what_is_no_endpoint_is_told(file: Path) -> None:
 
 
 def test_a_name_of_nothing_at_all_is_told_at_once(file: Path) -> None:
-    with pytest.raises(RobotNotFoundError, match=r"fleet 'other' knows no robot 'no_such'.*it has here"):
+    with pytest.raises(RobotNotFoundError, match=r"fleet 'other' has no robot 'no_such'.*it has here"):
         connect("no_such")
 
 
@@ -125,7 +125,7 @@ class TestKeys:
                 connect(f"tcp/{LOCALHOST}:{number}", fleet=desk)
 
     def test_without_keys_it_is_refused(self, file: Path) -> None:
-        with pytest.raises(ConfigError, match="wants keys, and this fleet file names none"):
+        with pytest.raises(ConfigError, match="needs keys, and this fleet file names none"):
             connect(f"tls/{LOCALHOST}:1")
 
 
@@ -145,7 +145,7 @@ class TestKeys:
 )
 def test_a_name_comes_before_an_address(host: str, port: int, robot: str | None) -> None:
     fleet: FleetConfig = fleet_of({}, {"a": "tcp/10.0.0.1:50000", "b": "tcp/[fe80::1]:5", "c": None})
-    assert robot_at(fleet, host, port) == robot
+    assert find_robot(fleet, host, port) == robot
 
 
 def test_sockets_of_visits_are_closed(port: int, file: Path) -> None:

@@ -13,8 +13,7 @@ from pykka import ActorRegistry
 from eal_actors import Fleet
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.actors.robot_view import RobotState
-from eal_actors.actors.running import process_name
+from eal_actors.actors.robot_view import RobotState, process_name
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import (
     BusyError,

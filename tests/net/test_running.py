@@ -13,8 +13,7 @@ import pytest
 from eal_actors import Fleet
 from eal_actors.actors.call import Call
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.actors.robot_view import RobotState
-from eal_actors.actors.running import Running, process_name
+from eal_actors.actors.robot_view import RobotState, RunningCommand, process_name
 from eal_actors.device.data import EALData
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.errors import PreemptedError, UnavailableError
@@ -79,7 +78,7 @@ def test_who_comes_later_sees_what_runs(rig: Rig, fleet: Fleet) -> None:
 
 
 def test_a_short_command_is_never_listed(fleet: Fleet) -> None:
-    seen: list[tuple[Running, ...]] = []
+    seen: list[tuple[RunningCommand, ...]] = []
     assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
     seen.append(fleet["r1"].ping().get().running)
     assert seen == [()]

@@ -155,5 +155,5 @@ def test_a_traceparent_that_makes_no_sense_is_passed_over(served: Fleet, tracepa
 
 
 def test_a_place_that_is_none_is_refused() -> None:
-    with pytest.raises(ArgumentError, match="traces go to a URL such as"):
+    with pytest.raises(ArgumentError, match="traces need a URL such as"):
         exporter_to("somewhere")

@@ -13,11 +13,11 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ResourceBusyError, StaleCommandError, UnavailableError
 from eal_actors.net.freshness import CommandRecord, Stamper
 from eal_actors.net.server.admission import Admission
 from eal_actors.net.wire.messages import CallHeader, CallId
+from tests.manual_clock import ManualClock
 
 CLIENTS = ("a" * 16, "b" * 16)
 ACTUATORS = ["Arm", "Wheels"]

@@ -17,10 +17,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from eal_actors.actors.future import Future
-from eal_actors.device.data import DataType
-from eal_actors.device.info import ResourceType, ValueInfo
+from eal_actors.device.data import DataType, ValueInfo
+from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Resource, command, request
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import (
     BusyError,
     CallCancelledError,
@@ -29,6 +28,7 @@ from eal_actors.kernel.errors import (
     PreemptedError,
     StaleCommandError,
 )
+from tests.manual_clock import ManualClock
 from tests.robots import WAIT_S, running_robot
 
 CAPACITY = 3

@@ -1,4 +1,4 @@
-"""One recorded run for all tests that only look at it."""
+"""A recorded run that tests share and do not change."""
 
 from __future__ import annotations
 

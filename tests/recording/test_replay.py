@@ -1,4 +1,4 @@
-"""A record stands in for its robots."""
+"""Replay of a record in place of its robots."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_a_scenario_runs_on_the_record_as_it_ran_on_the_robots(run: Path, tmp_pa
     assert [s.end_s for s in played.steps] == pytest.approx([s.end_s for s in drives], abs=1e-6)
 
 
-def test_sensors_say_what_they_said_then(run: Path, fleet: Fleet) -> None:
+def test_sensors_return_their_recorded_values(run: Path, fleet: Fleet) -> None:
     path = RunFolder.open(run).paths["roomba-1"]
     fleet.clock.sleep(path[15].time_s + 0.01)
     pose = fleet["roomba-1"]["Pose"].get_value().get()
@@ -63,16 +63,16 @@ def test_at_its_end_the_robots_are_not_ready(fleet: Fleet) -> None:
         fleet["roomba-1"]["Pose"].get_value().get()
 
 
-def test_a_loop_goes_on(run: Path) -> None:
+def test_a_looped_replay_starts_again(run: Path) -> None:
     with replay_fleet(run, loop=True).connect() as fleet:
         fleet.clock.sleep(100.0)
         assert len(fleet["roomba-1"]["Pose"].get_value().get().value) == 3
 
 
-def test_a_robot_that_is_not_in_the_record_says_which_are(run: Path) -> None:
+def test_a_robot_that_is_not_in_the_record_is_refused_with_the_valid_names(run: Path) -> None:
     with replay_fleet(run, robot="evbot2-9").connect() as fleet, pytest.raises(RobotFailedError, match="has no robot"):
         fleet["roomba-1"].require_started()
 
 
-def test_runs_that_repeat_do_not_differ(run: Path) -> None:
+def test_a_run_does_not_differ_from_itself(run: Path) -> None:
     assert list(compare_runs(RunFolder.open(run), RunFolder.open(run))) == []

@@ -1,4 +1,4 @@
-"""The page about a run."""
+"""The report page of a run."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ def page(run: Path) -> _Page:
     return _Page(render_report(RunFolder.open(run), kept_world(run)))
 
 
-def test_it_stands_alone(page: _Page) -> None:
+def test_the_page_is_self_contained(page: _Page) -> None:
     assert not page.open
     assert page.links
     assert all(link.startswith(("data:", "#")) for link in page.links)
 
 
-def test_it_names_outcome_robots_and_seed(page: _Page) -> None:
+def test_the_page_names_outcome_robots_and_seed(page: _Page) -> None:
     text = " ".join(page.texts)
     assert "done" in text
     assert {"roomba-1", "evbot3-1"} <= set(page.texts)
     assert "off we go" in text
 
 
-def test_it_shows_the_frames(page: _Page) -> None:
+def test_the_page_shows_the_saved_images(page: _Page) -> None:
     assert sum(link.startswith("data:image/png") for link in page.links) >= 2
     assert "roomba-1/frame.png" in page.texts
 
@@ -79,7 +79,7 @@ def test_a_run_whose_controller_crashed_has_a_page_too(run: Path, tmp_path: Path
     assert re.search(r'class="unfinished"', page)
 
 
-def test_calls_side_by_side_take_two_lanes() -> None:
+def test_parallel_calls_take_two_rows() -> None:
     line = timeline_of([])
     one, other, later = (Bar(a, b, "x", "s", "done", "") for a, b in ((0.0, 2.0), (1.0, 3.0), (2.0, 4.0)))
     line.bars["r"] = [one, other, later]

@@ -1,4 +1,4 @@
-"""What `run.mcap` holds of a real run, and that it repeats."""
+"""The content of `run.mcap` of a real run, and its repeatability."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import RunRecorder
 from eal_actors.recording.mcap_file import read_mcap
 from eal_actors.recording.recorded_run import RecordedRun
-from eal_actors.scenario.events import RunContinued
+from eal_actors.scenario.report.events import RunContinued
 from tests.recording.conftest import record_run
 
 
@@ -48,7 +48,7 @@ def test_messages_are_stamped_in_the_time_of_the_run(run: Path) -> None:
     assert last_s == pytest.approx(end_s, abs=0.2)
 
 
-def test_it_holds_transforms_scans_frames_calls_and_the_arena(run: Path) -> None:
+def test_the_record_has_transforms_scans_frames_calls_and_the_arena(run: Path) -> None:
     entries = read_mcap(run / "run.mcap").messages
     schema_of = {entry.topic: entry.schema for entry in entries}
     assert schema_of["/tf"] == "foxglove.FrameTransforms"
@@ -71,7 +71,7 @@ def test_the_arena_has_every_field_that_foxglove_requires_of_an_entity(run: Path
     }
 
 
-def test_a_transform_turns_with_the_robot(run: Path) -> None:
+def test_transforms_follow_the_heading_of_the_robot(run: Path) -> None:
     entries = read_mcap(run / "run.mcap").messages
     turns = [
         transform["rotation"]
@@ -84,7 +84,7 @@ def test_a_transform_turns_with_the_robot(run: Path) -> None:
     assert yaw_rad == pytest.approx(math.pi / 2, abs=0.1)
 
 
-def test_a_frame_comes_back_as_it_was_taken(run: Path) -> None:
+def test_an_image_can_be_read_back(run: Path) -> None:
     recorded = RecordedRun.open(run / "run.mcap")
     frame = recorded.value_at("roomba-1", "Camera", recorded.duration_s)
     assert frame is not None
@@ -98,12 +98,12 @@ def test_two_runs_of_one_seed_leave_the_same_bytes(tmp_path: Path) -> None:
     assert (first / "run.mcap").read_bytes() == (second / "run.mcap").read_bytes()
 
 
-def test_looking_on_does_not_move_the_robots(tmp_path: Path, run: Path) -> None:
+def test_sampling_does_not_change_the_paths(tmp_path: Path, run: Path) -> None:
     blind = record_run(tmp_path / "blind" / "run", "poses")
     assert (blind / "trajectory.csv").read_bytes() == (run / "trajectory.csv").read_bytes()
 
 
-def test_a_record_without_its_end_is_read_as_far_as_it_goes(run: Path, tmp_path: Path) -> None:
+def test_the_readable_part_of_a_torn_record_is_read(run: Path, tmp_path: Path) -> None:
     whole = (run / "run.mcap").read_bytes()
     torn = tmp_path / "run.mcap"
     torn.write_bytes(whole[: len(whole) // 2])
@@ -113,14 +113,14 @@ def test_a_record_without_its_end_is_read_as_far_as_it_goes(run: Path, tmp_path:
     assert content.messages
 
 
-def test_what_is_no_record_says_so(tmp_path: Path) -> None:
+def test_a_file_that_is_no_record_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     file.write_bytes(b"certainly not an MCAP file, but long enough to be taken for one")
     with pytest.raises(ScenarioError, match=r"run\.mcap is no record of a run"):
         read_mcap(file)
 
 
-def test_frames_that_the_scenario_takes_are_recorded_though_cameras_are_not(tmp_path: Path) -> None:
+def test_images_that_the_scenario_reads_are_recorded_in_any_extent(tmp_path: Path) -> None:
     directory = record_run(tmp_path / "one" / "run", "poses")
     frames = [entry for entry in read_mcap(directory / "run.mcap").messages if entry.topic.endswith("/Camera")]
     assert sorted(frame.topic for frame in frames) == ["/evbot3-1/Camera", "/roomba-1/Camera"]
@@ -128,7 +128,7 @@ def test_frames_that_the_scenario_takes_are_recorded_though_cameras_are_not(tmp_
     assert '"answer"' not in (directory / "events.jsonl").read_text(encoding="utf-8")
 
 
-def test_poses_are_recorded_where_a_run_goes_on(tmp_path: Path) -> None:
+def test_poses_of_a_resumed_run_are_recorded(tmp_path: Path) -> None:
     config = EALConfigManager.load(bundled_path("fleets/sim.yaml")).fleet
     with Fleet(dataclasses.replace(config, rate=MAX)).connect() as fleet:
         recorder = RunRecorder(fleet, fleet, tmp_path)

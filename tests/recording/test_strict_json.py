@@ -1,4 +1,4 @@
-"""Every file and stream of a run is JSON as the standard has it, whatever sensors say."""
+"""Every file and stream of a run is standard JSON, whatever the sensors return."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def test_every_line_and_file_is_strict_json(odd_run: Path) -> None:
     assert line == "nan and inf"
 
 
-def test_what_json_has_no_number_for_comes_back_from_the_record(odd_run: Path) -> None:
+def test_infinities_and_nan_can_be_read_back(odd_run: Path) -> None:
     recorded = RecordedRun.open(odd_run / "run.mcap")
     for resource, wanted in (
         ("Scan", [1.0, math.inf, math.nan, -math.inf]),
@@ -198,7 +198,7 @@ def every_key_declared(schema: Any, message: Any, path: str = "$") -> Iterator[s
             yield from every_key_declared(schema["items"], item, f"{path}[]")
 
 
-def test_every_message_is_what_its_schema_says(odd_run: Path, run: Path) -> None:
+def test_every_message_matches_its_schema(odd_run: Path, run: Path) -> None:
     for folder in (odd_run, run):
         content = read_mcap(folder / "run.mcap")
         assert len(content.messages) > 10
@@ -209,7 +209,7 @@ def test_every_message_is_what_its_schema_says(odd_run: Path, run: Path) -> None
     assert {"foxglove.LaserScan", "foxglove.CompressedImage", "foxglove.PoseInFrame"} <= set(content.schemas)
 
 
-def test_the_makers_own_reader_reads_it(run: Path) -> None:
+def test_the_reader_of_the_mcap_library_reads_the_record(run: Path) -> None:
     """Another implementation than ours, which trusts the index, sees the same messages in the order of time."""
     from mcap.reader import make_reader
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.scenario import (
-    Event,
     Report,
+    RunEvent,
     StepRecord,
     StepStarted,
     run_scenario,
@@ -40,11 +40,11 @@ class Watch:
     """A listener that keeps the events, and acts once when a step with a certain label begins."""
 
     def __init__(self, label: str = "", action: Callable[[], object] = lambda: None) -> None:
-        self.events: list[Event] = []
+        self.events: list[RunEvent] = []
         self._label = label
         self._action = action
 
-    def __call__(self, event: Event) -> None:
+    def __call__(self, event: RunEvent) -> None:
         self.events.append(event)
         if isinstance(event, StepStarted) and event.label == self._label:
             self._label = ""

@@ -32,7 +32,7 @@ def over_ideal(report: Report) -> float:
 
 
 @pytest.mark.parametrize(("fleet", "robots", "most"), [("sim", 3, 0.03), ("swarm", 100, 0.05)])
-def test_a_dance_takes_hardly_longer_than_its_slowest_dancer(fleet: str, robots: int, most: float) -> None:
+def test_a_dance_takes_little_longer_than_its_slowest_dancer(fleet: str, robots: int, most: float) -> None:
     report = dance(fleet)
 
     assert (report.outcome, len(report.robots), len(report.starts)) == ("done", robots, MOVES)

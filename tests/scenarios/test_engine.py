@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario import (
-    Event,
     LogLine,
     RobotDropped,
     Run,
     RunEnded,
+    RunEvent,
     RunStarted,
     StepEnded,
     StepStarted,
     make_plan,
     summary_schema,
 )
+from tests.manual_clock import ManualClock
 from tests.robots import advance_until_done
 from tests.scenarios.rig import HEAD, rigs, scenario
 from tests.scenarios.running import ON, Watch, outcomes, records, run
@@ -216,9 +216,9 @@ def test_events_come_in_order(tmp_path: Path) -> None:
 
 
 def test_a_listener_that_raises_is_told_no_more(two: Fleet, tmp_path: Path) -> None:
-    calls: list[Event] = []
+    calls: list[RunEvent] = []
 
-    def clumsy(event: Event) -> None:
+    def clumsy(event: RunEvent) -> None:
         calls.append(event)
         raise SystemExit
 

@@ -13,9 +13,9 @@ import pytest
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario import (
-    Event,
     LogLine,
     Run,
+    RunEvent,
     RunPaused,
     RunResumed,
     StepEnded,
@@ -31,12 +31,12 @@ NOW = "  - send_cmd: {resource: Base, cmd: now}\n"
 class Gate:
     """A listener that lets a test wait for the n-th event of a kind."""
 
-    def __init__(self, kind: type[Event], count: int = 1) -> None:
+    def __init__(self, kind: type[RunEvent], count: int = 1) -> None:
         self.reached = threading.Event()
         self._kind = kind
         self._left = count
 
-    def __call__(self, event: Event) -> None:
+    def __call__(self, event: RunEvent) -> None:
         self._left -= isinstance(event, self._kind)
         if self._left == 0:
             self.reached.set()

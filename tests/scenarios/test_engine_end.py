@@ -11,10 +11,10 @@ from pathlib import Path
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
 from eal_actors.scenario import (
-    Event,
     Report,
     Run,
     RunEnded,
+    RunEvent,
     RunStarted,
     make_plan,
 )
@@ -170,7 +170,7 @@ def test_an_abort_after_the_end_changes_nothing(two: Fleet, tmp_path: Path) -> N
 def test_giving_up_the_future_aborts_the_run(two: Fleet, tmp_path: Path) -> None:
     ended = threading.Event()
 
-    def listener(event: Event) -> None:
+    def listener(event: RunEvent) -> None:
         if isinstance(event, RunEnded):
             reports.append(event.report)
             ended.set()
@@ -201,7 +201,7 @@ def test_an_error_of_the_engine_fails_the_run_and_halts_the_robots(two: Fleet, t
 def test_a_summary_that_cannot_be_written_is_told(two: Fleet, tmp_path: Path) -> None:
     folder = tmp_path / "run"
 
-    def sabotage(event: Event) -> None:
+    def sabotage(event: RunEvent) -> None:
         if isinstance(event, RunStarted):
             (folder / "events.jsonl").unlink()
             folder.rmdir()

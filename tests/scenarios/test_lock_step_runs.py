@@ -34,19 +34,19 @@ def traces_of(scenario: str, directory: Path, hash_seed: int, *options: str) -> 
 
 
 @pytest.mark.parametrize("scenario", ["dance.yaml", "square.yaml", "panorama.yaml"])
-def test_two_processes_leave_the_same_trace(scenario: str, tmp_path: Path) -> None:
+def test_two_processes_write_the_same_files(scenario: str, tmp_path: Path) -> None:
     first = traces_of(scenario, tmp_path / "first", 1)
     assert {"events.jsonl", "trajectory.csv"} <= set(first)
     assert first == traces_of(scenario, tmp_path / "second", 2)
 
 
-def test_another_seed_leaves_another_trace(tmp_path: Path) -> None:
+def test_another_seed_writes_other_files(tmp_path: Path) -> None:
     first = traces_of("square.yaml", tmp_path / "first", 1)
     other = traces_of("square.yaml", tmp_path / "other", 1, "--seed", "8")
     assert first["trajectory.csv"] != other["trajectory.csv"]
 
 
-def test_controllers_in_threads_repeat_too(tmp_path: Path) -> None:
+def test_tasks_repeat_too(tmp_path: Path) -> None:
     fleet = tmp_path / "fleet.yaml"
     text = (ROOT / "fleets/sim.yaml").read_text().replace("worlds/empty.yaml", str(ROOT / "fleets/worlds/empty.yaml"))
     fleet.write_text(text.replace("rate: 2", "rate: max"))

@@ -1,4 +1,4 @@
-"""Formation, patrol, search and relay: in lock step, on the fleets that come with them."""
+"""Formation, patrol, search and relay, in lock step on their fleets."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from eal_actors.kernel.bundled import bundled_path
 from eal_actors.lab.choreography.aiming import leg_commands
 from eal_actors.recording import PoseRecorder
 from eal_actors.recording.poses import PoseSample
-from eal_actors.scenario import Event, LogLine, Report, load_scenario, run_scenario
+from eal_actors.scenario import LogLine, Report, RunEvent, load_scenario, run_scenario
 from eal_actors.testing import Simulation
 from scenarios import formation as formation_py
 from scenarios import patrol as patrol_py
@@ -40,7 +40,7 @@ def run(
     """Run a shipped scenario; return its report and what it said, each line with its robot."""
     said: list[str] = []
 
-    def listen(event: Event) -> None:
+    def listen(event: RunEvent) -> None:
         if isinstance(event, LogLine):
             said.append(f"{event.robot}: {event.text}" if event.robot else event.text)
 
@@ -103,7 +103,7 @@ def worst_m(simulation: Simulation, rule: Formation) -> float:
         (25, (16, 16), "grid"),
     ],
 )
-def test_a_shape_is_formed_and_nobody_comes_near_anybody(count: int, room_m: tuple[float, float], shape: str) -> None:
+def test_a_shape_is_formed_without_near_misses(count: int, room_m: tuple[float, float], shape: str) -> None:
     robots = scattered(count, room_m, seed=count)
     with watched(robots, room_m, seed=count) as (simulation, recorder):
         report, _ = run(simulation, "formation", shape=shape, spacing_m=0.8)
@@ -114,7 +114,7 @@ def test_a_shape_is_formed_and_nobody_comes_near_anybody(count: int, room_m: tup
     assert least_gap_m(recorder.paths_since(0), robots) >= MARGIN_M
 
 
-def test_without_assignment_and_phases_they_come_too_near() -> None:
+def test_without_assignment_and_phases_there_are_near_misses() -> None:
     """The same nine robots and places as above, each sent to the place of its own number, all at once."""
     robots = scattered(9, (10, 8), seed=9)
     places = formation_poses(Formation(shape="grid", count=9, spacing_m=0.8))
@@ -129,7 +129,7 @@ def test_without_assignment_and_phases_they_come_too_near() -> None:
     assert least_gap_m(recorder.paths_since(0), robots) < MARGIN_M
 
 
-def test_a_shape_that_is_too_narrow_is_refused_before_anybody_moves() -> None:
+def test_a_shape_that_is_too_narrow_is_refused_before_a_robot_moves() -> None:
     with Simulation(fleet_file("formation")) as simulation:
         before = {name: simulation.pose(name) for name in simulation.fleet}
         report, _ = run(simulation, "formation", spacing_m=0.5)
@@ -156,7 +156,7 @@ def test_formation_in_python() -> None:
 # Patrol.
 
 
-def test_the_patrol_sees_what_was_moved_and_not_what_noise_changed(tmp_path: Path) -> None:
+def test_the_patrol_reports_moved_things_and_ignores_noise(tmp_path: Path) -> None:
     with Simulation(fleet_file("patrol")) as simulation:
         for guard in ("evbot3-1", "evbot3-2"):
             simulation[guard]["Camera"].set_config("noise", 5.0).get()
@@ -175,7 +175,7 @@ def test_the_patrol_sees_what_was_moved_and_not_what_noise_changed(tmp_path: Pat
     ]
 
 
-def test_the_patrol_in_python_sees_what_was_moved() -> None:
+def test_the_patrol_in_python_reports_moved_things() -> None:
     with Simulation(fleet_file("patrol")) as simulation:
 
         def visit(visitor: RobotHandle) -> None:
@@ -216,7 +216,7 @@ def test_the_first_to_hear_the_beacon_stops_the_rest(x_m: float, y_m: float, fin
     assert stopped == set(places) - {finder}
 
 
-def test_nobody_finds_what_nobody_can_hear() -> None:
+def test_a_beacon_out_of_range_is_not_found() -> None:
     with Simulation(fleet_file("search"), hall_with_a_beacon(4.9, 3.9, 0.2)) as simulation:
         report, said = run(simulation, "search")
     assert report.outcome == "failed"
@@ -246,7 +246,7 @@ def test_search_in_python() -> None:
 # Relay.
 
 
-def test_each_runner_goes_on_where_the_one_before_stopped() -> None:
+def test_each_runner_continues_where_the_last_one_stopped() -> None:
     with Simulation(fleet_file("relay")) as simulation:
         homes = {name: simulation.pose(name) for name in simulation.fleet}
         with PoseRecorder(simulation.fleet, homes) as recorder:
@@ -272,7 +272,7 @@ def mark(number: int) -> tuple[float, float]:
     return 2.5 * math.cos(angle_rad), 0.4 + 2.5 * math.sin(angle_rad)
 
 
-def test_when_every_battery_is_low_the_relay_says_how_far_it_came() -> None:
+def test_when_every_battery_is_low_the_relay_reports_its_progress() -> None:
     with Simulation(fleet_file("relay")) as simulation:
         report, _ = run(simulation, "relay", laps=9)
     assert report.outcome == "failed"
@@ -282,7 +282,7 @@ def test_when_every_battery_is_low_the_relay_says_how_far_it_came() -> None:
     assert " of 108 marks" in message(report)
 
 
-def test_with_empty_batteries_nobody_moves_and_the_relay_says_so() -> None:
+def test_with_empty_batteries_no_robot_moves_and_the_relay_fails() -> None:
     robots = {f"r{n}": {"model": "roomba", "charge": 0.0, "start": (2.0 * n, -3.4, 90)} for n in (-1, 0, 1)}
     robots = {name.replace("-", "m"): settings for name, settings in robots.items()}
     with Simulation(robots, {"version": 1, "name": "hall", "size_m": [10, 8]}) as simulation:

@@ -1,4 +1,4 @@
-"""Every scenario written in Python runs on the simulated fleet, and does what it says."""
+"""The scenarios in Python, on the simulated fleet."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eal_actors import Fleet
-from eal_actors.facade import shared
+from eal_actors.facade import connections
 from eal_actors.testing import Simulation
 from scenarios import dance, panorama, square, square_umbmark, wander
 from scenarios.classic import camera as classic_camera
@@ -39,7 +39,7 @@ def test_square_comes_back_near_its_start() -> None:
     assert 0 < math.dist(before[:2], after[:2]) < 0.3  # as in the thesis, the square is not perfect
 
 
-def test_dance_turns_every_robot_by_what_its_steps_add_up_to() -> None:
+def test_dance_turns_every_robot_by_the_sum_of_its_steps() -> None:
     with fast_fleet() as fleet:
         before = {name: pose(fleet, name) for name in fleet}
         assert dance.dance(list(fleet.values())) == list(fleet)
@@ -51,7 +51,7 @@ def test_dance_turns_every_robot_by_what_its_steps_add_up_to() -> None:
         assert math.dist(before[name][:2], after[name][:2]) < 0.1
 
 
-def test_a_dancer_that_fails_leaves_and_the_others_dance_on(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_dancer_that_fails_leaves_and_the_others_continue(capsys: pytest.CaptureFixture[str]) -> None:
     with fast_fleet() as fleet:
         name = next(iter(fleet))
         fleet[name].close()
@@ -78,7 +78,7 @@ def test_wander_keeps_off_the_walls_and_ends_in_time() -> None:
     assert abs(y_m) < 2.0
 
 
-def test_squares_both_ways_prove_what_they_say_of_the_wheels(capsys: pytest.CaptureFixture[str]) -> None:
+def test_squares_calibrate_the_wheels_and_verify_it(capsys: pytest.CaptureFixture[str]) -> None:
     with Simulation(SIM, seed=3) as simulation:
         robot = simulation["roomba-1"]
         proof = square_umbmark.prove(robot, squares=2)
@@ -108,13 +108,13 @@ def test_classic_sample_user_code(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_classic_square(classic_fleet: Path) -> None:
-    fleet = shared.acquire_fleet(classic_fleet)
+    fleet = connections.acquire_fleet(classic_fleet)
     try:
         before = pose(fleet, "roomba-1")
         assert classic_square.main(["square.py", "roomba-1"]) == 0
         after = pose(fleet, "roomba-1")
     finally:
-        shared.release_fleet(fleet)
+        connections.release_fleet(fleet)
     assert 0 < math.dist(before[:2], after[:2]) < 0.3
 
 
@@ -130,11 +130,11 @@ def test_classic_camera(classic_fleet: Path, tmp_path: Path) -> None:
 
 
 def test_classic_dance(classic_fleet: Path) -> None:
-    fleet = shared.acquire_fleet(classic_fleet)
+    fleet = connections.acquire_fleet(classic_fleet)
     try:
         before = {name: pose(fleet, name) for name in fleet}
         assert classic_dance.main(["dance.py", *fleet, "nobody"]) == 0
         after = {name: pose(fleet, name) for name in fleet}
     finally:
-        shared.release_fleet(fleet)
+        connections.release_fleet(fleet)
     assert all(not np.isclose(before[name][2], after[name][2], atol=0.1) for name in before)

@@ -16,7 +16,6 @@ from typer.testing import CliRunner, Result
 from eal_actors.cli import app
 from eal_actors.device.world import load_world
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.lab.rehearsal import Approaches, Rehearsal, rehearse
 from eal_actors.managers.config import EALConfigManager
@@ -25,6 +24,7 @@ from eal_actors.managers.twins import simulated
 from eal_actors.plugin import FleetServices, PluginContext
 from eal_actors.scenario import Scenario, load_scenario, parse_scenario
 from plugins.sim import plugin as sim
+from tests.manual_clock import ManualClock
 
 RADIUS_M = 0.17  # of a Roomba
 SPEED_M_S, ACCELERATION_M_S2 = 0.3, 0.8

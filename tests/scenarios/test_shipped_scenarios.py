@@ -42,7 +42,7 @@ def commands(report: Report, robot: str) -> list[str | None]:
     return [step.command for step in report.steps if step.robot == robot and step.kind == "send_cmd"]
 
 
-def test_square_ends_where_it_began(sim: Fleet, tmp_path: Path) -> None:
+def test_square_ends_near_its_start(sim: Fleet, tmp_path: Path) -> None:
     before = poses(sim)
     report = run(sim, "square", tmp_path)
     after = poses(sim)
@@ -52,7 +52,7 @@ def test_square_ends_where_it_began(sim: Fleet, tmp_path: Path) -> None:
         assert math.dist(before[robot][:2], after[robot][:2]) < 0.25, "half a side, for the wheels are not perfect"
 
 
-def test_dance_is_danced_step_by_step(sim: Fleet, tmp_path: Path) -> None:
+def test_dance_is_synchronized_step_by_step(sim: Fleet, tmp_path: Path) -> None:
     report = run(sim, "dance", tmp_path)
 
     before_s = 0.0

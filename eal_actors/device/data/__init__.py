@@ -1,7 +1,7 @@
 """EALData: the one kind of value that crosses the framework."""
 
-from eal_actors.device.data.forms import DataType
+from eal_actors.device.data.c_types import DataType
 from eal_actors.device.data.storage import Payload
-from eal_actors.device.data.value import EALData
+from eal_actors.device.data.value import EALData, ValueInfo
 
-__all__ = ["DataType", "EALData", "Payload"]
+__all__ = ["DataType", "EALData", "Payload", "ValueInfo"]

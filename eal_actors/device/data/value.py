@@ -1,13 +1,14 @@
-"""EALData: the one kind of value that crosses the framework, typed and laid out as in C.
+"""EALData and ValueInfo: the one kind of value that crosses the framework, and the description of a value.
 
-Widths are those of a 64-bit Linux compiler (LP64), little-endian whatever the host: char 1, bool 1, short 2, int 4,
-float 4, long 8, double 8 bytes; void is any number of bytes. Choices that C leaves open:
+A value is typed and laid out as in C, with the widths of a 64-bit Linux compiler (LP64), little-endian on every host:
+char 1, bool 1, short 2, int 4, float 4, long 8, double 8 bytes; void is any number of bytes. Choices that C leaves
+open:
 
 - A plain char is text. Its sign differs between x86-64 and ARM, so numbers over 127 go into an unsigned char.
-- A char array is UTF-8. `length` counts bytes, not characters; what the text does not fill is zero, the text ends at
-  the first zero byte, and a text that fills its array has no zero byte at the end.
+- A char array is UTF-8. `length` counts bytes, not characters; the rest of the array is zero, the text ends at the
+  first zero byte, and a text that fills its array has no zero byte at the end.
 - A pointer is an array, even of one element: the address itself means nothing on another machine.
-- A list names its element type by its elements, so an empty one becomes a void array of length 0 (`b""`).
+- The elements of a list determine its element type, so an empty list becomes a void array of length 0 (`b""`).
 - A float (32 bits) reads back as it was rounded, the same at both ends of a network.
 
 Source: thesis §4.6, B.1.
@@ -16,48 +17,50 @@ Source: thesis §4.6, B.1.
 from __future__ import annotations
 
 import struct
+import sys
 from collections.abc import Sequence
-from typing import Any, final
+from dataclasses import dataclass
+from typing import Any, Final, final
 
-from eal_actors.device.data.forms import (
+from eal_actors.device.data.c_types import (
+    ARRAY_BY_DTYPE,
     BOOL,
     DOUBLE,
     INT,
     SHOWN_BYTES,
     SHOWN_ELEMENTS,
     TEXT,
+    CType,
     DataType,
-    Form,
-    find_form,
-    int_form,
-    shown,
+    find_c_type,
+    int_c_type,
+    short_repr,
 )
 from eal_actors.device.data.storage import (
     Payload,
     Stored,
     as_array,
     as_bytes,
-    checked_meta,
     checked_shape,
     infer,
     read,
     store,
     unpack,
 )
-from eal_actors.kernel.errors import DataError
+from eal_actors.kernel.errors import ArgumentError, DataError
 
 
 @final
 class EALData:
     """An immutable value with its C type, unit, frame and time.
 
-    Everything is checked when it is made; bytes are made when they are asked for. Equal means the same description
-    and the same bytes: a NaN equals itself, 0.0 differs from -0.0. Not hashable, since it may hold a numpy array.
+    Everything is checked at construction; bytes are made when they are needed. Two are equal if their descriptions and
+    bytes are: a NaN equals itself, 0.0 differs from -0.0. Not hashable, because it may hold a numpy array.
 
     Args:
         type: the base type.
         value: int, float, bool, str, bytes, a list or tuple of numbers, or a numpy array; None for VOID alone. The
-            framework reads an array in place: whoever hands it over must not change it any more.
+            framework reads an array in place: the caller must not change it afterwards.
         length: bytes, as `sizeof` counts them; None for what the value needs. Over what it needs only for text.
         is_ptr: an array.
         is_unsigned: for INT and CHAR.
@@ -65,18 +68,18 @@ class EALData:
         is_long: for INT.
         unit: unit of the value, such as `m` or `rad/s`.
         frame_id: name of the coordinate frame the value is given in.
-        stamp_s: when the value was true, in seconds of the fleet's clock.
+        stamp_s: the time of the value, in seconds of the fleet's clock.
 
     Raises:
         DataError: the modifiers contradict each other, or the value or length does not fit the type.
 
-    Departs from §B.1.2.2: modifiers cannot be set afterwards, as other threads read the same object.
+    Departs from §B.1.2.2: modifiers cannot be set afterwards, because other threads read the same object.
     Thread: any.
     Source: thesis B.1.2.
     """
 
-    __slots__ = ("_form", "_frame_id", "_length", "_payload", "_shape", "_stamp_s", "_unit", "_value")
-    _form: Form
+    __slots__ = ("_c_type", "_frame_id", "_length", "_payload", "_shape", "_stamp_s", "_unit", "_value")
+    _c_type: CType
     _value: Any
     _payload: Payload | None
     _length: int
@@ -99,8 +102,8 @@ class EALData:
         frame_id: str | None = None,
         stamp_s: float | None = None,
     ) -> None:
-        form = find_form(type, is_ptr, is_unsigned, is_short, is_long)
-        self._fill(form, store(form, value, length), unit, frame_id, stamp_s)
+        c_type = find_c_type(type, is_ptr, is_unsigned, is_short, is_long)
+        self._fill(c_type, store(c_type, value, length), unit, frame_id, stamp_s)
 
     @classmethod
     def of(
@@ -111,7 +114,7 @@ class EALData:
         Args:
             value: bool, int (long or unsigned long where int is too small), float (DOUBLE), str, bytes, a list or
                 tuple of bools or of numbers, a numpy scalar or array, None, or an EALData, which is returned as it is.
-            unit: see EALData; None leaves the unit of an EALData.
+            unit: see EALData; None keeps the unit of an EALData.
             frame_id: likewise.
             stamp_s: likewise.
 
@@ -120,19 +123,22 @@ class EALData:
         """
         kind = type(value)
         if kind is float:
-            form = DOUBLE
+            c_type = DOUBLE
         elif kind is int:
-            form = INT if -0x80000000 <= value <= 0x7FFFFFFF else int_form(value, value, is_ptr=False)
+            c_type = INT if -0x80000000 <= value <= 0x7FFFFFFF else int_c_type(value, value, is_ptr=False)
         elif kind is bool:
-            form = BOOL
+            c_type = BOOL
         elif kind is EALData:
             return value.with_meta(unit=unit, frame_id=frame_id, stamp_s=stamp_s)  # type: ignore[no-any-return]
-        else:
-            form, value = infer(value)
+        elif (array := _array_content(value)) is not None:
             self = cls.__new__(cls)
-            return self._fill(form, store(form, value, None), unit, frame_id, stamp_s)
+            return self._fill(*array, unit, frame_id, stamp_s)
+        else:
+            c_type, value = infer(value)
+            self = cls.__new__(cls)
+            return self._fill(c_type, store(c_type, value, None), unit, frame_id, stamp_s)
         self = cls.__new__(cls)
-        return self._fill(form, (value, None, form.width, None), unit, frame_id, stamp_s)
+        return self._fill(c_type, (value, None, c_type.width, None), unit, frame_id, stamp_s)
 
     @classmethod
     def from_payload(
@@ -150,30 +156,30 @@ class EALData:
         frame_id: str | None = None,
         stamp_s: float | None = None,
     ) -> EALData:
-        """Rebuild an EALData from its bytes, as they came over a network or out of a record.
+        """Rebuild an EALData from its bytes, from a network or a record.
 
         Takes the arguments of the constructor; `payload` holds contiguous little-endian bytes. A numpy array has a
         `shape`, row-major, and a `dtype` such as `<f4`; numpy itself is needed only to read its `value`. Arrays stay
-        in the buffer, which must not change any more.
+        in the buffer, which must not change afterwards.
 
         Raises:
             DataError: the bytes are no value of that type and shape.
         """
-        form = find_form(type, is_ptr, is_unsigned, is_short, is_long)
+        c_type = find_c_type(type, is_ptr, is_unsigned, is_short, is_long)
         view = as_bytes(payload)
-        if form.type is DataType.BOOL and bytes(view).strip(b"\0\1"):
+        if c_type.type is DataType.BOOL and bytes(view).strip(b"\0\1"):
             raise DataError("payload: a bool is 0 or 1, other bytes have no meaning")
         if shape is None and dtype is None:
-            stored = read(form, view)
+            stored = read(c_type, view)
         else:
-            stored = None, view, len(view), checked_shape(form, len(view), shape, dtype)
+            stored = None, view, len(view), checked_shape(c_type, len(view), shape, dtype)
         self = cls.__new__(cls)
-        return self._fill(form, stored, unit, frame_id, stamp_s)
+        return self._fill(c_type, stored, unit, frame_id, stamp_s)
 
     def with_meta(
         self, *, unit: str | None = None, frame_id: str | None = None, stamp_s: float | None = None
     ) -> EALData:
-        """Return the same value with another unit, frame or time; None leaves what is there.
+        """Return the same value with another unit, frame or time; None keeps the present one.
 
         Raises:
             DataError: see EALData.
@@ -183,7 +189,7 @@ class EALData:
         copy = EALData.__new__(EALData)
         return EALData._fill(
             copy,
-            self._form,
+            self._c_type,
             (self._value, self._payload, self._length, self._shape),
             self._unit if unit is None else unit,
             self._frame_id if frame_id is None else frame_id,
@@ -191,11 +197,11 @@ class EALData:
         )
 
     def _fill(
-        self, form: Form, stored: Stored, unit: str | None, frame_id: str | None, stamp_s: float | None
+        self, c_type: CType, stored: Stored, unit: str | None, frame_id: str | None, stamp_s: float | None
     ) -> EALData:
         if unit is not None or frame_id is not None or stamp_s is not None:
-            stamp_s = checked_meta(unit, frame_id, stamp_s)
-        self._form = form
+            stamp_s = _checked_meta(unit, frame_id, stamp_s)
+        self._c_type = c_type
         self._value, self._payload, self._length, self._shape = stored
         self._unit = unit
         self._frame_id = frame_id
@@ -205,27 +211,27 @@ class EALData:
     @property
     def type(self) -> DataType:
         """The base type."""
-        return self._form.type
+        return self._c_type.type
 
     @property
     def is_ptr(self) -> bool:
         """True for arrays: text, bytes, lists and numpy arrays."""
-        return self._form.is_ptr
+        return self._c_type.is_ptr
 
     @property
     def is_unsigned(self) -> bool:
         """True for `unsigned`."""
-        return self._form.is_unsigned
+        return self._c_type.is_unsigned
 
     @property
     def is_short(self) -> bool:
         """True for `short`."""
-        return self._form.is_short
+        return self._c_type.is_short
 
     @property
     def is_long(self) -> bool:
         """True for `long`."""
-        return self._form.is_long
+        return self._c_type.is_long
 
     @property
     def length(self) -> int:
@@ -244,7 +250,7 @@ class EALData:
 
     @property
     def stamp_s(self) -> float | None:
-        """When the value was true, in seconds of the fleet's clock."""
+        """The time of the value, in seconds of the fleet's clock."""
         return self._stamp_s
 
     @property
@@ -255,29 +261,29 @@ class EALData:
     @property
     def dtype(self) -> str | None:
         """Dtype of a numpy array, such as `<f4` or `|u1`, None for everything else."""
-        return None if self._shape is None else self._form.dtype
+        return None if self._shape is None else self._c_type.dtype
 
     @property
     def value(self) -> Any:
         """The Python value.
 
         int, float or bool; str for char and text; bytes for VOID; a new list for an array of numbers; a read-only
-        numpy array, not copied, for what was a numpy array; None for an empty VOID.
+        numpy array, not copied, for a numpy array; None for an empty VOID.
 
         Raises:
             DataError: a numpy array came over the network and numpy is not installed; `payload` serves without.
         """
         value = self._value
-        if value is not None or not self._form.is_ptr:
+        if value is not None or not self._c_type.is_ptr:
             return value
         payload = self.payload
         if self._shape is not None:
-            value = self._value = as_array(payload, self._shape, self._form)
+            value = self._value = as_array(payload, self._shape, self._c_type)
             return value
-        if self._form.type is DataType.VOID:
+        if self._c_type.type is DataType.VOID:
             value = self._value = bytes(payload)
             return value
-        return unpack(self._form, payload)
+        return unpack(self._c_type, payload)
 
     @property
     def payload(self) -> Payload:
@@ -295,7 +301,7 @@ class EALData:
             return value.encode().ljust(self._length, b"\0")
         if self._shape is not None:
             return memoryview(value.reshape(-1).view("u1"))
-        return struct.pack(f"<{self._form.code}", value)
+        return struct.pack(f"<{self._c_type.code}", value)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EALData):
@@ -305,19 +311,126 @@ class EALData:
     __hash__ = None  # type: ignore[assignment]
 
     def _description(self) -> tuple[object, ...]:
-        return self._form, self._length, self._shape, self._unit, self._frame_id, self._stamp_s
+        return self._c_type, self._length, self._shape, self._unit, self._frame_id, self._stamp_s
 
     def __repr__(self) -> str:
-        form = self._form
+        c_type = self._c_type
         if self._shape is not None:
             content = f" shape={self._shape}"
-        elif not form.is_ptr or form == TEXT:
-            content = f" {shown(self._value)}"
-        elif form.type is DataType.VOID:
-            content = f" {shown(bytes(self.payload[: SHOWN_BYTES + 1]))}"
+        elif not c_type.is_ptr or c_type == TEXT:
+            content = f" {short_repr(self._value)}"
+        elif c_type.type is DataType.VOID:
+            content = f" {short_repr(bytes(self.payload[: SHOWN_BYTES + 1]))}"
         else:
-            content = f" {shown(unpack(form, self.payload[: (SHOWN_ELEMENTS + 1) * form.width]))}"
-        size = f"[{self._length // form.width}]" if form.is_ptr else ""
+            content = f" {short_repr(unpack(c_type, self.payload[: (SHOWN_ELEMENTS + 1) * c_type.width]))}"
+        size = f"[{self._length // c_type.width}]" if c_type.is_ptr else ""
         meta = {"unit": self._unit, "frame_id": self._frame_id, "stamp_s": self._stamp_s}
-        notes = "".join(f", {name}={shown(note)}" for name, note in meta.items() if note is not None)
-        return f"EALData({form.name}{size}{content}{notes})"
+        notes = "".join(f", {name}={short_repr(note)}" for name, note in meta.items() if note is not None)
+        return f"EALData({c_type.name}{size}{content}{notes})"
+
+
+def _array_content(value: Any) -> tuple[CType, Stored] | None:
+    """Return the C type and content of a numpy array; None for anything else. Does not import numpy."""
+    numpy = sys.modules.get("numpy")
+    if numpy is None or not isinstance(value, numpy.ndarray):
+        return None
+    c_type = ARRAY_BY_DTYPE.get(value.dtype.str)
+    if c_type is None:  # refused with a message by `infer`
+        return None
+    view = value.view()
+    view.flags.writeable = False
+    return c_type, (view, None, view.nbytes, view.shape)
+
+
+def _checked_meta(unit: object, frame_id: object, stamp_s: object) -> float | None:
+    """Return the time stamp as a float, or raise DataError for an invalid unit, frame or time stamp."""
+    for name, text in (("unit", unit), ("frame_id", frame_id)):
+        if text is not None and not isinstance(text, str):
+            raise DataError(f"{name}: {short_repr(text)} is no str")
+    if stamp_s is None:
+        return None
+    if isinstance(stamp_s, bool) or not isinstance(stamp_s, (int, float)) or not abs(stamp_s) <= sys.float_info.max:
+        raise DataError(f"stamp_s: {short_repr(stamp_s)} is no finite number of seconds")
+    return float(stamp_s)
+
+
+_NUMERIC_TYPES: Final = (DataType.INT, DataType.FLOAT, DataType.DOUBLE)
+
+
+@dataclass(frozen=True, slots=True)
+class ValueInfo:
+    """The type, unit and range of a value.
+
+    Attributes:
+        type: the data type; FLOAT and DOUBLE accept an integer too.
+        unit: the unit's symbol, such as `m`, `deg` or `rad/s`; None for a bare number or text.
+        minimum: the least valid value, in the unit; None for no limit.
+        maximum: the greatest valid value, in the unit; None for no limit.
+        choices: the valid values, if they are few; empty for no such limit.
+        shape: the array's shape, with None for any size; () for a single value.
+        description: one line for people.
+    """
+
+    type: DataType
+    unit: str | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str | float, ...] = ()
+    shape: tuple[int | None, ...] = ()
+    description: str = ""
+
+    def check(self, data: EALData, what: str) -> None:
+        """Raise ArgumentError, naming `what`, unless the value has the type, shape and range."""
+        if problem := self.problem(data):
+            raise ArgumentError(f"{what} {problem}")
+
+    def problem(self, data: EALData) -> str | None:
+        """Return the error of a value as the end of a sentence that begins with its name, or None."""
+        numeric = self.type in _NUMERIC_TYPES and data.type in _NUMERIC_TYPES
+        whole = self.type is DataType.INT and data.type is not DataType.INT
+        if (data.type is not self.type and not numeric) or whole:
+            return f"must be {self.describe()}, not {repr_of(data)}"
+        if self.shape:
+            return self._shape_problem(data)
+        value = data.value
+        if self.choices and value not in self.choices:
+            return f"must be one of {', '.join(map(str, self.choices))}, not {value!r}"
+        if self.type in _NUMERIC_TYPES:
+            if not isinstance(value, int | float):
+                return f"must be {self.describe()}, not {repr_of(data)}"
+            below = self.minimum is not None and not value >= self.minimum
+            above = self.maximum is not None and not value <= self.maximum
+            if below or above or value != value:  # the last: not a number
+                return f"must be {self.describe()}, not {value:g}"
+        return None
+
+    def _shape_problem(self, data: EALData) -> str | None:
+        shape = data.shape
+        if shape is None:
+            value = data.value
+            shape = (len(value),) if isinstance(value, list | tuple) else ()
+        fits = len(shape) == len(self.shape) and all(
+            want is None or want == have for want, have in zip(self.shape, shape, strict=True)
+        )
+        return None if fits else f"must be {self.describe()}, not of shape {shape}"
+
+    def describe(self) -> str:
+        """Return the type, range and unit as text, such as `double 0..360 deg`."""
+        parts = [self.type.name.lower()]
+        if self.shape:
+            parts.append("(" + ", ".join("n" if size is None else str(size) for size in self.shape) + ")")
+        if self.minimum is not None or self.maximum is not None:
+            low = "" if self.minimum is None else f"{self.minimum:g}"
+            high = "" if self.maximum is None else f"{self.maximum:g}"
+            parts.append(f"{low}..{high}")
+        if self.choices:
+            parts.append("|".join(map(str, self.choices)))
+        if self.unit:
+            parts.append(self.unit)
+        return " ".join(parts)
+
+
+def repr_of(data: EALData) -> str:
+    """Return a value as its user wrote it, if that is short."""
+    value = data.value if data.shape is None else data
+    return repr(value if isinstance(value, int | float | str | None) else data)

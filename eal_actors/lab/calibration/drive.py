@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData
-from eal_actors.device.wheels import WheelCalibration
+from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.kernel.errors import ResourceFaultError, UnsupportedError
 from eal_actors.lab.calibration.square import LEGS, START, WAYS, Pose, Way, seen_from
 from eal_actors.lab.calibration.umbmark import Point, SquareEnds

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from eal_actors.device.wheels import NOMINAL, WheelCalibration
+from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.lab.calibration.square import WAYS, square_end
 from eal_actors.lab.calibration.umbmark import SquareEnds, calibration_of, require_sizes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final, Literal, TypeAlias
 
-from eal_actors.device.wheels import NOMINAL, WheelCalibration
+from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 
 Pose: TypeAlias = tuple[float, float, float]
 """x and y in metres, yaw in radians, counter-clockwise and unwrapped."""

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.device.wheels import NOMINAL
+from eal_actors.device.differential_base import NOMINAL
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.calibration.drive import calibration_of_base, wheelbase_of
 from eal_actors.lab.calibration.ends_file import read_ends, write_ends
 from eal_actors.lab.calibration.fit import Fit, fit_squares
 from eal_actors.lab.calibration.square import START, WAYS, Pose, seen_from
 from eal_actors.lab.calibration.umbmark import Point, SquareEnds
-from eal_actors.scenario.files import check_file_name
+from eal_actors.scenario.report.files import check_file_name
 
 NAME: Final = "umbmark"
 """Of the files that the step leaves in the robot's folder, unless it is told another one."""

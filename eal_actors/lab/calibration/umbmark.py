@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 from pydantic import ValidationError
 
-from eal_actors.device.wheels import WheelCalibration
+from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.lab.calibration.square import WAYS, Way
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.choreography.changes import Changes, Image, find_changes
-from eal_actors.scenario.files import check_file_name
+from eal_actors.scenario.report.files import check_file_name
 
 _RED: Final = (220, 30, 30)
 

@@ -10,8 +10,8 @@ from typing import Final
 from eal_actors.facade.fleet import Fleet
 from eal_actors.lab.rehearsal.approaches import Approach, Approaches, Nearest
 from eal_actors.managers.twins import SimulatedFleet
-from eal_actors.scenario import Event, Report, RunStarted, Scenario, StepRecord, run_scenario
-from eal_actors.scenario.binding import Wishes
+from eal_actors.scenario import Report, RunEvent, RunStarted, Scenario, StepRecord, run_scenario
+from eal_actors.scenario.language.binding import Wishes
 
 _ROUNDING_S: Final = 1e-6
 
@@ -109,7 +109,7 @@ class _Begin:
         self.start_s = 0.0
         self._clock = fleet.clock
 
-    def hear(self, event: Event) -> None:
+    def hear(self, event: RunEvent) -> None:
         if isinstance(event, RunStarted):
             self.start_s = self._clock.now() - event.time_s
 

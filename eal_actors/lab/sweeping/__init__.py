@@ -5,7 +5,7 @@ sweep = Sweep.of(scenario, fleet, read_variations(scenario, ["side=0.5:1.5:0.5"]
 
 from eal_actors.lab.sweeping.folder import SweepFolder
 from eal_actors.lab.sweeping.pool import run_all
-from eal_actors.lab.sweeping.results import Result, expectations, write_csv, write_junit
+from eal_actors.lab.sweeping.results import Result, write_csv, write_junit
 from eal_actors.lab.sweeping.sweep import Job, Sweep
 from eal_actors.lab.sweeping.variations import Variation, read_seeds, read_variations
 
@@ -15,7 +15,6 @@ __all__ = [
     "Sweep",
     "SweepFolder",
     "Variation",
-    "expectations",
     "read_seeds",
     "read_variations",
     "run_all",

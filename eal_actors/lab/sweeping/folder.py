@@ -15,7 +15,7 @@ from eal_actors.lab.sweeping.results import Result, read_result
 from eal_actors.lab.sweeping.sweep import Job, Sweep
 from eal_actors.recording import RunFolder, keep_provenance
 from eal_actors.scenario import Scenario
-from eal_actors.scenario.resuming import SUMMARY
+from eal_actors.scenario.report.journal import SUMMARY
 
 ORDER: Final = "sweep.json"
 LOG: Final = "workers.log"

@@ -10,11 +10,9 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 from xml.etree import ElementTree as Xml
 
-from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.lab.sweeping.sweep import Job
 from eal_actors.recording import RunFolder
 from eal_actors.scenario import Report, Scenario
-from eal_actors.scenario.model import AnyStep, ExpectStep, inner_steps
 
 Scalar: TypeAlias = bool | int | float | str
 
@@ -61,10 +59,10 @@ def read_result(job: Job, folder: RunFolder, scenario: Scenario) -> Result:
     if report is None:
         return Result(job, CRASHED, error="it has no summary")
     error = report.error.message if report.error is not None else ""
-    known = set(expectations(scenario))
+    known = set(scenario.expectations())
     expected: dict[str, bool] = {}
     for step in report.steps:
-        if step.kind == ExpectStep.kind and step.step in known and step.outcome not in ("aborted", "stopped"):
+        if step.step in known and step.outcome not in ("aborted", "stopped"):
             expected[step.step] = expected.get(step.step, True) and step.error is None
     return Result(job, report.outcome, report.duration_s, error, expected, _variables(folder, report))
 
@@ -88,25 +86,6 @@ def _plain(value: Any) -> Any:
     return next(iter(value.values())) if isinstance(value, dict) and len(value) == 1 else value
 
 
-def expectations(scenario: Scenario) -> tuple[str, ...]:
-    """Return the paths of all `expect` steps, those of its parts included, in the order of the file."""
-    steps = _expectations(scenario, scenario.file.steps, ("steps",))
-    return (*steps, *_expectations(scenario, scenario.file.finally_, ("finally",)))
-
-
-def _expectations(scenario: Scenario, steps: Sequence[AnyStep], path: YamlPath) -> list[str]:
-    found = []
-    for index, step in enumerate(steps):
-        here = (*path, index)
-        if isinstance(step, ExpectStep):
-            found.append(format_path(here))
-        elif (part := scenario.parts.get(format_path(here))) is not None:
-            found += [f"{format_path(here)}.{part.name}.{inner}" for inner in expectations(part)]
-        for keys, inner_of_step in inner_steps(step):
-            found += _expectations(scenario, inner_of_step, (*here, *keys))
-    return found
-
-
 def write_csv(results: Sequence[Result], scenario: Scenario, file: Path) -> None:
     """Write the table: varied parameters, seed, outcome, duration_s, each `expect`, variables, error, folder.
 
@@ -116,7 +95,7 @@ def write_csv(results: Sequence[Result], scenario: Scenario, file: Path) -> None
         OSError: the file cannot be written.
     """
     parameters = list(results[0].job.varied) if results else []
-    expects = expectations(scenario)
+    expects = scenario.expectations()
     variables = list(dict.fromkeys(name for result in results for name in result.variables))
     heads = [*parameters, "seed", "outcome", "duration_s", *(f"expect {path}" for path in expects), *variables]
     with file.open("w", encoding="utf-8", newline="") as stream:

@@ -16,8 +16,8 @@ from eal_actors import __version__
 from eal_actors.lab.sweeping.variations import Variation
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.scenario import Scenario
-from eal_actors.scenario.loading import with_parameters
-from eal_actors.scenario.resuming import scenario_hash
+from eal_actors.scenario.language.parameters import with_parameters
+from eal_actors.scenario.language.scenario import scenario_hash
 
 _LONGEST_NAME: Final = 80
 

@@ -14,16 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import EALError, ScenarioError, shown
+from eal_actors.kernel.errors import EALError, ScenarioError, error_text
 from eal_actors.kernel.log import configure_logging
 from eal_actors.lab.sweeping.sweep import fleet_hash
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Scenario, load_scenario, run_scenario
-from eal_actors.scenario.loading import with_parameters
-from eal_actors.scenario.plan import bind_roles
-from eal_actors.scenario.resuming import scenario_hash
+from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario.language.parameters import with_parameters
+from eal_actors.scenario.language.scenario import scenario_hash
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ def serve(tasks: Connection, workplace: Workplace) -> None:
                 crew = crew or _Crew(workplace)
                 crew.carry_out(task)
             except Exception as error:  # noqa: BLE001  # it becomes a row of the table
-                tasks.send(str(error) if isinstance(error, EALError) else shown(error))
+                tasks.send(str(error) if isinstance(error, EALError) else error_text(error))
             else:
                 tasks.send(None)
 
@@ -103,7 +103,7 @@ class _Crew:
     def carry_out(self, task: Task) -> None:
         """Run the scenario once."""
         scenario = with_parameters(self._scenario, task.parameters)
-        bound = {name for names in bind_roles(scenario, self._config).values() for name in names}
+        bound = {name for names in find_candidates(scenario, self._config).values() for name in names}
         config = replace(simulated(self._config, bound, self._keep).config, seed=task.seed)
         _run(scenario, config, bound, task.directory)
 

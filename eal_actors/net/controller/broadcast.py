@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Final
 
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, shown
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.session import controller_config, open_session
@@ -126,7 +126,7 @@ class _Broadcast:
                 attachment=envelope,
             )
         except zenoh.ZError as error:
-            get_logger(robot=robot).debug("a call could not be sent", reason=shown(error))
+            get_logger(robot=robot).debug("a call could not be sent", reason=error_text(error))
 
     # Messages, in zenoh's threads.
 

@@ -17,8 +17,8 @@ from typing import Any, Final, NoReturn
 
 from typing_extensions import override
 
+from eal_actors.actors.actor import Envelope
 from eal_actors.actors.call import Call
-from eal_actors.actors.inbox import Envelope
 from eal_actors.device.data import EALData
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME
@@ -77,12 +77,7 @@ class CallQueue(UrgentMessage):
         self._echo: tuple[RobotTime, float] | None = None
         self.tracker: Final = CommandTracker(channel)
 
-    # Target of calls; see CallTarget and Mailbox.
-
-    @property
-    def actor_inbox(self) -> CallQueue:
-        """The queue itself."""
-        return self
+    # CallServer.
 
     @property
     def resource(self) -> NoReturn:

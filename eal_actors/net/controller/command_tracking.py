@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from eal_actors.actors.call import Call
-from eal_actors.actors.running import Running
+from eal_actors.actors.robot_view import RunningCommand
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.errors import ProtocolError, UnavailableError
 from eal_actors.net.controller.channel import Channel
@@ -33,7 +33,7 @@ _BACKOFF_S: Final = 1.0, 8.0
 
 @dataclass(slots=True)
 class _BoardEntry:
-    running: Running
+    running: RunningCommand
     told_s: float
 
 
@@ -80,7 +80,7 @@ class CommandBoard:
             entry = self._entries.get(call_id)
             if entry is not None:
                 running = entry.running
-                entry.running = Running(running.resource, running.command, running.by, running.since_s, progress)
+                entry.running = RunningCommand(running.resource, running.command, running.by, running.since_s, progress)
 
     def end(self, call_id: CallId) -> None:
         """Remove a command that has ended."""
@@ -93,7 +93,7 @@ class CommandBoard:
         with self._lock:
             self._entries.clear()
 
-    def running(self, to_local: Callable[[float], float]) -> tuple[Running, ...]:
+    def running(self, to_local: Callable[[float], float]) -> tuple[RunningCommand, ...]:
         """Return the running commands; `to_local` converts the robot's time to our fleet's."""
         with self._lock:
             running = [entry.running for entry in self._entries.values()]
@@ -120,17 +120,17 @@ def localized_progress(progress: Progress, to_local: Callable[[float], float]) -
     return Progress(progress.fraction, progress.text, to_local(progress.time_s))
 
 
-def _running_from(fields: Mapping[str, Any]) -> Running:
+def _running_from(fields: Mapping[str, Any]) -> RunningCommand:
     try:
         resource, command, by = (str(fields[key]) for key in ("resource", "command", "by"))
-        return Running(resource, command, by, float(fields["since_s"]), progress_from(fields.get("progress")))
+        return RunningCommand(resource, command, by, float(fields["since_s"]), progress_from(fields.get("progress")))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ProtocolError(f"the running command {fields!r} makes no sense") from error
 
 
-def _localized(running: Running, to_local: Callable[[float], float]) -> Running:
+def _localized(running: RunningCommand, to_local: Callable[[float], float]) -> RunningCommand:
     progress = None if running.progress is None else localized_progress(running.progress, to_local)
-    return Running(running.resource, running.command, running.by, to_local(running.since_s), progress)
+    return RunningCommand(running.resource, running.command, running.by, to_local(running.since_s), progress)
 
 
 class CommandTracker:

@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Final, Self
 
 from typing_extensions import override
 
-from eal_actors.actors.actor import EALActor
-from eal_actors.actors.inbox import Inbox
-from eal_actors.actors.running import process_name
+from eal_actors.actors.actor import EALActor, Inbox
+from eal_actors.actors.robot_view import process_name
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME, Clock
-from eal_actors.kernel.errors import EALError, ProtocolError, shown
+from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.sender import InFlightWindow, Sender, UrgentMessage
@@ -178,7 +177,7 @@ class Controller(EALActor):
                     express=True,
                 )
             except zenoh.ZError as error:
-                get_logger(fleet=self.fleet).debug("a heartbeat could not be sent", reason=shown(error))
+                get_logger(fleet=self.fleet).debug("a heartbeat could not be sent", reason=error_text(error))
         period_s = self._config.network.dead_man_s / _BEATS
         self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
 
@@ -206,7 +205,7 @@ class Controller(EALActor):
 
     @override
     def on_crash(self, error: BaseException) -> None:
-        get_logger(fleet=self.fleet).error("the network has crashed", error=shown(error))
+        get_logger(fleet=self.fleet).error("the network has crashed", error=error_text(error))
         self.on_stop()
 
     def join(self, timeout_s: float) -> bool:
@@ -253,7 +252,7 @@ class Controller(EALActor):
         try:
             subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(on_sample, indirect=False))
         except zenoh.ZError as error:
-            get_logger(fleet=self.fleet).debug("a subscription failed", key=key, reason=shown(error))
+            get_logger(fleet=self.fleet).debug("a subscription failed", key=key, reason=error_text(error))
             return None
 
         def end() -> None:
@@ -296,7 +295,7 @@ class Controller(EALActor):
                 attachment=envelope,
             )
         except zenoh.ZError as error:
-            get_logger(fleet=self.fleet).debug("a call could not be sent", key=key, reason=shown(error))
+            get_logger(fleet=self.fleet).debug("a call could not be sent", key=key, reason=error_text(error))
             return False
         return self.is_alive(robot)  # it may have gone before the call was pending
 

@@ -9,7 +9,7 @@ from typing import Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from eal_actors.device.info import METHODS, ResourceInfo
-from eal_actors.kernel.errors import EALError, ProtocolError, shown
+from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.net.controller.ping import text_map
 from eal_actors.net.security.access import Rights
 from eal_actors.net.wire.messages import Answer
@@ -60,7 +60,7 @@ class Handshake:
                 answer.get("running", ()),
             )
         except (ProtocolError, AttributeError, KeyError, TypeError) as error:
-            raise ProtocolError(f"greets in a way that makes no sense: {shown(error)}") from error
+            raise ProtocolError(f"greets in a way that makes no sense: {error_text(error)}") from error
 
 
 class _Fields(BaseModel):

@@ -8,8 +8,7 @@ import threading
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
-from eal_actors.actors.robot_view import Ping, RobotState
-from eal_actors.actors.waiting import Waiting
+from eal_actors.actors.robot_view import MailboxLoad, Ping, RobotState
 from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, ProtocolError
@@ -135,7 +134,7 @@ def _ping_from(answer: Mapping[str, Any], round_trip_s: float, offset: Offset) -
             offset_error_s=offset.error_s,
             not_ready=text_map(answer.get("not_ready", {})),
             mailboxes={
-                str(name): Waiting(int(count), float(oldest_s))
+                str(name): MailboxLoad(int(count), float(oldest_s))
                 for name, (count, oldest_s) in answer.get("mailboxes", {}).items()
             },
             restarts={str(name): int(count) for name, count in answer.get("restarts", {}).items()},

@@ -12,11 +12,10 @@ from typing_extensions import override
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.call import ResourceCell
 from eal_actors.actors.future import Future
-from eal_actors.actors.robot_view import Ping, RobotState, RobotView
-from eal_actors.actors.running import Running
-from eal_actors.device.link import Link
+from eal_actors.actors.robot_view import Ping, RobotState, RobotView, RunningCommand
+from eal_actors.device.link import FaultyLink
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import ProtocolError, UnavailableError, shown
+from eal_actors.kernel.errors import ProtocolError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.net.clock_offset import fleet_time_of
 from eal_actors.net.controller.call_queue import CallQueue
@@ -56,7 +55,7 @@ class RemoteSpec:
     address: str
     clock: Clock
     timeout_s: float
-    link: Link
+    link: FaultyLink
 
 
 class RemoteRobot(EALActor):
@@ -244,7 +243,7 @@ class RemoteRobot(EALActor):
 
         return self._channel.call(keys.PING, (), PING_TIMEOUT_S, read)
 
-    def running(self) -> tuple[Running, ...]:
+    def running(self) -> tuple[RunningCommand, ...]:
         """Return the running commands of all controllers."""
         return self._board.running(self._to_fleet_time)
 
@@ -310,7 +309,7 @@ class RemoteRobot(EALActor):
 
     @override
     def on_crash(self, error: BaseException) -> None:
-        self._note_lost(f"cannot be spoken to: its connection crashed: {shown(error)}")
+        self._note_lost(f"cannot be spoken to: its connection crashed: {error_text(error)}")
         self.on_stop()
 
     def is_at_work(self) -> bool:

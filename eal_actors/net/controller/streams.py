@@ -168,9 +168,9 @@ class _RemoteFeed:
     def offer(self, item: Item) -> None:
         """Pass an item over the link, which may inject faults."""
         if self.cell.link.is_faulty:
-            self.cell.carry(lambda: self._sink.offer(item))
+            self.cell.carry(lambda: self._sink(item))
         else:
-            self._sink.offer(item)
+            self._sink(item)
 
     def close(self) -> None:
         """Close the feed."""

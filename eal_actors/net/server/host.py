@@ -11,7 +11,7 @@ from typing_extensions import override
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError, ProtocolError, shown
+from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.net.server.outbox import Outbox
@@ -123,7 +123,7 @@ class RobotHost(EALActor):
 
     @override
     def on_crash(self, error: BaseException) -> None:
-        get_logger(fleet=self._fleet).error("the server has crashed; its robots are halted", error=shown(error))
+        get_logger(fleet=self._fleet).error("the server has crashed; its robots are halted", error=error_text(error))
         for server in self._servers.values():
             server.fail()
         self.on_stop()

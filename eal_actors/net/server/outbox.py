@@ -14,7 +14,7 @@ from typing_extensions import override
 
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import shown
+from eal_actors.kernel.errors import error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.net.sender import Message, Sender
 
@@ -116,7 +116,7 @@ class Outbox(Sender):
                 express=is_last,
             )
         except Exception as error:  # noqa: BLE001  # zenoh's own: the link broke, or the session is being closed
-            self._log.debug("a message could not be sent", key=message.key, reason=shown(error))
+            self._log.debug("a message could not be sent", key=message.key, reason=error_text(error))
 
 
 class _OutgoingMessage(Message):

@@ -8,7 +8,7 @@ from typing import Any
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState, release
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, shown
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, error_text
 from eal_actors.managers.network_model import SecurityConfig
 from eal_actors.net.security.access import encode_rights
 from eal_actors.net.server.admission import Admission
@@ -77,7 +77,7 @@ class RequestHandler:
         except EALError as error:
             return error.at(self._robot.name)
         except Exception as error:  # noqa: BLE001  # arguments of a controller must not crash the server
-            return ProtocolError(f"the call makes no sense: {shown(error)}", robot=self._robot.name)
+            return ProtocolError(f"the call makes no sense: {error_text(error)}", robot=self._robot.name)
 
     def _hello(self, header: CallHeader) -> Answer:
         name = next(iter(header.arguments), "")
@@ -86,7 +86,7 @@ class RequestHandler:
             raise UnavailableError("it is still starting")
         return {
             **self._state_fields(),
-            "problems": [shown(problem) for problem in self._robot.problems],
+            "problems": [error_text(problem) for problem in self._robot.problems],
             "resources": [handle.info.to_dict() for handle in self._robot.values()],
             "rights": self._rights,
         }

@@ -18,7 +18,14 @@ from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceType
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import DeadlineError, EALError, ProtocolError, ResourceFaultError, UnavailableError, shown
+from eal_actors.kernel.errors import (
+    DeadlineError,
+    EALError,
+    ProtocolError,
+    ResourceFaultError,
+    UnavailableError,
+    error_text,
+)
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.net.clock_offset import fleet_time_of, real_time_of
@@ -212,7 +219,7 @@ class RobotServer:
             self._answer(reply_to, error.at(self._robot.name))
         except Exception as error:  # noqa: BLE001  # else the caller would get no reply at all
             self._log.exception("a call failed", method=call.method, resource=call.resource)
-            self._answer(reply_to, ResourceFaultError(f"the server raised {shown(error)}"))
+            self._answer(reply_to, ResourceFaultError(f"the server raised {error_text(error)}"))
 
     def _serve(
         self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
@@ -292,7 +299,7 @@ class RobotServer:
         """Return the result of a finished call, with its stamp in real time."""
         error = done.exception()
         if error is not None:
-            return error if isinstance(error, EALError) else ResourceFaultError(shown(error))
+            return error if isinstance(error, EALError) else ResourceFaultError(error_text(error))
         value = done.get()
         if isinstance(value, EALData) and value.stamp_s is not None:
             return value.with_meta(stamp_s=real_time_of(self._clock, value.stamp_s))

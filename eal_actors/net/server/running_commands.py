@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from eal_actors.actors.call import Call
-from eal_actors.actors.running import command_of
+from eal_actors.actors.robot_view import command_of
 from eal_actors.device.resource import Progress
 from eal_actors.net.clock_offset import real_time_of
 from eal_actors.net.wire.messages import CallId

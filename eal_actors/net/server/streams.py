@@ -13,7 +13,7 @@ from eal_actors.actors.feeds import Item, StreamSpec
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import BusyError, EALError, shown
+from eal_actors.kernel.errors import BusyError, EALError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.net.wire import keys
 from eal_actors.net.wire.frames import StreamFrame, encode_frame, parse_stream_request, rate_text
@@ -109,7 +109,7 @@ class StreamPublisher(EALActor):
 
     @override
     def on_crash(self, error: BaseException) -> None:
-        self._log.error("the streams have crashed", error=shown(error))
+        self._log.error("the streams have crashed", error=error_text(error))
         self.on_stop()
 
     def _renew(self, key: str, handle: ResourceHandle, spec: StreamSpec, client: str, lease_s: float) -> None:
@@ -166,7 +166,7 @@ class StreamPublisher(EALActor):
                 congestion_control=zenoh.CongestionControl.DROP,
             )
         except Exception as error:  # noqa: BLE001  # zenoh's own: the session is being closed
-            self._log.debug("a frame could not be sent", key=stream.key, reason=shown(error))
+            self._log.debug("a frame could not be sent", key=stream.key, reason=error_text(error))
 
     def _now(self) -> RobotTime:
         return RobotTime(self._era, REAL_TIME.now())
@@ -189,7 +189,7 @@ class _PublishedStream:
         self._publisher = publisher
         self._lock = threading.Lock()
         self._item: Item | None = None
-        self.feed = handle.open_feed(spec, self)
+        self.feed = handle.open_feed(spec, self.offer)
 
     def offer(self, item: Item) -> None:
         """Replace the newest value; see Sink."""

@@ -8,7 +8,7 @@ from typing import Any, Final, cast
 
 from eal_actors.actors.feeds import ENCODINGS, Encoding, StreamSpec
 from eal_actors.device.data import EALData, Payload
-from eal_actors.device.data.forms import shown
+from eal_actors.device.data.c_types import short_repr
 from eal_actors.kernel.errors import DataError, EALError, ProtocolError
 from eal_actors.net.wire.images import decode_image, encode_image
 from eal_actors.net.wire.messages import RobotTime
@@ -75,9 +75,9 @@ def decode_frame(envelope: Buffer, payload: Buffer) -> StreamFrame:
     """
     _, kind, body, era, time_s, age_s, encoding = unpack_row(envelope, "frame", 7)
     if type(era) is not str or not _is_time(time_s) or not _is_time(age_s):
-        raise ProtocolError(f"frame: {shown((era, time_s, age_s))} are no era, time and age")
+        raise ProtocolError(f"frame: {short_repr((era, time_s, age_s))} are no era, time and age")
     if encoding not in ENCODINGS:
-        raise ProtocolError(f"frame: there is no encoding {shown(encoding)}, only {', '.join(ENCODINGS)}")
+        raise ProtocolError(f"frame: there is no encoding {short_repr(encoding)}, only {', '.join(ENCODINGS)}")
     if kind == _ERROR:
         content: EALData | EALError = error_from(body, "frame")
     elif kind == _DATA and encoding == "raw":
@@ -85,7 +85,7 @@ def decode_frame(envelope: Buffer, payload: Buffer) -> StreamFrame:
     elif kind == _DATA:
         content = data_from(body, decode_image(memoryview(payload), _image_shape(body), encoding), "frame")
     else:
-        raise ProtocolError(f"frame: a kind {shown(kind)}, which is {_DATA} or {_ERROR}")
+        raise ProtocolError(f"frame: a kind {short_repr(kind)}, which is {_DATA} or {_ERROR}")
     return StreamFrame(content, RobotTime(era, time_s), age_s)
 
 
@@ -97,7 +97,7 @@ def _image_shape(header: object) -> tuple[int, ...]:
     shape = checked_row(header, "frame", 5)[1]
     is_image = type(shape) is list and len(shape) == 3 and all(type(size) is int and size > 0 for size in shape)
     if not is_image or math.prod(shape) > MAX_PAYLOAD_BYTES:
-        raise ProtocolError(f"frame: the shape {shown(shape)} is none of an image")
+        raise ProtocolError(f"frame: the shape {short_repr(shape)} is none of an image")
     return tuple(shape)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, TypeAlias, final
 
 from eal_actors.device.data import EALData, Payload
-from eal_actors.device.data.forms import shown
+from eal_actors.device.data.c_types import short_repr
 from eal_actors.kernel.errors import EALError, ProtocolError
 from eal_actors.net.wire.packing import (
     PROTOCOL_VERSION,
@@ -199,7 +199,7 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
     row = unpack_row(envelope, "call", 9, 5)
     _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo, has_more, traceparent = row
     if type(arguments) is not list or any(type(item) not in (str, int) for item in arguments):
-        raise ProtocolError(f"call: arguments {shown(arguments)} are not a list of texts and ints")
+        raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
     header = CallHeader(
         checked_client(client, "call"),
         checked_count(epoch, "call: epoch"),
@@ -269,7 +269,7 @@ def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> RobotEvent:
     fields = unpack_map(envelope, "event")
     call, answer, more = fields.get("call"), fields.get("answer"), fields.get("fields", {})
     if type(more) is not dict:
-        raise ProtocolError(f"event: fields {shown(more)} are no map")
+        raise ProtocolError(f"event: fields {short_repr(more)} are no map")
     if answer is None:
         optional_data_from(None, payload, "event")
     return RobotEvent(
@@ -334,7 +334,9 @@ def _answer_from(row: list[Any], payload: Buffer, what: str) -> Answer:
             return body
         if kind == _ACCEPTED and body is None:
             return ACCEPTED
-    raise ProtocolError(f"{what}: {shown(body)} is not an answer of kind {shown(kind)}, which is 0 to {_ACCEPTED}")
+    raise ProtocolError(
+        f"{what}: {short_repr(body)} is not an answer of kind {short_repr(kind)}, which is 0 to {_ACCEPTED}"
+    )
 
 
 def _echo_from(era: object, echo_s: object, held_s: object) -> tuple[str, float, float]:

@@ -12,7 +12,7 @@ from typing import Any, Final
 import msgpack
 
 from eal_actors.device.data import EALData, Payload
-from eal_actors.device.data.forms import FORMS, Form, shown
+from eal_actors.device.data.c_types import C_TYPES, CType, short_repr
 from eal_actors.device.data.storage import as_bytes
 from eal_actors.kernel import errors
 from eal_actors.kernel.errors import ConfigError, DataError, EALError, ProtocolError
@@ -30,8 +30,8 @@ _CLIENT_BYTES: Final = 8
 
 Buffer = bytes | bytearray | memoryview
 
-_C_NAMES: Final = {key: form.name + "[]" * form.is_ptr for key, form in FORMS.items()}
-_FORM_BY_C_NAME: Final[dict[str, Form]] = {_C_NAMES[key]: form for key, form in FORMS.items()}
+_C_NAMES: Final = {key: form.name + "[]" * form.is_ptr for key, form in C_TYPES.items()}
+_FORM_BY_C_NAME: Final[dict[str, CType]] = {_C_NAMES[key]: form for key, form in C_TYPES.items()}
 _ERROR_BY_CODE: Final[dict[str, type[EALError]]] = {
     member.code: member for member in vars(errors).values() if isinstance(member, type) and issubclass(member, EALError)
 }
@@ -60,7 +60,7 @@ def unpack_row(packed: Buffer, what: str, size: int, optional: int = 0) -> list[
     """
     row = _unpack(packed, what)
     if type(row) is not list or not row:
-        raise ProtocolError(f"{what}: the envelope is {shown(row)}, not a list that begins with the version")
+        raise ProtocolError(f"{what}: the envelope is {short_repr(row)}, not a list that begins with the version")
     check_version(row[0], what)
     if optional and len(row) >= size:
         row = [*row, *[None] * optional]
@@ -75,7 +75,7 @@ def unpack_map(packed: Buffer, what: str) -> dict[str, Any]:
     """
     fields = _unpack(packed, what)
     if type(fields) is not dict:
-        raise ProtocolError(f"{what}: the envelope is {shown(fields)}, not a map")
+        raise ProtocolError(f"{what}: the envelope is {short_repr(fields)}, not a map")
     check_version(fields.get("version"), what)
     return fields
 
@@ -84,7 +84,7 @@ def check_version(version: object, what: str) -> None:
     """Raise ProtocolError with both versions unless the peer uses this version of the protocol."""
     if version != PROTOCOL_VERSION or type(version) is not int:
         raise ProtocolError(
-            f"{what}: the other end speaks version {shown(version)} of the protocol, this one {PROTOCOL_VERSION}; "
+            f"{what}: the other end speaks version {short_repr(version)} of the protocol, this one {PROTOCOL_VERSION}; "
             "install the same release of eal-actors at both ends"
         )
 
@@ -102,7 +102,7 @@ def _unpack(packed: Buffer, what: str) -> Any:
             max_ext_len=0,
         )
     except (ValueError, TypeError, BufferError, msgpack.UnpackException) as error:
-        raise ProtocolError(f"{what}: no valid msgpack: {shown(str(error) or type(error).__name__)}") from error
+        raise ProtocolError(f"{what}: no valid msgpack: {short_repr(str(error) or type(error).__name__)}") from error
 
 
 def _text_keys(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
@@ -130,7 +130,7 @@ def data_from(header: object, payload: Buffer, what: str) -> EALData:
     name, shape, unit, frame_id, stamp_s = checked_row(header, what, 5)
     form = _FORM_BY_C_NAME.get(name) if type(name) is str else None
     if form is None:
-        raise ProtocolError(f"{what}: there is no type {shown(name)}, only {', '.join(_FORM_BY_C_NAME)}")
+        raise ProtocolError(f"{what}: there is no type {short_repr(name)}, only {', '.join(_FORM_BY_C_NAME)}")
     try:
         return EALData.from_payload(
             form.type,
@@ -186,7 +186,7 @@ def error_from(body: object, what: str) -> EALError:
     code, message, robot, resource = checked_row(body, what, 4)
     names = (robot, resource)
     if type(code) is not str or type(message) is not str or any(type(n) not in (str, type(None)) for n in names):
-        raise ProtocolError(f"{what}: {shown(body)} is not an error's code, message, robot and resource")
+        raise ProtocolError(f"{what}: {short_repr(body)} is not an error's code, message, robot and resource")
     kind = _ERROR_BY_CODE.get(code)
     if kind is None:
         return EALError(f"{message} (an error of a kind unknown here: {code!r})", robot=robot, resource=resource)
@@ -210,7 +210,7 @@ def _sendable(text: str | None) -> str | None:
 def checked_row(row: object, what: str, size: int) -> list[Any]:
     """Return the first `size` fields of a list; later versions may append more."""
     if type(row) is not list or len(row) < size:
-        raise ProtocolError(f"{what}: {shown(row)} is not a list of at least {size} fields")
+        raise ProtocolError(f"{what}: {short_repr(row)} is not a list of at least {size} fields")
     return row if len(row) == size else row[:size]
 
 
@@ -232,28 +232,28 @@ def packed_client(client: str) -> bytes:
     except (ValueError, TypeError):
         packed = b""
     if len(packed) != _CLIENT_BYTES:
-        raise DataError(f"client {shown(client)} is not {2 * _CLIENT_BYTES} hexadecimal digits")
+        raise DataError(f"client {short_repr(client)} is not {2 * _CLIENT_BYTES} hexadecimal digits")
     return packed
 
 
 def checked_client(client: object, what: str) -> str:
     """Return a client id as hexadecimal digits."""
     if type(client) is not bytes or len(client) != _CLIENT_BYTES:
-        raise ProtocolError(f"{what}: client {shown(client)} is not {_CLIENT_BYTES} bytes")
+        raise ProtocolError(f"{what}: client {short_repr(client)} is not {_CLIENT_BYTES} bytes")
     return client.hex()
 
 
 def checked_count(count: object, what: str) -> int:
     """Return an int from 0."""
     if type(count) is not int or count < 0:
-        raise ProtocolError(f"{what} {shown(count)} is not an int from 0")
+        raise ProtocolError(f"{what} {short_repr(count)} is not an int from 0")
     return count
 
 
 def checked_seconds(seconds: object, what: str) -> float:
     """Return a number of seconds, which may be infinite."""
     if type(seconds) not in (float, int) or seconds != seconds:
-        raise ProtocolError(f"{what} {shown(seconds)} is no number of seconds")
+        raise ProtocolError(f"{what} {short_repr(seconds)} is no number of seconds")
     return float(seconds)  # type: ignore[arg-type]  # mypy does not follow `type(x) in`
 
 
@@ -268,12 +268,12 @@ def checked_time(seconds: object, what: str) -> float:
 def checked_flag(flag: object, what: str) -> bool:
     """Return a bool."""
     if type(flag) is not bool:
-        raise ProtocolError(f"{what} {shown(flag)} is no bool")
+        raise ProtocolError(f"{what} {short_repr(flag)} is no bool")
     return flag
 
 
 def checked_text(text: object, what: str) -> str:
     """Return a str."""
     if type(text) is not str:
-        raise ProtocolError(f"{what} {shown(text)} is no text")
+        raise ProtocolError(f"{what} {short_repr(text)} is no text")
     return text

@@ -12,7 +12,7 @@ from eal_actors.actors.streams import Stream
 from eal_actors.device.data import EALData
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError, shown
+from eal_actors.kernel.errors import ArgumentError, EALError, UnsupportedError, error_text
 from eal_actors.net.wire.images import encode_image
 from eal_actors.operate.dashboard.limits import MAX_FRAMES_PER_S
 
@@ -178,6 +178,6 @@ class _CameraReader:
 
     def _fail(self, error: EALError) -> None:
         last = self.frame
-        text = error.message or shown(error)
+        text = error.message or error_text(error)
         self.frame = CameraFrame(last.number + 1, last.jpeg, last.stamp_s, last.same_since_s, text)
         self._on_frame()

@@ -11,7 +11,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import DataType, EALData
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, RobotNotFoundError, shown
+from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, RobotNotFoundError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.cameras import Cameras
 from eal_actors.operate.dashboard.control import ControlRegistry
@@ -157,7 +157,9 @@ class Dispatcher:
 
         def on_done(done: Future[list[Any]]) -> None:
             outcomes = dict(zip(answers, done.get(), strict=True))
-            failed = {name: shown(outcome) for name, outcome in outcomes.items() if isinstance(outcome, BaseException)}
+            failed = {
+                name: error_text(outcome) for name, outcome in outcomes.items() if isinstance(outcome, BaseException)
+            }
             for name, reason in failed.items():
                 get_logger(robot=name).error("did not confirm", reason=reason)
             confirmed = [name for name in outcomes if name not in failed]
@@ -180,7 +182,7 @@ class Dispatcher:
                 self._control.done(message.robot, message.resource)
             if error is not None and not isinstance(error, PreemptedError):
                 label = f"{message.resource} {message.text or message.method}"
-                self._steps.record_error(message.robot, f"{label}: {shown(error)}")
+                self._steps.record_error(message.robot, f"{label}: {error_text(error)}")
 
         def on_done(done: Future[Any]) -> None:
             error = done.exception()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from types import TracebackType
 from typing import Any, Final, Self
 
 import structlog
@@ -46,9 +45,7 @@ class LogTap:
         )
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         structlog.configure(**self._before)
 
     def _copy(self, _: object, method: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ConfigError, EALError, ScenarioError, WaitTimeoutError, shown
+from eal_actors.kernel.errors import ConfigError, EALError, ScenarioError, WaitTimeoutError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import WHOLE, ControlRegistry
 from eal_actors.operate.dashboard.current_steps import CurrentSteps
@@ -18,13 +18,13 @@ from eal_actors.operate.dashboard.run_record import REPORT, RunRecord
 from eal_actors.operate.dashboard.state_store import StateStore
 from eal_actors.scenario import (
     Checkpoint,
-    Event,
     LogLine,
     Plan,
     Report,
     RobotDropped,
     Run,
     RunEnded,
+    RunEvent,
     RunPaused,
     RunResumed,
     RunStarted,
@@ -33,7 +33,7 @@ from eal_actors.scenario import (
     load_scenario,
     make_plan,
 )
-from eal_actors.scenario.report import StepRecord
+from eal_actors.scenario.report.summary import StepRecord
 
 _END_S: Final = 10.0
 """Real seconds for the end of a run that was aborted twice."""
@@ -196,7 +196,7 @@ class RunManager:
 
     # Events. Thread: the run's.
 
-    def _hear(self, event: Event) -> None:
+    def _hear(self, event: RunEvent) -> None:
         if isinstance(event, Checkpoint):
             return
         with self._status_lock:
@@ -206,7 +206,7 @@ class RunManager:
             fields["started_s"] = self._fleet.clock.now() - event.time_s
         self._store.append("events", fields)
 
-    def _record(self, event: Event) -> None:
+    def _record(self, event: RunEvent) -> None:
         """Update the status of the run and the current steps. Thread: holds the status lock."""
         match event:
             case RunStarted():
@@ -269,7 +269,7 @@ def _describe_scenario(file: Path) -> dict[str, Any]:
     except ConfigError as error:
         return {"file": file.name, "name": file.stem, "problems": [str(problem) for problem in error.problems]}
     except EALError as error:
-        return {"file": file.name, "name": file.stem, "problems": [shown(error)]}
+        return {"file": file.name, "name": file.stem, "problems": [error_text(error)]}
     return {
         "file": file.name,
         "name": scenario.name,

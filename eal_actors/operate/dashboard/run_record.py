@@ -9,7 +9,7 @@ from typing import Final
 
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import EALError, shown
+from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.recording import (
     RunFolder,
@@ -91,7 +91,7 @@ class RunRecord:
             with folder_errors(self.directory):
                 (self.directory / REPORT).write_text(page, encoding="utf-8")
         except EALError as error:
-            reason = shown(error)
+            reason = error_text(error)
             get_logger().error("the report of the run was not made", directory=str(self.directory), reason=reason)
             return
         on_report(self.directory / REPORT)

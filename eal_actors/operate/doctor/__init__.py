@@ -1,4 +1,4 @@
-"""`eal doctor`: looks at a machine and a fleet, and says what to do about what it finds."""
+"""`eal doctor`: checks of a machine and a fleet, with advice."""
 
 from eal_actors.operate.doctor.diagnosis import diagnose_fleet, diagnose_machine
 from eal_actors.operate.doctor.diagnostic import Diagnostic, Severity

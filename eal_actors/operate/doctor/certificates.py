@@ -1,4 +1,4 @@
-"""The certificates that this machine needs: present, secret, valid, of one authority, and for the right names."""
+"""Checks of the certificates that this machine needs: presence, permissions, validity, authority and names."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _AREA: Final = "certificates"
 _SOON_DAYS: Final = 30
-_COPY: Final = "Make it with `eal keys` where the fleet's authority is, and copy it here."
+_COPY: Final = "Make it with `eal keys` on the machine with the fleet's authority, and copy it here."
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +30,9 @@ class RequiredCertificate:
     """A certificate that this machine needs.
 
     Attributes:
-        name: whom it is for.
-        command: what makes it anew, such as `eal keys robot one --force`.
-        host: where its owner is dialled; None for one that only dials out.
+        name: the name of its owner.
+        command: the command that renews it, such as `eal keys robot one --force`.
+        host: the host that others connect to; None for a client.
     """
 
     name: str
@@ -40,15 +40,13 @@ class RequiredCertificate:
     host: str | None = None
 
 
-_AUTHORITY: Final = RequiredCertificate(
-    AUTHORITY, "eal keys init --force, which makes every other certificate worthless"
-)
+_AUTHORITY: Final = RequiredCertificate(AUTHORITY, "eal keys init --force, which invalidates all other certificates")
 
 
 def required_certificates(security: SecurityConfig, served_here: Iterable[RobotConfig]) -> list[RequiredCertificate]:
-    """Return what this machine needs: the certificates of the robots that it serves, and the controller's.
+    """Return the certificates of the robots that this machine serves, and the controller's.
 
-    A machine that serves robots, and has no certificate of the controller, is none that commands.
+    A machine that serves robots and has no controller's certificate needs none: it does not command.
     """
     wanted = [_of_robot(robot) for robot in served_here if robot.address is not None]
     if not wanted or certificate_file(security.keys, security.controller).exists():
@@ -63,13 +61,13 @@ def _of_robot(robot: RobotConfig) -> RequiredCertificate:
 
 
 def check_certificates(config: FleetConfig, served_here: Iterable[RobotConfig]) -> Iterator[Diagnostic]:
-    """Yield what is to be said of the keys of a fleet whose network is closed to strangers."""
+    """Yield diagnostics of the keys of a fleet with a secured network."""
     security = config.network.security
     if security is None:
         return
     if importlib.util.find_spec("cryptography") is None:
-        advice = "pip install 'eal-actors[keys]' on this machine, then ask again."
-        yield warning(_AREA, "cannot be read: the package cryptography is not installed", advice)
+        advice = "pip install 'eal-actors[keys]' on this machine, then run eal doctor again."
+        yield warning(_AREA, "not checked: the package cryptography is not installed", advice)
         return
     authority = _read(certificate_file(security.keys, AUTHORITY))
     if isinstance(authority, Diagnostic):
@@ -94,26 +92,26 @@ def _check_one(folder: Path, wanted: RequiredCertificate, authority: Certificate
     ]
     yield from findings
     if not findings:
-        yield ok(_AREA, f"{wanted.name} is in order, until {after:%Y-%m-%d}")
+        yield ok(_AREA, f"{wanted.name} is valid until {after:%Y-%m-%d}")
 
 
 def judge_validity(
     wanted: RequiredCertificate, begins: datetime, ends: datetime, now: datetime
 ) -> Iterator[Diagnostic]:
-    """Yield that a certificate is not valid now, or not for long any more."""
-    name, advice = wanted.name, f"Where the authority is: {wanted.command}"
+    """Yield a diagnostic if a certificate is not valid now, or expires soon."""
+    name, advice = wanted.name, f"On the machine with the authority, run: {wanted.command}"
     if now < begins:
-        yield problem(_AREA, f"{name} is valid from {begins:%Y-%m-%d} on only", "Set this machine's clock right.")
+        yield problem(_AREA, f"{name} is not valid before {begins:%Y-%m-%d}", "Correct this machine's clock.")
     elif now >= ends:
-        yield problem(_AREA, f"{name} has expired on {ends:%Y-%m-%d}", advice)
+        yield problem(_AREA, f"{name} expired on {ends:%Y-%m-%d}", advice)
     elif (left := (ends - now).days) < _SOON_DAYS:
         yield warning(_AREA, f"{name} expires on {ends:%Y-%m-%d}, in {left} days", advice)
 
 
 def judge_mode(file: Path, mode: int) -> Iterator[Diagnostic]:
-    """Yield that a private key can be read, or replaced, by others than its owner."""
+    """Yield a problem if other users can read or change a private key."""
     if mode & 0o077:
-        yield problem(_AREA, f"{file} has the mode {mode:o}: others can read or change it", f"chmod 600 {file}")
+        yield problem(_AREA, f"{file} has the mode {mode:o}: other users can read or change it", f"chmod 600 {file}")
 
 
 def _read(file: Path) -> Certificate | Diagnostic:
@@ -133,8 +131,8 @@ def _chain(name: str, certificate: Certificate, authority: Certificate) -> Itera
     try:
         certificate.verify_directly_issued_by(authority)
     except (InvalidSignature, ValueError, TypeError):
-        advice = "Copy ca.pem, and this certificate with its key, from one and the same folder of keys."
-        yield problem(_AREA, f"{name} was not signed by the authority of ca.pem", advice)
+        advice = "Copy ca.pem, this certificate and its key from the same folder of keys."
+        yield problem(_AREA, f"{name} is not signed by the authority in ca.pem", advice)
 
 
 def _names(wanted: RequiredCertificate, certificate: Certificate) -> Iterator[Diagnostic]:
@@ -143,8 +141,8 @@ def _names(wanted: RequiredCertificate, certificate: Certificate) -> Iterator[Di
 
     names = [str(attribute.value) for attribute in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
     if names != [wanted.name]:
-        shown = ", ".join(names) or "nobody"
-        yield problem(_AREA, f"{wanted.name}.pem is for {shown}, not for {wanted.name}", _COPY)
+        issued = ", ".join(names) or "nobody"
+        yield problem(_AREA, f"{wanted.name}.pem is issued to {issued}, not to {wanted.name}", _COPY)
     if wanted.host is None:
         return
     hosts: list[str] = []
@@ -154,7 +152,7 @@ def _names(wanted: RequiredCertificate, certificate: Certificate) -> Iterator[Di
     if wanted.host not in hosts:
         yield problem(
             _AREA,
-            f"{wanted.name} is dialled at {wanted.host}, but its certificate is for {', '.join(hosts) or 'no host'}",
+            f"{wanted.name} has the host {wanted.host}, but its certificate is for {', '.join(hosts) or 'no host'}",
             f"{wanted.command} --host {wanted.host}",
         )
 
@@ -174,4 +172,4 @@ def _key(file: Path, name: str, certificate: Certificate) -> Iterator[Diagnostic
     yield from judge_mode(file, mode)
     form = (Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
     if key.public_key().public_bytes(*form) != certificate.public_key().public_bytes(*form):
-        yield problem(_AREA, f"{file} is not the key of {name}.pem", "Copy both from one and the same folder of keys.")
+        yield problem(_AREA, f"{file} is not the key of {name}.pem", "Copy both from the same folder of keys.")

@@ -1,4 +1,4 @@
-"""The machine's clock: whether it is right, kept right, and not set while a fleet runs."""
+"""Checks of the machine's clock: its date, its synchronisation, and steps during the check."""
 
 from __future__ import annotations
 
@@ -15,62 +15,62 @@ from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warnin
 
 _AREA: Final = "clock"
 _NOT_BEFORE: Final = datetime(2025, 1, 1, tzinfo=UTC)
-"""Machines without a battery wake up long before this."""
+"""Machines without a clock battery start with an earlier date."""
 _STEP_S: Final = 0.1
 _TIMEDATECTL_S: Final = 5.0
 _TIME_ERROR: Final = 5
-"""What adjtimex(2) answers while the clock is not synchronised."""
+"""The state of adjtimex(2) for a clock that is not synchronised."""
 
 
 class StepWatch:
-    """Watches whether the time of day is set while something else goes on. Thread: one at a time."""
+    """Detects steps of the time of day. Thread: one at a time."""
 
     def __init__(self) -> None:
         self._start = wall_time()
         self._start_s = REAL_TIME.now()
 
     def findings(self) -> Iterator[Diagnostic]:
-        """Yield what is to be said of the time since this was made."""
+        """Yield a diagnostic if the time of day was set since this object was made."""
         passed_s = REAL_TIME.now() - self._start_s
         yield from judge_steps((wall_time() - self._start).total_seconds() - passed_s)
 
 
 def check_clock() -> Iterator[Diagnostic]:
-    """Yield what is to be said of the time of day. Thread: blocks the caller while it asks the system."""
+    """Yield diagnostics of the time of day. Thread: blocks the caller while it asks the system."""
     yield from judge_date(wall_time())
     yield judge_synchronised(_is_synchronised())
 
 
 def judge_date(now: datetime) -> Iterator[Diagnostic]:
-    """Yield what is wrong with the date itself."""
+    """Yield a problem if the date is impossible."""
     if now < _NOT_BEFORE:
         yield problem(
             _AREA,
-            f"the date is {now:%Y-%m-%d}, which cannot be: certificates are not valid yet",
+            f"the date {now:%Y-%m-%d} is wrong, so certificates are not valid yet",
             "Connect the machine to a time server, or set it: sudo date -u --set='YYYY-MM-DD hh:mm'",
         )
 
 
 def judge_synchronised(synchronised: bool | None) -> Diagnostic:
-    """Return what it means that a time server keeps the clock right, or does not; None is not known."""
+    """Return the diagnostic of the synchronisation with a time server; None for unknown."""
     if synchronised:
-        return ok(_AREA, "kept right by a time server")
+        return ok(_AREA, "synchronised with a time server")
     if synchronised is None:
-        return ok(_AREA, "the system does not tell whether a time server keeps it right")
+        return ok(_AREA, "the system does not report whether it is synchronised with a time server")
     return warning(
         _AREA,
-        "no time server keeps it right: records of several machines will not fit together",
-        "sudo timedatectl set-ntp true; where the network has no time server, run chrony on one machine of it",
+        "not synchronised with a time server: times in records of different machines will differ",
+        "sudo timedatectl set-ntp true; in a network without a time server, run chrony on one machine",
     )
 
 
 def judge_steps(step_s: float) -> Iterator[Diagnostic]:
-    """Yield that the time of day was set while we looked; `step_s` is by how much, in seconds, either way."""
+    """Yield a warning if the time of day stepped during the check, by `step_s` seconds."""
     if abs(step_s) > _STEP_S:
         yield warning(
             _AREA,
-            f"the time of day jumped by {step_s:+.1f} s during this check; records made meanwhile have wrong times",
-            "Wait until the time server has settled, or have it slew the clock; fleets run on regardless.",
+            f"the time of day jumped by {step_s:+.1f} s during this check; current records have wrong times",
+            "Wait for the time synchronisation to settle, or let it slew the clock. Running fleets are not affected.",
         )
 
 
@@ -80,7 +80,7 @@ def _is_synchronised() -> bool | None:
 
 
 class _Timex(ctypes.Structure):
-    """`struct timex`, of which nothing but its size matters: `modes` is 0, so it is only read."""
+    """`struct timex`. Only its size matters: with `modes` 0 the call only reads."""
 
     _fields_ = (("modes", ctypes.c_uint), ("rest", ctypes.c_long * 48))
 
@@ -90,7 +90,7 @@ def _ask_kernel() -> bool | None:
         state = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(_Timex()))
     except (AttributeError, OSError):  # not Linux
         return None
-    return None if state < 0 else state != _TIME_ERROR  # containers are refused
+    return None if state < 0 else state != _TIME_ERROR  # refused in containers
 
 
 def _ask_timedatectl() -> bool | None:

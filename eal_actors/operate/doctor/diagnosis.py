@@ -1,4 +1,4 @@
-"""The examination: every check, in an order in which the cause comes before what it causes."""
+"""The diagnosis: all checks, causes before their effects."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from eal_actors.operate.doctor.robots import ping_robots
 
 
 def diagnose_machine() -> Iterator[Diagnostic]:
-    """Yield what is to be said of this machine, whatever it is used for."""
+    """Yield diagnostics of this machine, independent of any fleet."""
     yield from check_packages()
     yield from check_clock()
 
 
 def diagnose_fleet(config: FleetConfig) -> Iterator[Diagnostic]:
-    """Yield what is to be said of a fleet, seen from this machine.
+    """Yield diagnostics of a fleet, from the view of this machine.
 
-    Plugins, devices and ports are those of the robots that run here, by their addresses; the others are asked over the
-    network. Nothing is moved, and no device is opened but cameras, which are asked what they are.
+    Checks the plugins, devices and ports of robots that run here, by their addresses, and pings the others. No robot
+    moves. The only devices that are opened are cameras, whose capabilities are read.
 
-    Thread: blocks the caller, for some seconds where robots do not answer.
+    Thread: blocks the caller, for some seconds if robots do not answer.
     """
     watch = StepWatch()
     here = [robot for robot in config.robots.values() if is_here(robot)]

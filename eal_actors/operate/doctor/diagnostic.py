@@ -1,4 +1,4 @@
-"""A finding: one thing that was looked at, and what to do about it."""
+"""Diagnostics: the results of checks, with advice."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from dataclasses import dataclass
 
 
 class Severity(enum.StrEnum):
-    """How a finding is to be taken."""
+    """The severity of a diagnostic."""
 
     OK = "ok"
     WARNING = "warning"
-    """It works now, or may work; it is worth a look."""
+    """It works now, or may work, but needs attention."""
     PROBLEM = "problem"
     """Something will not work."""
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """What came of one check.
+    """The result of one check.
 
     Attributes:
-        level: how it is to be taken.
-        area: what it belongs to, such as `clock` or `devices`.
-        what: what was found.
-        advice: what to do about it; empty where nothing is to be done.
+        level: the severity.
+        area: the subject, such as `clock` or `devices`.
+        what: the finding.
+        advice: the remedy; empty if none is needed.
     """
 
     level: Severity
@@ -34,15 +34,15 @@ class Diagnostic:
 
 
 def ok(area: str, what: str) -> Diagnostic:
-    """Return that something is as it should be."""
+    """Return a good result."""
     return Diagnostic(Severity.OK, area, what)
 
 
 def warning(area: str, what: str, advice: str) -> Diagnostic:
-    """Return that something is worth a look."""
+    """Return a warning."""
     return Diagnostic(Severity.WARNING, area, what, advice)
 
 
 def problem(area: str, what: str, advice: str) -> Diagnostic:
-    """Return that something will not work."""
+    """Return a problem."""
     return Diagnostic(Severity.PROBLEM, area, what, advice)

@@ -1,4 +1,4 @@
-"""Python and the packages: whether what is installed is what the framework asks for."""
+"""Checks of Python and of the installed packages against the framework's requirements."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ _BOUND: Final = re.compile(r"(>=|<)\s*([0-9][0-9.]*)")
 
 
 def check_packages() -> Iterator[Diagnostic]:
-    """Yield what is to be said of Python and of the installed packages."""
+    """Yield diagnostics of Python and of the installed packages."""
     metadata = importlib.metadata.metadata(DISTRIBUTION)
     yield judge_python(sys.version_info[:3], metadata["Requires-Python"] or "")
     requirements = importlib.metadata.requires(DISTRIBUTION) or []
-    versions = {_plain(found.name): found.version for found in importlib.metadata.distributions() if found.name}
+    versions = {_normalize(found.name): found.version for found in importlib.metadata.distributions() if found.name}
     yield from judge_requirements(requirements, versions)
 
 
 def judge_python(version: tuple[int, ...], required: str) -> Diagnostic:
-    """Return whether a version of Python will do.
+    """Return the diagnostic of a version of Python.
 
     Args:
         version: such as (3, 11, 9).
-        required: what is asked for, such as `>=3.11`.
+        required: the required version, such as `>=3.11`.
     """
-    shown = ".".join(map(str, version))
-    if _fits(shown, required):
-        return ok("python", f"Python {shown} on {platform.system()} {platform.machine()}")
-    return problem("python", f"Python {shown} is not {required}", f"Install Python {required}, and eal-actors in it.")
+    text = ".".join(map(str, version))
+    if _fits(text, required):
+        return ok("python", f"Python {text} on {platform.system()} {platform.machine()}")
+    return problem("python", f"Python {text} is not {required}", f"Install Python {required}, and eal-actors in it.")
 
 
 def judge_requirements(requirements: Iterable[str], installed: Mapping[str, str]) -> Iterator[Diagnostic]:
-    """Yield what is wrong with the packages that every installation needs; one line if nothing is.
+    """Yield problems with the packages that every installation needs, or a single good result.
 
     Args:
-        requirements: as the package's metadata holds them, extras included, which are passed over.
-        installed: versions by the names of packages, in lower case with hyphens.
+        requirements: requirements of the package's metadata; those of extras are ignored.
+        installed: versions by package name, in lower case with hyphens.
     """
     fitting = []
     wrong = []
@@ -54,7 +54,7 @@ def judge_requirements(requirements: Iterable[str], installed: Mapping[str, str]
         if match is None or "extra" in (match[3] or ""):
             continue
         name, wanted = match[1], match[2].strip()
-        version = installed.get(_plain(name))
+        version = installed.get(_normalize(name))
         if version is not None and _fits(version, wanted):
             fitting.append(f"{name} {version}")
             continue
@@ -65,15 +65,15 @@ def judge_requirements(requirements: Iterable[str], installed: Mapping[str, str]
         yield ok(_AREA, ", ".join(fitting))
 
 
-def _plain(name: str) -> str:
+def _normalize(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def _fits(version: str, wanted: str) -> bool:
-    """Return whether a version is within bounds such as `>=4.5,<5`; what comes after the numbers does not count."""
-    have = _numbers(version)
+    """Return whether a version is within bounds such as `>=4.5,<5`. Suffixes such as `rc1` are ignored."""
+    have = _release_numbers(version)
     for sign, bound in _BOUND.findall(wanted):
-        limit = _numbers(bound)
+        limit = _release_numbers(bound)
         size = max(len(have), len(limit))
         left, right = (numbers + (0,) * (size - len(numbers)) for numbers in (have, limit))
         if (left < right) if sign == ">=" else (left >= right):
@@ -81,6 +81,6 @@ def _fits(version: str, wanted: str) -> bool:
     return True
 
 
-def _numbers(version: str) -> tuple[int, ...]:
+def _release_numbers(version: str) -> tuple[int, ...]:
     match = re.match(r"\d+(\.\d+)*", version)
     return tuple(map(int, match[0].split("."))) if match is not None else (0,)

@@ -1,4 +1,4 @@
-"""The plugins that a fleet names: whether they import, and take their settings."""
+"""Checks of a fleet's plugins: their imports and settings."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _AREA = "plugins"
 
 
 def check_plugins(config: FleetConfig, here: Iterable[RobotConfig]) -> Iterator[Diagnostic]:
-    """Yield what is to be said of the plugins of the robots that run on this machine; they are imported for it."""
+    """Yield diagnostics of the plugins of the robots that run on this machine, which are imported."""
     manager = EALPluginManager(config.plugin_dirs)
     for unread in manager.errors:
-        yield warning(_AREA, str(unread), "Mend its plugin.yaml; fleets that do not name it run all the same.")
+        yield warning(_AREA, str(unread), "Correct its plugin.yaml; other plugins are not affected.")
     problems: dict[Problem, None] = {}
     fine: set[str] = set()
     findings: dict[Diagnostic, None] = {}
@@ -40,7 +40,7 @@ def _broken(manifest: PluginManifest, message: str) -> Diagnostic:
     if not manifest.missing_modules():
         return problem(_AREA, message, f"eal plugin check {manifest.folder}")
     what, _, remedy = message.partition(": pip install ")
-    return problem(_AREA, what, f"pip install {remedy}" if remedy else "Install what is missing.")
+    return problem(_AREA, what, f"pip install {remedy}" if remedy else "Install the missing packages.")
 
 
 def _with_version(manager: EALPluginManager, settings: PluginSettings) -> str:

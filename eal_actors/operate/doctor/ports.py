@@ -1,4 +1,4 @@
-"""Network ports: which robots are served on this machine, and whether somebody else has their ports."""
+"""Checks of the network ports of robots that are served on this machine."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ _DATAGRAMS: Final = ("udp", "quic")
 
 
 def is_here(robot: RobotConfig) -> bool:
-    """Return whether a robot runs on this machine: in the controller's process, or at an address that is ours."""
+    """Return whether a robot runs on this machine: in the controller's process, or at an address of the machine."""
     if robot.address is None:
         return True
     return robot.address != BEHIND_ROUTER and _bind_error(parse_endpoint(robot.address), port=0) is None
 
 
 def check_ports(robots: Iterable[RobotConfig], answering: Iterable[str]) -> Iterator[Diagnostic]:
-    """Yield what is to be said of the ports of robots that are served on this machine.
+    """Yield diagnostics of the ports of robots on this machine.
 
     Args:
-        robots: those whose addresses are ours.
-        answering: the names of robots that are served now, and so have their ports themselves.
+        robots: the robots with addresses of this machine.
+        answering: names of robots that are being served, and so use their ports themselves.
     """
-    there = set(answering)
+    served = set(answering)
     for robot in robots:
         text = robot.listen or robot.address
         if text is None:
             continue
-        error = None if robot.name in there else _bind_error(parse_endpoint(text))
-        yield judge_port(robot.name, text, is_served=robot.name in there, error=error)
+        error = None if robot.name in served else _bind_error(parse_endpoint(text))
+        yield judge_port(robot.name, text, is_served=robot.name in served, error=error)
 
 
 def judge_port(robot: str, endpoint: str, *, is_served: bool, error: OSError | None) -> Diagnostic:
-    """Return what it means that a port could be taken, or not.
+    """Return the diagnostic of a port.
 
     Args:
-        robot: whose port it is.
+        robot: the robot's name.
         endpoint: such as `tcp/0.0.0.0:50000`.
-        is_served: whether the robot answers, and so has its port.
-        error: why the port cannot be taken; None if it can, or if that was not tried.
+        is_served: whether the robot answers, and so uses its port.
+        error: the error of listening there; None for none, or if it was not tried.
     """
     if is_served:
         return ok(_AREA, f"{robot} is served at {endpoint}")
@@ -55,25 +55,25 @@ def judge_port(robot: str, endpoint: str, *, is_served: bool, error: OSError | N
     if error.errno == errno.EADDRINUSE:
         return problem(
             _AREA,
-            f"{endpoint} of {robot} is in use by a program that does not answer as that robot",
-            f"Find it with: sudo ss -lnptu 'sport = :{port}'; end it, or give {robot} another port.",
+            f"{endpoint} of {robot} is used by a program that does not answer as that robot",
+            f"Find the program with: sudo ss -lnptu 'sport = :{port}'; stop it, or give {robot} another port.",
         )
     if error.errno == errno.EACCES:
         return problem(
-            _AREA, f"{endpoint} of {robot} is for the system's programs alone", f"Give {robot} a port of 1024 or more."
+            _AREA, f"{endpoint} of {robot} is reserved for system programs", f"Give {robot} a port of 1024 or more."
         )
     return warning(
-        _AREA, f"{endpoint} of {robot} cannot be listened at: {error.strerror}", "Correct the address under 'listen'."
+        _AREA, f"cannot listen at {endpoint} of {robot}: {error.strerror}", "Correct the address under 'listen'."
     )
 
 
 def _bind_error(endpoint: Endpoint, port: int | None = None) -> OSError | None:
-    """Return why one cannot listen at an endpoint; None if one can. A port of 0 asks only whether the host is ours."""
+    """Return the error of listening at an endpoint, or None. Port 0 tests only whether the host is this machine."""
     kind = socket.SOCK_DGRAM if port == 0 or endpoint.protocol in _DATAGRAMS else socket.SOCK_STREAM
     try:
         family, _, _, _, place = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
         with socket.socket(family, kind) as taken:
-            if kind == socket.SOCK_STREAM:  # as servers do, who come back while old connections fade
+            if kind == socket.SOCK_STREAM:  # as servers do, to restart while old connections time out
                 taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             taken.bind((place[0], place[1] if port is None else port, *place[2:]))
             if kind == socket.SOCK_STREAM:

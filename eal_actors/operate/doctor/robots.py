@@ -1,4 +1,4 @@
-"""Robots of other processes: whether they answer, and run the same release as this end."""
+"""Checks of robots in other processes: whether they answer and run the same release."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _PING_S: Final = 5.0
 
 
 def ping_robots(config: FleetConfig, names: Iterable[str]) -> tuple[dict[str, Ping], list[Diagnostic]]:
-    """Ask robots how they are; returns their answers, and what is to be said of each.
+    """Ping robots; return their answers and the diagnostics.
 
-    Nothing is moved, and robots of this process are not started.
+    No robot moves, and robots of this process are not started.
 
-    Thread: blocks the caller for some seconds where robots do not answer.
+    Thread: blocks the caller for some seconds if robots do not answer.
     """
     wanted = list(names)
     answers: dict[str, Ping] = {}
@@ -40,8 +40,10 @@ def ping_robots(config: FleetConfig, names: Iterable[str]) -> tuple[dict[str, Pi
                     findings.append(_unreached(name, config.robots[name].address or "", error))
                 else:
                     findings.extend(judge_ping(name, answers[name], release()))
-    except EALError as error:  # keys that are missing, or a router that does not answer
-        findings.append(problem(_AREA, f"the network cannot be entered: {error}", "Mend that first, then ask again."))
+    except EALError as error:  # missing keys, or a router that does not answer
+        findings.append(
+            problem(_AREA, f"cannot connect to the network: {error}", "Correct this first, then run eal doctor again.")
+        )
     return answers, findings
 
 
@@ -52,31 +54,31 @@ def _ping(robot: RobotHandle) -> Ping:
 
 def _unreached(name: str, address: str, error: EALError) -> Diagnostic:
     advice = (
-        f"On the robot: eal serve --fleet FLEET --robot {name}. Then see that it is switched on, that {address} is its "
-        "address, that no firewall is between, and that both ends have keys of one authority."
+        f"On the robot, run: eal serve --fleet FLEET --robot {name}. Check that the robot is on, that {address} is "
+        "its address, that no firewall blocks it, and that both ends have keys of the same authority."
     )
     return problem(_AREA, f"{name}: {error.message}", advice)
 
 
 def judge_ping(name: str, ping: Ping, ours: str) -> Iterator[Diagnostic]:
-    """Yield what a robot's answer means.
+    """Yield the diagnostics of a robot's answer.
 
     Args:
         name: the robot's name.
         ping: its answer.
-        ours: the release of this end.
+        ours: the release on this machine.
     """
     if ping.state is not RobotState.READY:
-        yield problem(_AREA, f"{name} answers, but is {ping.state.value}", "Its own log says why: eal serve tells it.")
+        yield problem(_AREA, f"{name} answers, but is {ping.state.value}", "The log of its eal serve has the reason.")
     if ping.release != ours:
-        what = f"{name} runs release {ping.release}, this end {ours}"
+        what = f"{name} runs release {ping.release}, this machine {ours}"
         yield warning(_AREA, what, f"Install the same on both: pip install eal-actors=={ours}")
     if ping.stopped is not None:
-        yield warning(_AREA, f"{name} is held by an emergency stop: {ping.stopped}", "eal resume, once all is clear")
+        yield warning(_AREA, f"{name} is held by an emergency stop: {ping.stopped}", "When it is safe: eal resume")
     for resource, reason in ping.not_ready.items():
-        yield warning(_AREA, f"{name}/{resource} is not ready: {reason}", "See to its device; it is tried again.")
+        yield warning(_AREA, f"{name}/{resource} is not ready: {reason}", "Check its device; it is retried.")
     if ping.round_trip_s > _SLOW_S:
-        what = f"the way to {name} and back takes {ping.round_trip_s * 1000:.0f} ms"
-        yield warning(_AREA, what, "Use a cable, or a radio channel that is less busy.")
+        what = f"the round trip to {name} takes {ping.round_trip_s * 1000:.0f} ms"
+        yield warning(_AREA, what, "Use a cable, or a less busy radio channel.")
     if ping.state is RobotState.READY and ping.release == ours:
         yield ok(_AREA, f"{name} answers in {ping.round_trip_s * 1000:.1f} ms, release {ping.release}")

@@ -1,1 +1,1 @@
-"""Metrics in the format of Prometheus, of robots that run or are commanded in this process."""
+"""Prometheus metrics of the robots that this process runs or commands."""

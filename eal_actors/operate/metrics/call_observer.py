@@ -1,13 +1,13 @@
-"""The calls of a fleet as they end: counted, and measured."""
+"""Observation of a fleet's calls: their outcomes and durations."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from types import TracebackType
-from typing import Any, Self
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 from eal_actors.actors.call import Call, watch_calls
-from eal_actors.actors.future import Future, Later
+from eal_actors.actors.future import CallSoon, Future
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import EALError
 
@@ -15,37 +15,28 @@ DONE = "done"
 """The outcome of a call that did not fail."""
 
 
-class CallObserver:
-    """Tells of each call of a fleet that ends, for the length of a `with` block.
+@contextmanager
+def observe_calls(clock: Clock, on_end: Callable[[Call[Any], str, float], None]) -> Iterator[None]:
+    """Call back at the end of each call of a fleet, for the length of a `with` block.
 
     Args:
-        clock: the fleet's clock, by which its calls are told from those of other fleets of this process.
-        heard: called with the call, its outcome (`done`, or the code of its error) and its seconds of the fleet's
-            clock from its making to its end. It must not block.
-
-    Thread: any; `heard` runs in the thread that ends the call.
+        clock: the fleet's clock, which tells its calls from those of other fleets in this process.
+        on_end: receives the call, its outcome (`done` or an error code), and its duration in seconds of the fleet's
+            clock. Called in the thread that ends the call; it must not block.
     """
 
-    def __init__(self, clock: Clock, heard: Callable[[Call[Any], str, float], None]) -> None:
-        self._clock = clock
-        self._heard = heard
-        self._end: Callable[[], None] = lambda: None
+    def on_call(call: Call[Any]) -> None:
+        if call.cell.clock is clock:
+            start_s = clock.now()
+            call.link(lambda done, later: on_done(call, done, start_s, later))
 
-    def __enter__(self) -> Self:
-        self._end = watch_calls(self._made)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._end()
-
-    def _made(self, call: Call[Any]) -> None:
-        if call.cell.clock is self._clock:
-            made_s = self._clock.now()
-            call.link(lambda done, later: self._ended(call, done, made_s, later))
-
-    def _ended(self, call: Call[Any], done: Future[Any], made_s: float, _: Later | None) -> None:
+    def on_done(call: Call[Any], done: Future[Any], start_s: float, _: CallSoon | None) -> None:
         error = done.exception()
         outcome = DONE if error is None else error.code if isinstance(error, EALError) else EALError.code
-        self._heard(call, outcome, self._clock.now() - made_s)
+        on_end(call, outcome, clock.now() - start_s)
+
+    stop = watch_calls(on_call)
+    try:
+        yield
+    finally:
+        stop()

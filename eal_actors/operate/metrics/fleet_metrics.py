@@ -1,15 +1,15 @@
-"""FleetMetrics: what Prometheus may ask of robots that run, or are commanded, in this process."""
+"""FleetMetrics: Prometheus metrics of the robots that this process runs or commands."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from types import TracebackType
 from typing import Any, Final, Self
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
+from typing_extensions import override
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.handles import RobotHandle
@@ -17,25 +17,22 @@ from eal_actors.actors.robot_view import RobotState
 from eal_actors.device.data import DataType, EALData
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import UnavailableError
-from eal_actors.operate.metrics.call_observer import DONE, CallObserver
+from eal_actors.operate.metrics.call_observer import DONE, observe_calls
 
 LOOPBACK: Final = "127.0.0.1"
 _BUCKETS_S: Final = (0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
-"""From a call within the process to a command that drives."""
+"""From a call within the process to a command that drives for a while."""
 _CLOSE_S: Final = 2.0
 
 
 class FleetMetrics:
-    """Counts the calls of robots, and serves what it knows of them on loopback, for the length of a `with` block.
+    """Counts the calls of robots, and serves metrics on loopback, for the length of a `with` block.
 
     Args:
-        robots: by name; they may come and go.
+        robots: robots by name; the mapping may change.
         clock: the fleet's clock.
-        port: where to listen; 0 for any port that is free.
-        dead_man_trips: by resource, how often a silent controller made it halt, of the one robot that is served.
-
-    Attributes:
-        port: where it listens.
+        port: the port; 0 for any free port.
+        dead_man_trips: halts because of a silent controller, by resource, of the one robot that is served.
 
     Raises:
         UnavailableError: the port is in use.
@@ -55,19 +52,19 @@ class FleetMetrics:
         )
         self._seconds = Histogram(
             "eal_call_seconds",
-            "From the making of a call to its end, in seconds of the fleet's clock.",
+            "Seconds from call to answer, by the fleet's clock.",
             ("robot", "resource", "method"),
             buckets=_BUCKETS_S,
             registry=self._registry,
         )
         self._frames = Counter("eal_frames", "Pictures read.", ("robot", "resource"), registry=self._registry)
-        self._registry.register(_Standing(robots, dead_man_trips))
-        self._watch = CallObserver(clock, self._count)
+        self._registry.register(_StateCollector(robots, dead_man_trips))
+        self._observation = observe_calls(clock, self._count)
         self._stack = ExitStack()
 
     @property
     def url(self) -> str:
-        """Where Prometheus scrapes."""
+        """The URL to scrape."""
         return f"http://{LOOPBACK}:{self.port}/metrics"
 
     def _count(self, call: Call[Any], outcome: str, seconds: float) -> None:
@@ -86,12 +83,10 @@ class FleetMetrics:
         self._stack.callback(thread.join, _CLOSE_S)
         self._stack.callback(server.server_close)
         self._stack.callback(server.shutdown)
-        self._stack.enter_context(self._watch)
+        self._stack.enter_context(self._observation)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stack.close()
 
 
@@ -99,18 +94,18 @@ def _is_picture(value: Any) -> bool:
     return isinstance(value, EALData) and value.type is DataType.CHAR and len(value.shape or ()) == 3
 
 
-class _Standing(Collector):
-    """How things stand, read at the moment of the scrape. Thread: the server's; asks no robot."""
+class _StateCollector(Collector):
+    """The current state, read at each scrape without asking the robots. Thread: the server's."""
 
     def __init__(self, robots: Mapping[str, RobotHandle], dead_man_trips: Mapping[str, int] | None) -> None:
         self._robots = robots
         self._trips = dead_man_trips
 
+    @override
     def collect(self) -> Iterable[Metric]:
-        """See Collector."""
         robots = list(self._robots.values())
-        yield from _of_robots(robots)
-        yield from _of_resources(robots)
+        yield from _robot_metrics(robots)
+        yield from _resource_metrics(robots)
         if self._trips is not None:
             trips = CounterMetricFamily(
                 "eal_dead_man_trips", "Halts because a controller was silent.", labels=("robot", "resource")
@@ -121,16 +116,16 @@ class _Standing(Collector):
             yield trips
 
     def describe(self) -> Iterable[Metric]:
-        """See Collector: nothing is looked at before the first scrape."""
+        """Return nothing, so that registration reads no robot."""
         return ()
 
 
-def _of_robots(robots: Iterable[RobotHandle]) -> Iterator[Metric]:
+def _robot_metrics(robots: Iterable[RobotHandle]) -> Iterator[Metric]:
     state = GaugeMetricFamily(
-        "eal_robot_state", "1 for the state that the robot, or the link to it, is in.", labels=("robot", "state")
+        "eal_robot_state", "1 for the current state of the robot or of the link to it.", labels=("robot", "state")
     )
-    stopped = GaugeMetricFamily("eal_emergency_stop", "1 while an emergency stop holds the robot.", labels=("robot",))
-    running = GaugeMetricFamily("eal_commands_running", "Commands under way.", labels=("robot",))
+    stopped = GaugeMetricFamily("eal_emergency_stop", "1 during an emergency stop.", labels=("robot",))
+    running = GaugeMetricFamily("eal_commands_running", "Running commands.", labels=("robot",))
     for robot in robots:
         now = robot.state
         for each in RobotState:
@@ -140,11 +135,11 @@ def _of_robots(robots: Iterable[RobotHandle]) -> Iterator[Metric]:
     yield from (state, stopped, running)
 
 
-def _of_resources(robots: Iterable[RobotHandle]) -> Iterator[Metric]:
+def _resource_metrics(robots: Iterable[RobotHandle]) -> Iterator[Metric]:
     labels = ("robot", "resource")
-    depth = GaugeMetricFamily("eal_mailbox_depth", "Calls that wait, of robots of this process.", labels=labels)
+    depth = GaugeMetricFamily("eal_mailbox_depth", "Waiting calls, of robots of this process.", labels=labels)
     oldest = GaugeMetricFamily(
-        "eal_mailbox_oldest_seconds", "How long the oldest call waits, of the fleet's clock.", labels=labels
+        "eal_mailbox_oldest_seconds", "Waiting time of the oldest call, by the fleet's clock.", labels=labels
     )
     restarts = CounterMetricFamily("eal_restarts", "Restarts of the resource's actor.", labels=labels)
     not_ready = GaugeMetricFamily("eal_not_ready", "1 while the resource's device cannot be used.", labels=labels)

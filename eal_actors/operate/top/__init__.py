@@ -1,1 +1,1 @@
-"""`eal top`: a fleet in the terminal."""
+"""`eal top`: a table of a fleet's robots in the terminal."""

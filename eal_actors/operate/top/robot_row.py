@@ -1,30 +1,29 @@
-"""One look at a fleet: what the screen shows of each robot."""
+"""A robot's row in the table."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.actors.robot_view import Ping
-from eal_actors.actors.running import Running
-from eal_actors.actors.waiting import Waiting
+from eal_actors.actors.robot_view import MailboxLoad, Ping, RunningCommand
 from eal_actors.operate.top.call_statistics import CallStatistics, RecentCalls
 
 
 @dataclass(frozen=True, slots=True)
 class RobotRow:
-    """What is known of a robot.
+    """The state of a robot.
 
     Attributes:
         name: the robot's name.
-        state: where it is in its life, or `stopped` by whom an emergency stop holds it.
-        is_remote: whether it is in another process.
-        waiting: calls in its mailboxes; None where that is not known yet.
-        oldest_s: how long the oldest of them waits, by the fleet's clock.
-        figures: of this process's calls; of a remote robot's pings where there are none.
-        restarts: of all its resources; None where that is not known yet.
-        running: the commands under way, whoever gave them.
-        notes: what is wrong with it, in words.
+        state: its life-cycle state; `STOP` during an emergency stop.
+        is_remote: whether another process serves it.
+        waiting: calls in its mailboxes; None if not known yet.
+        oldest_s: the waiting time of the oldest call, by the fleet's clock.
+        statistics: of this process's calls; the latencies of pings for a remote robot without calls.
+        restarts: of all its resources; None if not known yet.
+        running: the current commands of all controllers.
+        notes: problems, as text.
     """
 
     name: str
@@ -32,52 +31,62 @@ class RobotRow:
     is_remote: bool
     waiting: int | None
     oldest_s: float
-    figures: CallStatistics
+    statistics: CallStatistics
     restarts: int | None
-    running: tuple[Running, ...]
+    running: tuple[RunningCommand, ...]
     notes: tuple[str, ...]
 
 
 def robot_row(robot: RobotHandle, calls: RecentCalls, pings: RecentCalls, ping: Ping | None) -> RobotRow:
-    """Return what is known of a robot now. Thread: any; does not block.
+    """Return a robot's row. Thread: any; does not block.
 
     Args:
         robot: the robot.
-        calls: what this process's calls took.
-        pings: what pings took.
-        ping: its last answer, if it gave one.
+        calls: this process's calls.
+        pings: the pings.
+        ping: the robot's last answer, if there is one.
     """
-    now_s = robot.clock.now()
-    waits = _mailboxes(robot, ping)
+    mailboxes = _mailboxes(robot, ping)
     restarts = robot.restarts if not robot.is_remote else None if ping is None else ping.restarts
-    figures = calls.figures(robot.name, now_s)
-    if robot.is_remote and figures.p50_s is None:
-        of_pings = pings.figures(robot.name, now_s)
-        figures = CallStatistics(figures.calls_per_s, of_pings.p50_s, of_pings.p99_s)
-    because = robot.stopped_because
-    notes = [f"emergency stop: {because}"] if because is not None else []
-    notes += [problem.message for problem in robot.problems]
-    notes += [f"{name} is not ready: {reason}" for name, reason in robot.not_ready.items()]
-    if ping is not None:
-        notes += [f"{name} is held by {holder}" for name, holder in ping.holders.items()]
     return RobotRow(
         name=robot.name,
-        state=robot.state.value if because is None else "STOP",
+        state=robot.state.value if robot.stopped_because is None else "STOP",
         is_remote=robot.is_remote,
-        waiting=None if waits is None else sum(waiting.count for waiting in waits),
-        oldest_s=max((waiting.oldest_s for waiting in waits or ()), default=0.0),
-        figures=figures,
+        waiting=None if mailboxes is None else sum(waiting.count for waiting in mailboxes),
+        oldest_s=max((waiting.oldest_s for waiting in mailboxes or ()), default=0.0),
+        statistics=_statistics(robot, calls, pings),
         restarts=None if restarts is None else sum(restarts.values()),
         running=robot.running,
-        notes=tuple(notes),
+        notes=tuple(_notes(robot, ping)),
     )
 
 
-def _mailboxes(robot: RobotHandle, ping: Ping | None) -> list[Waiting] | None:
-    """Return what waits for the robot, by the fleet's clock: here, or as it told itself; None if it did not yet."""
+def _statistics(robot: RobotHandle, calls: RecentCalls, pings: RecentCalls) -> CallStatistics:
+    now_s = robot.clock.now()
+    statistics = calls.statistics(robot.name, now_s)
+    if not robot.is_remote or statistics.p50_s is not None:
+        return statistics
+    of_pings = pings.statistics(robot.name, now_s)
+    return CallStatistics(statistics.calls_per_s, of_pings.p50_s, of_pings.p99_s)
+
+
+def _notes(robot: RobotHandle, ping: Ping | None) -> Iterator[str]:
+    if robot.stopped_because is not None:
+        yield f"emergency stop: {robot.stopped_because}"
+    for problem in robot.problems:
+        yield problem.message
+    for name, reason in robot.not_ready.items():
+        yield f"{name} is not ready: {reason}"
+    if ping is not None:
+        for name, holder in ping.holders.items():
+            yield f"{name} is held by {holder}"
+
+
+def _mailboxes(robot: RobotHandle, ping: Ping | None) -> list[MailboxLoad] | None:
+    """Return the waiting calls by the fleet's clock; None if a remote robot has not reported them yet."""
     if not robot.is_remote:
         return [waiting for handle in robot.values() if (waiting := handle.waiting) is not None]
     if ping is None:
         return None
     of_real = robot.clock.of_real
-    return [Waiting(waiting.count, of_real(waiting.oldest_s)) for waiting in ping.mailboxes.values()]
+    return [MailboxLoad(waiting.count, of_real(waiting.oldest_s)) for waiting in ping.mailboxes.values()]

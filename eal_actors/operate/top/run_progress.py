@@ -1,42 +1,58 @@
-"""How far the newest run on this machine has come, by what it writes down as it goes."""
+"""The progress of the newest run on this machine, by the events in its folder."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class RunProgress:
-    """How far a run has come.
+    """The progress of a run.
 
     Attributes:
         scenario: the scenario's name.
         fleet: the fleet's name.
-        done: how many calls have ended.
-        failed: how many steps have failed.
-        calls: how many calls the steps make when nothing fails, as far as that was known at the start.
-        now: what the robots do now, by their names.
-        outcome: what came of it; None while it goes on.
+        calls: the number of calls if nothing fails, as far as it was known at the start.
+        done: the number of calls that have ended.
+        failed: the number of steps that have failed.
+        steps: the current steps by robot; "" stands for the run itself.
+        outcome: the outcome; None while the run is active.
     """
 
     scenario: str
     fleet: str
+    calls: int
     done: int = 0
     failed: int = 0
-    calls: int = 0
-    now: tuple[tuple[str, str], ...] = ()
+    steps: dict[str, str] = field(default_factory=dict)
     outcome: str | None = None
+
+    def apply(self, event: dict[str, Any]) -> None:
+        """Apply an event after the start."""
+        match event.get("event"):
+            case "run_continued":
+                self.outcome = None
+            case "step_started":
+                self.steps[event["robot"] or ""] = event["label"]
+            case "step_ended":
+                record = event["record"]
+                self.done += record["resource"] is not None
+                self.failed += record["outcome"] == "failed"
+                self.steps.pop(record["robot"] or "", None)
+            case "run_ended":
+                self.outcome = event["report"]["outcome"]
+                self.steps.clear()
 
 
 def latest_run(runs_dir: Path, fleet: str) -> RunProgress | None:
-    """Return how far the newest run of a fleet has come; None if there is none. What cannot be read is passed over."""
+    """Return the progress of the newest run of a fleet; None if there is none. Skips unreadable files."""
     try:
         files = sorted(runs_dir.glob("*/events.jsonl"), key=lambda file: file.stat().st_mtime, reverse=True)
-    except OSError:  # a folder that was just removed
+    except OSError:  # a folder has just been removed
         return None
     for file in files:
         try:
@@ -50,32 +66,15 @@ def latest_run(runs_dir: Path, fleet: str) -> RunProgress | None:
 
 
 def progress_of(lines: Iterable[str]) -> RunProgress | None:
-    """Return how far a run has come by its events; None without a start. A last line may be half written."""
-    start: dict[str, Any] | None = None
-    done = failed = 0
-    outcome: str | None = None
-    now: dict[str, str] = {}
+    """Return the progress by a run's events; None without a start. The last line may be incomplete."""
+    progress: RunProgress | None = None
     for line in lines:
         try:
             event = json.loads(line)
         except ValueError:
             continue
-        kind = event.get("event")
-        if kind == "run_started":
-            start, done, failed, outcome, now = event, 0, 0, None, {}
-        elif kind == "run_continued":
-            outcome = None
-        elif kind == "step_started":
-            now[event["robot"] or ""] = event["label"]
-        elif kind == "step_ended":
-            record = event["record"]
-            done += record["resource"] is not None
-            failed += record["outcome"] == "failed"
-            now.pop(record["robot"] or "", None)
-        elif kind == "run_ended":
-            outcome, now = event["report"]["outcome"], {}
-    if start is None:
-        return None
-    return RunProgress(
-        start["scenario"], start["fleet"], done, failed, start["calls"], tuple(sorted(now.items())), outcome
-    )
+        if event.get("event") == "run_started":
+            progress = RunProgress(event["scenario"], event["fleet"], event["calls"])
+        elif progress is not None:
+            progress.apply(event)
+    return progress

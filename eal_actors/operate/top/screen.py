@@ -1,4 +1,4 @@
-"""The screen: a table of robots, the newest run, and keys to stop them all."""
+"""The screen of `eal top`: a table of robots, the newest run, and keys to stop all robots."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.screen import Screen
 from textual.widgets import DataTable, Footer, Static
+from typing_extensions import override
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
@@ -25,7 +26,7 @@ from eal_actors.operate.top.call_statistics import RecentCalls
 from eal_actors.operate.top.robot_row import RobotRow, robot_row
 from eal_actors.operate.top.run_progress import RunProgress, latest_run
 
-LOOK_EACH_S: Final = 0.5
+UPDATE_PERIOD_S: Final = 0.5
 STOP_REASON: Final = "stopped at eal top"
 
 _COLUMNS: Final = ("robot", "state", "mailbox", "oldest", "calls/s", "p50", "p99", "restarts", "running")
@@ -38,35 +39,35 @@ _STYLES: Final = {
 
 
 class LogBuffer(io.TextIOBase):
-    """Where log lines go while the screen is shown, which they would tear: the last ones are kept."""
+    """Keeps the last log lines, which would corrupt the screen if they were printed."""
 
     def __init__(self, most: int = 3) -> None:
         super().__init__()
         self.lines: deque[str] = deque(maxlen=most)
 
+    @override
     def write(self, text: str) -> int:
-        """Keep the text's lines. Thread: any."""
         self.lines.extend(line for line in text.splitlines() if line.strip())
         return len(text)
 
 
 class TopApp(App[None]):
-    """Shows a fleet, and stops it.
+    """Shows a connected fleet, and stops it.
 
     Args:
-        fleet: a connected fleet.
-        calls: what this process's calls took.
-        runs_dir: where runs write down how far they have come.
+        fleet: the fleet.
+        calls: this process's calls.
+        runs_dir: the parent of the runs' folders.
         log: the last log lines.
-        look_each_s: real seconds between two looks; None for looks by `look` alone.
+        update_period_s: real seconds between updates; None for no updates but by `refresh_fleet`.
     """
 
     TITLE = "eal top"
     CSS = """
     #head { height: 1; background: $panel; padding: 0 1; }
     DataTable { height: 1fr; }
-    #run, #told { height: auto; max-height: 4; padding: 0 1; }
-    #told { color: $text-muted; }
+    #run, #log { height: auto; max-height: 4; padding: 0 1; }
+    #log { color: $text-muted; }
     Details { align: center middle; }
     Details VerticalScroll { width: 90%; height: 80%; border: round $primary; background: $surface; padding: 0 1; }
     """
@@ -84,7 +85,7 @@ class TopApp(App[None]):
         calls: RecentCalls,
         runs_dir: Path,
         log: LogBuffer | None = None,
-        look_each_s: float | None = LOOK_EACH_S,
+        update_period_s: float | None = UPDATE_PERIOD_S,
     ) -> None:
         super().__init__()
         self.fleet = fleet
@@ -92,39 +93,37 @@ class TopApp(App[None]):
         self._calls, self._pings = calls, RecentCalls()
         self._runs_dir = runs_dir
         self._lines = log or LogBuffer()
-        self._look_each_s = look_each_s
+        self._update_period_s = update_period_s
         self._answers: dict[str, Ping] = {}
         self._asked: dict[str, Future[Ping]] = {}
         self._orders: list[tuple[str, Future[Any]]] = []
 
+    @override
     def compose(self) -> ComposeResult:
-        """See Textual."""
         yield Static(id="head")
         yield DataTable(cursor_type="row", zebra_stripes=True)
         yield Static(id="run")
-        yield Static(id="told")
+        yield Static(id="log")
         yield Footer()
 
     def on_mount(self) -> None:
-        """See Textual."""
+        """Fill the table, and start to update it."""
         table = self._table
         for column in _COLUMNS:
             table.add_column(column, key=column)
         for name in self.fleet:
             table.add_row(*("" for _ in _COLUMNS), key=name)
         table.focus()
-        self.look()
-        if self._look_each_s is not None:
-            self.set_interval(self._look_each_s, self.look)
+        self.refresh_fleet()
+        if self._update_period_s is not None:
+            self.set_interval(self._update_period_s, self.refresh_fleet)
 
     @property
     def _table(self) -> DataTable[Text | str]:
         return self.screen_stack[0].query_one(DataTable)
 
-    # Looking.
-
-    def look(self) -> None:
-        """Look at the fleet, and show what is new."""
+    def refresh_fleet(self) -> None:
+        """Show the current state of the fleet."""
         for name, robot in self.fleet.items():
             self._ping(robot)
             row = self.rows[name] = robot_row(robot, self._calls, self._pings, self._answers.get(name))
@@ -133,14 +132,14 @@ class TopApp(App[None]):
         base = self.screen_stack[0]
         ready = sum(row.state == RobotState.READY.value for row in self.rows.values())
         base.query_one("#head", Static).update(f"{self.fleet.name}: {ready} of {len(self.rows)} robots ready")
-        base.query_one("#run", Static).update(_shown_run(latest_run(self._runs_dir, self.fleet.name)))
-        base.query_one("#told", Static).update(Text("\n".join(self._lines.lines)))
-        self._tell_orders()
+        base.query_one("#run", Static).update(_format_run(latest_run(self._runs_dir, self.fleet.name)))
+        base.query_one("#log", Static).update(Text("\n".join(self._lines.lines)))
+        self._report_orders()
         if isinstance(self.screen, Details):
             self.screen.show(self.fleet[self.screen.robot], self.rows[self.screen.robot])
 
     def _ping(self, robot: RobotHandle) -> None:
-        """Ask a remote robot how it is, unless it still owes an answer."""
+        """Ping a remote robot, unless its last answer is still open."""
         if not robot.is_remote or robot.state is not RobotState.READY:
             self._answers.pop(robot.name, None)
             return
@@ -148,7 +147,7 @@ class TopApp(App[None]):
         if asked is not None and asked.done():
             if asked.exception() is None:
                 self._answers[robot.name] = ping = asked.get()
-                self._pings.note(robot.name, robot.clock.now(), robot.clock.of_real(ping.round_trip_s))
+                self._pings.add(robot.name, robot.clock.now(), robot.clock.of_real(ping.round_trip_s))
             asked = None
         if asked is None:
             self._asked[robot.name] = robot.ping()
@@ -156,7 +155,7 @@ class TopApp(App[None]):
     # Keys.
 
     def action_stop_all(self) -> None:
-        """Stop every robot, at once and from every view."""
+        """Stop every robot, from every screen."""
         self._order("stopped", self.fleet.stop(STOP_REASON))
 
     def action_resume_all(self) -> None:
@@ -164,35 +163,35 @@ class TopApp(App[None]):
         self._order("resumed", self.fleet.resume())
 
     def action_details(self) -> None:
-        """Show what is known of the robot under the cursor, or close that again."""
+        """Open the details of the robot under the cursor, or close them."""
         if isinstance(self.screen, Details):
             self.pop_screen()
         elif self.rows:
             name = list(self.fleet)[self._table.cursor_row]
             self.push_screen(Details(name), callback=None)
-            self.call_after_refresh(self.look)
+            self.call_after_refresh(self.refresh_fleet)
 
     def _order(self, what: str, future: Future[Any]) -> None:
         self._orders.append((what, future))
-        future.add_done_callback(partial(self._look_soon, self.call_later))
+        future.add_done_callback(partial(self._refresh_soon, self.call_later))
 
-    def _look_soon(self, call_later: Callable[[Callable[[], None]], bool], _: Future[Any]) -> None:
-        """Thread: whichever ends the future."""
-        call_later(self.look)
+    def _refresh_soon(self, call_later: Callable[[Callable[[], None]], bool], _: Future[Any]) -> None:
+        """Thread: the one that resolves the future."""
+        call_later(self.refresh_fleet)
 
-    def _tell_orders(self) -> None:
+    def _report_orders(self) -> None:
         for what, future in [order for order in self._orders if order[1].done()]:
             self._orders.remove((what, future))
             error = future.exception()
             if error is None:
-                self.notify(f"every robot is {what}")
+                self.notify(f"all robots {what}")
             else:
                 shown = str(error) if isinstance(error, EALError) else repr(error)
-                self.notify(f"not every robot is {what}: {shown}", severity="error", timeout=30)
+                self.notify(f"not all robots {what}: {shown}", severity="error", timeout=30)
 
 
 class Details(Screen[None]):
-    """Everything that is known of one robot.
+    """All details of one robot.
 
     Args:
         robot: the robot's name.
@@ -204,14 +203,14 @@ class Details(Screen[None]):
         super().__init__()
         self.robot = robot
 
+    @override
     def compose(self) -> ComposeResult:
-        """See Textual."""
         with VerticalScroll():
             yield Static(id="details")
         yield Footer()
 
     def show(self, robot: RobotHandle, row: RobotRow) -> None:
-        """Show how things stand."""
+        """Show the robot's current state."""
         self.query_one("#details", Static).update(Text("\n".join(_details(robot, row))))
 
 
@@ -225,10 +224,10 @@ def _cells(row: RobotRow) -> list[Text | str]:
         Text(row.name, style="cyan"),
         Text(row.state, style=_STYLES.get(row.state, "bold red")),
         "–" if row.waiting is None else str(row.waiting),
-        _shown_s(row.oldest_s) if waits else "–",
-        f"{row.figures.calls_per_s:.1f}",
-        _shown_s(row.figures.p50_s),
-        _shown_s(row.figures.p99_s),
+        _format_s(row.oldest_s) if waits else "–",
+        f"{row.statistics.calls_per_s:.1f}",
+        _format_s(row.statistics.p50_s),
+        _format_s(row.statistics.p99_s),
         Text("–" if row.restarts is None else str(row.restarts), style="yellow" if row.restarts else ""),
         Text(running) if running else Text(row.notes[0] if row.notes else "", style="yellow"),
     ]
@@ -240,32 +239,32 @@ def _details(robot: RobotHandle, row: RobotRow) -> list[str]:
     restarts = robot.restarts
     for name, handle in robot.items():
         waiting = handle.waiting
-        mailbox = "" if waiting is None else f", {waiting.count} calls wait, the oldest {_shown_s(waiting.oldest_s)}"
+        mailbox = "" if waiting is None else f", {waiting.count} calls waiting for up to {_format_s(waiting.oldest_s)}"
         again = f", restarted {restarts[name]} times" if restarts.get(name) else ""
         lines.append(f"  {name}{mailbox}{again}")
     for run in row.running:
-        told = f" {_percent(run.progress.fraction)} {run.progress.text}".rstrip() if run.progress is not None else ""
+        progress = f" {_percent(run.progress.fraction)} {run.progress.text}".rstrip() if run.progress else ""
         since_s = max(0.0, robot.clock.now() - run.since_s)
-        lines.append(f"  runs {run.resource} {run.command}{told}, for {since_s:.1f} s, by {run.by}")
+        lines.append(f"  running {run.resource} {run.command}{progress}, for {since_s:.1f} s, by {run.by}")
     return [*lines, "", *(f"! {note}" for note in row.notes)]
 
 
-def _shown_run(run: RunProgress | None) -> Text:
+def _format_run(run: RunProgress | None) -> Text:
     if run is None:
-        return Text("no run of this fleet is written down here", style="dim")
+        return Text("no record of a run of this fleet", style="dim")
     failed = f", {run.failed} steps failed" if run.failed else ""
     calls = f"{run.done}/{max(run.done, run.calls)} calls{failed}"
     if run.outcome is not None:
         return Text(f"last run: {run.scenario} {run.outcome}, {calls}", style="dim")
-    now = "; ".join(f"{robot or 'run'}: {label}" for robot, label in run.now)
-    return Text(f"{run.scenario}: {calls}  {now}")
+    steps = "; ".join(f"{robot or 'run'}: {label}" for robot, label in sorted(run.steps.items()))
+    return Text(f"{run.scenario}: {calls}  {steps}")
 
 
 def _percent(fraction: float | None) -> str:
     return "" if fraction is None else f"{fraction:.0%}"
 
 
-def _shown_s(seconds: float | None) -> str:
+def _format_s(seconds: float | None) -> str:
     if seconds is None:
         return "–"
     return f"{seconds * 1000:.1f} ms" if seconds < 1 else f"{seconds:.1f} s"

@@ -1,7 +1,1 @@
-"""Carries out a plan: one thread however many robots there are, a generator for each line of steps."""
-
-from eal_actors.scenario.engine.blocking import run_scenario
-from eal_actors.scenario.engine.run import Run
-from eal_actors.scenario.journal import Listener
-
-__all__ = ["Listener", "Run", "run_scenario"]
+"""The execution of a plan: one thread for any number of robots, and a generator for each task."""

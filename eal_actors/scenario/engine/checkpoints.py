@@ -1,101 +1,203 @@
-"""How things stand after a step of the top level: written down, and put in place again."""
+"""The state of a run in records: slots at the start, checkpoints, resumption, outcomes, and the report."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import partial
+from typing import Any
 
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import ScaledClock
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.scenario.engine.cast import RobotRun, Seat
-from eal_actors.scenario.engine.stage import Stage
-from eal_actors.scenario.events import Checkpoint, RobotReplaced
-from eal_actors.scenario.model import final_action
-from eal_actors.scenario.records import from_record, is_recordable, to_record
-from eal_actors.scenario.report import ErrorReport
-from eal_actors.scenario.resuming import Resumption
+from eal_actors.kernel.lock_step import LockStepClock, Rate
+from eal_actors.scenario.engine.context import RunContext
+from eal_actors.scenario.engine.frames import Participant, RoleSlot
+from eal_actors.scenario.engine.plan import Plan
+from eal_actors.scenario.language.scenario import scenario_hash
+from eal_actors.scenario.language.values import final_action
+from eal_actors.scenario.report.events import Checkpoint, RobotReplaced, RunStarted
+from eal_actors.scenario.report.records import from_record, is_recordable, to_record, to_view
+from eal_actors.scenario.report.resuming import Resumption
+from eal_actors.scenario.report.summary import ErrorReport, Report, RobotReport, RunOutcome
 
 
-def seat_robots(stage: Stage) -> None:
-    """Give the robots of each role their places; spares take those of robots that did not start."""
-    plan = stage.plan
+def fill_slots(run: RunContext) -> None:
+    """Put the robots of each role into slots; spares replace those that did not start."""
+    plan = run.plan
     for role, names in plan.roles.items():
         section = plan.scenario.file.roles[role]
         has_spares = final_action(section.on_failure or plan.scenario.file.on_failure) == "substitute"
-        chosen: list[RobotRun] = []
+        chosen: list[Participant] = []
         for name in names:
             if name not in plan.lost:
-                chosen.append(stage.robots[name])
-            elif has_spares and (spare := stage.take_spare(role)) is not None:
+                chosen.append(run.robots[name])
+            elif has_spares and (spare := run.take_spare(role)) is not None:
                 chosen.append(spare)
-                stage.substitutes.setdefault(name, (spare.name, role))
+                run.substitutes.setdefault(name, (spare.name, role))
             for robot in chosen[-1:]:
-                robot.is_seated = True
-        stage.seats[role] = [Seat(role, index, len(chosen), robot) for index, robot in enumerate(chosen)]
+                robot.has_taken_part = True
+        run.slots[role] = [RoleSlot(role, index, len(chosen), robot) for index, robot in enumerate(chosen)]
 
 
-def tell_lost(stage: Stage) -> None:
-    """Tell which robots take no part from the start, and who takes their place."""
-    for name, error in stage.plan.lost.items():
-        robot = stage.robots[name]
-        if robot.outcome is not None:  # told before the run was cut off
+def report_lost(run: RunContext) -> None:
+    """Record the robots that did not start, and the spares in their slots."""
+    for name, error in run.plan.lost.items():
+        robot = run.robots[name]
+        if robot.outcome is not None:  # recorded before the interruption
             continue
-        robot.is_seated = True
-        if name in stage.substitutes:
+        robot.has_taken_part = True
+        if name in run.substitutes:
             robot.end("replaced", error)
-            by, role = stage.substitutes[name]
-            stage.tell(partial(_replaced, name, by, role, ErrorReport.of(error)))
+            by, role = run.substitutes[name]
+            run.emit(partial(RobotReplaced, robot=name, by=by, role=role, error=ErrorReport.of(error)))
         else:
-            stage.drop(robot, error)
+            run.drop(robot, error)
 
 
-def _replaced(robot: str, by: str, role: str, error: ErrorReport, time_s: float) -> RobotReplaced:
-    return RobotReplaced(time_s, robot, by, role, error)
-
-
-def checkpoint(stage: Stage, next_step: int, time_s: float) -> Checkpoint:
-    """Return how things stand."""
+def make_checkpoint(run: RunContext, next_step: int, time_s: float) -> Checkpoint:
+    """Return the state of the run before a step of the top level."""
     unsaved: set[str] = set()
 
-    def kept(variables: dict[str, object]) -> dict[str, object]:
+    def recordable(variables: dict[str, object]) -> dict[str, object]:
         unsaved.update(name for name, value in variables.items() if not is_recordable(value))
         return {name: to_record(value) for name, value in variables.items() if is_recordable(value)}
 
     seats = {
-        role: tuple({"robot": seat.robot.name, "variables": kept(seat.variables)} for seat in seats)
-        for role, seats in stage.seats.items()
+        role: tuple({"robot": slot.robot.name, "variables": recordable(slot.variables)} for slot in slots)
+        for role, slots in run.slots.items()
     }
-    own = {name: value for name, value in stage.main.variables.items() if name not in stage.plan.scenario.parameters}
+    own = {name: value for name, value in run.main.variables.items() if name not in run.plan.scenario.parameters}
     signals = {
-        name: {"count": count, "value": to_record(stage.signals.values[unit, name])}
-        for (unit, name), count in stage.signals.counts.items()
-        if unit is stage.main
+        name: {"count": count, "value": to_record(run.signals.values[frame, name])}
+        for (frame, name), count in run.signals.counts.items()
+        if frame is run.main
     }
-    return Checkpoint(time_s, next_step, kept(own), seats, signals, tuple(sorted(unsaved)))
+    return Checkpoint(time_s, next_step, recordable(own), seats, signals, tuple(sorted(unsaved)))
 
 
-def restore(stage: Stage, resumption: Resumption) -> None:
-    """Put everything back as it stood at the last checkpoint; robots that were gone stay away.
+def restore(run: RunContext, resumption: Resumption) -> None:
+    """Restore the state of the last checkpoint; robots that had left stay away.
 
     Raises:
-        ScenarioError: a robot that is needed is not there.
+        ScenarioError: a required robot is missing.
     """
-    for role, places in resumption.seats.items():
-        seats = []
-        for index, place in enumerate(places):
-            robot = stage.robots.get(place["robot"])
+    for role, seats in resumption.slots.items():
+        slots = []
+        for index, seat in enumerate(seats):
+            robot = run.robots.get(seat["robot"])
             if robot is None:
-                raise ScenarioError(f"robot '{place['robot']}' of role '{role}' takes no part any more")
-            robot.is_seated = True
-            variables = {name: from_record(value) for name, value in place["variables"].items()}
-            seats.append(Seat(role, index, len(places), robot, variables))
-        stage.seats[role] = seats
-    stage.main.variables.update({name: from_record(value) for name, value in resumption.variables.items()})
+                raise ScenarioError(f"robot '{seat['robot']}' of role '{role}' takes no part any more")
+            robot.has_taken_part = True
+            variables = {name: from_record(value) for name, value in seat["variables"].items()}
+            slots.append(RoleSlot(role, index, len(seats), robot, variables))
+        run.slots[role] = slots
+    run.main.variables.update({name: from_record(value) for name, value in resumption.variables.items()})
     for name, signal in resumption.signals.items():
-        stage.signals.counts[stage.main, name] = signal["count"]
-        stage.signals.values[stage.main, name] = from_record(signal["value"])
+        run.signals.counts[run.main, name] = signal["count"]
+        run.signals.values[run.main, name] = from_record(signal["value"])
     for name, (outcome, report) in resumption.gone.items():
-        if name in stage.robots:
-            stage.robots[name].is_seated = True
+        if name in run.robots:
+            run.robots[name].has_taken_part = True
             error = ScenarioError(report.message)
-            stage.robots[name].end("replaced" if outcome == "replaced" else "dropped", error)
-    stage.records.extend(resumption.records)
-    stage.starts.extend(resumption.starts)
+            run.robots[name].end("replaced" if outcome == "replaced" else "dropped", error)
+    run.records.extend(resumption.records)
+    run.starts.extend(resumption.starts)
+
+
+# Outcomes.
+
+
+def end_robots(run: RunContext, unfinished: Collection[str]) -> None:
+    """Set the outcome of every robot that still takes part, after the steps.
+
+    Args:
+        run: the run.
+        unfinished: the roles that had steps left.
+    """
+    cut_short = {slot.robot.name for role in unfinished for slot in run.slots.get(role, ())}
+    for robot in run.robots.values():
+        if robot.outcome is None:
+            is_cut = run.is_stopping and robot.name in cut_short
+            robot.end("spare" if not robot.has_taken_part else "aborted" if is_cut else "done")
+
+
+def variables_of_run(run: RunContext) -> dict[str, Any]:
+    """Return the main scenario's variables, without its parameters and values that have no form in a record."""
+    parameters = run.plan.scenario.parameters
+    return _views({name: value for name, value in run.main.variables.items() if name not in parameters})
+
+
+def report_robot(run: RunContext, robot: Participant) -> RobotReport:
+    """Return the outcome of a robot, with the variables of its slots."""
+    variables: dict[str, Any] = {}
+    for slots in run.slots.values():
+        for slot in slots:
+            if slot.robot is robot:
+                variables |= _views(slot.variables)
+    error = ErrorReport.of(robot.error) if robot.error is not None else None
+    return RobotReport(outcome=robot.outcome or "aborted", error=error, variables=variables)
+
+
+def _views(variables: dict[str, object]) -> dict[str, Any]:
+    return {name: to_view(value) for name, value in variables.items() if is_recordable(value)}
+
+
+# The first event and the report.
+
+
+def run_started(plan: Plan, fleet: Fleet, time_s: float) -> RunStarted:
+    """Return the first event of a run."""
+    scenario, config = plan.scenario, fleet.config
+    return RunStarted(
+        time_s,
+        scenario=scenario.name,
+        scenario_file=str(scenario.source),
+        scenario_hash=scenario_hash(scenario),
+        fleet=config.name,
+        fleet_file=str(config.source),
+        seed=config.seed,
+        rate=_rate(fleet),
+        parameters={name: to_record(value) for name, value in scenario.parameters.items()},
+        roles=plan.roles,
+        spares=plan.spares,
+        robots=plan.robots,
+        calls=plan.calls,
+    )
+
+
+def make_report(
+    run: RunContext,
+    fleet: Fleet,
+    *,
+    wall_started: str,
+    duration_s: float,
+    continued_s: tuple[float, ...],
+    outcome: tuple[RunOutcome, BaseException | None],
+) -> Report:
+    """Return the report of a run that is over; the outcome comes with its error."""
+    scenario, config = run.plan.scenario, fleet.config
+    return Report(
+        scenario=scenario.name,
+        scenario_file=str(scenario.source),
+        fleet=config.name,
+        fleet_file=str(config.source),
+        seed=config.seed,
+        rate=_rate(fleet),
+        parameters={name: to_record(value) for name, value in scenario.parameters.items()},
+        roles={role: list(names) for role, names in run.plan.roles.items()},
+        wall_started=wall_started,
+        duration_s=duration_s,
+        paused_s=run.pauses.paused_s,
+        continued_s=continued_s,
+        outcome=outcome[0],
+        error=ErrorReport.of(outcome[1]) if outcome[1] is not None else None,
+        robots={name: report_robot(run, robot) for name, robot in run.robots.items()},
+        variables=variables_of_run(run),
+        steps=tuple(run.records),
+        starts=tuple(run.starts),
+    )
+
+
+def _rate(fleet: Fleet) -> Rate:
+    """Return the rate of the fleet's clock; that of the fleet file for a clock without one."""
+    return fleet.clock.rate if isinstance(fleet.clock, ScaledClock | LockStepClock) else fleet.config.rate

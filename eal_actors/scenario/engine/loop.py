@@ -1,4 +1,9 @@
-"""One thread for any number of branches: each is a generator that yields the futures it waits for."""
+"""The event loop of a run: one thread for any number of coroutines.
+
+A coroutine is a generator that yields the futures it waits for. The loop takes no lock, so that a signal handler can
+post to it whatever it interrupts. It keeps its own timers, because the deadlines of calls must expire even if a robot's
+thread is stuck.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +13,14 @@ from collections.abc import Callable, Generator
 from typing import Any, TypeAlias
 
 from eal_actors.actors.future import Future
-from eal_actors.kernel.clock import Clock, new_waiter
-from eal_actors.kernel.timers import ROUNDING_S, Timer, TimerHeap
+from eal_actors.kernel.clock import ROUNDING_S, Clock, Timer, TimerHeap, new_waiter
 
-Branch: TypeAlias = Generator[Future[Any], None, None]
-"""Yields futures, and goes on when they are done, whatever their outcome."""
+Coroutine: TypeAlias = Generator[Future[Any], None, None]
+"""Yields futures; it continues when a future is done, whatever its outcome."""
 
 
-class Loop:
-    """Runs actions and branches in the thread that calls `run`.
-
-    It takes no lock, so that `post` may be called from a signal handler that interrupts anything.
+class EventLoop:
+    """Runs actions and coroutines in the thread that calls `run`.
 
     Args:
         clock: the clock of its timers.
@@ -37,7 +39,7 @@ class Loop:
         self.clock.wake(self._wakeup)
 
     def call_at(self, time_s: float, action: Callable[[], None]) -> Timer:
-        """Run an action when the clock shows `time_s`; see Timekeeper. Thread: the loop's own."""
+        """Run an action when the clock shows `time_s`; as for Timekeeper. Thread: the loop's own."""
         timer = Timer(time_s, next(self._order), action)
         self._timers.add(timer)
         return timer
@@ -48,17 +50,17 @@ class Loop:
         self.call_at(self.clock.now() + duration_s, future.set)
         return future
 
-    def breathe(self) -> Future[None]:
-        """Return a future that is done once everything else that is due has had its turn. Thread: the loop's own."""
+    def checkpoint(self) -> Future[None]:
+        """Return a future that is done after everything else that is due has run. Thread: the loop's own."""
         future: Future[None] = Future(self.clock)
         self.post(future.set)
         return future
 
-    def spawn(self, branch: Branch, on_end: Callable[[BaseException | None], None]) -> None:
-        """Run a branch up to its first future, and on from there as its futures are done.
+    def spawn(self, coroutine: Coroutine, on_end: Callable[[BaseException | None], None]) -> None:
+        """Start a coroutine: run it to its first future, and on whenever its futures are done.
 
         Args:
-            branch: the generator.
+            coroutine: the generator.
             on_end: called with the error that ended it, or None.
 
         Thread: the loop's own.
@@ -66,22 +68,22 @@ class Loop:
 
         def go_on(_: object = None) -> None:
             try:
-                for future in branch:
+                for future in coroutine:
                     if not future.done():
-                        future.timekeeper = self  # its deadline rings here, however stuck its robot is
+                        future.timekeeper = self  # its deadline expires here even if its robot is stuck
                         future.add_done_callback(lambda _: self.post(go_on))
                         return
-            except BaseException as error:  # noqa: BLE001  # whoever waits for the branch must hear of its end
+            except BaseException as error:  # noqa: BLE001  # the waiting task must learn of the end
                 on_end(error)
             else:
                 on_end(None)
 
         go_on()
 
-    def run(self, branch: Branch) -> None:
-        """Run until a branch has ended; raise what it raised. Thread: blocks; becomes the loop's own."""
+    def run(self, coroutine: Coroutine) -> None:
+        """Run until a coroutine has ended; raise its error. Thread: blocks; becomes the loop's own."""
         ended: list[BaseException | None] = []
-        self.spawn(branch, ended.append)
+        self.spawn(coroutine, ended.append)
         while not ended:
             self._wait()
             self._run_due()

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import PluginError, shown
+from eal_actors.kernel.errors import PluginError, error_text
 from eal_actors.managers.manifest import EmulatorSection, PluginManifest
 from eal_actors.managers.plugins import import_plugin
 from eal_actors.testing.conformance.wires import WIRES, Wire
@@ -62,7 +62,7 @@ def stand_in_for(manifest: PluginManifest, settings: Mapping[str, Any]) -> Stand
     try:
         return _connect(manifest, section, settings)
     except Exception as error:
-        raise PluginError(f"plugin {manifest.name!r}: emulator {section.module}.py: {shown(error)}") from error
+        raise PluginError(f"plugin {manifest.name!r}: emulator {section.module}.py: {error_text(error)}") from error
 
 
 def _connect(manifest: PluginManifest, section: EmulatorSection, settings: Mapping[str, Any]) -> StandIn | None:

@@ -19,7 +19,7 @@ def test_the_command_writes_what_it_was_told_to(tmp_path: Path, capsys: pytest.C
     said = capsys.readouterr()
     assert card.path.read_bytes() == image.path.read_bytes()
     assert f"{image.size} bytes written" in said.out
-    assert "Nothing is found on it" in said.err
+    assert "It seems to be empty" in said.err
     assert "checking 100 %" in said.err
 
 

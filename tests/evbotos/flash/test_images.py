@@ -32,7 +32,7 @@ def test_an_image_is_told_by_its_partitions(tmp_path: Path) -> None:
         (bytes(257) + b"ustar" + bytes(4096), "tar archive"),
         (bytes(0x438) + b"\x53\xef" + bytes(4096), "without a partition table"),
         (bytes(510) + b"\x55\xaa" + bytes(MIB), "is empty"),
-        (bytes(450) + b"\xee" + bytes(59) + b"\x55\xaa" + bytes(MIB), "GPT that is not there"),
+        (bytes(450) + b"\xee" + bytes(59) + b"\x55\xaa" + bytes(MIB), "a missing GPT"),
     ],
 )
 def test_what_is_no_image_is_refused_by_its_kind(tmp_path: Path, content: bytes, words: str) -> None:
@@ -47,7 +47,7 @@ def test_an_image_that_is_cut_off_is_refused(tmp_path: Path, lost: int) -> None:
     path = tmp_path / "disk.img"
     size = make_image(path).size
     os.truncate(path, size - lost)
-    with pytest.raises(FlashError, match="is cut off"):
+    with pytest.raises(FlashError, match="is truncated"):
         check_image(path)
 
 
@@ -58,7 +58,7 @@ def test_an_image_with_a_gpt_is_one(tmp_path: Path) -> None:
     subprocess.run([str(SFDISK), "-q", path], input=b"label: gpt\nsize=1MiB\n", check=True)
     assert check_image(path).size == 4 * MIB
     os.truncate(path, 2 * MIB)
-    with pytest.raises(FlashError, match="is cut off"):
+    with pytest.raises(FlashError, match="is truncated"):
         check_image(path)
 
 

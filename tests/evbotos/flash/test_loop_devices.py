@@ -89,7 +89,7 @@ def test_a_loop_device_that_is_mounted_held_or_too_small_is_refused(
 def test_the_file_of_a_loop_device_is_refused(tmp_path: Path, loop: Callable[[int], Path]) -> None:
     disk = loop(MIB)
     obstacles = System().target(tmp_path / "backing0").obstacles
-    assert obstacles == (f"{disk} is made of it: losetup -d {disk}",)
+    assert obstacles == (f"{disk} uses it: losetup -d {disk}",)
 
 
 def test_a_disk_that_fails_below_is_told(tmp_path: Path, loop: Callable[[int], Path]) -> None:

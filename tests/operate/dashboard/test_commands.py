@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import EALError, ResourceBusyError, StaleCommandError, UnsupportedError
 from eal_actors.operate.dashboard import Dashboard
 from eal_actors.operate.dashboard.control import ControlRegistry
 from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop, Twist
+from tests.manual_clock import ManualClock
 from tests.operate.dashboard.rig import WAIT_S, counting_fleet, open_dashboard, page_of, resource_of, wait_for
 
 SCENARIO = """\

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from eal_actors import Fleet
-from eal_actors.actors.running import process_name
-from eal_actors.kernel.clock import ManualClock
+from eal_actors.actors.robot_view import process_name
 from eal_actors.kernel.errors import ResourceBusyError
 from eal_actors.operate.dashboard.control import IDLE_S, WHOLE, ControlRegistry
+from tests.manual_clock import ManualClock
 from tests.net.links import eventually
 from tests.net.rig import Rig, failure, ready
 from tests.operate.dashboard.rig import counting_fleet, open_dashboard, page_of

@@ -13,13 +13,14 @@ import pytest
 from eal_actors.actors import call as calls
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.device.data import DataType, EALData
-from eal_actors.device.info import ResourceType, ValueInfo
+from eal_actors.device.data import DataType, EALData, ValueInfo
+from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Activity, Resource, command
-from eal_actors.kernel.clock import ManualClock, SystemClock
+from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import ResourceFaultError, UnavailableError
-from eal_actors.operate.metrics.call_observer import CallObserver
+from eal_actors.operate.metrics.call_observer import observe_calls
 from eal_actors.operate.metrics.fleet_metrics import FleetMetrics
+from tests.manual_clock import ManualClock
 from tests.operate.metrics.scraping import samples, scrape
 from tests.robots import WAIT_S, advance_until_done, running_robot
 
@@ -112,7 +113,7 @@ class TestCalls:
     def test_nothing_watches_when_nobody_measures(self) -> None:
         heard: list[Any] = []
         with running_robot({"Base": Base}) as robot:
-            with CallObserver(robot.clock, lambda call, outcome, _: heard.append((call.method, outcome))):
+            with observe_calls(robot.clock, lambda call, outcome, _: heard.append((call.method, outcome))):
                 robot["Base"].get_status().get()
                 assert len(calls._watchers) == 1
             assert not calls._watchers

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from eal_actors.actors.supervision import BackOff, Restart, RestartIntensity, wants_restart
+from eal_actors.actors.supervision import BackOff, Restart, RestartIntensity
 
 
 def test_back_off_grows_up_to_its_longest() -> None:
@@ -34,4 +34,4 @@ def test_old_restarts_are_forgotten() -> None:
     ],
 )
 def test_who_is_restarted(restart: Restart, crashed: bool, wanted: bool) -> None:
-    assert wants_restart(restart, crashed=crashed) is wanted
+    assert restart.applies(crashed=crashed) is wanted

@@ -17,8 +17,8 @@ from typing import Any, Final
 import pytest
 
 from eal_actors.device.ports import BytePort, ReopeningPort, TcpPort, open_serial, open_tcp
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import NotReadyError, PluginError, UnavailableError
+from tests.manual_clock import ManualClock
 
 WAIT_S: Final = 20.0
 

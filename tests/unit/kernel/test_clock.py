@@ -5,7 +5,8 @@ import threading
 
 import pytest
 
-from eal_actors.kernel.clock import REAL_TIME, Clock, ManualClock, ScaledClock, SystemClock, new_waiter, wall_time
+from eal_actors.kernel.clock import REAL_TIME, Clock, ScaledClock, SystemClock, new_waiter, wall_time
+from tests.manual_clock import ManualClock
 
 
 @pytest.mark.parametrize("clock", [SystemClock(), ScaledClock(100), ManualClock()], ids=["system", "scaled", "manual"])

@@ -227,7 +227,7 @@ def test_an_interrupted_wait_leaves_the_clock_in_order() -> None:
 def test_the_watch_ends_when_nobody_waits() -> None:
     clock = LockStepClock()
     run_together(clock, lambda: clock.sleep(1.0))
-    watches = [thread for thread in threading.enumerate() if thread.name == "clock watch"]
+    watches = [thread for thread in threading.enumerate() if thread.name == "clock watchdog"]
     for watch in watches:
         watch.join(ENOUGH_S)
         assert not watch.is_alive()

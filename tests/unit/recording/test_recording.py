@@ -112,7 +112,7 @@ def record_more(recorder: PoseRecorder, fleet: Fleet, robot: str) -> None:
         ("[1.0, inf, 0.0]", "must be finite, not"),
     ],
 )
-def test_a_pose_that_is_none_costs_just_that_robot_its_path(
+def test_an_invalid_pose_ends_the_path_of_its_robot_only(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], answer: str, problem: str
 ) -> None:
     with posers(tmp_path, odd={"answer": answer}, sound={}) as fleet, PoseRecorder(fleet, fleet) as recorder:
@@ -128,7 +128,7 @@ def test_a_pose_that_is_none_costs_just_that_robot_its_path(
     assert f"the value of its Pose {problem}" in warnings[0]
 
 
-def test_robots_that_fail_or_know_no_pose_are_passed_over(tmp_path: Path) -> None:
+def test_robots_that_fail_or_have_no_pose_are_skipped(tmp_path: Path) -> None:
     with (
         posers(tmp_path, broken={"is_broken": True}, raising={"answer": "1 / 0"}, leaving={}, sound={}) as fleet,
         PoseRecorder(fleet, fleet) as recorder,
@@ -144,7 +144,7 @@ def test_robots_that_fail_or_know_no_pose_are_passed_over(tmp_path: Path) -> Non
     assert len(paths["sound"]) >= 2
 
 
-def test_a_table_counts_from_the_runs_start(tmp_path: Path) -> None:
+def test_times_in_the_table_count_from_the_start_of_the_run(tmp_path: Path) -> None:
     (tmp_path / "s.yaml").write_text(
         "version: 1\nname: s\ndescription: d\nroles: {all: {}}\n"
         "steps: [{wait_s: 1}, {on: all, do: [{send_cmd: {resource: Base, cmd: g}}]}]\n"
@@ -171,7 +171,7 @@ def test_a_table_counts_from_the_runs_start(tmp_path: Path) -> None:
         assert times_s[moved - 1] < step.end_s
 
 
-def test_of_what_was_before_the_start_the_last_sample_is_kept(tmp_path: Path) -> None:
+def test_a_path_begins_with_the_last_sample_before_the_start(tmp_path: Path) -> None:
     with posers(tmp_path, sound={}) as fleet, PoseRecorder(fleet, fleet) as recorder:
         record_more(recorder, fleet, "sound")
         start_s = fleet.clock.now()
@@ -182,7 +182,7 @@ def test_of_what_was_before_the_start_the_last_sample_is_kept(tmp_path: Path) ->
     assert [sample.time_s for sample in path] == [0.0, *(time_s - start_s for time_s in raw if time_s > start_s)]
 
 
-def test_a_table_is_rounded_to_what_is_meant(tmp_path: Path) -> None:
+def test_numbers_in_the_table_are_rounded(tmp_path: Path) -> None:
     path = [PoseSample(0.0, 1.0, -1e-9, math.pi), PoseSample(0.10049999, 1 / 3, 12.5, -math.pi)]
     table = TrajectoryTable(tmp_path / "t.csv")
     for sample in path:
@@ -196,7 +196,7 @@ def test_a_table_is_rounded_to_what_is_meant(tmp_path: Path) -> None:
     ]
 
 
-def test_a_picture_tells_who_was_lost(tmp_path: Path) -> None:
+def test_the_picture_marks_robots_that_failed_or_were_dropped(tmp_path: Path) -> None:
     from matplotlib.image import imread
 
     turns = 40 * math.pi
@@ -219,7 +219,7 @@ def test_a_picture_tells_who_was_lost(tmp_path: Path) -> None:
     ("range_deg", "expected"),
     [((-10.0, 10.0), [0]), ((-365.0, 5.0), [-360, -270, -180, -90, 0]), ((0.0, 3600.0), range(0, 3601, 720))],
 )
-def test_headings_are_counted_in_quarter_turns(range_deg: tuple[float, float], expected: list[int]) -> None:
+def test_ticks_of_headings_are_quarter_turns_apart(range_deg: tuple[float, float], expected: list[int]) -> None:
     from matplotlib.figure import Figure
 
     axes = Figure().subplots()

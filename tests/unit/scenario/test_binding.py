@@ -9,8 +9,7 @@ import pytest
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import load_scenario
-from eal_actors.scenario.binding import Binding, bind, find_candidates
-from eal_actors.scenario.checks.facts import RobotFacts
+from eal_actors.scenario.language.binding import Binding, RobotFacts, bind, find_candidates
 from tests.unit.scenario.test_robots import BASE, EYE
 
 FLEET = "version: 1\nname: four\nrobots:\n" + "".join(f"  {name}: {{plugins: {{p: {{}}}}}}\n" for name in "abcd")

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from eal_actors.device.data import EALData
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.scenario.expressions import (
-    Known,
-    Reading,
+from eal_actors.scenario.language.expressions import (
+    Namespace,
+    RobotReading,
     evaluate,
     evaluate_bare,
     parse_bare,
@@ -21,7 +21,7 @@ from eal_actors.scenario.expressions import (
     render,
     render_text,
 )
-from eal_actors.scenario.expressions.functions import as_text
+from eal_actors.scenario.language.expressions.functions import as_text
 
 VARIABLES: dict[str, object] = {
     "n": 45,
@@ -35,8 +35,9 @@ VARIABLES: dict[str, object] = {
     "answer": {"x": 3},
     "run": {"seed": 9},
 }
-KNOWN = Known(
-    VARIABLES, {Reading("get_value", "Range"): EALData.of([0.5, 2.0]), Reading("get_config", "Base", "step_m"): 1}
+KNOWN = Namespace(
+    VARIABLES,
+    {RobotReading("get_value", "Range"): EALData.of([0.5, 2.0]), RobotReading("get_config", "Base", "step_m"): 1},
 )
 
 
@@ -161,7 +162,7 @@ def test_what_cannot_be_worked_out(text: str, message: str) -> None:
 
 
 def test_large_arrays_are_no_numbers() -> None:
-    known = Known({"frame": EALData.of(np.zeros((200, 200, 3), dtype=np.uint8))})
+    known = Namespace({"frame": EALData.of(np.zeros((200, 200, 3), dtype=np.uint8))})
 
     assert evaluate(parse_expression("frame"), known) is known.variables["frame"], "alone it is only passed on"
     with pytest.raises(ScenarioError, match="the variable 'frame' has more than 10000 elements"):
@@ -172,7 +173,7 @@ def test_what_an_expression_needs_is_known() -> None:
     expression = parse_expression("a + value('Range') * b - a + request('Base', 'q')")
 
     assert [(name.name, name.offset) for name in expression.names] == [("a", 0), ("b", 21)]
-    assert expression.readings == ((Reading("get_value", "Range"), 4), (Reading("send_req", "Base", "q"), 29))
+    assert expression.readings == ((RobotReading("get_value", "Range"), 4), (RobotReading("send_req", "Base", "q"), 29))
     assert str(expression.readings[1][0]) == "request('Base', 'q')"
     assert parse_expression("'é' + missing").names[0].offset == 6, "characters are counted, not bytes"
 
@@ -238,7 +239,7 @@ def test_a_broken_reference_is_told(text: str) -> None:
 @pytest.mark.parametrize("value", [(1, 2), EALData.of(np.zeros(2)), None])
 def test_what_is_no_text_cannot_stand_in_one(value: object) -> None:
     with pytest.raises(ScenarioError, match=r"\$\{v\} is of type .*, which cannot stand in a text"):
-        render("a${v}", Known({"v": value}))
+        render("a${v}", Namespace({"v": value}))
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import pytest
 
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.scenario import Scenario, load_scenario
-from eal_actors.scenario.checks.facts import RobotFacts
-from eal_actors.scenario.checks.robots import check_on_robots
+from eal_actors.scenario.language.binding import RobotFacts
+from eal_actors.scenario.language.robot_check import check_on_robots
 from tests.unit.scenario.test_robots import ROBOTS
 
 HEAD = "version: 1\nname: x\nroles: {all: {}}\n"
@@ -31,7 +31,7 @@ def test_ten_thousand_steps_on_a_hundred_robots(tmp_path: Path) -> None:
     steps = "".join(f"  - send_cmd: {{resource: Base, cmd: 'r${{{n} % 360}}'}}\n" for n in range(5000))
     steps += "".join(f"  - send_cmd: {{resource: Base, cmd: r{n % 360}}}\n" for n in range(5000))
     scenario = load(tmp_path, f"steps:\n- on: all\n  do:\n{steps}")
-    assert len(scenario.file.steps[0].do) == 10_000  # type: ignore[union-attr]  # the on
+    assert len(scenario.file.steps[0].children()[0][1]) == 10_000
 
     robots = {f"r{number}": RobotFacts(dict(ROBOTS["a"].resources)) for number in range(100)}
     start_s = time.process_time()
@@ -102,7 +102,7 @@ def test_what_yaml_would_take_for_something_else(tmp_path: Path, body: str, expe
 def test_on_and_no_are_words(tmp_path: Path) -> None:
     scenario = load(tmp_path, "steps: [{on: all, do: [{log: no}, {log: on}, {log: off}]}]\n")
 
-    assert [step.log for step in scenario.file.steps[0].do] == ["no", "on", "off"]  # type: ignore[union-attr]
+    assert [step.log for _, steps in scenario.file.steps[0].children() for step in steps] == ["no", "on", "off"]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(

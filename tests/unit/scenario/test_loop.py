@@ -7,15 +7,15 @@ import pytest
 from eal_actors.actors.future import Future
 from eal_actors.kernel.clock import ScaledClock
 from eal_actors.kernel.errors import DeadlineError
-from eal_actors.scenario.engine.loop import Branch, Loop
+from eal_actors.scenario.engine.loop import Coroutine, EventLoop
 
 
 @pytest.fixture
-def loop() -> Loop:
-    return Loop(ScaledClock(1000.0))
+def loop() -> EventLoop:
+    return EventLoop(ScaledClock(1000.0))
 
 
-def test_branches_take_turns_at_their_futures(loop: Loop) -> None:
+def test_branches_take_turns_at_their_futures(loop: EventLoop) -> None:
     seen: list[str] = []
     over: Future[None] = Future()
     left = [2]
@@ -26,12 +26,12 @@ def test_branches_take_turns_at_their_futures(loop: Loop) -> None:
         if not left[0]:
             over.set()
 
-    def branch(name: str, *waits_s: float) -> Branch:
+    def branch(name: str, *waits_s: float) -> Coroutine:
         for wait_s in waits_s:
             yield loop.sleep(wait_s)
             seen.append(f"{name}{wait_s:g}")
 
-    def main() -> Branch:
+    def main() -> Coroutine:
         loop.spawn(branch("a", 10, 30), count)
         loop.spawn(branch("b", 20, 40), count)
         yield over
@@ -41,8 +41,8 @@ def test_branches_take_turns_at_their_futures(loop: Loop) -> None:
     assert seen == ["a10", "b20", "a30", "b40"]
 
 
-def test_a_future_that_is_done_does_not_wait(loop: Loop) -> None:
-    def main() -> Branch:
+def test_a_future_that_is_done_does_not_wait(loop: EventLoop) -> None:
+    def main() -> Coroutine:
         for number in range(10_000):  # and does not nest
             future: Future[int] = Future()
             future.set(number)
@@ -52,8 +52,8 @@ def test_a_future_that_is_done_does_not_wait(loop: Loop) -> None:
     loop.run(main())
 
 
-def test_what_a_branch_raises_comes_out(loop: Loop) -> None:
-    def main() -> Branch:
+def test_what_a_branch_raises_comes_out(loop: EventLoop) -> None:
+    def main() -> Coroutine:
         yield loop.sleep(1)
         raise ValueError("broken")
 
@@ -61,10 +61,10 @@ def test_what_a_branch_raises_comes_out(loop: Loop) -> None:
         loop.run(main())
 
 
-def test_deadlines_ring_in_the_loop(loop: Loop) -> None:
+def test_deadlines_ring_in_the_loop(loop: EventLoop) -> None:
     future: Future[None] = Future(loop.clock, loop.clock.now() + 5.0)
 
-    def main() -> Branch:
+    def main() -> Coroutine:
         yield future
 
     loop.run(main())
@@ -72,18 +72,18 @@ def test_deadlines_ring_in_the_loop(loop: Loop) -> None:
     assert isinstance(future.exception(), DeadlineError)
 
 
-def test_alarms_that_are_called_off_are_forgotten(loop: Loop) -> None:
+def test_alarms_that_are_called_off_are_forgotten(loop: EventLoop) -> None:
     for _ in range(5000):
         loop.call_at(1e9, lambda: None).cancel()
 
     assert len(loop._timers) < 3000
 
 
-def test_a_signal_handler_may_post(loop: Loop) -> None:
+def test_a_signal_handler_may_post(loop: EventLoop) -> None:
     over: Future[None] = Future()
     before = signal.signal(signal.SIGUSR1, lambda *_: loop.post(over.set))
 
-    def main() -> Branch:
+    def main() -> Coroutine:
         signal.raise_signal(signal.SIGUSR1)
         yield over
 

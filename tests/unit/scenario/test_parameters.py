@@ -6,8 +6,7 @@ import pytest
 
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.scenario import load_scenario
-from eal_actors.scenario.loading import with_parameters
-from eal_actors.scenario.parameters import missing_parameters, read_settings
+from eal_actors.scenario.language.parameters import missing_parameters, read_settings, with_parameters
 
 HEAD = "version: 1\nname: x\nroles: {r: {}}\nsteps: [{log: x}]\n"
 DECLARED = """\

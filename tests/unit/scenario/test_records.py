@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eal_actors.device.data import EALData
-from eal_actors.scenario.records import from_record, is_recordable, to_record, told
+from eal_actors.scenario.report.records import from_record, is_recordable, to_record, to_view
 
 NOT_JSON: list[Any] = [
     10**6000,
@@ -53,9 +53,9 @@ def test_a_reading_that_is_no_number_comes_back() -> None:
 
 
 def test_what_people_are_told() -> None:
-    assert told(EALData.of(np.array([math.nan, 2.5]))) == ["NaN", 2.5]
-    assert told([math.inf, -math.inf]) == ["Infinity", "-Infinity"]
-    assert told(object()) is None
+    assert to_view(EALData.of(np.array([math.nan, 2.5]))) == ["NaN", 2.5]
+    assert to_view([math.inf, -math.inf]) == ["Infinity", "-Infinity"]
+    assert to_view(object()) is None
 
 
 @pytest.mark.parametrize("value", NOT_JSON, ids=lambda value: type(value).__name__)

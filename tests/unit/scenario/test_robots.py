@@ -5,14 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.device.data import DataType
-from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType, ValueInfo
+from eal_actors.device.data import DataType, ValueInfo
+from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Scenario, load_scenario
-from eal_actors.scenario.checks.facts import RobotFacts
-from eal_actors.scenario.checks.robots import check_on_robots
-from eal_actors.scenario.plan import bind_roles
+from eal_actors.scenario.language.binding import RobotFacts, find_candidates
+from eal_actors.scenario.language.robot_check import check_on_robots
 
 ANGLE = ValueInfo(DataType.DOUBLE, "deg", 0, 360)
 BASE = ResourceInfo(
@@ -243,7 +242,7 @@ def test_finally_is_checked_too(tmp_path: Path) -> None:
 def bind(folder: Path, roles: str) -> dict[str, tuple[str, ...]]:
     (folder / "f.yaml").write_text(FLEET)
     fleet = EALConfigManager.load(folder / "f.yaml", environment={}).fleet
-    return bind_roles(scenario(folder, "steps: [{wait_s: 1}]", roles), fleet)
+    return find_candidates(scenario(folder, "steps: [{wait_s: 1}]", roles), fleet)
 
 
 @pytest.mark.parametrize(

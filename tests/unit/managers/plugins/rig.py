@@ -6,8 +6,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.plugin import FleetServices
+from tests.manual_clock import ManualClock
 
 MANIFEST = """\
 version: 1

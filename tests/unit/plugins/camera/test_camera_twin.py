@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.plugin import EALData, FleetServices, PluginContext, Resource, ResourceInfo
 from plugins.sim import plugin as sim
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.camera.rig import PATIENCE_S, camera_on, run, write_folder
 
 ONLY_SIMULATED = {"noise"}

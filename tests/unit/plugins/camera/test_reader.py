@@ -11,12 +11,12 @@ from typing import cast
 import pytest
 import structlog
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ArgumentError, NotReadyError, UnavailableError
 from plugins.camera import reader as module
 from plugins.camera.capture import real_s
 from plugins.camera.files import VideoFile
 from plugins.camera.reader import Frame, Reader, Terms
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.camera.rig import PATIENCE_S, CrankedCapture, number_in, picture, run, wait_until_ready
 
 TERMS = Terms("bench", PATIENCE_S)

@@ -7,16 +7,16 @@ from collections.abc import Callable
 from itertools import count
 from typing import Any, ClassVar
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.plugin import Activity, BytePort, FleetServices, PluginContext, ReopeningPort
 from plugins.evbot2 import plugin as evbot2_plugin
-from plugins.evbot2.body import FreeBody
-from plugins.evbot2.connecting import come_up
-from plugins.evbot2.device import Device
-from plugins.evbot2.emulator import evbot2, free_body
-from plugins.evbot2.faults import FaultyWire
+from plugins.evbot2.connecting import start_session
+from plugins.evbot2.emulator import evbot2, free_vehicle
+from plugins.evbot2.firmware import BaseEmulator
 from plugins.evbot2.messages import Channel
-from plugins.evbot2.protocol import MODEL, HostCodec
+from plugins.evbot2.protocol import MODEL, HostLineCodec
+from plugins.evbot2.serving import FaultyWire
+from plugins.evbot2.vehicle import FreeVehicle
+from tests.manual_clock import ManualClock
 
 TICK_S = 0.01
 
@@ -31,7 +31,7 @@ class HurriedClock(ManualClock):
 class MemoryPort:
     """A port whose other end is a device; what the driver sends is kept."""
 
-    def __init__(self, device: Device, now: Callable[[], float]) -> None:
+    def __init__(self, device: BaseEmulator, now: Callable[[], float]) -> None:
         self.device = device
         self.now = now
         self.sent = bytearray()
@@ -109,8 +109,8 @@ class Rig:
         self.context = PluginContext("rob", "evbot", checked, FleetServices(self.clock))
         self.reopening = ReopeningPort(self._open, self.clock, "memory")
         self.reopening.open()
-        self.talk, self.odometer = self.make_talk()
-        self.base = self.plugin.Base(self.talk, self.odometer, self.plugin.DRIVETRAIN)
+        self.session, self.odometer = self.make_session()
+        self.base = self.plugin.Base(self.session, self.odometer, self.plugin.DRIVETRAIN)
         self._order = count()
         self._due: list[tuple[float, int, Activity]] = []
         self._tick_at_s = self.clock.now()
@@ -119,15 +119,15 @@ class Rig:
 
     # What differs between the makes.
 
-    def make_body(self) -> FreeBody:
-        return free_body(self.clock.now)
+    def make_body(self) -> FreeVehicle:
+        return free_vehicle(self.clock.now)
 
-    def make_device(self) -> Device:
+    def make_device(self) -> BaseEmulator:
         return evbot2(self.body, TICK_S, next(self.boots))
 
-    def make_talk(self) -> Any:
-        codec, channels = HostCodec(), (Channel.WHEELS,)
-        return come_up(self.context, self.reopening, codec, model=MODEL, channels=channels, track_m=0.24)
+    def make_session(self) -> Any:
+        codec, channels = HostLineCodec(), (Channel.WHEELS,)
+        return start_session(self.context, self.reopening, codec, model=MODEL, channels=channels, track_m=0.24)
 
     # The wire.
 

@@ -12,10 +12,10 @@ import pytest
 from eal_actors.kernel.errors import ArgumentError, NotReadyError, ResourceFaultError, UnavailableError
 from eal_actors.plugin import EALData
 from plugins.evbot2.emulator import evbot2
-from plugins.evbot2.faults import FaultyWire
-from plugins.evbot2.messages import Code, Request, State, Verb
+from plugins.evbot2.messages import BaseRequest, Code, State, Verb
 from plugins.evbot2.odometry import Odometry
-from plugins.evbot2.protocol import BaseCodec, encode_request
+from plugins.evbot2.protocol import BaseLineCodec, encode_request
+from plugins.evbot2.serving import FaultyWire
 from plugins.roomba.odometry import DeadReckoning
 from tests.unit.plugins.evbot2.rig import TICK_S, Rig
 
@@ -24,7 +24,7 @@ STEP_M = 0.0005
 
 def sent_verbs(rig: Rig) -> list[str]:
     """Return the verbs that were sent since the last call."""
-    requests = [request for request in BaseCodec().feed(bytes(rig.port.sent)) if isinstance(request, Request)]
+    requests = [request for request in BaseLineCodec().feed(bytes(rig.port.sent)) if isinstance(request, BaseRequest)]
     rig.port.sent.clear()
     return [request.verb.name for request in requests]
 
@@ -67,32 +67,32 @@ def test_a_motion_tells_how_far_it_has_come(command: str, way_m: tuple[float, fl
     motion, told = rig.start(rig.base.send_cmd(command)), []
     for _ in range(12):
         rig.wait(0.1)
-        assert rig.base._told_progress is not None
-        fraction, _text = rig.base._told_progress
+        assert rig.base._reported_progress is not None
+        fraction, _text = rig.base._reported_progress
         gone = [(now - then) / way for now, then, way in zip(rig.body.travel_m(), start_m, way_m, strict=True)]
         assert fraction == pytest.approx(sum(gone) / 2, abs=0.06)  # of a moment ago
         told.append(fraction)
     assert told == sorted(told)
     assert 0.1 < told[-1] < 0.9
     rig.result(motion)
-    assert rig.base._told_progress[0] == pytest.approx(1.0, abs=0.06)
+    assert rig.base._reported_progress[0] == pytest.approx(1.0, abs=0.06)
 
 
 def test_the_thesis_square_ends_where_it_began() -> None:
     rig = Rig()
     rig.do(*["g", "r"] * 4, "s", *["l", "b"] * 4, "s")
     assert rig.body.pose == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
-    seen = Odometry(rig.talk, rig.odometer).get_value()
+    seen = Odometry(rig.session, rig.odometer).get_value()
     assert seen.value == pytest.approx(rig.body.pose, abs=0.006)
     assert seen.frame_id == "rob/odom"
 
 
 def test_a_known_track_factor_makes_up_for_skidding() -> None:
     rig = Rig(calibration={"track_factor": 1.2})
-    rig.body._place = DeadReckoning(0.24 * 1.2)
+    rig.body._odometer = DeadReckoning(0.24 * 1.2)
     rig.do("l90")
     assert rig.body.pose[2] == pytest.approx(math.pi / 2, abs=0.006)
-    assert Odometry(rig.talk, rig.odometer).get_value().value[2] == pytest.approx(math.pi / 2, abs=0.006)
+    assert Odometry(rig.session, rig.odometer).get_value().value[2] == pytest.approx(math.pi / 2, abs=0.006)
     rig.base.set_config("track_factor", EALData.of(1.0))
     rig.do("l90")
     assert rig.body.pose[2] == pytest.approx(math.pi / 2 * (1 + 1 / 1.2), abs=0.01)  # 165 degrees
@@ -175,7 +175,7 @@ def test_a_stuck_wheel_is_told_and_nothing_is_driven_any_more() -> None:
     rig.body.is_stuck = True
     motion = rig.start(rig.base.send_cmd("g"), 0.5)
     assert rig.base.get_status() == 2
-    with pytest.raises(ResourceFaultError, match=r"halted: it was driven, and its encoders counted nothing in 1.5 s"):
+    with pytest.raises(ResourceFaultError, match=r"halted: it was driven, but its encoders counted nothing in 1.5 s"):
         rig.result(motion)
     assert not rig.device.is_busy
 
@@ -224,7 +224,7 @@ def test_an_order_that_is_not_acknowledged_fails_and_nothing_moves_after() -> No
     rig = Rig()
     rig.port.is_cut = True
     motion = rig.start(rig.base.send_cmd("f5"))
-    with pytest.raises(UnavailableError, match="the base at memory does not acknowledge MOVE, which was sent 8 times"):
+    with pytest.raises(UnavailableError, match="the base at memory does not acknowledge MOVE, sent 8 times"):
         rig.result(motion)
     rig.port.is_cut = False
     assert rig.stands_for(3.0)
@@ -283,7 +283,7 @@ def test_a_port_that_is_lost_in_the_middle_of_a_line_comes_back() -> None:
     x_m = rig.body.pose[0]
     rig.do("f0.1")
     assert rig.body.pose[0] == pytest.approx(x_m + 0.1, abs=2 * STEP_M)
-    assert Odometry(rig.talk, rig.odometer).get_value().value[0] == pytest.approx(rig.body.pose[0], abs=2 * STEP_M)
+    assert Odometry(rig.session, rig.odometer).get_value().value[0] == pytest.approx(rig.body.pose[0], abs=2 * STEP_M)
 
 
 def test_a_device_that_is_absent_at_first_is_greeted_when_it_comes() -> None:
@@ -304,9 +304,9 @@ def test_a_base_that_was_switched_off_and_on_goes_on_from_where_it_was() -> None
     rig.do("f0.3")
     rig.switch_off_and_on()
     rig.wait(0.5)
-    assert Odometry(rig.talk, rig.odometer).get_value().value[0] == pytest.approx(0.3, abs=2 * STEP_M)
+    assert Odometry(rig.session, rig.odometer).get_value().value[0] == pytest.approx(0.3, abs=2 * STEP_M)
     rig.do("f0.2")
-    odometry = Odometry(rig.talk, rig.odometer)
+    odometry = Odometry(rig.session, rig.odometer)
     assert odometry.get_value().value[0] == pytest.approx(0.5, abs=3 * STEP_M)
     assert odometry.travel().value == pytest.approx([0.5, 0.5], abs=3 * STEP_M)
 
@@ -334,18 +334,18 @@ def test_noise_on_the_line_disturbs_nothing() -> None:
 def test_an_old_status_that_comes_late_is_not_believed() -> None:
     rig = Rig()
     rig.do("f0.1")
-    newest = rig.talk.latest()
-    session = rig.talk._session
+    newest = rig.session.latest()
+    session = rig.session._lease
     assert session is not None
     session.sent_s[9999] = 0.0
     rig.port.arrive(b"$9999 STAT OK 1 0 0 0 0 0*%04X\n" % binascii.crc_hqx(b"9999 STAT OK 1 0 0 0 0 0", 0))
-    rig.talk._receive()
-    assert rig.talk.latest() is newest
+    rig.session._receive()
+    assert rig.session.latest() is newest
 
 
 def test_what_the_base_refuses_is_told_by_its_code() -> None:
     rig = Rig()
-    order = rig.talk.order(Verb.MOVE, 1, 1, 999_999_999)
+    order = rig.session.order(Verb.MOVE, 1, 1, 999_999_999)
     with pytest.raises(ResourceFaultError, match="the base at memory refuses MOVE: RANGE"):
         rig.run(order)
 
@@ -353,10 +353,10 @@ def test_what_the_base_refuses_is_told_by_its_code() -> None:
 def test_another_host_that_drives_it_is_waited_for() -> None:
     rig = Rig(is_there=False)
     firmware = rig.device.firmware
-    assert firmware.handle(Request(Verb.HELLO, 1, 0, (1, 500, 5)), 0.0).code is Code.OK
+    assert firmware.handle(BaseRequest(Verb.HELLO, 1, 0, (1, 500, 5)), 0.0).code is Code.OK
     rig.come_back()
     rig.wait(0.3)
-    assert rig.base.not_ready() == "the base at memory listens to another host, until that one is silent"
+    assert rig.base.not_ready() == "the base at memory is used by another host until that one is silent"
     rig.wait(1.0)
     assert rig.base.not_ready() is None
 
@@ -370,22 +370,22 @@ def test_another_model_is_told() -> None:
 
     rig = Other()
     rig.wait(0.5)
-    assert rig.base.not_ready() == "at memory is an EvBot 3, and not an EvBot 2"
+    assert rig.base.not_ready() == "the base at memory is an EvBot 3, not an EvBot 2"
 
 
 def test_stray_orders_of_an_earlier_life_move_nothing() -> None:
     rig = Rig()
     rig.do("f0.1")
-    lease = rig.talk._session.welcome.lease if rig.talk._session else 0
+    lease = rig.session._lease.welcome.lease if rig.session._lease else 0
     for tag, old in ((1, lease), (2, lease), (40_000, lease), (9, lease - 1), (9, lease + 1), (9, 0)):
-        rig.port.deliver(encode_request(Request(Verb.MOVE, tag, old, (500_000, 500_000, 200_000))))
+        rig.port.deliver(encode_request(BaseRequest(Verb.MOVE, tag, old, (500_000, 500_000, 200_000))))
     assert rig.stands_for(2.0)
-    assert State(rig.talk.latest().wheels.state) is State.DONE
+    assert State(rig.session.latest().wheels.state) is State.DONE
 
 
 def test_placing_the_odometry() -> None:
     rig = Rig()
-    odometry = Odometry(rig.talk, rig.odometer)
+    odometry = Odometry(rig.session, rig.odometer)
     odometry.set_value(EALData.of([1.0, 2.0, math.pi / 2]))
     rig.do("f0.5")
     assert odometry.get_value().value == pytest.approx([1.0, 2.5, math.pi / 2], abs=2 * STEP_M)

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plugins.evbot2.body import FreeBody
-from plugins.evbot2.emulator import evbot2, free_body
-from plugins.evbot2.messages import Code, Reply, Request, State, Verb, Welcome, WheelStatus
+from plugins.evbot2.emulator import evbot2, free_vehicle
+from plugins.evbot2.messages import BaseReply, BaseRequest, BaseWelcome, Code, State, Verb, WheelStatus
+from plugins.evbot2.vehicle import FreeVehicle
 
 TICK_S = 0.01
 MOVE = (500_000, 500_000, 250_000)
@@ -21,20 +21,20 @@ class Bench:
 
     def __init__(self, *, greeted: bool = True) -> None:
         self.now_s = 0.0
-        self.body: FreeBody = free_body(lambda: self.now_s)
+        self.body: FreeVehicle = free_vehicle(lambda: self.now_s)
         self.device = evbot2(self.body, TICK_S, boot=41)
         self.firmware = self.device.firmware
         self.polls = 0
         self.lease = self.greet().lease if greeted else 0
 
-    def say(self, verb: Verb, tag: int = 1, *numbers: int, lease: int | None = None) -> Reply:
+    def say(self, verb: Verb, tag: int = 1, *numbers: int, lease: int | None = None) -> BaseReply:
         lease = lease if lease is not None else self.lease
-        return self.firmware.handle(Request(verb, tag, lease, numbers), self.now_s)
+        return self.firmware.handle(BaseRequest(verb, tag, lease, numbers), self.now_s)
 
-    def greet(self, watchdog_ms: int = 500, host: int = 77) -> Welcome:
+    def greet(self, watchdog_ms: int = 500, host: int = 77) -> BaseWelcome:
         reply = self.say(Verb.HELLO, 1, 1, watchdog_ms, host, lease=0)
         assert reply.code is Code.OK
-        return Welcome(*reply.numbers[:6])
+        return BaseWelcome(*reply.numbers[:6])
 
     def poll(self) -> WheelStatus:
         self.polls += 1
@@ -59,7 +59,7 @@ class Bench:
 def test_it_says_what_it_is_and_gives_a_lease() -> None:
     bench = Bench(greeted=False)
     reply = bench.say(Verb.HELLO, 9, 1, 500, 77, lease=0)
-    assert reply == Reply(Verb.HELLO, 9, Code.OK, (2, 1, 41, 42, 500, 400_000, 0, 0))
+    assert reply == BaseReply(Verb.HELLO, 9, Code.OK, (2, 1, 41, 42, 500, 400_000, 0, 0))
     assert bench.say(Verb.HELLO, 10, 1, 500, 77, lease=0).numbers[3] == 42  # the lease is not given out anew
 
 
@@ -68,7 +68,7 @@ def test_it_says_what_it_is_and_gives_a_lease() -> None:
 )
 def test_a_greeting_that_it_cannot_grant_is_refused(numbers: tuple[int, ...], code: Code) -> None:
     bench = Bench(greeted=False)
-    assert bench.say(Verb.HELLO, 1, *numbers, lease=0) == Reply(Verb.HELLO, 1, code)
+    assert bench.say(Verb.HELLO, 1, *numbers, lease=0) == BaseReply(Verb.HELLO, 1, code)
     assert bench.say(Verb.STAT, 1, lease=42).code is Code.LEASE
 
 
@@ -246,7 +246,7 @@ def test_a_base_that_is_left_stops_and_is_free_for_another_host() -> None:
 
 def test_tracks_that_skid_turn_less_than_they_count() -> None:
     now = [0.0]
-    body = free_body(lambda: now[0], track_factor=1.2)
+    body = free_vehicle(lambda: now[0], track_factor=1.2)
     body.drive(-0.1, 0.1)
     now[0] = 2.0
     left_m, right_m = body.travel_m()

@@ -12,12 +12,12 @@ import pytest
 
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ConfigError, NotReadyError, PluginError
 from eal_actors.plugin import FleetServices, PluginContext
 from eal_actors.testing.conformance import Bench, settings_of
 from plugins.evbot2 import plugin
 from tests.emulated import PATIENT
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.evbot2.wires import evbot2_on_a_pty
 
 FOLDER = bundled_path("plugins/evbot2")

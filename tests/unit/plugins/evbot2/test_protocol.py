@@ -8,51 +8,51 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plugins.evbot2.messages import ARGUMENTS, Code, Nonsense, Reply, Request, Verb, is_newer
-from plugins.evbot2.protocol import MAX_LINE_BYTES, BaseCodec, HostCodec
+from plugins.evbot2.messages import ARGUMENTS, BaseReply, BaseRequest, Code, InvalidRequest, Verb, is_newer
+from plugins.evbot2.protocol import MAX_LINE_BYTES, BaseLineCodec, HostLineCodec
 
 REQUESTS = [
-    (b"$1 0 HELLO 1 500 77*69A7\n", Request(Verb.HELLO, 1, 0, (1, 500, 77))),
-    (b"$1 42 STAT*181F\n", Request(Verb.STAT, 1, 42)),
-    (b"$1 42 MOVE 500000 500000 250000*0E33\n", Request(Verb.MOVE, 1, 42, (500000, 500000, 250000))),
-    (b"$2 42 VEL -100000 100000 500*F276\n", Request(Verb.VEL, 2, 42, (-100000, 100000, 500))),
-    (b"$3 42 STOP*BDF3\n", Request(Verb.STOP, 3, 42)),
+    (b"$1 0 HELLO 1 500 77*69A7\n", BaseRequest(Verb.HELLO, 1, 0, (1, 500, 77))),
+    (b"$1 42 STAT*181F\n", BaseRequest(Verb.STAT, 1, 42)),
+    (b"$1 42 MOVE 500000 500000 250000*0E33\n", BaseRequest(Verb.MOVE, 1, 42, (500000, 500000, 250000))),
+    (b"$2 42 VEL -100000 100000 500*F276\n", BaseRequest(Verb.VEL, 2, 42, (-100000, 100000, 500))),
+    (b"$3 42 STOP*BDF3\n", BaseRequest(Verb.STOP, 3, 42)),
 ]
 
 REPLIES = [
     (
         b"$1 HELLO OK 2 1 41 42 500 400000 0 0*18C2\n",
-        Reply(Verb.HELLO, 1, Code.OK, (2, 1, 41, 42, 500, 400000, 0, 0)),
+        BaseReply(Verb.HELLO, 1, Code.OK, (2, 1, 41, 42, 500, 400000, 0, 0)),
     ),
-    (b"$1 STAT OK 1500 0 0 0 0 0*F3B9\n", Reply(Verb.STAT, 1, Code.OK, (1500, 0, 0, 0, 0, 0))),
-    (b"$3 STOP OK 4010 2 3 812 -790 0*63D2\n", Reply(Verb.STOP, 3, Code.OK, (4010, 2, 3, 812, -790, 0))),
-    (b"$9 STAT LEASE*A20C\n", Reply(Verb.STAT, 9, Code.LEASE)),
-    (b"$4 MOVE RANGE*DA11\n", Reply(Verb.MOVE, 4, Code.RANGE)),
-    (b"$4 NONE ARGS*8C3B\n", Reply(Verb.NONE, 4, Code.ARGS)),
-    (b"$5 NONE VERB*269D\n", Reply(Verb.NONE, 5, Code.VERB)),
+    (b"$1 STAT OK 1500 0 0 0 0 0*F3B9\n", BaseReply(Verb.STAT, 1, Code.OK, (1500, 0, 0, 0, 0, 0))),
+    (b"$3 STOP OK 4010 2 3 812 -790 0*63D2\n", BaseReply(Verb.STOP, 3, Code.OK, (4010, 2, 3, 812, -790, 0))),
+    (b"$9 STAT LEASE*A20C\n", BaseReply(Verb.STAT, 9, Code.LEASE)),
+    (b"$4 MOVE RANGE*DA11\n", BaseReply(Verb.MOVE, 4, Code.RANGE)),
+    (b"$4 NONE ARGS*8C3B\n", BaseReply(Verb.NONE, 4, Code.ARGS)),
+    (b"$5 NONE VERB*269D\n", BaseReply(Verb.NONE, 5, Code.VERB)),
 ]
 
 NONSENSE = [
-    (b"$4 42 MOVE 1 2*C7EB\n", Nonsense(4, Code.ARGS)),
-    (b"$5 42 JUMP*5EF9\n", Nonsense(5, Code.VERB)),
+    (b"$4 42 MOVE 1 2*C7EB\n", InvalidRequest(4, Code.ARGS)),
+    (b"$5 42 JUMP*5EF9\n", InvalidRequest(5, Code.VERB)),
 ]
 
 
 @pytest.mark.parametrize(("line", "request_"), REQUESTS)
-def test_a_request_is_this_line(line: bytes, request_: Request) -> None:
-    assert HostCodec().encode(request_) == line
-    assert BaseCodec().feed(line) == [request_]
+def test_a_request_is_this_line(line: bytes, request_: BaseRequest) -> None:
+    assert HostLineCodec().encode(request_) == line
+    assert BaseLineCodec().feed(line) == [request_]
 
 
 @pytest.mark.parametrize(("line", "reply"), REPLIES)
-def test_a_reply_is_this_line(line: bytes, reply: Reply) -> None:
-    assert BaseCodec().encode(reply) == line
-    assert HostCodec().feed(line) == [reply]
+def test_a_reply_is_this_line(line: bytes, reply: BaseReply) -> None:
+    assert BaseLineCodec().encode(reply) == line
+    assert HostLineCodec().feed(line) == [reply]
 
 
 @pytest.mark.parametrize(("line", "nonsense"), NONSENSE)
-def test_a_whole_line_without_sense_gets_a_code(line: bytes, nonsense: Nonsense) -> None:
-    assert BaseCodec().feed(line) == [nonsense]
+def test_a_whole_line_without_sense_gets_a_code(line: bytes, nonsense: InvalidRequest) -> None:
+    assert BaseLineCodec().feed(line) == [nonsense]
 
 
 def closed(body: str) -> bytes:
@@ -82,7 +82,7 @@ def closed(body: str) -> bytes:
     ],
 )
 def test_what_is_no_request_is_passed_over(line: bytes) -> None:
-    codec = BaseCodec()
+    codec = BaseLineCodec()
     assert codec.feed(line) == []
     assert codec.feed(REQUESTS[1][0]) == [REQUESTS[1][1]]
 
@@ -91,14 +91,14 @@ def test_what_is_no_request_is_passed_over(line: bytes) -> None:
     "numbers", ["1 2", "1 2 3 4", "1 2 x", "1 2 2147483648", "1 2 99999999999999999999", "1  2", "1 2 3 "]
 )
 def test_wrong_numbers_are_refused_by_a_code(numbers: str) -> None:
-    assert BaseCodec().feed(closed(f"7 42 MOVE {numbers}")) == [Nonsense(7, Code.ARGS)]
+    assert BaseLineCodec().feed(closed(f"7 42 MOVE {numbers}")) == [InvalidRequest(7, Code.ARGS)]
 
 
 @pytest.mark.parametrize(
     "body", ["1 STAT", "1 STAT OKAY", "1 JUMP OK", "1 STAT OK 1.5", "65536 STAT OK", "-3 STAT OK", ""]
 )
 def test_what_is_no_reply_is_passed_over(body: str) -> None:
-    assert HostCodec().feed(closed(body) + REPLIES[0][0]) == [REPLIES[0][1]]
+    assert HostLineCodec().feed(closed(body) + REPLIES[0][0]) == [REPLIES[0][1]]
 
 
 numbers_ = st.integers(-(2**31) + 1, 2**31 - 1)
@@ -106,64 +106,64 @@ tags = st.integers(0, 65535)
 
 
 @st.composite
-def requests(draw: st.DrawFn) -> Request:
+def requests(draw: st.DrawFn) -> BaseRequest:
     verb = draw(st.sampled_from(sorted(ARGUMENTS)))
     count = ARGUMENTS[verb]
-    return Request(verb, draw(tags), draw(tags), tuple(draw(st.lists(numbers_, min_size=count, max_size=count))))
+    return BaseRequest(verb, draw(tags), draw(tags), tuple(draw(st.lists(numbers_, min_size=count, max_size=count))))
 
 
 replies = st.builds(
-    Reply, st.sampled_from(Verb), tags, st.sampled_from(Code), st.lists(numbers_, max_size=8).map(tuple)
+    BaseReply, st.sampled_from(Verb), tags, st.sampled_from(Code), st.lists(numbers_, max_size=8).map(tuple)
 )
 
 
 @given(st.binary(max_size=400), st.binary(max_size=400))
 def test_any_bytes_do_no_harm_and_the_next_line_is_understood(noise: bytes, more: bytes) -> None:
-    for codec, line, wanted in ((BaseCodec(), *REQUESTS[2]), (HostCodec(), *REPLIES[2])):
-        assert isinstance(codec, BaseCodec | HostCodec)
+    for codec, line, wanted in ((BaseLineCodec(), *REQUESTS[2]), (HostLineCodec(), *REPLIES[2])):
+        assert isinstance(codec, BaseLineCodec | HostLineCodec)
         codec.feed(noise)
         codec.feed(more)
         assert codec.feed(b"\n" + line)[-1:] == [wanted]
 
 
 @given(st.lists(requests(), max_size=5), st.data())
-def test_requests_survive_the_wire_however_it_cuts_them(sent: list[Request], data: st.DataObject) -> None:
-    stream = b"".join(HostCodec().encode(request) for request in sent)
+def test_requests_survive_the_wire_however_it_cuts_them(sent: list[BaseRequest], data: st.DataObject) -> None:
+    stream = b"".join(HostLineCodec().encode(request) for request in sent)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=6)))
-    codec, got = BaseCodec(), []
+    codec, got = BaseLineCodec(), []
     for begin, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
         got += codec.feed(stream[begin:end])
     assert got == sent
 
 
 @given(st.lists(replies, max_size=5), st.data())
-def test_replies_survive_the_wire_however_it_cuts_them(sent: list[Reply], data: st.DataObject) -> None:
-    stream = b"".join(BaseCodec().encode(reply) for reply in sent)
+def test_replies_survive_the_wire_however_it_cuts_them(sent: list[BaseReply], data: st.DataObject) -> None:
+    stream = b"".join(BaseLineCodec().encode(reply) for reply in sent)
     cut = data.draw(st.integers(0, len(stream)))
-    codec = HostCodec()
+    codec = HostLineCodec()
     assert codec.feed(stream[:cut]) + codec.feed(stream[cut:]) == sent
 
 
 @given(requests(), st.data())
-def test_a_changed_byte_never_makes_another_request(request_: Request, data: st.DataObject) -> None:
-    line = bytearray(HostCodec().encode(request_))
+def test_a_changed_byte_never_makes_another_request(request_: BaseRequest, data: st.DataObject) -> None:
+    line = bytearray(HostLineCodec().encode(request_))
     at = data.draw(st.integers(0, len(line) - 1))
     line[at] = data.draw(st.integers(0, 255).filter(lambda byte: byte != line[at]))
-    assert [got for got in BaseCodec().feed(bytes(line) + b"\n") if got != request_] == []
+    assert [got for got in BaseLineCodec().feed(bytes(line) + b"\n") if got != request_] == []
 
 
 @given(requests())
-def test_a_line_whose_end_was_lost_takes_no_other_with_it(request_: Request) -> None:
-    begun = HostCodec().encode(Request(Verb.STOP, 3, 42))[:-3]
-    assert BaseCodec().feed(begun + HostCodec().encode(request_)) == [request_]
+def test_a_line_whose_end_was_lost_takes_no_other_with_it(request_: BaseRequest) -> None:
+    begun = HostLineCodec().encode(BaseRequest(Verb.STOP, 3, 42))[:-3]
+    assert BaseLineCodec().feed(begun + HostLineCodec().encode(request_)) == [request_]
 
 
 def test_the_longest_line_fits_and_a_longer_one_is_passed_over() -> None:
-    longest = Reply(Verb.HELLO, 65535, Code.VERSION, (-(2**31) + 1,) * 10)
-    line = BaseCodec().encode(longest)
+    longest = BaseReply(Verb.HELLO, 65535, Code.VERSION, (-(2**31) + 1,) * 10)
+    line = BaseLineCodec().encode(longest)
     assert len(line) <= MAX_LINE_BYTES
-    assert HostCodec().feed(line) == [longest]
-    codec = HostCodec()
+    assert HostLineCodec().feed(line) == [longest]
+    codec = HostLineCodec()
     assert codec.feed(b"$" + b"1" * 100_000) == []
     assert codec.feed(b"\n" + line) == [longest]
 

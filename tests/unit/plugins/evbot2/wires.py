@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractAsyncContextManager, contextmanager
 from random import Random
 
-from plugins.evbot2.body import FreeBody
-from plugins.evbot2.device import Device
-from plugins.evbot2.emulator import evbot2, free_body
-from plugins.evbot2.faults import FaultyWire
-from plugins.evbot2.serving import TICK_S, Serving, on_pty
+from plugins.evbot2.emulator import evbot2, free_vehicle
+from plugins.evbot2.firmware import BaseEmulator
+from plugins.evbot2.serving import TICK_S, EmulatorServer, FaultyWire, on_pty
+from plugins.evbot2.vehicle import FreeVehicle
 
 WAIT_S = 10.0
 
@@ -58,15 +57,15 @@ def plain_wires() -> tuple[FaultyWire, FaultyWire]:
 @contextmanager
 def evbot2_on_a_pty(
     boot: int = 7, *, baud_rate: int | None = None, rate: float = 1.0
-) -> Iterator[tuple[str, FreeBody, Device]]:
+) -> Iterator[tuple[str, FreeVehicle, BaseEmulator]]:
     """Serve an EvBot II behind a pseudo-terminal; gives its path, its body and the device."""
-    made: list[tuple[FreeBody, Device]] = []
+    made: list[tuple[FreeVehicle, BaseEmulator]] = []
 
     def serve() -> AbstractAsyncContextManager[str]:
         loop = asyncio.get_running_loop()
-        body = free_body(lambda: loop.time() * rate)
+        body = free_vehicle(lambda: loop.time() * rate)
         made.append((body, evbot2(body, TICK_S * rate, boot)))
-        return on_pty(Serving(made[0][1], *plain_wires(), baud_rate, rate))
+        return on_pty(EmulatorServer(made[0][1], *plain_wires(), baud_rate, rate))
 
     with in_a_loop(serve) as path:
         yield path, *made[0]

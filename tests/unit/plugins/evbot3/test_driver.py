@@ -9,11 +9,11 @@ import pytest
 
 from eal_actors.kernel.errors import ArgumentError, UnavailableError
 from eal_actors.plugin import EALData
-from plugins.evbot2.faults import FaultyWire
-from plugins.evbot2.messages import Request, State, Verb
-from plugins.evbot2.wheels import Wheels
-from plugins.evbot3.firmware import Turret as TurretActuator
-from plugins.evbot3.protocol import BaseCodec, encode_request
+from plugins.evbot2.messages import BaseRequest, State, Verb
+from plugins.evbot2.serving import FaultyWire
+from plugins.evbot2.wheels import WheelController
+from plugins.evbot3.firmware import TurretController
+from plugins.evbot3.protocol import BaseFrameCodec, encode_request
 from plugins.evbot3.sensors import Battery, Bump
 from tests.unit.plugins.evbot3.rig import Rig3
 
@@ -26,10 +26,10 @@ class Logged:
     def __init__(self, rig: Rig3) -> None:
         self.orders: list[tuple[str, tuple[int, ...]]] = []
         for actuator in rig.device.firmware._actuators.values():
-            assert isinstance(actuator, Wheels | TurretActuator)
+            assert isinstance(actuator, WheelController | TurretController)
             self._log(actuator)
 
-    def _log(self, actuator: Wheels | TurretActuator) -> None:
+    def _log(self, actuator: WheelController | TurretController) -> None:
         accept = actuator.accept
 
         def logged(verb: Verb, numbers: tuple[int, ...], tag: int, now_s: float) -> object:
@@ -83,8 +83,8 @@ def test_the_turret_goes_the_shorter_way_round() -> None:
 
 
 def told_share(rig: Rig3) -> float:
-    assert rig.turret._told_progress is not None
-    share, _ = rig.turret._told_progress
+    assert rig.turret._reported_progress is not None
+    share, _ = rig.turret._reported_progress
     assert share is not None
     return share
 
@@ -145,7 +145,7 @@ def test_after_a_silence_nothing_moves() -> None:
     assert rig.body.pose[0] == pytest.approx(pose[0], abs=0.05)
     rig.wait(1.0)  # the driver is back: it greets, and moves nothing
     assert rig.body.turret.yaw_rad == yaw_rad
-    assert State(rig.talk.latest().wheels.state) is State.SILENT
+    assert State(rig.session.latest().wheels.state) is State.SILENT
 
 
 @pytest.mark.parametrize("seed", range(25))
@@ -188,7 +188,7 @@ def test_what_was_held_back_for_long_moves_nothing() -> None:
     rig.wait(5.0)
     rig.turn("l90")
     stands = rig.body.pose
-    assert any(request.verb is Verb.MOVE for request in BaseCodec().feed(old) if isinstance(request, Request))
+    assert any(request.verb is Verb.MOVE for request in BaseFrameCodec().feed(old) if isinstance(request, BaseRequest))
     rig.port.deliver(old)
     rig.wait(2.0)
     assert rig.body.pose == stands
@@ -201,7 +201,7 @@ def test_what_was_held_back_for_long_moves_nothing() -> None:
 def test_an_order_to_a_turret_under_a_lapsed_lease_moves_nothing() -> None:
     rig = Rig3()
     rig.silence(1.0)
-    rig.port.deliver(encode_request(Request(Verb.SWING, 2, 42, (1_000_000, 1_000_000))))
+    rig.port.deliver(encode_request(BaseRequest(Verb.SWING, 2, 42, (1_000_000, 1_000_000))))
     rig.silence(1.0)
     assert rig.body.turret is not None
     assert rig.body.turret.yaw_rad == 0.0
@@ -210,14 +210,14 @@ def test_an_order_to_a_turret_under_a_lapsed_lease_moves_nothing() -> None:
 @pytest.mark.parametrize("numbers", [(62_831_854 + 10, 1_000_000), (1000, 3_141_600), (1000, 0), (1000, -1_000_000)])
 def test_the_firmware_refuses_what_the_turret_cannot_do(numbers: tuple[int, int]) -> None:
     rig = Rig3()
-    order = rig.talk.order(Verb.SWING, *numbers)
+    order = rig.session.order(Verb.SWING, *numbers)
     with pytest.raises(Exception, match="refuses SWING: RANGE"):
         rig.run(order)
 
 
 def test_bumpers_and_battery() -> None:
     rig = Rig3()
-    bump, battery = Bump(rig.talk), Battery(rig.talk)
+    bump, battery = Bump(rig.session), Battery(rig.session)
     assert not bump.get_value().value
     rig.body.bumped = (True, False)
     rig.wait(0.1)

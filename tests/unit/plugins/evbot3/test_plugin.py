@@ -11,8 +11,8 @@ import pytest
 
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError, NotReadyError
+from eal_actors.plugin import UdpPort
 from eal_actors.testing.conformance import CHECKS, Bench, Check, run_check, settings_of
-from plugins.evbot3.datagrams import UdpPort
 from tests.emulated import PATIENT
 from tests.unit.plugins.evbot2.test_plugin import wait_until_ready
 from tests.unit.plugins.evbot3.wires import evbot3_on

@@ -9,34 +9,34 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plugins.evbot2.messages import ARGUMENTS, Code, Nonsense, Reply, Request, Verb
-from plugins.evbot3.protocol import BaseCodec, HostCodec, stuffed, unstuffed
+from plugins.evbot2.messages import ARGUMENTS, BaseReply, BaseRequest, Code, InvalidRequest, Verb
+from plugins.evbot3.protocol import BaseFrameCodec, HostFrameCodec, stuffed, unstuffed
 
 REQUESTS = [
     (
         "00 04 e3 01 01 01 02 01 01 01 01 01 02 01 01 03 01 f4 01 01 06 4d 0c 3c 87 71 00",
-        Request(Verb.HELLO, 1, 0, (1, 500, 77)),
+        BaseRequest(Verb.HELLO, 1, 0, (1, 500, 77)),
     ),
-    ("00 04 e3 01 02 01 02 01 06 2a 59 bb f4 b5 00", Request(Verb.STAT, 1, 42)),
-    ("00 04 e3 01 05 01 02 03 06 2a 47 3a 10 63 00", Request(Verb.STOP, 3, 42)),
+    ("00 04 e3 01 02 01 02 01 06 2a 59 bb f4 b5 00", BaseRequest(Verb.STAT, 1, 42)),
+    ("00 04 e3 01 05 01 02 03 06 2a 47 3a 10 63 00", BaseRequest(Verb.STOP, 3, 42)),
     (
         "00 04 e3 01 07 02 01 01 06 2a ff e8 08 14 08 17 f7 ec 74 9c 9b cb 00",
-        Request(Verb.AIM, 256, 42, (-1570796, 1570796)),
+        BaseRequest(Verb.AIM, 256, 42, (-1570796, 1570796)),
     ),
 ]
-REPLY = ("00 05 e3 02 02 01 02 09 01 05 80 9b 5f f6 00", Reply(Verb.STAT, 9, Code.LEASE))
+REPLY = ("00 05 e3 02 02 01 02 09 01 05 80 9b 5f f6 00", BaseReply(Verb.STAT, 9, Code.LEASE))
 
 
 @pytest.mark.parametrize(("frame", "request_"), REQUESTS)
-def test_a_request_is_this_frame(frame: str, request_: Request) -> None:
-    assert HostCodec().encode(request_).hex(" ") == frame
-    assert BaseCodec().feed(bytes.fromhex(frame)) == [request_]
+def test_a_request_is_this_frame(frame: str, request_: BaseRequest) -> None:
+    assert HostFrameCodec().encode(request_).hex(" ") == frame
+    assert BaseFrameCodec().feed(bytes.fromhex(frame)) == [request_]
 
 
 def test_a_reply_is_this_frame() -> None:
     frame, reply = REPLY
-    assert BaseCodec().encode(reply).hex(" ") == frame
-    assert HostCodec().feed(bytes.fromhex(frame)) == [reply]
+    assert BaseFrameCodec().encode(reply).hex(" ") == frame
+    assert HostFrameCodec().feed(bytes.fromhex(frame)) == [reply]
 
 
 @pytest.mark.parametrize(
@@ -68,22 +68,22 @@ def made(kind: int, verb: int, code: int, tag: int, lease: int, *numbers: int, m
 @pytest.mark.parametrize(
     ("frame", "found"),
     [
-        (made(1, 99, 0, 7, 42), [Nonsense(7, Code.VERB)]),
-        (made(1, 0, 0, 7, 42), [Nonsense(7, Code.VERB)]),
-        (made(1, 3, 0, 7, 42, 1, 2), [Nonsense(7, Code.ARGS)]),
-        (made(1, 2, 0, 7, 42, 1), [Nonsense(7, Code.ARGS)]),
+        (made(1, 99, 0, 7, 42), [InvalidRequest(7, Code.VERB)]),
+        (made(1, 0, 0, 7, 42), [InvalidRequest(7, Code.VERB)]),
+        (made(1, 3, 0, 7, 42, 1, 2), [InvalidRequest(7, Code.ARGS)]),
+        (made(1, 2, 0, 7, 42, 1), [InvalidRequest(7, Code.ARGS)]),
         (made(2, 2, 0, 7, 42), []),  # a reply is no request
         (made(1, 2, 0, 7, 42, magic=0xE2), []),
         (b"\0" + stuffed(b"\xe3\x01") + b"\0", []),
     ],
 )
-def test_requests_without_sense(frame: bytes, found: list[Nonsense]) -> None:
-    assert BaseCodec().feed(frame) == found
+def test_requests_without_sense(frame: bytes, found: list[InvalidRequest]) -> None:
+    assert BaseFrameCodec().feed(frame) == found
 
 
 @pytest.mark.parametrize("frame", [made(2, 99, 0, 7, 0), made(2, 2, 99, 7, 0), made(1, 2, 0, 7, 0)])
 def test_replies_without_sense_are_passed_over(frame: bytes) -> None:
-    assert HostCodec().feed(frame) == []
+    assert HostFrameCodec().feed(frame) == []
 
 
 numbers_ = st.integers(-(2**31), 2**31 - 1)
@@ -91,20 +91,20 @@ tags = st.integers(0, 65535)
 
 
 @st.composite
-def requests(draw: st.DrawFn) -> Request:
+def requests(draw: st.DrawFn) -> BaseRequest:
     verb = draw(st.sampled_from(sorted(ARGUMENTS)))
     count = ARGUMENTS[verb]
-    return Request(verb, draw(tags), draw(tags), tuple(draw(st.lists(numbers_, min_size=count, max_size=count))))
+    return BaseRequest(verb, draw(tags), draw(tags), tuple(draw(st.lists(numbers_, min_size=count, max_size=count))))
 
 
 replies = st.builds(
-    Reply, st.sampled_from(Verb), tags, st.sampled_from(Code), st.lists(numbers_, max_size=24).map(tuple)
+    BaseReply, st.sampled_from(Verb), tags, st.sampled_from(Code), st.lists(numbers_, max_size=24).map(tuple)
 )
 
 
 @given(st.binary(max_size=400), st.binary(max_size=400))
 def test_any_bytes_do_no_harm_and_the_next_frame_is_understood(noise: bytes, more: bytes) -> None:
-    base, host = BaseCodec(), HostCodec()
+    base, host = BaseFrameCodec(), HostFrameCodec()
     for codec in (base, host):
         codec.feed(noise)
         codec.feed(more)
@@ -113,34 +113,34 @@ def test_any_bytes_do_no_harm_and_the_next_frame_is_understood(noise: bytes, mor
 
 
 @given(st.lists(requests(), max_size=5), st.data())
-def test_requests_survive_the_wire_however_it_cuts_them(sent: list[Request], data: st.DataObject) -> None:
-    stream = b"".join(HostCodec().encode(request) for request in sent)
+def test_requests_survive_the_wire_however_it_cuts_them(sent: list[BaseRequest], data: st.DataObject) -> None:
+    stream = b"".join(HostFrameCodec().encode(request) for request in sent)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=6)))
-    codec, got = BaseCodec(), []
+    codec, got = BaseFrameCodec(), []
     for begin, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
         got += codec.feed(stream[begin:end])
     assert got == sent
 
 
 @given(st.lists(replies, max_size=5), st.data())
-def test_replies_survive_the_wire_however_it_cuts_them(sent: list[Reply], data: st.DataObject) -> None:
-    stream = b"".join(BaseCodec().encode(reply) for reply in sent)
+def test_replies_survive_the_wire_however_it_cuts_them(sent: list[BaseReply], data: st.DataObject) -> None:
+    stream = b"".join(BaseFrameCodec().encode(reply) for reply in sent)
     cut = data.draw(st.integers(0, len(stream)))
-    codec = HostCodec()
+    codec = HostFrameCodec()
     assert codec.feed(stream[:cut]) + codec.feed(stream[cut:]) == sent
 
 
 @given(requests(), st.data())
-def test_a_changed_byte_never_makes_another_request(request_: Request, data: st.DataObject) -> None:
-    frame = bytearray(HostCodec().encode(request_))
+def test_a_changed_byte_never_makes_another_request(request_: BaseRequest, data: st.DataObject) -> None:
+    frame = bytearray(HostFrameCodec().encode(request_))
     at = data.draw(st.integers(0, len(frame) - 1))
     frame[at] = data.draw(st.integers(0, 255).filter(lambda byte: byte != frame[at]))
-    assert [got for got in BaseCodec().feed(bytes(frame) + b"\0") if got != request_] == []
+    assert [got for got in BaseFrameCodec().feed(bytes(frame) + b"\0") if got != request_] == []
 
 
 def test_bytes_without_an_end_are_not_kept() -> None:
-    codec = BaseCodec()
+    codec = BaseFrameCodec()
     for _ in range(100):
         assert codec.feed(b"\1" * 10_000) == []
-    assert len(codec._begun) < 1000
+    assert len(codec._partial) < 1000
     assert codec.feed(bytes.fromhex(REQUESTS[1][0])) == [REQUESTS[1][1]]

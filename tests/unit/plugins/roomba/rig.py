@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from eal_actors.device.world import WorldModel
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import NotReadyError
 from eal_actors.plugin import Activity, FleetServices, PluginContext
 from plugins.roomba import plugin
@@ -25,6 +24,7 @@ from plugins.roomba.sci_emulator import SciEmulator
 from plugins.roomba.tinyos import TinyosFraming
 from plugins.sim import port as simulated_ports
 from plugins.sim.world import world_of
+from tests.manual_clock import ManualClock
 
 T = TypeVar("T")
 

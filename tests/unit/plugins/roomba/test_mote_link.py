@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import UnavailableError
 from plugins.roomba.mote_link import MOST_WAITING, MoteLink
 from plugins.roomba.motes import MotePair
 from plugins.roomba.sci import drive
 from plugins.roomba.tinyos import Ack, Packet, TinyosFraming
+from tests.manual_clock import ManualClock
 
 FRAMING = TinyosFraming()
 T = TypeVar("T")

@@ -18,12 +18,12 @@ from typing import Any
 import pytest
 
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.plugin import FleetServices, PluginContext, Resource
 from eal_actors.testing.conformance import Bench, settings_of
 from plugins.roomba import plugin
 from plugins.roomba.plugin import RoombaPlugin
 from plugins.sim import plugin as sim
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.roomba.oi_rig import OiRig
 
 ROOT = Path(__file__).parents[4]

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from eal_actors.kernel.bundled import bundled_path
-from eal_actors.kernel.clock import REAL_TIME, ManualClock
+from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import PluginError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.plugins import EALPluginManager
@@ -18,6 +18,7 @@ from eal_actors.testing.conformance.wires import TcpWire
 from plugins.roomba import emulator, plugin
 from plugins.roomba.motes import ByteEmulator
 from plugins.roomba.sci import Mode
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.roomba.rig import HurriedClock
 from tests.unit.plugins.roomba.wires import roomba_on_a_pty, roombas_on_sockets
 

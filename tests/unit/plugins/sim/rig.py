@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from typing import Any
 
 from eal_actors.device.world import WorldModel
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.plugin import FleetServices, PluginContext, Resource
 from plugins.sim import plugin as sim
+from tests.manual_clock import ManualClock
 
 TICK_S = 0.02
 

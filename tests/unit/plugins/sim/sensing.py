@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from eal_actors.device.world import WorldModel
-from eal_actors.kernel.clock import ManualClock
 from plugins.sim.models import MAKES, MakeName
 from plugins.sim.robot import SimRobot
 from plugins.sim.world import SimWorld
+from tests.manual_clock import ManualClock
 
 
 def room(width_m: float = 6.0, depth_m: float = 4.0, **parts: Any) -> WorldModel:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import UnavailableError
 from plugins.sim.models import MAKES, Make
 from plugins.sim.robot import SimBattery
 from plugins.sim.world import SimWorld
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.sim.rig import Fleet, arena
 
 makes = pytest.mark.parametrize("make", MAKES.values(), ids=lambda make: make.name)

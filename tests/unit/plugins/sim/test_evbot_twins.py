@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import EALError, UnavailableError
 from eal_actors.plugin import FleetServices, PluginContext, Resource
 from eal_actors.testing import Simulation
@@ -23,6 +22,7 @@ from plugins.evbot3 import plugin as evbot3
 from plugins.evbot3.emulator import WHEELS
 from plugins.sim import plugin as sim
 from plugins.sim.models import MAKES
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.evbot2.rig import Rig
 from tests.unit.plugins.evbot3.rig import Rig3
 
@@ -36,7 +36,7 @@ CASES = [(make, name) for make, names in NAMES.items() for name in names]
 def resources_of(make: str, name: str) -> tuple[Resource, Resource]:
     """Return the same resource of a driven and of a simulated robot."""
     rig = Rig() if make == "evbot2" else Rig3()
-    plugin = EvBotPlugin(rig.talk, rig.odometer, *NAMES[make])
+    plugin = EvBotPlugin(rig.session, rig.odometer, *NAMES[make])
     settings = sim.Settings.model_validate({"model": make})
     context = PluginContext("rob", "twin", settings, FleetServices(ManualClock()))
     driven: Resource = getattr(DRIVERS[make], f"create_{name}")(replace(context, plugin=plugin))
@@ -138,8 +138,8 @@ def test_in_the_world_too_it_stands_when_its_driver_is_gone(make: str) -> None:
         if make == "evbot3":
             driver["Turret"].send_cmd("l3600", timeout_s=60)
         simulation.advance(1.0)
-        talk = driver["Base"].resource()._talk  # type: ignore[attr-defined]
-        talk._way.close()  # nothing of the driver comes through any more
+        talk = driver["Base"].resource()._session  # type: ignore[attr-defined]
+        talk._port.close()  # nothing of the driver comes through any more
         simulation.advance(0.7)
         stands = simulation.pose("body")
         turret = simulation["body"]["Turret"].get_value().get().value if make == "evbot3" else 0.0

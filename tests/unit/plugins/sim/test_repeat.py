@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 
 from eal_actors.device.world import WorldModel
-from eal_actors.kernel.clock import ManualClock
 from plugins.sim.models import MAKES, MakeName
 from plugins.sim.resources import Base
 from plugins.sim.robot import SimRobot
 from plugins.sim.world import SimWorld
+from tests.manual_clock import ManualClock
 
 Pose = tuple[str, str, str]
 Waits = Callable[[], float]

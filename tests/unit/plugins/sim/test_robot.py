@@ -6,7 +6,6 @@ import math
 
 import pytest
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.plugin import EALData
 from plugins.sim.arena import Pose2D
@@ -14,6 +13,7 @@ from plugins.sim.models import MAKES, MakeName
 from plugins.sim.motion import Move
 from plugins.sim.robot import SimRobot
 from plugins.sim.world import SimWorld
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.sim.rig import TICK_S, Fleet, arena
 
 ROOM = arena(60.0, 60.0)

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from eal_actors.kernel.clock import ManualClock
 from eal_actors.kernel.errors import EALError
 from eal_actors.plugin import EALData, FleetServices, PluginContext, Resource
 from plugins.roomba import plugin as driver
 from plugins.sim import plugin as sim
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.roomba.rig import Rig
 
 NAMES = ("Base", "Bump", "Cliff", "WheelDrop", "Wall", "Battery", "Odometry", "Buttons", "Leds", "Song")

@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from eal_actors.kernel.clock import ManualClock
 from plugins.sim.models import MAKES, MakeName
 from plugins.sim.motion import Move
 from plugins.sim.robot import SimRobot
 from plugins.sim.world import SimBox, SimWorld
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.sim.rig import TICK_S, Fleet, arena
 
 CRATE = {"name": "crate", "x_m": 1.5, "y_m": 0.04, "yaw_deg": 10.0}

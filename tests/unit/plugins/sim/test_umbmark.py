@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eal_actors.kernel.clock import ManualClock
 from plugins.sim.models import MAKES, Make, MakeName
 from plugins.sim.motion import Move, moved
 from plugins.sim.world import SimWorld
+from tests.manual_clock import ManualClock
 from tests.unit.plugins.sim.rig import arena
 
 SEEDS = 20

@@ -90,7 +90,7 @@ class TestTcp:
 
     def test_a_local_port_is_for_udp(self, server: Server) -> None:
         with (
-            pytest.raises((PluginError, RobotFailedError), match="local_port is for udp"),
+            pytest.raises((PluginError, RobotFailedError), match="local_port needs protocol: udp"),
             connected(server.port, local_port=4000) as port,
         ):
             port.read_comm(1).get()
@@ -105,7 +105,7 @@ class TestUdp:
             for text in (b"first", b"second", b"3"):
                 peer.sendto(text, address)
             assert port.read_comm(100).get().value == b"first"
-            with pytest.raises(ArgumentError, match="next datagram has 6 bytes, and 5 are wanted; it stays"):
+            with pytest.raises(ArgumentError, match="next datagram has 6 bytes, more than the 5 requested; it stays"):
                 port.read_comm(5).get()
             assert port.read_comm(6).get().value == b"second"
             assert port.read_comm(6).get().value == b"3"

@@ -1,0 +1,48 @@
+"""Exit handlers: the robots of open fleets stop however the program ends.
+
+SIGTERM and SIGHUP would end a process without running Python code, so a dropped connection would leave the motors
+running. While a fleet is open they end the program as `sys.exit` does, unless the program has handlers of its own.
+"""
+
+from __future__ import annotations
+
+import atexit
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from types import FrameType
+from typing import Final, NoReturn
+
+_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP)
+_actions: dict[Callable[[], None], None] = {}
+
+
+def close_on_exit(close: Callable[[], None]) -> None:
+    """Close something when the program exits. Thread: any; signals are handled if it is the main thread."""
+    _actions[close] = None
+    _replace_handlers(signal.SIG_DFL, _exit)
+
+
+def forget(close: Callable[[], None]) -> None:
+    """Undo `close_on_exit`. Thread: any."""
+    _actions.pop(close, None)
+    if not _actions:
+        _replace_handlers(_exit, signal.SIG_DFL)
+
+
+@atexit.register
+def _close_all() -> None:
+    for close in list(_actions):
+        close()
+
+
+def _exit(number: int, _frame: FrameType | None) -> NoReturn:
+    sys.exit(128 + number)
+
+
+def _replace_handlers(before: object, after: object) -> None:
+    if threading.current_thread() is threading.main_thread():  # Python sets handlers in the main thread only
+        for number in _SIGNALS:
+            if signal.getsignal(number) == before:
+                signal.signal(number, after)  # type: ignore[arg-type]  # one of the two values above

@@ -1,0 +1,316 @@
+"""The state of a run that all steps share: robots, records, time, and the ways to wait, to stop and to halt."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from eal_actors.actors.future import Future
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.info import ResourceType
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import UnavailableError
+from eal_actors.kernel.log import get_logger
+from eal_actors.scenario.engine.frames import ExecutionContext, Frame, Participant, RoleSlot
+from eal_actors.scenario.engine.loop import Coroutine, EventLoop
+from eal_actors.scenario.engine.synchronization import Barriers, PauseControl, Signals
+from eal_actors.scenario.language.expressions import Expression, Namespace, RobotReading
+from eal_actors.scenario.report.events import LogLine, RobotDropped, RobotReplaced, RunEvent
+from eal_actors.scenario.report.summary import ErrorReport, StartReport, StepRecord
+
+if TYPE_CHECKING:  # a plan has steps, which import this module
+    from eal_actors.scenario.engine.plan import Plan
+
+T = TypeVar("T")
+Emit = Callable[[Callable[[float], RunEvent]], float]
+"""Records an event, which it makes from the seconds since the run's start; returns those seconds."""
+
+HALT_TIMEOUT_S: Final = 2.0
+"""How long the engine waits for the confirmation of a halt: in real time, or in the fleet's if that is slower."""
+_MIN_POLL_S: Final = 0.05
+_PASSES_AT_ONCE: Final = 200
+"""After so many passes of loops other tasks run, even if no pass had to wait."""
+_STEPS_AT_ONCE: Final = 20
+_STEPS_AT_ONCE_EACH: Final = 2
+_STEP_S: Final = 0.001
+"""On a clock that jumps, so many steps, and so many more for each robot, may begin at the same time. Then a little time
+passes, as on any other clock. Otherwise the next thing to happen would be the deadlines."""
+
+
+class RunContext:
+    """The state of one run. Everything runs in the loop's thread.
+
+    Args:
+        plan: the plan.
+        robots: the robots by name.
+        loop: the event loop.
+        seed: of the fleet.
+        folder: the folder of saved answers; None only if none is saved.
+        emit: records an event.
+        fail: reports an error of the engine itself.
+
+    Attributes:
+        records: the steps that are over.
+        starts: the synchronized starts that are over.
+        failures: the errors of steps outside of `on` that ended the run.
+        is_stopping: no step begins, and those under way are cancelled.
+        slots: the slots of each role of the main scenario.
+        main: the main scenario.
+        substitutes: for robots that did not start, the spare in their slot, and its role.
+        threads: those of Python steps.
+        zero_s: the start of the run, by the fleet's clock.
+        open_parts: the scenarios under way as parts of others, with their contexts.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        robots: Mapping[str, Participant],
+        loop: EventLoop,
+        seed: int,
+        folder: Path | None,
+        emit: Emit,
+        fail: Callable[[BaseException], None],
+    ) -> None:
+        self.plan = plan
+        self.robots = robots
+        self.loop = loop
+        self.clock: Clock = loop.clock
+        self.seed = seed
+        self.folder = folder
+        self.emit = emit
+        self.fail = fail
+        self.records: list[StepRecord] = []
+        self.starts: list[StartReport] = []
+        self.failures: list[BaseException] = []
+        self.is_stopping = False
+        self.pauses = PauseControl(self.clock, emit)
+        self.barriers = Barriers(self.clock)
+        self.signals = Signals(self.clock)
+        scenario = plan.scenario
+        self.main = Frame(scenario, {role: role for role in scenario.file.roles}, scenario.parameters)
+        self.open_parts: list[ExecutionContext] = []
+        self.slots: dict[str, list[RoleSlot]] = {}
+        self.zero_s = 0.0
+        self.substitutes: dict[str, tuple[str, str]] = {}
+        self.threads: list[threading.Thread] = []
+        self._halt_timeout_s = max(HALT_TIMEOUT_S, self.clock.of_real(HALT_TIMEOUT_S))
+        self._pending: dict[Future[Any], None] = {}
+        self._step_at_s = 0.0
+        self._steps_at_once = 0
+        self._passes = 0
+
+    def now_s(self) -> float:
+        """Return the seconds since the run's start."""
+        return self.clock.now() - self.zero_s
+
+    def log(self, robot: str | None, text: str) -> None:
+        """Send a line of text to the listeners."""
+        self.emit(lambda time_s: LogLine(time_s, robot, text))
+
+    # Robots.
+
+    def handles(self, context: ExecutionContext) -> dict[str, RobotHandle]:
+        """Return the robots that a step may use."""
+        if context.robot is not None:
+            return {context.robot.name: context.robot.handle}
+        return {name: robot.handle for name, robot in self.robots.items() if robot.outcome is None}
+
+    def slots_of(self, role: str, context: ExecutionContext) -> list[RoleSlot]:
+        """Return the slots whose robots perform an `on`; in `finally`, a slot for every robot that ever took part."""
+        frame = context.frame
+        slots = [frame.slot] if frame.slot is not None else self.slots[frame.roles[role]]
+        if not context.is_finally:
+            return [slot for slot in slots if slot.robot.outcome is None]
+        return [
+            replace(slot, robot=robot) if robot is not slot.robot else slot
+            for slot in slots
+            for robot in (*slot.past, slot.robot)
+        ]
+
+    def take_spare(self, role: str) -> Participant | None:
+        """Return a robot in reserve for a role, or None if none is left."""
+        for name in self.plan.spares.get(role, ()):
+            robot = self.robots[name]
+            if robot.outcome is None and not robot.has_taken_part and name not in self.plan.lost:
+                return robot
+        return None
+
+    def replace(self, slot: RoleSlot, spare: Participant, error: BaseException) -> None:
+        """Put a spare into the slot of a robot, which leaves the run."""
+        old = slot.robot
+        slot.past.append(old)
+        slot.robot, spare.has_taken_part = spare, True
+        old.end("replaced", error)
+        self.emit(lambda time_s: RobotReplaced(time_s, old.name, spare.name, slot.role, ErrorReport.of(error)))
+        self._leave(old)
+
+    def drop(self, robot: Participant, error: BaseException) -> None:
+        """Continue without a robot, as long as its roles have enough others."""
+        robot.end("dropped", error)
+        self.emit(lambda time_s: RobotDropped(time_s, robot.name, ErrorReport.of(error)))
+        self._leave(robot)
+
+    def _leave(self, robot: Participant) -> None:
+        for future in list(robot.pending):
+            future.cancel()
+        for role, slots in self.slots.items():
+            live = sum(slot.robot.outcome is None for slot in slots)
+            needed = self.plan.scenario.file.roles[role].min
+            if any(slot.robot is robot for slot in slots) and live < needed:
+                self.log(None, f"role '{role}' is left with {live} of the {needed} robots that it needs")
+                self.stop()
+        if self.robots and all(other.outcome is not None or not other.has_taken_part for other in self.robots.values()):
+            self.stop()  # no robot is left
+
+    # Admission of steps.
+
+    def may_begin(self, context: ExecutionContext) -> bool:
+        """Return whether the next step of a task may begin."""
+        if self.is_stopping or context.task.is_stopped:
+            return False
+        robot = context.robot
+        return robot is None or context.is_finally or robot.outcome is None
+
+    def stop(self) -> None:
+        """Begin no more steps, and cancel those under way."""
+        self.is_stopping = True
+        self.pauses.end()
+        for future in list(self._pending):
+            future.cancel()
+
+    def admit(self, context: ExecutionContext) -> Coroutine:
+        """Wait until pauses allow the next step."""
+        while not context.is_finally and self.may_begin(context) and not self.pauses.admits(context.task):
+            yield from self.wait(context, self.pauses.change())
+        now_s = self.clock.now()
+        self._steps_at_once = self._steps_at_once + 1 if now_s == self._step_at_s else 1
+        self._step_at_s = now_s
+        if self._steps_at_once > _STEPS_AT_ONCE + _STEPS_AT_ONCE_EACH * len(self.robots):
+            yield from self.wait(context, self.loop.sleep(_STEP_S))
+
+    def next_pass(self) -> Coroutine:
+        """Let other tasks run every so many passes of loops."""
+        self._passes += 1
+        if self._passes % _PASSES_AT_ONCE == 0:
+            yield self.loop.checkpoint()
+
+    # Waiting.
+
+    def wait(self, context: ExecutionContext, future: Future[Any]) -> Coroutine:
+        """Wait for a future; it is cancelled when the run, the task or the robot is stopped."""
+        robot = context.robot
+        holders = [self._pending, context.task.pending, *([robot.pending] if robot is not None else [])]
+        for pending in holders:
+            pending[future] = None
+        if self.is_stopping or context.task.is_stopped:
+            future.cancel()
+        try:
+            yield future
+        finally:
+            for pending in holders:
+                pending.pop(future, None)
+
+    def wait_within(
+        self, context: ExecutionContext, future: Future[T], timeout_s: float
+    ) -> Generator[Future[Any], None, bool]:
+        """Wait for a future for a limited time, not counting pauses; return whether it is done.
+
+        Raises:
+            CallCancelledError: the run, the task or the robot was stopped.
+        """
+        end_s = self.pauses.active_s() + timeout_s
+        while not future.done():
+            left_s = end_s - self.pauses.active_s()
+            if left_s <= 1e-9:
+                return False
+            either: Future[None] = Future(self.clock)
+            future.add_done_callback(lambda _, done=either: done.set())  # type: ignore[misc]  # a default binds it now
+            poll_s = max(left_s, _MIN_POLL_S) if self.pauses.is_paused else left_s
+            timer = self.loop.call_at(self.clock.now() + poll_s, either.set)
+            try:
+                yield from self.wait(context, either)
+                either.get()
+            finally:
+                timer.cancel()
+        return True
+
+    def sleep(self, context: ExecutionContext, duration_s: float) -> Coroutine:
+        """Wait for a time.
+
+        Raises:
+            CallCancelledError: the run, the task or the robot was stopped.
+        """
+        future = self.loop.sleep(duration_s)
+        yield from self.wait(context, future)
+        future.get()
+
+    # Expressions.
+
+    def namespace(self, context: ExecutionContext, readings: Mapping[RobotReading, object] | None = None) -> Namespace:
+        """Return the variables and readings for the expressions of a step."""
+        frame, slot = context.frame, context.slot
+        variables: dict[str, object] = {**frame.variables, "run": {"seed": self.seed}}
+        if slot is not None:
+            variables |= slot.variables_in(frame)
+            variables |= slot.facts(context.role or slot.role, frame)
+        variables |= context.loops
+        return Namespace(variables, readings or {})
+
+    def read(
+        self, context: ExecutionContext, expressions: Iterable[Expression], timeout_s: float | None = None
+    ) -> Generator[Future[Any], None, Namespace]:
+        """Call the robot for the readings in expressions; return their namespace.
+
+        Raises:
+            EALError: a reading failed.
+        """
+        wanted = dict.fromkeys(reading for expression in expressions for reading, _ in expression.readings)
+        if not wanted:
+            return self.namespace(context)
+        robot = context.required_robot
+        calls: list[tuple[RobotReading, Future[Any]]] = []
+        for reading in wanted:
+            method = getattr(robot.handle[reading.resource], reading.method)
+            given = [] if reading.argument is None else [reading.argument]
+            calls.append((reading, method(*given, timeout_s=timeout_s or context.frame.timeout_s)))
+        answers: dict[RobotReading, object] = {}
+        for reading, call in calls:
+            yield from self.wait(context, call)
+            answers[reading] = call.get()
+        return self.namespace(context, answers)
+
+    def assign(self, context: ExecutionContext, name: str | None, value: object) -> None:
+        """Assign a variable, if there is a name: of the slot inside an `on`, of the run outside."""
+        frame, slot = context.frame, context.slot
+        if name is not None:
+            (frame.variables if slot is None else slot.variables_in(frame))[name] = value
+
+    # Halting.
+
+    def halt(self, robots: Sequence[Participant], only: Collection[str] | None = None) -> Coroutine:
+        """Halt all actuators of some robots, or only these, and wait for the confirmations or the timeout."""
+        halts = [(robot, name, halt) for robot in robots for name, halt in self._begin_halt(robot, only)]
+        for robot, name, halt in halts:
+            yield halt
+            error = halt.exception()
+            if error is not None:
+                get_logger(robot=robot.name, resource=name).error("was not halted", reason=str(error))
+                if robot.outcome not in ("dropped", "replaced"):
+                    robot.end("failed", error)
+
+    def _begin_halt(self, robot: Participant, only: Collection[str] | None) -> list[tuple[str, Future[int]]]:
+        halts: list[tuple[str, Future[int]]] = []
+        for name, resource in robot.handle.items():
+            if only is not None and name not in only:
+                continue
+            try:
+                moves = ResourceType.ACTUATOR in resource.info.types
+            except UnavailableError:  # it was never up, so it has never moved
+                continue
+            if moves:
+                halts.append((name, resource.halt(timeout_s=self._halt_timeout_s)))
+        return halts

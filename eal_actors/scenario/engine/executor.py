@@ -1,0 +1,374 @@
+"""The execution of steps: attempts, records, failure policies, and time limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from eal_actors.actors.future import Future
+from eal_actors.kernel import spans
+from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError
+from eal_actors.scenario.engine.context import RunContext
+from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
+from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.engine.synchronization import TaskGroup
+from eal_actors.scenario.language.expressions import Expression, Namespace, expressions_in, render
+from eal_actors.scenario.language.values import OnFailure, RetryPolicy, Wanted, checked_number, final_action
+from eal_actors.scenario.report.events import StepEnded, StepRetried, StepStarted
+from eal_actors.scenario.report.summary import ErrorReport, StepOutcome, StepRecord
+
+if TYPE_CHECKING:  # steps import this module
+    from eal_actors.scenario.steps.base import BlockStep, FallibleStep, Step
+
+
+class Action:
+    """A step as one robot performs it, or no robot.
+
+    Args:
+        run: the run.
+        context: the context of the step.
+        label: the step in records, for people.
+        work: performs the step once.
+
+    Attributes:
+        resource: the resource that it calls, or None.
+        command: the text argument of the call, or None.
+        is_begun: it has gone further than evaluating its expressions.
+        began_s: when it began, in seconds since the run's start, if it had to wait for others first.
+        answer: the answer of a call, or None.
+        late: outside of `on`, the robots that were at work when its time was up.
+    """
+
+    def __init__(
+        self,
+        run: RunContext,
+        context: ExecutionContext,
+        label: str,
+        work: Callable[[Action], Coroutine],
+    ) -> None:
+        self.run = run
+        self.context = context
+        self.label = label
+        self.resource: str | None = None
+        self.command: str | None = None
+        self.is_begun = True
+        self.began_s: float | None = None
+        self.answer: object = None
+        self.late: Sequence[Participant] = ()
+        self._work = work
+
+    def attempt(self) -> Coroutine:
+        """Perform the step once.
+
+        Raises:
+            EALError: the attempt failed.
+        """
+        return self._work(self)
+
+    def read(self, value: object) -> Generator[Future[Any], None, Namespace]:
+        """Return the namespace for the `${...}` in a value.
+
+        Raises:
+            EALError: a reading failed.
+        """
+        return self.run.read(self.context, expressions_in(value))
+
+    def number(self, value: object, wanted: Wanted, what: str) -> Generator[Future[Any], None, float]:
+        """Return a number that may be an expression.
+
+        Raises:
+            EALError: a reading failed, or the number is out of its range.
+        """
+        names = yield from self.read(value)
+        return checked_number(render(value, names), wanted, what)
+
+
+MakeAction: TypeAlias = Callable[[], Action]
+
+
+def perform_steps(run: RunContext, steps: Sequence[Step], path: str, context: ExecutionContext) -> Coroutine:
+    """Perform steps one after the other."""
+    for index, step in enumerate(steps):
+        if not run.may_begin(context):
+            return
+        yield from step.perform(run, context, f"{path}[{index}]")
+
+
+def perform_step(
+    run: RunContext,
+    context: ExecutionContext,
+    step: FallibleStep,
+    path: str,
+    make: MakeAction,
+    *,
+    is_quiet: bool = False,
+) -> Coroutine:
+    """Perform a step; if a spare replaces its robot, perform it again with the spare.
+
+    Args:
+        run: the run.
+        context: the context of the step.
+        step: the step.
+        path: its path.
+        make: makes the action, anew for each robot.
+        is_quiet: record only a failure.
+    """
+    is_done = False
+    while not is_done:
+        yield from run.admit(context)
+        if not run.may_begin(context):
+            return
+        is_done = yield from _Execution(run, context, step, path, make(), is_quiet).perform()
+
+
+def perform_within(
+    run: RunContext,
+    context: ExecutionContext,
+    step: BlockStep,
+    path: str,
+    meets: frozenset[Hashable],
+    inside: Callable[[ExecutionContext], Coroutine],
+) -> Coroutine:
+    """Perform the steps of a block; with a time limit, the block is a step that can fail."""
+    limit = step.timeout_s
+    if limit is None:
+        yield from inside(context)
+        return
+
+    def attempt(action: Action) -> Coroutine:
+        action.began_s = run.now_s()
+        timeout_s = yield from action.number(limit, "timeout", "timeout_s")
+        task = StepTask(context.task, context.slot, meets=meets)
+        group = TaskGroup(run, context, "all", timeout_s)
+        yield from group.perform([(task, inside(replace(context, task=task)))])
+        if group.late is not None:
+            action.late = group.late if context.slot is None else ()
+            raise DeadlineError(f"{step.kind} was not through within {timeout_s:g} s")
+
+    make = partial(Action, run, context, step.kind, attempt)
+    yield from perform_step(run, context, step, path, make, is_quiet=True)
+
+
+def compute(
+    run: RunContext,
+    context: ExecutionContext,
+    step: FallibleStep,
+    path: str,
+    label: str,
+    expressions: Iterable[Expression],
+    work: Callable[[Namespace], Any],
+) -> Generator[Future[Any], None, Any]:
+    """Return a value that a block needs, or None if that failed and the policy was applied.
+
+    Args:
+        run: the run.
+        context: the context of the block.
+        step: the block.
+        path: of the value.
+        label: the computation in records, for people.
+        expressions: the expressions that it needs.
+        work: computes the value from their namespace.
+    """
+    needed = list(expressions)
+    found: list[Any] = [None]
+
+    def attempt(_: Action) -> Coroutine:
+        found[0] = None
+        names = yield from run.read(context, needed)
+        found[0] = work(names)
+
+    yield from perform_step(run, context, step, path, partial(Action, run, context, label, attempt), is_quiet=True)
+    return found[0]
+
+
+def compute_count(
+    run: RunContext, context: ExecutionContext, step: FallibleStep, path: str, value: int | str, key: str
+) -> Generator[Future[Any], None, int | None]:
+    """Return a whole number that may be an expression; see `compute`."""
+    if isinstance(value, int):
+        return value
+
+    def work(names: Namespace) -> int:
+        return int(checked_number(render(value, names), "count", key))
+
+    found: int | None = yield from compute(
+        run, context, step, f"{path}.{key}", f"{key} {value}", expressions_in(value), work
+    )
+    return found
+
+
+class _Execution:
+    """The execution of one step by one robot."""
+
+    def __init__(
+        self,
+        run: RunContext,
+        context: ExecutionContext,
+        step: FallibleStep,
+        path: str,
+        action: Action,
+        is_quiet: bool,
+    ) -> None:
+        self._run = run
+        self._context = context
+        self._step = step
+        self._path = path
+        self._action = action
+        self._is_quiet = is_quiet
+        self._robot = context.robot
+        self._policy: OnFailure = "drop" if context.is_finally else context.effective_policy(step.on_failure)
+        self._retries = self._policy.retry if isinstance(self._policy, RetryPolicy) else 0
+
+    @property
+    def _name(self) -> str | None:
+        return self._robot.name if self._robot is not None else None
+
+    def perform(self) -> Generator[Future[Any], None, bool]:
+        """Perform the step; return False if a spare has replaced the robot and must perform it again."""
+        start_s = self._run.emit(self._started) if not self._is_quiet else None
+        span = self._new_span()
+        attempts, error = yield from spans.during(span, self._attempts())
+        if span is not None:
+            span.end(error)
+        if error is None:
+            if start_s is not None:
+                self._record(start_s, "done", attempts, None)
+            return True
+        outcome = self._outcome(attempts, error)
+        if start_s is None:
+            start_s = self._run.emit(self._started)
+        self._record(start_s, outcome, attempts if self._action.is_begun else 0, error)
+        yield from self._apply(outcome, error)
+        return outcome != "replaced"
+
+    def _new_span(self) -> spans.Span | None:
+        if spans.tracer is None or self._is_quiet:
+            return None
+        about = {"eal.step": self._path, "eal.label": self._action.label}
+        if self._robot is not None:
+            about["eal.robot"] = self._robot.name
+        return spans.tracer.begin(f"step {self._step.kind}", about)
+
+    def _started(self, time_s: float) -> StepStarted:
+        context, action = self._context, self._action
+        return StepStarted(
+            time_s,
+            self._name,
+            self._path,
+            action.label,
+            context.role,
+            context.branch,
+            self._step.kind,
+            action.resource,
+            action.command,
+        )
+
+    def _attempts(self) -> Generator[Future[Any], None, tuple[int, EALError | None]]:
+        attempts = 0
+        while True:
+            attempts += 1
+            error: EALError | None = None
+            try:
+                yield from self._action.attempt()
+            except EALError as caught:
+                error = caught
+            if error is None or self._is_over() or not self._action.is_begun or attempts > self._retries:
+                return attempts, error
+            self._run.emit(partial(self._retried, attempts, error))
+            if isinstance(self._policy, RetryPolicy) and self._policy.back_off_s:
+                try:
+                    yield from self._run.sleep(self._context, self._policy.pause_s(attempts))
+                except CallCancelledError:
+                    return attempts, error
+
+    def _retried(self, attempt: int, error: EALError, time_s: float) -> StepRetried:
+        return StepRetried(time_s, self._name, self._path, self._action.label, attempt, ErrorReport.of(error))
+
+    def _is_over(self) -> bool:
+        """Return whether no attempt may follow: the run, the task or the robot is stopped."""
+        return (
+            self._run.is_stopping
+            or self._context.task.is_stopped
+            or self._context.robot is not self._robot
+            or (self._robot is not None and self._robot.outcome is not None and not self._context.is_finally)
+        )
+
+    def _outcome(self, attempts: int, error: EALError) -> StepOutcome:
+        was_cut = isinstance(error, CallCancelledError) or attempts <= self._retries
+        if self._context.robot is not self._robot and not self._run.is_stopping:
+            return "replaced"
+        if self._run.is_stopping and was_cut:
+            return "aborted"
+        if self._context.task.is_stopped and was_cut:
+            return "stopped"
+        if self._context.is_finally:
+            return "failed"
+        if self._robot is not None and self._robot.outcome is not None:
+            return "dropped" if self._robot.outcome == "dropped" else "aborted"
+        return self._outcome_of_policy()
+
+    def _outcome_of_policy(self) -> StepOutcome:
+        action = final_action(self._policy)
+        if action == "skip":
+            return "skipped"
+        if action == "abort" or (self._robot is None and not self._action.late):
+            return "failed"
+        has_spare = action == "substitute" and self._spare() is not None
+        return "replaced" if has_spare else "dropped"
+
+    def _spare(self) -> Participant | None:
+        slot = self._context.slot
+        return self._run.take_spare(slot.role) if slot is not None else None
+
+    def _record(self, start_s: float, outcome: StepOutcome, attempts: int, error: EALError | None) -> None:
+        context, action = self._context, self._action
+
+        def ended(time_s: float) -> StepEnded:
+            record = StepRecord(
+                robot=self._name,
+                role=context.role,
+                step=self._path,
+                branch=context.branch,
+                kind=self._step.kind,
+                label=action.label,
+                resource=action.resource,
+                command=action.command,
+                start_s=start_s if action.began_s is None else action.began_s,
+                end_s=time_s,
+                outcome=outcome,
+                attempts=attempts,
+                error=ErrorReport.of(error) if error is not None else None,
+            )
+            self._run.records.append(record)
+            return StepEnded(time_s, record, action.answer if error is None else None)
+
+        self._run.emit(ended)
+
+    def _apply(self, outcome: StepOutcome, error: EALError) -> Coroutine:
+        """Apply the outcome of a failed step to its robot and to the run."""
+        robot, run = self._robot, self._run
+        if outcome == "failed":
+            self._end_failed(error)
+        elif outcome == "dropped" and not self._context.is_finally:
+            leaving = [one for one in (self._action.late if robot is None else [robot]) if one.outcome is None]
+            for one in leaving:
+                run.drop(one, error)
+            yield from run.halt(leaving)
+        elif outcome == "replaced" and robot is not None and robot.outcome is None:
+            slot, spare = self._context.slot, self._spare()
+            if slot is not None and spare is not None and not self._context.is_finally:
+                run.replace(slot, spare, error)
+                yield from run.halt([robot])
+
+    def _end_failed(self, error: EALError) -> None:
+        robot, is_finally = self._robot, self._context.is_finally
+        if robot is None:
+            self._run.failures.append(error)
+        elif not is_finally or robot.outcome in (None, "done"):
+            robot.end("failed", error)
+        else:
+            robot.end(robot.outcome or "failed", error)
+        if not is_finally:
+            self._run.stop()

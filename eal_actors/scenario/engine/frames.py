@@ -1,0 +1,259 @@
+"""The participants of a run: robots, the slots that they fill, scenarios under way, and tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from eal_actors.actors.future import Future
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.kernel.errors import ScenarioError
+from eal_actors.scenario.language.values import OnFailure
+from eal_actors.scenario.report.summary import RobotOutcome
+
+if TYPE_CHECKING:  # its model consists of steps, which import this module
+    from eal_actors.scenario.language.scenario import Scenario
+
+
+@dataclass(eq=False)
+class Participant:
+    """A robot in a run.
+
+    Attributes:
+        handle: the robot.
+        outcome: None while it takes part, or is in reserve.
+        error: why it failed or left.
+        has_taken_part: it has ever filled a slot.
+        pending: the futures that its steps wait for.
+    """
+
+    handle: RobotHandle
+    outcome: RobotOutcome | None = None
+    error: BaseException | None = None
+    has_taken_part: bool = False
+    pending: dict[Future[Any], None] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.handle.name
+
+    def end(self, outcome: RobotOutcome, error: BaseException | None = None) -> None:
+        """End its part in the run."""
+        self.outcome = outcome
+        self.error = self.error or error
+
+
+@dataclass(eq=False)
+class RoleSlot:
+    """A slot of a role, which one robot at a time fills.
+
+    Attributes:
+        role: the role.
+        index: its number in the role, from 0.
+        count: the number of slots of the role.
+        robot: the robot in it.
+        variables: its variables; they stay when another robot takes over.
+        part_variables: its variables in scenarios that run as parts of the main one.
+        past: the robots that were in it before.
+    """
+
+    role: str
+    index: int
+    count: int
+    robot: Participant
+    variables: dict[str, object] = field(default_factory=dict)
+    part_variables: dict[Frame, dict[str, object]] = field(default_factory=dict)
+    past: list[Participant] = field(default_factory=list)
+
+    def variables_in(self, frame: Frame) -> dict[str, object]:
+        """Return its variables in a scenario: each scenario has its own."""
+        return self.variables if frame.outer is None else self.part_variables.setdefault(frame, {})
+
+    def facts(self, role: str, frame: Frame) -> dict[str, object]:
+        """Return the built-in variables of expressions, for a scenario that calls the role by this name."""
+        index, count = (self.index, self.count) if frame.slot is None else (0, 1)
+        return {"robot": self.robot.name, "role": role, "index": index, "count": count}
+
+
+class StepTask:
+    """A task: steps that run one after the other, beside those of other tasks.
+
+    Args:
+        parent: the task that waits for it; None for the main one.
+        slot: of the robot whose steps they are; None outside of `on`.
+        branch: the branch of a `parallel`.
+        meets: the meetings among its steps.
+
+    Attributes:
+        children: the tasks that it waits for.
+        pending: the futures that it waits for.
+        touched: the resources of its robot that it, or a task inside it, has called.
+        touches_all: it may have called any resource.
+        is_stopped: it begins no more steps.
+        steps_taken: the number of the last single step that it took while the run was paused.
+    """
+
+    def __init__(
+        self,
+        parent: StepTask | None = None,
+        slot: RoleSlot | None = None,
+        branch: str | None = None,
+        meets: frozenset[Hashable] = frozenset(),
+    ) -> None:
+        self.parent = parent
+        self.slot = slot
+        self.branch = branch
+        self.meets = meets
+        self.children: dict[StepTask, None] = {}
+        self.pending: dict[Future[Any], None] = {}
+        self.is_stopped = False
+        self.steps_taken = 0
+        self.touched: dict[str, None] = {}
+        self.touches_all = False
+
+    @property
+    def name(self) -> str:
+        """Its name in messages."""
+        if self.slot is not None:
+            return self.slot.robot.name
+        return f"branch '{self.branch}'" if self.branch is not None else "the scenario"
+
+    def touch(self, resource: str | None) -> None:
+        """Record a call of a resource; None stands for any resource."""
+        task: StepTask | None = self
+        while task is not None:
+            if resource is None:
+                task.touches_all = True
+            else:
+                task.touched[resource] = None
+            task = task.parent
+
+    def stop(self) -> None:
+        """Begin no more steps, and cancel those under way."""
+        self.is_stopped = True
+        for child in list(self.children):
+            child.stop()
+        for future in list(self.pending):
+            future.cancel()
+
+    def robots(self) -> Iterator[Participant]:
+        """Yield the robots at work in it."""
+        if self.slot is not None:
+            yield self.slot.robot
+        for child in self.children:
+            yield from child.robots()
+
+
+class Frame:
+    """A scenario under way: the main one, or a part of another.
+
+    Args:
+        scenario: the scenario.
+        roles: its roles by the names of the main scenario.
+        parameters: the values of its parameters.
+        prefix: path of the step that runs it.
+        outer: the frame that it is part of; None for the main one.
+        signals: its signals that are forwarded to the outer frame, by their names there.
+        slot: of the robot that runs it alone, in all of its roles; None if its roles have robots of their own.
+
+    Attributes:
+        variables: those of the run, parameters included.
+        meets: the meetings in lists of steps, found once.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        roles: Mapping[str, str],
+        parameters: Mapping[str, object],
+        prefix: str = "",
+        outer: Frame | None = None,
+        signals: Mapping[str, str] | None = None,
+        slot: RoleSlot | None = None,
+    ) -> None:
+        self.scenario = scenario
+        self.roles = roles
+        self.prefix = prefix
+        self.outer = outer
+        self.signals = signals or {}
+        self.slot = slot
+        self.variables: dict[str, object] = dict(parameters)
+        self.meets: dict[int, frozenset[Hashable]] = {}
+
+    @property
+    def timeout_s(self) -> float | None:
+        """The default deadline of a call."""
+        own = self.scenario.file.timeout_s
+        return own if own is not None or self.outer is None else self.outer.timeout_s
+
+
+@dataclass(frozen=True, slots=True)
+class ExecutionContext:
+    """The context in which a step is performed.
+
+    Attributes:
+        task: the task of the step.
+        frame: the scenario of the step.
+        slot: of the robot whose step it is; None outside of `on`.
+        role: the slot's role by the frame's name for it.
+        loops: the variables of the loops around it.
+        policy: the failure policy of the blocks around it; None if they have none.
+        is_finally: it belongs to `finally`, where failures stop nothing.
+    """
+
+    task: StepTask
+    frame: Frame
+    slot: RoleSlot | None = None
+    role: str | None = None
+    loops: Mapping[str, object] = field(default_factory=dict)
+    policy: OnFailure | None = None
+    is_finally: bool = False
+
+    @property
+    def robot(self) -> Participant | None:
+        """The robot that is in the slot now."""
+        return self.slot.robot if self.slot is not None else None
+
+    @property
+    def required_robot(self) -> Participant:
+        """The robot that is in the slot now, for steps that need one.
+
+        Raises:
+            ScenarioError: there is no slot; the loader refuses such files.
+        """
+        if self.slot is None:
+            raise ScenarioError("there is no robot here to do it")
+        return self.slot.robot
+
+    @property
+    def robot_name(self) -> str | None:
+        """The name of the robot that is in the slot now."""
+        return self.slot.robot.name if self.slot is not None else None
+
+    @property
+    def branch(self) -> str | None:
+        """The innermost branch of a `parallel`."""
+        task: StepTask | None = self.task
+        while task is not None and task.branch is None:
+            task = task.parent
+        return task.branch if task is not None else None
+
+    def inside(self, policy: OnFailure | None) -> ExecutionContext:
+        """Return the context of a block's steps."""
+        return self if policy is None else replace(self, policy=policy)
+
+    def in_loop(self, name: str, value: object) -> ExecutionContext:
+        """Return the context of one pass of a loop."""
+        return replace(self, loops={**self.loops, name: value})
+
+    def effective_policy(self, own: OnFailure | None) -> OnFailure:
+        """Return the failure policy: that of the step, its blocks, its role, or its file, in this order."""
+        if own is not None:
+            return own
+        if self.policy is not None:
+            return self.policy
+        file = self.frame.scenario.file
+        section = file.roles.get(self.role) if self.role is not None else None
+        return section.on_failure if section is not None and section.on_failure is not None else file.on_failure

@@ -1,0 +1,121 @@
+"""The plan of a run: a scenario bound to the robots of a fleet, and checked on them before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.info import ResourceInfo
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.errors import ConfigError, EALError, RobotFailedError, UnavailableError
+from eal_actors.scenario.language.binding import Binding, RobotFacts, Wishes, bind, find_candidates
+from eal_actors.scenario.language.parameters import missing_parameters, with_parameters
+from eal_actors.scenario.language.robot_check import check_on_robots
+from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.values import final_action
+from eal_actors.scenario.steps.base import count_calls, shared_robots
+from eal_actors.scenario.steps.python import PythonFunctions
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A scenario that a fleet can run.
+
+    Attributes:
+        scenario: the scenario.
+        roles: the robots of each role, in the order of the fleet.
+        robots: the robots of all roles, in the order of the fleet, spares included.
+        lost: the errors of robots that did not start, by name; empty unless the scenario continues without them.
+        calls: number of calls if nothing fails, as far as it is known, without those of `finally`.
+        spares: the robots in reserve for each role.
+        python: the functions of its Python steps.
+    """
+
+    scenario: Scenario
+    roles: Mapping[str, tuple[str, ...]]
+    robots: tuple[str, ...]
+    lost: Mapping[str, EALError]
+    calls: int
+    spares: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    python: PythonFunctions = field(default_factory=PythonFunctions)
+
+
+def make_plan(
+    scenario: Scenario,
+    fleet: Fleet,
+    *,
+    binding: Wishes | None = None,
+    parameters: Mapping[str, object] | None = None,
+) -> Plan:
+    """Bind the roles, and check every call with every value of every loop on every robot.
+
+    Args:
+        scenario: the scenario.
+        fleet: a connected fleet.
+        binding: robots by role, in place of the criteria of the role.
+        parameters: values of the scenario's parameters, in place of those that it was loaded with.
+
+    Raises:
+        ConfigError: with everything that the fleet cannot do, each with its position in the scenario file.
+        RobotFailedError: a robot of the scenario did not start, and the scenario does not drop robots that fail, or
+            would then have too few.
+        RobotNotFoundError: the fleet is not connected.
+
+    Thread: any; does not block.
+    """
+    scenario = with_parameters(scenario, parameters or {})
+    if missing := missing_parameters(scenario.file, scenario.parameters, scenario.tree):
+        raise ConfigError(missing)
+    candidates = find_candidates(scenario, fleet.config, binding)
+    names = {name for role in candidates.values() for name in role}
+    lost = {name: error for name in names if (error := _start_error(fleet[name])) is not None}
+    facts = {name: _facts(fleet[name]) for name in fleet.config.robots if name in names and name not in lost}
+    bound = bind(scenario, fleet.config, candidates, facts, binding)
+    lost = {name: lost[name] for name in fleet.config.robots if name in bound.robots and name in lost}
+    _check_lost(scenario, bound, lost)
+    python = PythonFunctions.of(scenario, fleet.config)
+    if problems := [
+        *python.problems,
+        *shared_robots(scenario, bound.roles),
+        *check_on_robots(scenario, bound.roles, facts, spares=bound.spares, seed=fleet.config.seed),
+    ]:
+        raise ConfigError(problems)
+    robots = tuple(name for name in fleet.config.robots if name in bound.robots)
+    live = {role: sum(robot not in lost for robot in names) for role, names in bound.roles.items()}
+    calls = count_calls(scenario, scenario.file.steps, ("steps",), None, live)
+    return Plan(scenario, bound.roles, robots, lost, calls, bound.spares, python)
+
+
+def _start_error(robot: RobotHandle) -> EALError | None:
+    try:
+        robot.require_started()
+    except (RobotFailedError, UnavailableError) as error:
+        return RobotFailedError(error.message, robot=robot.name)
+    return None
+
+
+def _check_lost(scenario: Scenario, bound: Binding, lost: Mapping[str, EALError]) -> None:
+    """Raise RobotFailedError unless the scenario continues without the robots that are lost."""
+    for role, names in bound.roles.items():
+        section = scenario.file.roles[role]
+        continues = final_action(section.on_failure or scenario.file.on_failure) in ("drop", "substitute")
+        missing = [name for name in names if name in lost]
+        ready = [name for name in bound.spares[role] if name not in lost]
+        needed = section.min if continues else len(names)
+        if missing and len(names) - len(missing) + (len(ready) if continues else 0) < needed:
+            first = lost[missing[0]]
+            others = f"; nor did {', '.join(missing[1:])} start" if missing[1:] else ""
+            wanted = f"; role '{role}' needs at least {needed} robot{'s' * (needed != 1)}" if continues else ""
+            raise RobotFailedError(f"{first.message}{others}{wanted}", robot=first.robot)
+
+
+def _facts(robot: RobotHandle) -> RobotFacts:
+    resources: dict[str, ResourceInfo] = {}
+    left_out = [problem.message for problem in robot.problems]
+    for name, resource in robot.items():
+        try:
+            resources[name] = resource.info
+        except UnavailableError as error:
+            left_out.append(f"{name} {error.message}")
+    return RobotFacts(resources, "".join(f"; left out: {reason}" for reason in left_out))

@@ -1,0 +1,332 @@
+"""The synchronization of tasks: groups, meetings, signals, and pauses. Everything runs in the loop's thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from eal_actors.actors.future import Future
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import CallCancelledError
+from eal_actors.scenario.engine.frames import ExecutionContext, Frame, Participant, StepTask
+from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.report.events import RunEvent, RunPaused, RunResumed
+
+if TYPE_CHECKING:  # both import this module
+    from eal_actors.scenario.engine.context import RunContext
+    from eal_actors.scenario.steps.base import Step
+
+
+# Groups.
+
+
+class TaskGroup:
+    """Tasks that begin together, and that another task waits for.
+
+    Args:
+        run: the run.
+        context: the context of the step that begins them.
+        until: `all`, `first` or a signal.
+        timeout_s: their time limit; None for none.
+
+    Attributes:
+        late: the robots that were at work when the time was up; None if the tasks ended in time.
+    """
+
+    def __init__(self, run: RunContext, context: ExecutionContext, until: str, timeout_s: float | None = None) -> None:
+        self.late: list[Participant] | None = None
+        self._timeout_s = timeout_s
+        self._run = run
+        self._context = context
+        self._until = until
+        self._over: Future[None] = Future(run.clock)
+        self._all_ended: Future[None] = Future(run.clock)
+        self._left: dict[StepTask, None] = {}
+
+    def perform(self, tasks: Sequence[tuple[StepTask, Coroutine]]) -> Coroutine:
+        """Run all tasks until the condition holds; robots that are not through by then are halted."""
+        if not tasks:
+            return
+        run, parent = self._run, self._context.task
+        for task, _ in tasks:
+            self._left[task] = None
+            parent.children[task] = None
+        for task, _ in tasks:
+            run.barriers.enter(task)
+        if self._until not in ("all", "first"):
+            signal = run.signals.wait(self._context.frame, self._until)
+            signal.add_done_callback(lambda _: self._over.set())
+        for task, coroutine in tasks:
+            run.loop.spawn(coroutine, partial(self._ended, task))
+        if self._timeout_s is None:
+            yield self._over
+        else:
+            yield from self._wait_within(self._timeout_s)
+        if self._left:
+            yield from self._stop_rest()
+
+    def _wait_within(self, timeout_s: float) -> Coroutine:
+        """Wait until they are over, or the time is up."""
+        try:
+            is_over = yield from self._run.wait_within(self._context, self._over, timeout_s)
+        except CallCancelledError:  # they are being stopped as well
+            yield self._over
+            return
+        if not is_over:
+            robots = dict.fromkeys(robot for task in self._left for robot in task.robots())
+            self.late = [robot for robot in robots if robot.outcome is None]
+
+    def _ended(self, task: StepTask, error: BaseException | None) -> None:
+        run = self._run
+        self._left.pop(task, None)
+        self._context.task.children.pop(task, None)
+        run.barriers.leave(task)
+        if error is not None:
+            run.fail(error)
+        if not self._left:
+            self._over.set()
+            self._all_ended.set()
+        elif self._until == "first" and self._is_through(task):
+            self._over.set()
+
+    def _is_through(self, task: StepTask) -> bool:
+        """Return whether a task has performed all of its steps, and was not cut short."""
+        if task.is_stopped or self._run.is_stopping:
+            return False
+        return task.slot is None or task.slot.robot.outcome is None
+
+    def _stop_rest(self) -> Coroutine:
+        tasks = list(self._left)
+        slot = self._context.slot
+        robots = dict.fromkeys([slot.robot] if slot else [robot for task in tasks for robot in task.robots()])
+        for task in tasks:
+            task.stop()
+        if self._left:
+            yield self._all_ended
+        touched: dict[str, None] | None = None
+        if slot is not None and not any(task.touches_all for task in tasks):  # the robot's other branches continue
+            touched = {name: None for task in tasks for name in task.touched}
+        yield from self._run.halt([robot for robot in robots if robot.outcome is None], touched)
+
+
+# Meetings.
+
+
+def find_meetings(frame: Frame, steps: Sequence[Step]) -> frozenset[Hashable]:
+    """Return the keys of the meetings among steps and the steps inside them."""
+    found = frame.meets.get(id(steps))
+    if found is None:
+        keys: set[Hashable] = set()
+        for step in steps:
+            if (key := step.meeting(frame)) is not None:
+                keys.add(key)
+            for _, inner in step.children():
+                keys |= find_meetings(frame, inner)
+        found = frame.meets[id(steps)] = frozenset(keys)
+    return found
+
+
+@dataclass(eq=False)
+class Meeting:
+    """A meeting that has taken place.
+
+    Attributes:
+        tasks: the tasks that met, in the order of their arrival.
+        agreement: what they agree on; the first task that continues sets it.
+    """
+
+    tasks: list[StepTask]
+    agreement: Any = None
+
+
+class Barriers:
+    """The expected and the present tasks of each meeting.
+
+    Every task that has a meeting among its steps is expected from its beginning to its end. While tasks inside it have
+    the meeting too, they are expected in its place.
+
+    Args:
+        clock: the fleet's clock.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._expected: dict[Hashable, dict[StepTask, None]] = {}
+        self._present: dict[Hashable, dict[StepTask, Future[Meeting]]] = {}
+        self._inside: dict[tuple[Hashable, StepTask], int] = {}
+
+    def enter(self, task: StepTask) -> None:
+        """Expect a task. Call it for all tasks that begin at the same time, before any of them runs."""
+        for key in task.meets:
+            expected = self._expected.setdefault(key, {})
+            expected[task] = None
+            parent = task.parent
+            if parent is not None and key in parent.meets:
+                expected.pop(parent, None)
+                self._inside[key, parent] = self._inside.get((key, parent), 0) + 1
+
+    def leave(self, task: StepTask) -> None:
+        """Expect a task no longer: it has ended."""
+        for key in task.meets:
+            expected = self._expected[key]
+            expected.pop(task, None)
+            parent = task.parent
+            if parent is not None and key in parent.meets:
+                self._inside[key, parent] -= 1
+                if not self._inside[key, parent]:
+                    expected[parent] = None
+            self._release(key)
+
+    def arrive(self, key: Hashable, task: StepTask) -> Future[Meeting]:
+        """Return a future that is done when all expected tasks are present."""
+        future: Future[Meeting] = Future(self._clock)
+        self._present.setdefault(key, {})[task] = future
+        self._release(key)
+        return future
+
+    def withdraw(self, key: Hashable, task: StepTask) -> None:
+        """Stop waiting; it has no effect after the meeting."""
+        self._present.get(key, {}).pop(task, None)
+
+    def missing(self, key: Hashable) -> list[str]:
+        """Return the names of the expected tasks that are not present."""
+        present = self._present.get(key, {})
+        return [task.name for task in self._expected.get(key, {}) if task not in present]
+
+    def _release(self, key: Hashable) -> None:
+        present = self._present.get(key)
+        expected = self._expected[key]
+        if present and len(present) >= len(expected) and all(task in present for task in expected):
+            self._present[key] = {}
+            meeting = Meeting(list(present))
+            for future in present.values():
+                future.set(meeting)
+
+
+# Signals.
+
+
+class Signals:
+    """The signals of a run: latched, counted, and with a value.
+
+    Args:
+        clock: the fleet's clock.
+
+    Attributes:
+        counts: how often each was given.
+        values: the last value of each.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.counts: dict[tuple[Frame, str], int] = {}
+        self.values: dict[tuple[Frame, str], Any] = {}
+        self._clock = clock
+        self._waiting: dict[tuple[Frame, str], list[tuple[int, Future[Any]]]] = {}
+
+    def give(self, frame: Frame, name: str, value: Any) -> int:
+        """Give a signal; return how often it was given so far."""
+        key = (frame, name)
+        count = self.counts[key] = self.counts.get(key, 0) + 1
+        self.values[key] = value
+        waiting = self._waiting.pop(key, [])
+        self._waiting[key] = [(wanted, future) for wanted, future in waiting if wanted > count]
+        for wanted, future in waiting:
+            if wanted <= count:
+                future.set(value)
+        return count
+
+    def wait(self, frame: Frame, name: str, count: int = 1) -> Future[Any]:
+        """Return a future of the last value, done when the signal was given this often."""
+        key = (frame, name)
+        future: Future[Any] = Future(self._clock)
+        if self.counts.get(key, 0) >= count:
+            future.set(self.values[key])
+        else:
+            self._waiting.setdefault(key, []).append((count, future))
+        return future
+
+
+# Pauses.
+
+
+class PauseControl:
+    """Decides whether steps may begin: pauses, and single steps.
+
+    Args:
+        clock: the fleet's clock.
+        emit: records an event, which it makes from the seconds since the run's start.
+    """
+
+    def __init__(self, clock: Clock, emit: Callable[[Callable[[float], RunEvent]], float]) -> None:
+        self._clock = clock
+        self._emit = emit
+        self._since_s: float | None = None
+        self._paused_s = 0.0
+        self._granted = 0
+        self._granted_before = 0
+        self._waiting: list[Future[None]] = []
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether no step begins, except for single steps."""
+        return self._since_s is not None
+
+    @property
+    def paused_s(self) -> float:
+        """The total time of pauses so far, in seconds of the fleet's clock."""
+        return self._paused_s + (self._clock.now() - self._since_s if self._since_s is not None else 0.0)
+
+    def active_s(self) -> float:
+        """Return a time that stands still while the run is paused."""
+        return self._clock.now() - self.paused_s
+
+    def pause(self) -> None:
+        """Begin no more steps."""
+        if self._since_s is None:
+            self._since_s = self._clock.now()
+            self._granted_before = self._granted
+            self._emit(RunPaused)
+
+    def resume(self) -> None:
+        """End a pause."""
+        if self._since_s is not None:
+            self.end()
+            self._emit(lambda time_s: RunResumed(time_s, is_single_step=False))
+
+    def step(self) -> None:
+        """Let each task begin one step; pause a run that is not paused."""
+        if self._since_s is None:
+            self.pause()
+            return
+        self._granted += 1
+        self._emit(lambda time_s: RunResumed(time_s, is_single_step=True))
+        self._wake()
+
+    def end(self) -> None:
+        """End a pause without an event: the run is being stopped, and its end must not wait."""
+        if self._since_s is not None:
+            self._paused_s += self._clock.now() - self._since_s
+            self._since_s = None
+            self._wake()
+
+    def _wake(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for future in waiting:
+            future.set()
+
+    def admits(self, task: StepTask) -> bool:
+        """Return whether a task may begin a step now, and record that it does."""
+        if self._since_s is None:
+            return True
+        if max(task.steps_taken, self._granted_before) < self._granted:
+            task.steps_taken = self._granted
+            return True
+        return False
+
+    def change(self) -> Future[None]:
+        """Return a future that is done at the next change."""
+        future: Future[None] = Future(self._clock)
+        self._waiting.append(future)
+        return future

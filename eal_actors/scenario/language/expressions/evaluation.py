@@ -1,0 +1,334 @@
+"""Evaluation of expressions, and of texts with `${...}` in them. `$${` is a literal `${`.
+
+`simpleeval` evaluates expressions; Python's own `eval` is never used.
+"""
+
+from __future__ import annotations
+
+import ast
+import threading
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
+
+from simpleeval import InvalidExpression, SimpleEval
+
+from eal_actors.device.data import EALData
+from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.language.expressions.functions import (
+    CONSTANTS,
+    FUNCTIONS,
+    MAX_ITEMS,
+    OPERATORS,
+    RefusalError,
+    as_text,
+)
+from eal_actors.scenario.language.expressions.grammar import (
+    READINGS,
+    Expression,
+    Flaw,
+    RobotReading,
+    parse_expression,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Namespace:
+    """The variables of an expression, and the readings that it needs.
+
+    Attributes:
+        variables: by name; `run` is a mapping.
+        readings: the answers of the robot.
+    """
+
+    variables: Mapping[str, object]
+    readings: Mapping[RobotReading, object] = field(default_factory=dict)
+
+
+def evaluate(expression: Expression, names: Namespace) -> Any:
+    """Return the value of an expression: a number, a text, a truth value, None or a list of them.
+
+    A variable that stands alone is returned as it is.
+
+    Raises:
+        ScenarioError: a variable has no value, or the expression has none.
+    """
+    if expression.flaws or expression.tree is None:
+        raise ScenarioError(f"${{{expression.text}}}: {expression.flaws[0].message}")
+    if isinstance(expression.tree, ast.Name) and expression.tree.id not in CONSTANTS:
+        return _look_up(expression.tree.id, names)
+    evaluator = _evaluator()
+    evaluator.names = _Names(names)
+    evaluator.answers = names.readings
+    try:
+        return evaluator.eval(expression.text, previously_parsed=expression.tree)
+    except ScenarioError:
+        raise
+    except (RefusalError, InvalidExpression) as error:
+        raise ScenarioError(f"{expression.text.strip()}: {error}") from error
+    except ZeroDivisionError as error:
+        raise ScenarioError(f"{expression.text.strip()}: a division by zero") from error
+    except Exception as error:  # an object of a Python step may raise any exception
+        raise ScenarioError(f"{expression.text.strip()}: {_reason(error)}") from error
+    finally:
+        evaluator.names = {}
+        evaluator.answers = {}
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, IndexError):
+        return "the list or text has no such item"
+    return str(error) or type(error).__name__
+
+
+def to_plain(value: object, what: str) -> Any:
+    """Return a value as expressions use it: numbers, texts and lists, without EALData and arrays.
+
+    Raises:
+        ScenarioError: it is too large.
+    """
+    inner = value.value if isinstance(value, EALData) else value
+    if hasattr(inner, "tolist"):
+        if getattr(inner, "size", 0) > MAX_ITEMS:
+            raise ScenarioError(f"{what} has more than {MAX_ITEMS} elements, too many for an expression")
+        return inner.tolist()
+    return _as_lists(inner)
+
+
+def _as_lists(value: Any) -> Any:
+    return [_as_lists(item) for item in value] if isinstance(value, tuple | list) else value
+
+
+def _look_up(name: str, names: Namespace) -> object:
+    try:
+        return names.variables[name]
+    except KeyError:
+        raise ScenarioError(f"the variable '{name}' has no value: the step that gives it one did not succeed") from None
+
+
+class _Names:
+    """The variables and constants, as `simpleeval` looks them up."""
+
+    def __init__(self, names: Namespace) -> None:
+        self._namespace = names
+
+    def __getitem__(self, name: str) -> Any:
+        if name in CONSTANTS:
+            return CONSTANTS[name]
+        return to_plain(_look_up(name, self._namespace), f"the variable '{name}'")
+
+
+class _Evaluator(SimpleEval):  # type: ignore[misc]  # simpleeval has no types
+    """An evaluator with our operators, functions and lists, and nothing else."""
+
+    answers: Mapping[RobotReading, object]
+
+    def __init__(self) -> None:
+        functions = {name: function.call for name, function in FUNCTIONS.items()}
+        super().__init__(operators=dict(OPERATORS), functions=functions, names={})
+        self.answers = {}
+        for name, (method, _) in READINGS.items():
+            self.functions[name] = self._reader(method)
+        for kind in (ast.Assign, ast.AugAssign, ast.Import, ast.JoinedStr, ast.FormattedValue, ast.Expr):
+            self.nodes.pop(kind, None)
+        self.nodes[ast.List] = lambda node: [self._eval(item) for item in node.elts]
+
+    def _reader(self, method: str) -> Any:
+        def read(resource: str, argument: str | None = None) -> Any:
+            reading = RobotReading(method, resource, argument)
+            return to_plain(self.answers[reading], str(reading))
+
+        return read
+
+
+_local = threading.local()
+
+
+def _evaluator() -> _Evaluator:
+    """Return the thread's own evaluator. Creating one takes longer than most expressions."""
+    if not hasattr(_local, "evaluator"):
+        _local.evaluator = _Evaluator()
+    evaluator: _Evaluator = _local.evaluator
+    return evaluator
+
+
+# Texts.
+
+_BROKEN: Final = "${ must go on as ${expression}; write $${ for a literal ${"
+
+
+@dataclass(frozen=True, slots=True)
+class Template:
+    """A parsed text.
+
+    Attributes:
+        parts: literal texts, and expressions with the offset of their first character in the text.
+        flaws: its problems.
+    """
+
+    parts: tuple[str | tuple[Expression, int], ...]
+    flaws: tuple[Flaw, ...] = ()
+
+    @property
+    def whole(self) -> Expression | None:
+        """The expression, if the text is one `${...}` and nothing else."""
+        return self.parts[0][0] if len(self.parts) == 1 and isinstance(self.parts[0], tuple) else None
+
+    def expressions(self) -> Iterator[tuple[Expression, int]]:
+        """Yield the expressions with their offsets in the text."""
+        for part in self.parts:
+            if isinstance(part, tuple):
+                yield part
+
+
+@lru_cache(maxsize=4096)
+def parse_template(text: str) -> Template:
+    """Parse a text; its problems are its `flaws`."""
+    parts: list[str | tuple[Expression, int]] = []
+    flaws: list[Flaw] = []
+    literal, position = "", 0
+    while (start := text.find("${", position)) >= 0:
+        if start > position and text[start - 1] == "$":
+            literal += text[position : start - 1] + "${"
+            position = start + 2
+            continue
+        literal += text[position:start]
+        end = _closing(text, start + 2)
+        if end is None:
+            return Template((text,), (Flaw(_BROKEN, start),))
+        if literal:
+            parts.append(literal)
+        literal, position = "", end + 1
+        expression = parse_expression(text[start + 2 : end])
+        parts.append((expression, start + 2))
+        flaws += [Flaw(flaw.message, start + 2 + flaw.offset) for flaw in expression.flaws]
+    literal += text[position:]
+    if literal or not parts:
+        parts.append(literal)
+    return Template(tuple(parts), tuple(flaws))
+
+
+def _closing(text: str, position: int) -> int | None:
+    """Return the position of the brace that closes an expression; braces in quotes do not count."""
+    quote = ""
+    for index in range(position, len(text)):
+        character = text[index]
+        if quote:
+            if character == quote and text[index - 1] != "\\":
+                quote = ""
+        elif character in "'\"":
+            quote = character
+        elif character == "}":
+            return index
+    return None
+
+
+def expressions_in(value: object) -> Iterator[Expression]:
+    """Yield the expressions in a value, item by item if it is a list."""
+    if isinstance(value, tuple | list):
+        for item in value:
+            yield from expressions_in(item)
+    elif isinstance(value, str) and "${" in value:
+        for expression, _ in parse_template(value).expressions():
+            yield expression
+
+
+def render(value: object, names: Namespace) -> object:
+    """Return a value with its expressions evaluated; a text that is one `${...}` becomes its value.
+
+    Raises:
+        ScenarioError: a variable has no value, or one that has no form in a text.
+    """
+    if isinstance(value, tuple):
+        return tuple(render(item, names) for item in value)
+    if not isinstance(value, str) or "${" not in value:
+        return value
+    template = parse_template(value)
+    if template.whole is not None:
+        return evaluate(template.whole, names)
+    return render_text(value, names)
+
+
+def render_text(text: str, names: Namespace) -> str:
+    """Return a text with its expressions evaluated: always a text, even if it is one `${...}`.
+
+    Raises:
+        ScenarioError: as for `render`.
+    """
+    if "${" not in text:
+        return text
+    template = parse_template(text)
+    if template.flaws:
+        raise ScenarioError(template.flaws[0].message)
+    return "".join(
+        part if isinstance(part, str) else _as_text(part[0], evaluate(part[0], names)) for part in template.parts
+    )
+
+
+def _as_text(expression: Expression, value: object) -> str:
+    found = to_plain(value, f"${{{expression.text}}}")
+    if isinstance(found, str):
+        return found
+    if isinstance(found, bool | int | float):
+        try:
+            return as_text(found)
+        except ValueError as error:  # Python writes no numbers of thousands of digits
+            raise ScenarioError(f"${{{expression.text}}} is too long a number to stand in a text") from error
+    raise ScenarioError(f"${{{expression.text}}} is of type {type(found).__name__}, which cannot stand in a text")
+
+
+def parse_bare(text: str) -> tuple[Expression, int]:
+    """Parse a text that is an expression; return it with its offset. `${...}` around it is allowed."""
+    template = parse_template(text) if text.startswith("${") else None
+    if template is not None and template.whole is not None:
+        return template.whole, 2
+    return parse_expression(text), 0
+
+
+def evaluate_bare(value: object, names: Namespace) -> Any:
+    """Return the value of an expression without `${}`, or of a list of them; other values are returned as they are.
+
+    Raises:
+        ScenarioError: as for `evaluate`.
+    """
+    if isinstance(value, tuple | list):
+        return [evaluate_bare(item, names) for item in value]
+    return evaluate(parse_bare(value)[0], names) if isinstance(value, str) else value
+
+
+def bare_expressions(value: object) -> list[Expression]:
+    """Return the expressions of a value whose texts are expressions without `${}`."""
+    if isinstance(value, tuple | list):
+        return [expression for item in value for expression in bare_expressions(item)]
+    return [parse_bare(value)[0]] if isinstance(value, str) else []
+
+
+# Expressions in steps.
+
+
+class LocatedExpression(NamedTuple):
+    """An expression in a step.
+
+    Attributes:
+        expression: the expression.
+        keys: the keys from the step to the text that holds it.
+        text: that text.
+        offset: of the expression in the text.
+    """
+
+    expression: Expression
+    keys: YamlPath
+    text: str
+    offset: int
+
+
+def locate_expressions(keys: YamlPath, value: object, *, is_bare: bool = False) -> Iterator[LocatedExpression]:
+    """Yield the expressions of a value at some keys of a step; a bare text is an expression without `${}`."""
+    if isinstance(value, tuple | list):
+        for index, item in enumerate(value):
+            yield from locate_expressions((*keys, index), item, is_bare=is_bare)
+    elif isinstance(value, str):
+        for expression, offset in (parse_bare(value),) if is_bare else parse_template(value).expressions():
+            yield LocatedExpression(expression, keys, value, offset)

@@ -1,0 +1,143 @@
+"""Reading scenario files, and the scenarios that their steps run, with all of their problems."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from eal_actors.kernel.bundled import find_file
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.strict_model import problems_from
+from eal_actors.kernel.yaml_source import LARGE, parse_yaml, read_file
+from eal_actors.kernel.yaml_tree import format_path
+from eal_actors.scenario.language.parameters import check_parameters, set_parameters
+from eal_actors.scenario.language.scenario import Scenario, ScenarioFile
+from eal_actors.scenario.language.scope import check_scope
+
+MAX_PARTS_DEEP: Final = 8
+"""Maximum nesting of scenarios."""
+MAX_STEPS: Final = 100_000
+"""Maximum steps of a scenario; those of a part count each time it is used."""
+
+
+def load_scenario(path: str | Path, parameters: Mapping[str, object] | None = None) -> Scenario:
+    """Read a scenario file. Environment variables have no effect on it.
+
+    Args:
+        path: the scenario file, or the name of a bundled one, such as `dance`.
+        parameters: values of its parameters by name, in place of their defaults. Those without a default may be given
+            later, to `make_plan`.
+
+    Raises:
+        ConfigError: with every problem of the file, and of the scenarios that its steps run.
+    """
+    file = find_file(path, "scenario")
+    return _Loader().load(file, str(file), parameters or {})
+
+
+def parse_scenario(
+    text: str, name: str, parameters: Mapping[str, object] | None = None, folder: Path | None = None
+) -> Scenario:
+    """Read a scenario from its text.
+
+    Args:
+        text: the content of a scenario file.
+        name: the file's name in problems.
+        parameters: as for `load_scenario`.
+        folder: the folder of scenarios that its steps run; defaults to the working directory.
+
+    Raises:
+        ConfigError: as for `load_scenario`.
+    """
+    return _Loader().parse(text, name, (folder or Path()) / name, parameters or {})
+
+
+def check_scenario(path: str | Path) -> tuple[Problem, ...]:
+    """Return every problem of a scenario file that can be found without a fleet."""
+    try:
+        load_scenario(path)
+    except ConfigError as error:
+        return error.problems
+    return ()
+
+
+def scenario_schema() -> dict[str, Any]:
+    """Return the JSON Schema of scenario files, for completion and checks in editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **ScenarioFile.model_json_schema()}
+
+
+class _Loader:
+    """Reads one scenario and those inside it, each file once."""
+
+    def __init__(self) -> None:
+        self._done: dict[Path, Scenario | ConfigError] = {}
+        self._open: list[Path] = []
+
+    def load(self, path: Path, name: str, parameters: Mapping[str, object]) -> Scenario:
+        """Read a file; problems call it `name`."""
+        return self.parse(read_file(name, LARGE), name, path, parameters)
+
+    def parse(self, text: str | bytes, name: str, path: Path, parameters: Mapping[str, object]) -> Scenario:
+        """Read a text as the content of a file."""
+        tree = parse_yaml(text, name, limits=LARGE)
+        lines = (text if isinstance(text, str) else text.decode("utf-8").removeprefix("\ufeff")).split("\n")
+        try:
+            file = ScenarioFile.model_validate(tree.root)
+        except ValidationError as error:
+            raise ConfigError(problems_from(error, tree, ScenarioFile)) from None
+        scenario = Scenario(path if str(path) == name else Path(name), file, tree, tuple(lines))
+        self._open.append(path.resolve())
+        try:
+            parts, size, problems = self._parts(scenario, path)
+        finally:
+            self._open.pop()
+        scenario = replace(scenario, parts=parts, size=size)
+        problems += check_parameters(file, tree)
+        problems += check_scope(scenario)
+        if problems:
+            raise ConfigError(list(dict.fromkeys(problems)))
+        return set_parameters(scenario, parameters)
+
+    def _parts(self, scenario: Scenario, path: Path) -> tuple[dict[str, Scenario], int, list[Problem]]:
+        """Return the parts of a scenario, its number of steps with theirs, and the problems of the parts."""
+        parts: dict[str, Scenario] = {}
+        problems: list[Problem] = []
+        steps = list(scenario.file.walk())
+        size = len(steps)
+        for here, step in steps:
+            if step.part_file is None:
+                continue
+            try:
+                part = parts[format_path(here)] = self._part(path.parent / step.part_file)
+            except ConfigError as error:
+                for problem in error.problems:
+                    message = f"{problem.file}: {problem.message}"
+                    problems.append(problem if problem.line else scenario.problem((*here, step.kind), message))
+                continue
+            size += part.size
+            if size > MAX_STEPS:
+                message = f"makes more than {MAX_STEPS} steps, each use of a scenario counted"
+                problems.append(scenario.problem((*here, step.kind), message))
+                break
+        return parts, size, problems
+
+    def _part(self, path: Path) -> Scenario:
+        real = path.resolve()
+        if real in self._open:
+            circle = " -> ".join(open_path.name for open_path in [*self._open[self._open.index(real) :], real])
+            raise ConfigError([Problem(str(path), 0, 0, "", f"goes round in a circle: {circle}")])
+        if len(self._open) >= MAX_PARTS_DEEP:
+            raise ConfigError([Problem(str(path), 0, 0, "", f"is the {MAX_PARTS_DEEP + 1}th scenario inside another")])
+        if real not in self._done:
+            try:
+                self._done[real] = self.load(path, str(path), {})
+            except ConfigError as error:
+                self._done[real] = error
+        found = self._done[real]
+        if isinstance(found, ConfigError):
+            raise found
+        return found

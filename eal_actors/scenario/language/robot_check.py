@@ -1,0 +1,325 @@
+"""The checks of a scenario against the robots that will run it, before anything moves.
+
+Every call is tried with every value of every loop around it, as far as the values are known before the run. Robots with
+the same resources are checked once, together. The number of tries is limited, so that a file cannot occupy the checker
+for hours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
+
+from eal_actors.device.data import EALData
+from eal_actors.device.info import METHODS, ResourceInfo, unknown_name
+from eal_actors.kernel.errors import ArgumentError, EALError, Problem
+from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.language.binding import RobotFacts
+from eal_actors.scenario.language.expressions import (
+    Expression,
+    LocatedExpression,
+    Namespace,
+    evaluate,
+    expressions_in,
+    render,
+)
+from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.static_values import MAX_COMBINATIONS, StaticValues, TooManyCombinationsError
+from eal_actors.scenario.language.values import Wanted, number_problem
+from eal_actors.scenario.steps.base import Step
+
+MAX_IN_ALL: Final = 200_000
+"""Maximum combinations that are tried for all steps of a scenario together."""
+_MOST_NAMED: Final = 3
+
+
+class Location(NamedTuple):
+    """The location of a problem: a value, and the offset in its text."""
+
+    path: YamlPath
+    inside: tuple[str, int] | None = None
+
+
+class CallLocations(NamedTuple):
+    """The locations of a call's resource, method and arguments."""
+
+    resource: Location
+    method: Location
+    arguments: Location
+
+
+@dataclass(frozen=True, slots=True)
+class RobotScope:
+    """The surroundings of a step, with the robots that come to it.
+
+    Attributes:
+        scenario: the scenario that holds it.
+        roles: the robots of its roles, spares included.
+        values: the values that are known before the run.
+        groups: the robots of the `on` around it; those with the same resources are in one group.
+        role: the role of the `on` around it.
+        is_of_one: each robot runs the scenario by itself.
+    """
+
+    scenario: Scenario
+    roles: Mapping[str, Sequence[str]]
+    values: StaticValues
+    groups: tuple[tuple[str, ...], ...] = ()
+    role: str = ""
+    is_of_one: bool = False
+
+    def are_known(self, expressions: Iterable[Expression]) -> bool:
+        """Return whether the values of all expressions are known before the run."""
+        return all(map(self.values.is_known, expressions))
+
+
+def check_on_robots(
+    scenario: Scenario,
+    roles: Mapping[str, Sequence[str]],
+    robots: Mapping[str, RobotFacts],
+    *,
+    spares: Mapping[str, Sequence[str]] | None = None,
+    seed: int = 0,
+) -> list[Problem]:
+    """Return what the robots cannot do: every call, with every value of every loop around it.
+
+    Values that arise only during the run are not checked.
+
+    Args:
+        scenario: a scenario without problems of its own.
+        roles: the robots of each role.
+        robots: their abilities; a robot without an entry is not checked.
+        spares: the robots that may replace one in each role.
+        seed: of the fleet.
+    """
+    check = RobotCheck(robots, spares or {})
+    everyone = {role: (*names, *(spares or {}).get(role, ())) for role, names in roles.items()}
+    check.visit_file(RobotScope(scenario, everyone, StaticValues({**scenario.parameters, "run": {"seed": seed}})))
+    return check.problems()
+
+
+class RobotCheck:
+    """A walk through the steps with the robots that come to them.
+
+    Args:
+        robots: the abilities of the robots, by name.
+        spares: the robots that may replace one in each role.
+    """
+
+    def __init__(self, robots: Mapping[str, RobotFacts], spares: Mapping[str, Sequence[str]]) -> None:
+        self._robots = robots
+        self._spares = {spare for names in spares.values() for spare in names}
+        self._kinds = _number_kinds(robots)
+        self._found: dict[tuple[int, YamlPath, str], tuple[Callable[[str], Problem], dict[str, None]]] = {}
+        self._answers: dict[tuple[Any, ...], str | None] = {}
+        self._spent = 0
+
+    def problems(self) -> list[Problem]:
+        """Return one problem for each location and message, with the names of the robots."""
+        return [
+            make(f"{_list_robots(robots)}: {message}" if robots else message)
+            for (_, _, message), (make, robots) in self._found.items()
+        ]
+
+    def report(
+        self,
+        here: RobotScope,
+        path: YamlPath,
+        message: str,
+        robots: Sequence[str] = (),
+        inside: tuple[str, int] | None = None,
+    ) -> None:
+        """Add a problem of some robots, or of the scenario without robots."""
+
+        def make(text: str) -> Problem:
+            return here.scenario.problem(path, text, inside=inside)
+
+        self._found.setdefault((id(here.scenario), path, message), (make, {}))[1].update(dict.fromkeys(robots))
+
+    def visit_file(self, here: RobotScope) -> None:
+        """Check the steps of a scenario, `finally` included."""
+        self.visit_all(here.scenario.file.steps, ("steps",), here)
+        self.visit_all(here.scenario.file.finally_, ("finally",), here)
+
+    def visit_all(self, steps: Sequence[Step], path: YamlPath, here: RobotScope) -> None:
+        """Check steps that follow each other."""
+        for index, step in enumerate(steps):
+            step.check_robots(self, (*path, index), here)
+
+    def enter(self, role: str, here: RobotScope) -> RobotScope:
+        """Return the scope inside an `on` of a role."""
+        groups: dict[int, list[str]] = {}
+        for robot in here.roles[role]:
+            if robot in self._robots:
+                groups.setdefault(self._kinds[robot], []).append(robot)
+        values = replace(here.values, has_facts=True)
+        return replace(here, groups=tuple(map(tuple, groups.values())), values=values, role=role)
+
+    def combinations(
+        self, expressions: Sequence[Expression], path: YamlPath, here: RobotScope
+    ) -> list[tuple[tuple[str, ...], Namespace]]:
+        """Return the robots and values to try a step with; robots with the same resources are tried together."""
+        found: list[tuple[tuple[str, ...], Namespace]] = []
+        try:
+            for robots, values in self._per_robot(expressions, here):
+                if self._spent > MAX_IN_ALL:
+                    return []
+                more = [(robots, names) for names in values.combinations(expressions)]
+                found += more
+                self._spent += max(0, len(more) - 1)
+                if self._spent > MAX_IN_ALL:
+                    message = f"up to here, loops give more than {MAX_IN_ALL} combinations; the rest was not checked"
+                    self.report(here, path, message)
+        except TooManyCombinationsError as error:
+            message = f"the loops around this step give {error} combinations; at most {MAX_COMBINATIONS} can be checked"
+            self.report(here, path, message)
+        return found
+
+    def _per_robot(
+        self, expressions: Sequence[Expression], here: RobotScope
+    ) -> list[tuple[tuple[str, ...], StaticValues]]:
+        if not here.groups:
+            return [] if here.role else [((), here.values)]
+        if not here.values.needs_facts(expressions):
+            return [(robots, here.values) for robots in here.groups]
+        return [
+            ((robot,), replace(here.values, facts={"robot": robot, "role": here.role, "index": index, "count": count}))
+            for robots in here.groups
+            for robot in robots
+            for index, count in self._indices(robot, here)
+        ]
+
+    def _indices(self, robot: str, here: RobotScope) -> list[tuple[int, int]]:
+        """Return the numbers that a robot may have in its role: a spare may replace any robot."""
+        if here.is_of_one:
+            return [(0, 1)]
+        regular = [name for name in here.roles[here.role] if name not in self._spares]
+        if robot in regular:
+            return [(regular.index(robot), len(regular))]
+        return [(index, len(regular)) for index in range(len(regular))]
+
+    # What steps have in common.
+
+    def number(self, text: str, wanted: Wanted, path: YamlPath, here: RobotScope) -> None:
+        """Check a number of a step that is an expression, as far as it is known."""
+        expressions = list(expressions_in(text))
+        if not here.are_known(expressions):
+            return
+        for robots, names in self.combinations(expressions, path, here):
+            try:
+                problem = number_problem(render(text, names), wanted)
+            except EALError as error:
+                problem = error.message
+            if problem is not None:
+                self.report(here, path, problem, robots if here.values.facts else ())
+
+    def expression(self, located: LocatedExpression, path: YamlPath, here: RobotScope) -> None:
+        """Check that an expression has a value, as far as it is known."""
+        if not here.values.is_known(located.expression):
+            return
+        for robots, names in self.combinations([located.expression], (*path, *located.keys), here):
+            try:
+                evaluate(located.expression, names)
+            except EALError as error:
+                inside = (located.text, located.offset)
+                self.report(here, (*path, *located.keys), error.message, robots if here.values.facts else (), inside)
+
+    def readings(self, located: LocatedExpression, path: YamlPath, here: RobotScope) -> None:
+        """Check the calls that an expression makes."""
+        for reading, offset in located.expression.readings:
+            key = {"send_req": "req", "get_config": "key"}.get(reading.method)
+            given = {key: reading.argument} if key is not None else {}
+            at = Location((*path, *located.keys), (located.text, located.offset + offset))
+            for robots in here.groups:
+                self.call(reading.method, reading.resource, given, CallLocations(at, at, at), robots, here)
+
+    def call(
+        self,
+        method: str,
+        resource: str,
+        given: Mapping[str, Any] | None,
+        at: CallLocations,
+        robots: Sequence[str],
+        here: RobotScope,
+    ) -> ResourceInfo | None:
+        """Check a call of robots with the same resources; return the resource's description if the call is valid.
+
+        Args:
+            method: of the resource API.
+            resource: the resource's name.
+            given: the arguments; None if they are not known.
+            at: the locations of problems.
+            robots: the robots.
+            here: the surroundings of the step.
+        """
+        facts = self._robots[robots[0]]
+        info = facts.resources.get(resource)
+        if info is None:
+            for robot in robots:
+                message = unknown_name("resource", resource, facts.resources) + self._robots[robot].left_out
+                self.report(here, at.resource.path, message, [robot], at.resource.inside)
+            return None
+        if method != "halt" and method not in info.methods:
+            supported = ", ".join(name for name in METHODS if name in info.methods) or "nothing"
+            message = f"{info.name} does not support {method}; it supports {supported}"
+            self.report(here, at.method.path, message, robots, at.method.inside)
+            return None
+        if given is None:
+            return info
+        key = (method, id(info), repr(given))
+        if key not in self._answers:
+            self._answers[key] = _argument_problem(method, info, given)
+        if (wrong := self._answers[key]) is not None:
+            self.report(here, at.arguments.path, wrong, robots, at.arguments.inside)
+            return None
+        return info
+
+
+def _number_kinds(robots: Mapping[str, RobotFacts]) -> dict[str, int]:
+    """Return a number for each robot, the same for robots with the same resources."""
+    kinds: list[Mapping[str, ResourceInfo]] = []
+    found: dict[str, int] = {}
+    for name, facts in robots.items():
+        number = next((index for index, known in enumerate(kinds) if known == facts.resources), len(kinds))
+        if number == len(kinds):
+            kinds.append(facts.resources)
+        found[name] = number
+    return found
+
+
+def _list_robots(robots: Iterable[str]) -> str:
+    names = list(robots)
+    more = len(names) - _MOST_NAMED
+    return ", ".join(names) if more <= 0 else f"{', '.join(names[:_MOST_NAMED])} and {more} more"
+
+
+def _argument_problem(method: str, info: ResourceInfo, given: Mapping[str, Any]) -> str | None:
+    """Return why a resource refuses arguments, as far as its description says, or None."""
+    try:
+        if method == "send_cmd" and info.commands:
+            info.parse_command(str(given["cmd"]), EALData.of(given["data"]) if "data" in given else None)
+        elif method == "send_req" and info.requests:
+            info.parse_request(str(given["req"]))
+        elif method == "get_config" and info.configs:
+            info.config(str(given["key"]))
+        elif method == "set_config" and info.configs:
+            _check_config(info, str(given["key"]), EALData.of(given["value"]) if "value" in given else None)
+        elif method == "set_value":
+            data = EALData.of(given["value"])
+            if info.value is not None:
+                info.value.check(data, "its value")
+        elif method == "write_comm":
+            EALData.of(given["data"])
+    except EALError as error:
+        return error.message
+    return None
+
+
+def _check_config(info: ResourceInfo, key: str, data: EALData | None) -> None:
+    config = info.config(key)
+    if not config.writable:
+        raise ArgumentError(f"configuration key {key!r} is read-only")
+    if data is None:
+        raise ArgumentError(f"configuration key {key!r} needs a value: {config.value.describe()}")
+    config.value.check(data, f"configuration key {key!r}")

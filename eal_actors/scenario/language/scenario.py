@@ -1,0 +1,190 @@
+"""A scenario: its file as models, with the positions of all values in the text."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+
+from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
+from eal_actors.kernel.yaml_tree import Mark, YamlPath, YamlTree, format_path
+from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, OnFailure, Scalars, Text, Value, VariableName
+from eal_actors.scenario.steps.base import AnyStep, Step, Steps
+
+_ELEMENT: Final = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
+Words = Annotated[tuple[Text, ...], Field(strict=False, json_schema_extra=MIN_ITEMS), NOT_EMPTY]
+ParameterType = Literal["int", "double", "bool", "string", "list"]
+
+
+class ParameterSection(StrictModel):
+    """A value that can be chosen when the scenario is run."""
+
+    type: ParameterType
+    unit: Text | None = None
+    """Its unit, such as `m/s`, for people."""
+    default: Value | None = None
+    """Its value if none is given. Without a default, a value must be given."""
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: Scalars = ()
+    """The allowed values; empty for no such limit."""
+    description: str = ""
+
+
+class RoleSection(StrictModel):
+    """The robots of the fleet that take the role: those that fit all criteria, or all robots without any."""
+
+    tags: Words | None = None
+    """They have one of these tags."""
+    types: Words | None = None
+    """Their type is, or builds on, one of these."""
+    robots: Words | None = None
+    """They have one of these names."""
+    needs: dict[Name, Annotated[tuple[Text, ...], Field(strict=False)]] = Field(
+        default={}, json_schema_extra=NAMES_ONLY
+    )
+    """They have these resources, and each resource these commands."""
+    min: NonNegativeInt = 1
+    """With fewer robots the scenario does not start, and does not continue."""
+    max: PositiveInt | None = None
+    """At most so many take part: the first of the fleet file."""
+    spares: NonNegativeInt = 0
+    """So many of the other robots that fit are kept in reserve for one that fails."""
+    on_failure: OnFailure | None = None
+    """What happens when a step of its robots fails; defaults to that of the file."""
+
+
+class ScenarioFile(StrictModel):
+    """A scenario file."""
+
+    version: Version1
+    name: Name
+    description: str = ""
+    """One line for people."""
+    parameters: dict[VariableName, ParameterSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    roles: dict[Name, RoleSection] = Field(min_length=1, json_schema_extra=NAMES_ONLY)
+    timeout_s: PositiveFloat | None = None
+    """Default deadline of a call, in seconds of the fleet's clock; defaults to that of the fleet file."""
+    on_failure: OnFailure = "abort"
+    """What happens when a step fails."""
+    safe_to_repeat: bool = False
+    """A resumed run may repeat the step at which it was interrupted."""
+    steps: Steps
+    finally_: Annotated[tuple[AnyStep, ...], Field(strict=False)] = Field(default=(), alias="finally")
+    """Steps for the end, whatever happened before. All robots take part, and a failure stops none of them."""
+
+    def is_safe(self, index: int) -> bool:
+        """Return whether a top-level step may be repeated."""
+        own = self.steps[index].safe_to_repeat
+        return self.safe_to_repeat if own is None else own
+
+    @property
+    def keeps_checkpoints(self) -> bool:
+        """Whether a run of the scenario can be resumed after an interruption."""
+        return any(self.is_safe(index) for index in range(len(self.steps)))
+
+    def walk(self) -> Iterator[tuple[YamlPath, Step]]:
+        """Yield all steps with their paths, each before the steps inside it."""
+        yield from _walk(self.steps, ("steps",))
+        yield from _walk(self.finally_, ("finally",))
+
+
+def _walk(steps: Sequence[Step], path: YamlPath) -> Iterator[tuple[YamlPath, Step]]:
+    for index, step in enumerate(steps):
+        here = (*path, index)
+        yield here, step
+        for keys, inner in step.children():
+            yield from _walk(inner, (*here, *keys))
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A scenario that passed all checks that need no fleet.
+
+    Attributes:
+        source: the file it was read from, as the user gave it.
+        file: its content.
+        tree: the same, with positions in the file.
+        lines: the file's lines.
+        parameters: the values of its parameters, defaults included; required ones without a value are missing.
+        parts: the scenarios that its steps run, by the path of the step.
+        size: the number of its steps, those of its parts included.
+    """
+
+    source: Path
+    file: ScenarioFile
+    tree: YamlTree
+    lines: tuple[str, ...] = ()
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    parts: Mapping[str, Scenario] = field(default_factory=dict)
+    size: int = 0
+
+    @property
+    def name(self) -> str:
+        """The scenario's name."""
+        return self.file.name
+
+    def problem(
+        self, path: YamlPath, message: str, *, key: bool = False, inside: tuple[str, int] | None = None
+    ) -> Problem:
+        """Return a problem at a position of the file.
+
+        Args:
+            path: of a value, from the top of the file.
+            message: the text of the problem.
+            key: the problem is with the key, not with the value.
+            inside: the value, a text, and the offset of the problem in it.
+        """
+        mark = self.tree.mark_at(path, key=key)
+        shift = 0 if inside is None else self._column_shift(mark, *inside)
+        return Problem(mark.file, mark.line, mark.column + shift, format_path(path), message)
+
+    def _column_shift(self, mark: Mark, text: str, offset: int) -> int:
+        """Return the columns from a text's beginning to an offset; 0 where the file spells the text differently."""
+        if not 0 < mark.line <= len(self.lines):
+            return 0
+        written = self.lines[mark.line - 1][mark.column - 1 :]
+        quote = written[:1] in ("'", '"')
+        if not written[quote:].startswith(text[: offset + 1]):  # escapes, or a text of several lines
+            return 0
+        return quote + offset
+
+    def walk(self) -> Iterator[tuple[Scenario, YamlPath, str, Step]]:
+        """Yield all steps, those of its parts included: the scenario, the path in it, the path in records, the step."""
+        for path, step in self.file.walk():
+            name = format_path(path)
+            yield self, path, name, step
+            if (part := self.parts.get(name)) is not None:
+                for owner, inner, inner_name, step_of_part in part.walk():
+                    yield owner, inner, f"{name}.{part.name}.{inner_name}", step_of_part
+
+    def expectations(self) -> tuple[str, ...]:
+        """Return the paths in records of all steps that check the run."""
+        return tuple(name for _, _, name, step in self.walk() if step.is_expectation)
+
+    def position_of(self, step: str) -> Mark:
+        """Return the position of a step in its file.
+
+        Args:
+            step: its path in records, such as `steps[0].do[1]`; inside a part, behind the path of the step that runs
+                the part.
+        """
+        for path, part in self.parts.items():
+            prefix = f"{path}.{part.name}."
+            if step.startswith(prefix):
+                return part.position_of(step.removeprefix(prefix))
+        return self.tree.mark_at(tuple(int(index) if index else name for index, name in _ELEMENT.findall(step)))
+
+
+def scenario_hash(scenario: Scenario) -> str:
+    """Return the SHA-256 of the content of a scenario and its parts, in hexadecimal."""
+    digest = hashlib.sha256(scenario.file.model_dump_json().encode())
+    for path in sorted(scenario.parts):
+        digest.update(f"{path}:{scenario_hash(scenario.parts[path])}".encode())
+    return digest.hexdigest()

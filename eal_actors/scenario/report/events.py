@@ -1,0 +1,289 @@
+"""The events of a run, for listeners and for `events.jsonl`: one event a line, in the order in which they happen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+from pydantic import BaseModel
+from typing_extensions import override
+
+from eal_actors.scenario.report.summary import ErrorReport, Report, StartReport, StepRecord
+
+
+@dataclass(frozen=True, slots=True)
+class RunEvent:
+    """An event of a run.
+
+    Attributes:
+        time_s: seconds since the run's start, of the fleet's clock.
+    """
+
+    kind: ClassVar[str] = "event"
+    time_s: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain dicts, lists, strings and numbers, with the kind under `event`."""
+        return {"event": self.kind, **{field.name: _to_json(getattr(self, field.name)) for field in fields(self)}}
+
+
+def _to_json(value: Any) -> Any:
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    if isinstance(value, Mapping):
+        return {key: _to_json(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [_to_json(item) for item in value]
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class RunStarted(RunEvent):
+    """The run has begun.
+
+    Attributes:
+        scenario: the scenario's name.
+        scenario_file: its file, as it was given.
+        scenario_hash: SHA-256 of the content of the scenario and its parts, in hexadecimal.
+        fleet: the fleet's name.
+        fleet_file: its file, as it was given.
+        seed: the source of all randomness.
+        rate: seconds of the fleet's clock in one real second, or `max`.
+        parameters: the values of the scenario's parameters.
+        roles: the robots of each role.
+        spares: the robots kept in reserve for each role.
+        robots: the robots bound, those lost from the start and spares included.
+        calls: number of calls if nothing fails, as far as it is known before the run.
+    """
+
+    kind = "run_started"
+    scenario: str
+    scenario_file: str
+    scenario_hash: str
+    fleet: str
+    fleet_file: str
+    seed: int
+    rate: float | str
+    parameters: Mapping[str, object]
+    roles: Mapping[str, tuple[str, ...]]
+    spares: Mapping[str, tuple[str, ...]]
+    robots: tuple[str, ...]
+    calls: int
+
+
+@dataclass(frozen=True, slots=True)
+class RunContinued(RunEvent):
+    """An interrupted run was resumed.
+
+    Attributes:
+        first_step: index of the top-level step at which it continues.
+        wall_continued: wall time in UTC, ISO 8601.
+        scenario, fleet, robots, calls: as in RunStarted.
+    """
+
+    kind = "run_continued"
+    first_step: int
+    wall_continued: str
+    scenario: str
+    fleet: str
+    robots: tuple[str, ...]
+    calls: int
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint(RunEvent):
+    """A step of the top level has ended; the state of the run after it.
+
+    Attributes:
+        next_step: index of the next step.
+        variables: those of the run, by name.
+        seats: by role, the robot of each slot and the variables of the slot.
+        signals: by name, how often each was given, and its last value.
+        unsaved: variables whose values have no form in the record.
+    """
+
+    kind = "checkpoint"
+    next_step: int
+    variables: Mapping[str, Any]
+    seats: Mapping[str, tuple[Mapping[str, Any], ...]]
+    signals: Mapping[str, Mapping[str, Any]]
+    unsaved: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StepStarted(RunEvent):
+    """A step has begun. Blocks and instant steps have no events.
+
+    Attributes:
+        robot: the robot's name; None outside of `on`.
+        step: path of the step in the scenario file.
+        label: the step for people.
+        role: the robot's role in it.
+        branch: the innermost branch of a `parallel` around it.
+        step_kind: the kind of the step.
+        resource: for calls.
+        command: the text argument of a call.
+    """
+
+    kind = "step_started"
+    robot: str | None
+    step: str
+    label: str
+    role: str | None = None
+    branch: str | None = None
+    step_kind: str = ""
+    resource: str | None = None
+    command: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StepRetried(RunEvent):
+    """An attempt at a step has failed, and another follows after the back-off.
+
+    Attributes:
+        robot: the robot's name; None outside of `on`.
+        step: path of the step in the scenario file.
+        label: the step for people.
+        attempt: number of the attempt that failed, from 1.
+        error: why it failed.
+    """
+
+    kind = "step_retried"
+    robot: str | None
+    step: str
+    label: str
+    attempt: int
+    error: ErrorReport
+
+
+@dataclass(frozen=True, slots=True)
+class StepEnded(RunEvent):
+    """A step has ended.
+
+    Attributes:
+        record: the record of the step.
+        answer: the answer of a call, for listeners: an EALData, a status int, or None. `events.jsonl` leaves it out,
+            because camera frames are large.
+    """
+
+    kind = "step_ended"
+    record: StepRecord
+    answer: object = None
+
+    @override
+    def to_dict(self) -> dict[str, Any]:
+        return {"event": self.kind, "time_s": self.time_s, "record": self.record.model_dump(mode="json")}
+
+
+@dataclass(frozen=True, slots=True)
+class StartedTogether(RunEvent):
+    """All robots of a synchronized start have ended the step.
+
+    Attributes:
+        start: the report of the start.
+    """
+
+    kind = "started_together"
+    start: StartReport
+
+
+@dataclass(frozen=True, slots=True)
+class Signalled(RunEvent):
+    """A signal was given.
+
+    Attributes:
+        robot: the robot that gave it; None outside of `on`.
+        name: the signal.
+        count: how often it was given so far.
+        value: its value.
+    """
+
+    kind = "signal"
+    robot: str | None
+    name: str
+    count: int
+    value: Any
+
+
+@dataclass(frozen=True, slots=True)
+class RobotDropped(RunEvent):
+    """The run continues without a robot.
+
+    Attributes:
+        robot: the robot's name.
+        error: why.
+    """
+
+    kind = "robot_dropped"
+    robot: str
+    error: ErrorReport
+
+
+@dataclass(frozen=True, slots=True)
+class RobotReplaced(RunEvent):
+    """A spare has replaced a robot.
+
+    Attributes:
+        robot: the robot that leaves.
+        by: the spare.
+        role: the role.
+        error: why.
+    """
+
+    kind = "robot_replaced"
+    robot: str
+    by: str
+    role: str
+    error: ErrorReport
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine(RunEvent):
+    """A line of text for those who watch the run.
+
+    Attributes:
+        robot: the robot that performs the step; None outside of `on`.
+        text: the text.
+    """
+
+    kind = "log"
+    robot: str | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunPaused(RunEvent):
+    """The run is paused: no step begins; those under way continue."""
+
+    kind = "run_paused"
+
+
+@dataclass(frozen=True, slots=True)
+class RunResumed(RunEvent):
+    """The run continues after a pause.
+
+    Attributes:
+        is_single_step: each robot may begin one step, and then the run is paused again.
+    """
+
+    kind = "run_resumed"
+    is_single_step: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RunEnded(RunEvent):
+    """The run has ended, and all actuators were halted.
+
+    Attributes:
+        report: the whole report; its line in `events.jsonl` leaves out the steps and starts, which have lines of their
+            own, and the wall time, so that the events of a run that repeats are the same.
+    """
+
+    kind = "run_ended"
+    report: Report
+
+    @override
+    def to_dict(self) -> dict[str, Any]:
+        report = self.report.model_dump(mode="json", exclude={"steps", "starts", "wall_started"})
+        return {"event": self.kind, "time_s": self.time_s, "report": report}

@@ -1,0 +1,108 @@
+"""The journal of a run: it writes each event at once, so that a crash loses none, and calls the listeners."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import IO, Final
+
+from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.log import get_logger
+from eal_actors.scenario.report.events import RunEvent
+from eal_actors.scenario.report.records import as_json
+from eal_actors.scenario.report.summary import Report
+
+EVENTS: Final = "events.jsonl"
+SUMMARY: Final = "summary.json"
+Listener = Callable[[RunEvent], None]
+
+
+class Journal:
+    """The events of one run.
+
+    Args:
+        directory: the run's folder, created if it does not exist; None writes nothing.
+        listeners: called with each event, in the thread of the run. One that raises is logged and removed.
+        is_resumed: the folder holds the record of an interrupted run; new events are appended.
+
+    Raises:
+        ScenarioError: the folder cannot be written, or holds a run already.
+    """
+
+    def __init__(self, directory: Path | None, listeners: Sequence[Listener], *, is_resumed: bool = False) -> None:
+        self._directory = directory
+        self._listeners = list(listeners)
+        self._stream: IO[str] | None = None
+        if directory is None:
+            return
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            if is_resumed:
+                cut_half_line(directory / EVENTS)
+            self._stream = (directory / EVENTS).open(
+                "a" if is_resumed else "x", encoding="utf-8", buffering=1
+            )  # by lines
+        except FileExistsError:
+            raise ScenarioError(f"{directory} holds the record of a run already") from None
+        except OSError as error:
+            raise ScenarioError(f"the run's folder {directory} cannot be written: {error}") from error
+
+    def write(self, event: RunEvent) -> None:
+        """Write an event, then call the listeners.
+
+        Raises:
+            OSError: it could not be written; later events are not written either.
+        """
+        try:
+            if self._stream is not None:
+                try:
+                    self._stream.write(as_json(event.to_dict()) + "\n")
+                except OSError:
+                    self.close()
+                    raise
+        finally:
+            for listener in list(self._listeners):
+                self._call(listener, event)
+
+    def _call(self, listener: Listener, event: RunEvent) -> None:
+        try:
+            listener(event)
+        except BaseException:  # noqa: BLE001  # a listener must not stop a run with moving robots
+            self._listeners.remove(listener)
+            get_logger().exception("a listener raised; it is removed", listener=repr(listener))
+
+    def write_summary(self, report: Report) -> None:
+        """Write the summary atomically.
+
+        Raises:
+            OSError: it could not be written.
+        """
+        if self._directory is None:
+            return
+        unfinished = self._directory / f"{SUMMARY}.tmp"
+        with unfinished.open("w", encoding="utf-8") as stream:
+            stream.write(as_json(report.model_dump(mode="json"), indent=2) + "\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+        unfinished.replace(self._directory / SUMMARY)
+
+    def close(self) -> None:
+        """Close the file of events. It may be called twice."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            try:
+                stream.close()
+            except OSError as error:
+                get_logger().error("the file of events is incomplete", reason=str(error))
+
+
+def cut_half_line(path: Path) -> None:
+    """Remove an incomplete last line, which a crash has left.
+
+    Raises:
+        OSError: the file cannot be changed.
+    """
+    with path.open("rb+") as stream:
+        content = stream.read()
+        stream.truncate(content.rfind(b"\n") + 1)

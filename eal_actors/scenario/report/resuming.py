@@ -1,0 +1,178 @@
+"""The state of an interrupted run, read from its folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from eal_actors.kernel.errors import EALError, ScenarioError
+from eal_actors.scenario.language.scenario import Scenario, scenario_hash
+from eal_actors.scenario.report.journal import EVENTS, SUMMARY
+from eal_actors.scenario.report.summary import ErrorReport, StartReport, StepRecord
+
+
+@dataclass(frozen=True, slots=True)
+class Resumption:
+    """The point at which an interrupted run continues.
+
+    Attributes:
+        directory: its folder.
+        started: the fields of its event `run_started`.
+        first_step: index of the top-level step at which it continues.
+        was_begun: that step had begun.
+        time_s: the time of its last event.
+        variables: those of the run.
+        slots: by role, the robot of each slot and the variables of the slot.
+        signals: by name, how often each was given, and its last value.
+        unsaved: variables whose values are not in the record.
+        gone: robots that left the run, with their outcome and error.
+        records: the steps that were over, and those under way at the interruption, as `aborted`.
+        starts: the synchronized starts that were over.
+        continued_s: the times at which it was resumed before.
+    """
+
+    directory: Path
+    started: Mapping[str, Any]
+    first_step: int = 0
+    was_begun: bool = False
+    time_s: float = 0.0
+    variables: Mapping[str, Any] = field(default_factory=dict)
+    slots: Mapping[str, list[Mapping[str, Any]]] = field(default_factory=dict)
+    signals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    unsaved: tuple[str, ...] = ()
+    gone: Mapping[str, tuple[str, ErrorReport]] = field(default_factory=dict)
+    records: tuple[StepRecord, ...] = ()
+    starts: tuple[StartReport, ...] = ()
+    continued_s: tuple[float, ...] = ()
+
+    def require_safe(self, scenario: Scenario) -> None:
+        """Check that the scenario is unchanged, and that the step at which the run continues may be repeated.
+
+        Raises:
+            ScenarioError: one of these does not hold.
+        """
+        if scenario_hash(scenario) != self.started["scenario_hash"]:
+            raise ScenarioError(
+                f"{scenario.source} has changed since the run in {self.directory} began; start a new run"
+            )
+        file = scenario.file
+        if self.first_step >= len(file.steps):
+            return
+        step = file.steps[self.first_step]
+        if self.was_begun and not file.is_safe(self.first_step):
+            place = scenario.tree.mark_at(("steps", self.first_step))
+            raise ScenarioError(
+                f"the run in {self.directory} was cut off in steps[{self.first_step}] ({step.kind}, "
+                f"{place.file}:{place.line}), which the scenario does not call safe_to_repeat"
+            )
+
+
+def read_run(directory: Path) -> Resumption:
+    """Read the folder of an interrupted run.
+
+    Raises:
+        ScenarioError: there is no such run, it has ended, or it cannot be resumed.
+    """
+    if (directory / SUMMARY).exists():
+        raise ScenarioError(f"the run in {directory} came to its end; only one that was cut off can be resumed")
+    try:
+        lines = (directory / EVENTS).read_text(encoding="utf-8", errors="replace").split("\n")
+    except OSError as error:
+        raise ScenarioError(f"{directory} holds no record of a run: {error.strerror}") from error
+    events = [_read(line, directory, number) for number, line in enumerate(lines[:-1], 1)]  # the last one was cut off
+    if not events or events[0].get("event") != "run_started":
+        raise ScenarioError(f"{directory / EVENTS} does not begin as the record of a run does")
+    try:
+        return _gather(directory, events)
+    except (KeyError, TypeError, ValueError, ValidationError) as error:
+        raise ScenarioError(
+            f"{directory / EVENTS} is not a record that this release can go on from: {error}"
+        ) from error
+
+
+def _read(line: str, directory: Path, number: int) -> dict[str, Any]:
+    try:
+        event = json.loads(line)
+    except ValueError as error:
+        raise ScenarioError(f"{directory / EVENTS}:{number}: is no JSON: {error}") from error
+    return event if isinstance(event, dict) else {}
+
+
+def _gather(directory: Path, events: list[dict[str, Any]]) -> Resumption:
+    checkpoint: Mapping[str, Any] = {}
+    was_begun = False
+    for event in events:
+        match event["event"]:
+            case "checkpoint":
+                checkpoint, was_begun = event, False
+            case "run_ended":
+                raise ScenarioError(f"the run in {directory} came to its end; only one that was cut off can be resumed")
+            case "step_started" | "signal":
+                was_begun = True
+    if not checkpoint:
+        raise ScenarioError(
+            f"the run in {directory} cannot be resumed: its scenario calls none of its steps safe_to_repeat"
+        )
+    return Resumption(
+        directory=directory,
+        started=events[0],
+        first_step=checkpoint["next_step"],
+        was_begun=was_begun,
+        time_s=events[-1]["time_s"],
+        variables=checkpoint["variables"],
+        slots=checkpoint["seats"],
+        signals=checkpoint["signals"],
+        unsaved=tuple(checkpoint["unsaved"]),
+        gone={
+            event["robot"]: (event["event"].removeprefix("robot_"), ErrorReport.model_validate(event["error"]))
+            for event in events
+            if event["event"] in ("robot_dropped", "robot_replaced")
+        },
+        records=tuple(_records(events)),
+        starts=tuple(StartReport.model_validate(event["start"]) for event in _only("started_together", events)),
+        continued_s=tuple(event["time_s"] for event in _only("run_continued", events)),
+    )
+
+
+def _records(events: Iterable[dict[str, Any]]) -> Iterator[StepRecord]:
+    """Yield the steps in the order of their ends; an interruption ends all steps under way."""
+    under_way: dict[tuple[str | None, str], dict[str, Any]] = {}
+    time_s = 0.0
+    for event in events:
+        match event["event"]:
+            case "step_started":
+                under_way[event["robot"], event["step"]] = event
+            case "step_ended":
+                record = StepRecord.model_validate(event["record"])
+                under_way.pop((record.robot, record.step), None)
+                yield record
+            case "run_continued":
+                yield from _cut_off(under_way.values(), time_s)
+                under_way.clear()
+        time_s = event["time_s"]
+    yield from _cut_off(under_way.values(), time_s)
+
+
+def _cut_off(started: Iterable[dict[str, Any]], time_s: float) -> Iterator[StepRecord]:
+    for event in started:
+        fields = {key: event.get(key) for key in ("robot", "role", "step", "branch", "label", "resource", "command")}
+        yield StepRecord.model_validate(
+            {
+                **fields,
+                "kind": event["step_kind"],
+                "start_s": event["time_s"],
+                "end_s": time_s,
+                "outcome": "aborted",
+                "attempts": 1,
+                "error": {"code": EALError.code, "message": "the controller died"},
+            }
+        )
+
+
+def _only(kind: str, events: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    return (event for event in events if event["event"] == kind)

@@ -1,0 +1,106 @@
+"""The step `on`: every robot of a role performs steps, all robots at the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+from typing_extensions import override
+
+from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.strict_model import Name, did_you_mean
+from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.context import RunContext
+from eal_actors.scenario.engine.executor import perform_steps, perform_within
+from eal_actors.scenario.engine.frames import ExecutionContext, StepTask
+from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.engine.synchronization import TaskGroup, find_meetings
+from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
+from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scope import Scope, ScopeCheck
+from eal_actors.scenario.language.values import Text
+from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
+from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step, Steps, count_calls
+from eal_actors.scenario.steps.wording import until_words
+
+
+class OnStep(BlockStep):
+    """Let every robot of a role go through steps, all robots at once; over when the last robot is through."""
+
+    kind = "on"
+    on: Name
+    """The role."""
+    do: Steps
+    until: Text = "all"
+    """`all`: over when every robot is through; `first`: when the first is; otherwise the name of a signal. Robots that
+    are not through by then are halted."""
+
+    @override
+    def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
+        return ((("do",), self.do),)
+
+    @property
+    @override
+    def own_role(self) -> str:
+        return self.on
+
+    @override
+    def roles_at_work(self, scenario: Scenario, path: YamlPath) -> Iterator[str]:
+        yield self.on
+
+    @override
+    def needs_everyone(self) -> bool:
+        return False
+
+    @override
+    def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
+        super().check_placement(check, path, scope)
+        roles = check.scenario.file.roles
+        if self.on not in roles:
+            check.report((*path, "on"), f"unknown role '{self.on}'{did_you_mean(self.on, roles)}")
+        if scope.role is not None:
+            message = f"stands inside 'on: {scope.role}'; a robot goes through one 'on' at a time"
+            check.report((*path, "on"), message, key=True)
+        check.until(self.until, path)
+
+    @override
+    def scope_inside(self, check: ScopeCheck, scope: Scope) -> Scope:
+        return replace(scope.inside(), role=scope.role or self.on, is_beside=True)
+
+    @override
+    def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:
+        return check.enter(self.on, here)
+
+    @override
+    def shared_robots(
+        self, scenario: Scenario, path: YamlPath, roles: Mapping[str, Sequence[str]]
+    ) -> Iterator[Problem]:
+        return iter(())
+
+    @override
+    def block_words(self, show: Show) -> str:
+        return f"on {self.on}" + until_words(self.until)
+
+    @override
+    def timeline(
+        self, builder: TimelineBuilder, path: YamlPath, robots: tuple[str, ...]
+    ) -> tuple[tuple[str, ...], tuple[TimelineEntry, ...]]:
+        robots = tuple(builder.roles[self.on])
+        return robots, builder.children(self, path, robots)
+
+    @override
+    def count_calls(self, scenario: Scenario, path: YamlPath, robots: int | None, live: Mapping[str, int]) -> int:
+        return count_calls(scenario, self.do, (*path, "do"), live[self.on], live)
+
+    @override
+    def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
+        frame, inside = context.frame, context.inside(self.on_failure)
+        meets = find_meetings(frame, self.do)
+        work = partial(perform_steps, run, self.do, f"{path}.do")
+        tasks = []
+        for slot in run.slots_of(self.on, context):
+            task = StepTask(context.task, slot, meets=meets)
+            here = replace(inside, task=task, slot=slot, role=self.on)
+            tasks.append((task, perform_within(run, here, self, path, meets, work)))  # the limit is each robot's own
+        yield from TaskGroup(run, context, self.until).perform(tasks)
