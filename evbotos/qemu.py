@@ -75,7 +75,7 @@ class Machine:
         return str(self.ask("human-monitor-command", **{"command-line": line}))
 
     def computed_s(self) -> float:
-        """Return the seconds of processor time that QEMU has used: what a boot costs, however busy the machine is."""
+        """Return QEMU's processor time in seconds: the cost of a boot, independent of other load."""
         words = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
         return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 

@@ -14,7 +14,7 @@ from evbotos.errors import BuildError
 FILE: Final = "slots.env"
 SIZE: Final = 1024
 FIRST: Final = {"good": "a", "try": "", "starts": ""}
-"""What a new disk says."""
+"""The slot state of a new disk."""
 _HEADER: Final = "# GRUB Environment Block\n"
 
 

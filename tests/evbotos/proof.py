@@ -1,4 +1,4 @@
-"""What the tests of booted images share: a robot image with keys of its own, and what is done to its machine."""
+"""Shared by tests of booted images: a robot image with its own keys, and operations on its machine."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ network:
   security: {keys: keys, controller: controller, roles: {controllers: [controller]}}
 """
 LONGEST_BOOT_S = 400.0
-"""What a boot may take of processor time; on a machine with much else to do that is several times as long."""
+"""The limit of a boot in processor time; a loaded machine takes several times as long in real time."""
 BUSY = 4.0
-"""How many times as long, at most."""
+"""The maximum ratio of real time to processor time."""
 SERVES = "serves Base"
 
 
 @dataclass(frozen=True)
 class Proof:
-    """What the tests start.
+    """The image under test.
 
     Attributes:
         platform: the board.

@@ -1,4 +1,4 @@
-"""What is proven of every board: its robot drives, a stick makes another robot of it, updates fall back."""
+"""The proofs of every board: its robot drives, a stick changes its fleet file, updates fall back."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.evbotos.proof import (
 )
 
 RESETS_NOT = ("beagle-armhf", "raspberry-pi")
-"""QEMU lacks the watchdogs by which these boards start anew, so that it does it in their place."""
+"""QEMU lacks the watchdogs of these boards, so it resets them itself."""
 
 
 def prove_square(proof: Proof, machine: Machine) -> None:
@@ -107,7 +107,7 @@ def ssh_status(proof: Proof, machine: Machine) -> str:
 
 
 def restart(proof: Proof, machine: Machine) -> None:
-    """Have a machine start anew, in good order."""
+    """Restart a machine cleanly."""
     if proof.platform.name in RESETS_NOT:
         answer(proof, machine, "sync")
         machine.ask("system_reset")

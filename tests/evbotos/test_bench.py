@@ -1,4 +1,4 @@
-"""`evbotos bench` and `evbotos times`: the thesis's tables, and today's column beside them."""
+"""`evbotos bench` and `evbotos times`: the thesis's tables with current results."""
 
 from __future__ import annotations
 

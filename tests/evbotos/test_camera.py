@@ -1,4 +1,4 @@
-"""A robot with a USB camera: the image that the documentation says how to build takes pictures for a controller."""
+"""A robot with a USB camera: the documented image takes pictures for a controller."""
 
 from __future__ import annotations
 

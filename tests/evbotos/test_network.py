@@ -1,4 +1,4 @@
-"""The image's network, seen from the other end of its cable: addresses, its name, the time."""
+"""The image's network at the other end of its cable: addresses, name, time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.evbotos.wire import OUR_IP, ROBOT_IP, Wire
 
 LINK_LOCAL = IPv4Network("169.254.0.0/16")
 OWN_LINK_LOCAL = "169.254.53.86"
-"""What the machine takes at first: made of its network card's address, 52:54:00:12:34:56."""
+"""The initial address of the machine, derived from its network card's address, 52:54:00:12:34:56."""
 NAME = "evbot-123456.local."
 HOURS_AHEAD = 3
 DAY_S = 86_400.0

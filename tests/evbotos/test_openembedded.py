@@ -1,4 +1,4 @@
-"""The OpenEmbedded layers: they say what the definitions say, and their linters find nothing."""
+"""The OpenEmbedded layers match the definitions and pass their linters."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def test_every_platform_has_a_machine_with_its_console_and_processor(definitions
 
 
 def test_the_root_names_every_program_of_the_inittabs() -> None:
-    """What the services call is in the root, in busybox's folder, or linked from there."""
+    """Every program that services call is in the root, in busybox's folder, or linked from there."""
     called = {
         match
         for path in [ROOTFS / "base/etc/inittab", *ROOTFS.glob("services/*/inittab")]

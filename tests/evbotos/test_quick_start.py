@@ -1,4 +1,4 @@
-"""How the image's robot starts: what is loaded only in case is there all the same once somebody uses it."""
+"""The start of the image's robot: deferred modules load on first use."""
 
 from __future__ import annotations
 

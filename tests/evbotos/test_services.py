@@ -1,4 +1,4 @@
-"""What runs in the image beside the robot, and what keeps it running."""
+"""The services of the image besides the robot."""
 
 from __future__ import annotations
 

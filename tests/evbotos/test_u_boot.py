@@ -1,4 +1,4 @@
-"""What boards with U-Boot start by, as it lies in the disk image."""
+"""The boot files of boards with U-Boot in the disk image."""
 
 from __future__ import annotations
 

@@ -23,6 +23,7 @@ from eal_actors.kernel.errors import (
     UnavailableError,
     UnsupportedError,
 )
+from tests.plugin_files import write_plugin
 
 SEVENTEEN = [
     # thesis name, our name, section
@@ -98,22 +99,12 @@ class Line(Resource):
     @config_setter("baud")
     def set_baud(self, baud):
         self._baud = baud
-
-def connect(): return EALPlugin("Line")
-def disconnect(plugin): pass
-def create_Line(): return Line()
-def destroy_Line(resource): pass
 '''
 
 
 @pytest.fixture
 def line_fleet(tmp_path: Path) -> Path:
-    folder = tmp_path / "plugins" / "line"
-    folder.mkdir(parents=True)
-    (folder / "plugin.py").write_text(PLUGIN)
-    (folder / "plugin.yaml").write_text(
-        'version: 1\nname: line\ndescription: A line.\nplugin_version: "1"\nresources: [Line]\n'
-    )
+    write_plugin(tmp_path, "line", PLUGIN, "Line")
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text(
         textwrap.dedent("""\

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors import Fleet
+from tests.plugin_files import write_plugin
 
 NOTED_PLUGIN = """
 from eal_actors.plugin import *
@@ -31,12 +32,7 @@ def destroy_Base(resource): pass
 @pytest.fixture
 def noted_fleet(tmp_path: Path) -> Path:
     """A fleet whose robot prints what happens to it."""
-    plugin = tmp_path / "plugins" / "noted"
-    plugin.mkdir(parents=True)
-    (plugin / "plugin.py").write_text(NOTED_PLUGIN)
-    (plugin / "plugin.yaml").write_text(
-        'version: 1\nname: noted\ndescription: d\nplugin_version: "1"\nresources: [Base]\n'
-    )
+    write_plugin(tmp_path, "noted", NOTED_PLUGIN, "Base")
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text("version: 1\nplugin_dirs: [plugins]\nrobots: {one: {plugins: {noted: {}}}}\n")
     return fleet

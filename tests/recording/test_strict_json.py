@@ -18,14 +18,7 @@ from eal_actors.recording import RunRecorder
 from eal_actors.recording.mcap_file import McapContent, read_mcap
 from eal_actors.recording.recorded_run import RecordedRun
 from eal_actors.scenario import Run, load_scenario, make_plan, summary_schema
-
-MANIFEST = """\
-version: 1
-name: odd
-description: Sensors whose answers JSON has no numbers for.
-plugin_version: "1"
-resources: [Scan, Level, Hot]
-"""
+from tests.plugin_files import write_plugin
 
 PLUGIN = """\
 import math
@@ -61,37 +54,6 @@ class Hot(Resource):
     def get_value(self):
         return math.nan
 
-
-def connect():
-    return EALPlugin("Scan", "Level", "Hot")
-
-
-def disconnect(plugin):
-    pass
-
-
-def create_Scan():
-    return Scan()
-
-
-def create_Level():
-    return Level()
-
-
-def create_Hot():
-    return Hot()
-
-
-def destroy_Scan(resource):
-    pass
-
-
-def destroy_Level(resource):
-    pass
-
-
-def destroy_Hot(resource):
-    pass
 """
 
 SCENARIO = """\
@@ -133,10 +95,7 @@ def strict(text: str) -> Any:
 @pytest.fixture(scope="module")
 def odd_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("odd")
-    plugin = folder / "plugins" / "odd"
-    plugin.mkdir(parents=True)
-    (plugin / "plugin.yaml").write_text(MANIFEST)
-    (plugin / "plugin.py").write_text(PLUGIN)
+    write_plugin(folder, "odd", PLUGIN, "Scan", "Level", "Hot")
     (folder / "fleet.yaml").write_text(
         "version: 1\nname: odds\nclock: {rate: max}\nplugin_dirs: [plugins]\nrobots:\n  a: {plugins: {odd: {}}}\n"
     )

@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 120.0
 UNLIKE = {"summary.json", "trajectory.png"}
-"""What tells the wall time of a run, or the version of what drew it."""
+"""Files with wall times, or with the version of the library that drew them."""
 
 
 def traces_of(scenario: str, directory: Path, hash_seed: int, *options: str) -> dict[str, str]:

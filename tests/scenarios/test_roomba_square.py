@@ -34,9 +34,9 @@ SIDE_M = 0.5
 SQUARE = [f"f{SIDE_M}", "l90"] * 4
 ARM_M = 0.129
 OFF_COUNTS = 1.5
-"""Within so many counts of its length a motion is at its end."""
+"""Tolerance in counts at the end of a motion."""
 COUNT_M = {"sci": 0.001, "oi": math.pi * 0.072 / 508.8}
-"""What the counters of each interface resolve."""
+"""Resolution of the counters of each interface."""
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`evbotos flash` shows what is on the disk, asks, and writes what it was told to."""
+"""`evbotos flash` shows the disk's content, asks for confirmation, and writes the image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is no disk image, or not all of one, is refused before anything is written."""
+"""Invalid and truncated images are refused before anything is written."""
 
 from __future__ import annotations
 

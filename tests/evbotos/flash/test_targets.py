@@ -1,4 +1,4 @@
-"""Disks that must not be written are told by what the kernel says of them."""
+"""The kernel's description identifies disks that must not be written."""
 
 from __future__ import annotations
 

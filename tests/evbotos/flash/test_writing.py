@@ -1,4 +1,4 @@
-"""What was written is there, or the failure says where it is not."""
+"""Written data is verified; an error names the position of wrong data."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Card:
         self.most = size
         """Bytes that it takes at once."""
         self.fail_at: dict[int, int] = {}
-        """What happens when the byte at an offset is written, as an errno."""
+        """The effect of writing the byte at an offset is written, as an errno."""
         self.on_read: Callable[[bytearray], None] = lambda cells: None
 
     def write_at(self, data: memoryview, offset: int) -> int:

@@ -19,14 +19,7 @@ from eal_actors.recording.picture import tick_quarter_turns
 from eal_actors.recording.poses import TrajectoryTable
 from eal_actors.scenario import Run, load_scenario, make_plan
 from tests.patience import patient_fleet
-
-MANIFEST = """\
-version: 1
-name: poser
-description: A thing that says where it is.
-plugin_version: "1"
-resources: [Pose, Clock]
-"""
+from tests.plugin_files import write_plugin
 
 PLUGIN = """\
 from eal_actors.plugin import EALPlugin, PluginError, PluginSettingsModel, Resource, ResourceType, command
@@ -84,12 +77,9 @@ def destroy_Clock(resource):
 
 def posers(folder: Path, **robots: Mapping[str, object]) -> Fleet:
     """Return a fleet of robots that answer as their settings say."""
-    plugin = folder / "plugins" / "poser"
-    plugin.mkdir(parents=True)
-    (plugin / "plugin.yaml").write_text(MANIFEST)
-    (plugin / "plugin.py").write_text(PLUGIN)
-    shown = "".join(f"  {name}: {{plugins: {{poser: {json.dumps(given)}}}}}\n" for name, given in robots.items())
-    (folder / "fleet.yaml").write_text(f"version: 1\nname: posers\nplugin_dirs: [plugins]\nrobots:\n{shown}")
+    write_plugin(folder, "poser", PLUGIN, "Pose", "Clock")
+    lines = "".join(f"  {name}: {{plugins: {{poser: {json.dumps(given)}}}}}\n" for name, given in robots.items())
+    (folder / "fleet.yaml").write_text(f"version: 1\nname: posers\nplugin_dirs: [plugins]\nrobots:\n{lines}")
     config = EALConfigManager.load(folder / "fleet.yaml", environment={}).fleet
     return Fleet(config, ScaledClock(20.0))
 

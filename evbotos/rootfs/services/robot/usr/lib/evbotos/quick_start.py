@@ -1,7 +1,7 @@
 """Start the robot's server as quickly as a slow board can.
 
-What only terminals need is not loaded, what others load only in case is loaded when it is used, and what is loaded is
-not looked through for garbage: on a Cortex-A8, and in an emulator, each costs seconds.
+It skips modules that only terminals need, defers optional imports until first use, and disables garbage collection
+during imports: on a Cortex-A8 or in an emulator, each of these costs seconds.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _IN_CASE: Final = ("asyncio", "zipfile")
 
 
 def load_when_used(name: str) -> None:
-    """Have a module loaded when something of it is used first, and not where it is imported."""
+    """Defer the import of a module until its first use."""
     late = ModuleType(name)
 
     def first_use(attribute: str) -> Any:
@@ -25,15 +25,15 @@ def load_when_used(name: str) -> None:
             del sys.modules[name]
         return getattr(import_module(name), attribute)
 
-    late.__getattr__ = first_use  # type: ignore[method-assign]  # as PEP 562 has it
+    late.__getattr__ = first_use  # type: ignore[method-assign]  # see PEP 562
     sys.modules[name] = late
 
 
 def main() -> None:
-    """Load the server, and serve."""
+    """Load and run the server."""
     gc.disable()
     sys.path[:] = filter(os.path.isdir, sys.path)
-    sys.modules["rich"] = None  # type: ignore[assignment]  # to Python: not installed; structlog then does without
+    sys.modules["rich"] = None  # type: ignore[assignment]  # marks it as not installed; structlog works without it
     for name in _IN_CASE:
         load_when_used(name)
     server = import_module("serve_robot")

@@ -1,8 +1,8 @@
-"""Serve the robot that this machine is, as `eal serve` does, without loading the command line: boards are slow.
+"""Serve this machine's robot like `eal serve`, without loading the command line, because boards are slow.
 
-The fleet file is that of a USB stick, else of the data partition, else of the boot partition, else the image's own. The
-robot is the one that the file `name` beside it names, else the only one with an address, else the one called as the
-machine is.
+The fleet file comes from a USB stick, else the data partition, else the boot partition, else the image. The
+robot is the one in the file `name` next to it, else the only one with an address, else the one with the
+machine's host name.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ _DEFAULT: Final = Path("/usr/share/evbotos/fleet.yaml")
 
 
 def find_fleet() -> Path:
-    """Return the fleet file that counts."""
+    """Return the fleet file to use."""
     sticks = sorted(Path("/media").glob("*/fleet.yaml"))
     places = [*sticks, Path("/data/robot/fleet.yaml"), Path("/boot/robot/fleet.yaml")]
     return next((place for place in places if place.is_file()), _DEFAULT)
 
 
 def choose_robot(config: FleetConfig, fleet: Path, hostname: str) -> str:
-    """Return which robot of a fleet this machine is.
+    """Return the name of this machine's robot.
 
     Raises:
-        ConfigError: several could be meant.
+        ConfigError: the choice is ambiguous.
     """
     name = fleet.with_name("name")
     if name.is_file():
@@ -64,7 +64,7 @@ def serve() -> None:
     """Serve until SIGTERM.
 
     Raises:
-        EALError: what keeps the robot from being served.
+        EALError: the robot cannot be served.
     """
     fleet = find_fleet()
     config = EALConfigManager.load(fleet).fleet
@@ -78,7 +78,7 @@ def serve() -> None:
 
 
 def main() -> None:
-    """Serve, and tell what went wrong."""
+    """Serve and report errors."""
     configure_logging("human", "info")
     (_STATE / "robot.pid").write_text(str(os.getpid()))
     for number in (signal.SIGTERM, signal.SIGHUP):

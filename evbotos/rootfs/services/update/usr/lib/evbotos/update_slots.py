@@ -1,8 +1,8 @@
-"""Write a new system into the slot that is not running, after checking who signed it, and have it tried once.
+"""Verify a signed update, write it to the inactive slot, and let the boot loader try it once.
 
 An update is a tar of `manifest.json`, its signature (ed25519, 64 bytes), the kernel and the root file system, in this
-order. Nothing is written before the signature is found good; the slot is tried only after what was written has been
-read back and has the hashes of the manifest. So a power cut at any instant leaves the running system as it is.
+order. Nothing is written before the signature is verified. The slot is tried only after the written data has been
+read back and matches the manifest's hashes. So a power cut at any instant does not affect the running system.
 """
 
 from __future__ import annotations
@@ -23,50 +23,50 @@ from typing import IO, Any, Final
 STATE: Final = Path("/run/evbotos")
 BOOT: Final = Path("/boot")
 CHOICE: Final = BOOT / "slots.env"
-"""Which slot starts, for the boot loader: GRUB's environment block, which U-Boot reads as lines of text."""
+"""The slot state for the boot loader: GRUB's environment block, which U-Boot reads as lines of text."""
 KEY: Final = BOOT / "robot/update_key"
 """The public key in 64 hex digits."""
 PLATFORM: Final = Path("/etc/evbotos/platform")
 _HEADER: Final = "# GRUB Environment Block\n"
 _CHUNK: Final = 1 << 20
 _ED25519: Final = 1087
-"""OpenSSL's number of the kind of key."""
+"""OpenSSL's identifier of the key type."""
 
 
 class RefusedError(Exception):
-    """An update that must not be installed."""
+    """The update must not be installed."""
 
 
 def verify(public_key: bytes, signature: bytes, message: bytes) -> bool:
-    """Return whether a signature is that of a message, by the OpenSSL that Python's own `ssl` uses."""
+    """Return whether a signature is valid for a message, using the OpenSSL of Python's `ssl`."""
     crypto = ctypes.CDLL("libcrypto.so.3")
     for name in ("EVP_PKEY_new_raw_public_key", "EVP_MD_CTX_new"):
         getattr(crypto, name).restype = ctypes.c_void_p
     key = crypto.EVP_PKEY_new_raw_public_key(_ED25519, None, public_key, ctypes.c_size_t(len(public_key)))
     context = crypto.EVP_MD_CTX_new()
     if not key or not context:
-        raise RefusedError("the key in robot/update_key is no ed25519 key")
+        raise RefusedError("the key in robot/update_key is not an ed25519 key")
     if crypto.EVP_DigestVerifyInit(ctypes.c_void_p(context), None, None, None, ctypes.c_void_p(key)) != 1:
-        raise RefusedError("OpenSSL does not verify ed25519 here")
+        raise RefusedError("this OpenSSL does not support ed25519")
     sizes = ctypes.c_size_t(len(signature)), ctypes.c_size_t(len(message))
     return bool(crypto.EVP_DigestVerify(ctypes.c_void_p(context), signature, sizes[0], message, sizes[1]) == 1)
 
 
 def read_choice() -> dict[str, str]:
-    """Return what boot loader and system have told each other."""
+    """Return the slot state."""
     lines = CHOICE.read_text().splitlines()
     return dict(line.split("=", 1) for line in lines if "=" in line and not line.startswith("#"))
 
 
 def write_choice(values: dict[str, str]) -> None:
-    """Overwrite it in its place: 1024 bytes, two sectors of one cluster."""
+    """Overwrite the slot state in place: 1024 bytes, two sectors of one cluster."""
     text = _HEADER + "".join(f"{key}={value}\n" for key, value in values.items())
     with writable_boot():
         overwrite(CHOICE, text.ljust(1024, "#").encode())
 
 
 def overwrite(file: Path, content: bytes) -> None:
-    """Write into an existing file without changing its size or place, down to the disk."""
+    """Overwrite an existing file in place, keeping its size, and sync it to the disk."""
     with file.open("r+b") as target:
         target.write(content)
         target.flush()
@@ -75,7 +75,7 @@ def overwrite(file: Path, content: bytes) -> None:
 
 @contextmanager
 def writable_boot() -> Iterator[None]:
-    """Make the boot partition writable for the length of a `with` block."""
+    """Make the boot partition writable during a `with` block."""
     _mount("remount,rw")
     try:
         yield
@@ -92,17 +92,17 @@ def running_slot() -> str:
     """Return `a` or `b`."""
     slot = (STATE / "slot").read_text().strip()
     if slot not in ("a", "b"):
-        raise RefusedError("this system was not started from a slot, so there is no other one to update")
+        raise RefusedError("this system was not started from a slot, so it has no other slot to update")
     return slot
 
 
 def is_good() -> bool:
-    """Return whether the running slot is the one that starts from now on."""
+    """Return whether the running slot is permanent."""
     return read_choice().get("good") == running_slot()
 
 
 def mark_good() -> None:
-    """Have the running slot start from now on, and tell the boot loader that it came up."""
+    """Make the running slot permanent and report success to the boot loader."""
     values = read_choice()
     slot = running_slot()
     if values.get("good") != slot or values.get("starts"):
@@ -112,10 +112,10 @@ def mark_good() -> None:
 
 
 def install(stream: IO[bytes]) -> None:
-    """Install an update into the other slot; the next start tries it.
+    """Install an update into the other slot; the next boot tries it.
 
     Raises:
-        RefusedError: it is not to be trusted, not for this machine, too large, or was not written well.
+        RefusedError: the update is not trusted, not for this machine, too large, or was not written correctly.
     """
     other = "b" if running_slot() == "a" else "a"
     with tarfile.open(fileobj=stream, mode="r|") as archive:
@@ -160,7 +160,7 @@ def _size_of(device: Path) -> int:
 
 
 def _write(source: IO[bytes], target: Path, wanted: dict[str, Any]) -> None:
-    """Copy into the start of a file or device, then read back and compare."""
+    """Copy to the start of a file or device, read back and compare."""
     left = wanted["size"]
     with target.open("r+b") as file:
         while left:
@@ -171,7 +171,7 @@ def _write(source: IO[bytes], target: Path, wanted: dict[str, Any]) -> None:
             left -= len(chunk)
         file.flush()
         os.fsync(file.fileno())
-        os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)  # so that the disk itself is read, not the cache
+        os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)  # read from the disk, not the cache
     digest, left = hashlib.sha256(), wanted["size"]
     with target.open("rb") as file:
         while left:
@@ -183,7 +183,7 @@ def _write(source: IO[bytes], target: Path, wanted: dict[str, Any]) -> None:
 
 
 def show_status() -> None:
-    """Write which slot runs, and which is to start."""
+    """Print the running slot and the slot state."""
     values = read_choice()
     sys.stdout.write(
         f"running {running_slot()}; good {values.get('good')}; to be tried {values.get('try') or 'none'}\n"

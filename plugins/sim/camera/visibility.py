@@ -1,7 +1,7 @@
-"""What is nearer than what: the order in which solids are painted over each other.
+"""Visibility: culling, and the order in which solids are painted over each other.
 
-Two convex solids that do not overlap have an upright plane between them. The one on the camera's side of it can hide
-the other, never the other way round. Seen from one point, convex solids are so always hidden in some order.
+Between two convex solids without an overlap there is an upright plane. The solid on the camera's side can hide the
+other, but not the reverse. So, seen from one point, convex solids always have an order of depth.
 """
 
 from __future__ import annotations
@@ -10,21 +10,25 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+import numpy as np
+
 from .eye import Eye
 from .layers import Layer
-from .solids import Block, Drum, Point, Solid, Tower
+from .movers import Mover
+from .solids import Block, Drum, Face, Point, Solid, Tower
 
 Seen = tuple[Solid, list[Layer]]
-"""A solid and its layers, in the order in which they are painted."""
+"""A solid and its layers, in painting order."""
 
 _Line = tuple[Point, float, float]
-"""A point of a line, and the components of the unit vector across it."""
+"""A point of a line, and the unit vector across it."""
 
 _NO_LINE: Final = -math.inf
+_MOST_REACH_M = 1.0  # radius of a moving object, with its shadow
 
 
 def far_to_near(eye: Eye, seen: Sequence[Seen]) -> list[Seen]:
-    """Return solids in the order in which they are to be painted."""
+    """Return solids in painting order."""
     place = (eye.x_m, eye.y_m)
     spans = [_columns(layers) for _, layers in seen]
     known: set[int] = set()
@@ -99,7 +103,7 @@ def _nearest_on(block: Block, point: Point) -> tuple[Point, bool]:
 
 
 def _widest_gap(block: Block, other: Block) -> tuple[float, _Line]:
-    """Return how far the other block is at least beyond the best of a block's edges, and that edge, across outwards."""
+    """Return the widest gap between an edge of a block and the other block, and that edge, across outwards."""
     widest_m, best = _NO_LINE, (block.corners[0], 0.0, 0.0)
     for (x0, y0), (x1, y1) in zip(block.corners, block.corners[1:] + block.corners[:1], strict=True):
         length_m = math.hypot(x1 - x0, y1 - y0)
@@ -111,7 +115,7 @@ def _widest_gap(block: Block, other: Block) -> tuple[float, _Line]:
 
 
 def _columns(layers: Sequence[Layer]) -> tuple[float, float]:
-    """Return from where to where layers reach: solids between which no ray runs through both have no order."""
+    """Return the column range of layers: two solids without a common column have no order."""
     left = min(layer.columns.start + 0.5 - layer.left_share for layer in layers)
     return left, max(layer.columns.stop - 1.5 + layer.right_share for layer in layers)
 
@@ -121,3 +125,39 @@ def _middle(solid: Solid) -> Point:
         return solid.drums[0].middle
     count = len(solid.corners)
     return sum(x for x, _ in solid.corners) / count, sum(y for _, y in solid.corners) / count
+
+
+class Faces:
+    """Fixed faces.
+
+    Args:
+        groups: the faces of each object.
+    """
+
+    def __init__(self, groups: Sequence[Sequence[Face]]) -> None:
+        faces = [face for group in groups for face in group]
+        self._faces = [(number, face) for number, group in enumerate(groups) for face in group]
+        self._groups = len(groups)
+        self._left, self._right = (np.array([getattr(face, end) for face in faces]) for end in ("left", "right"))
+        self._normal = np.array([face.normal for face in faces])
+
+    def in_view(self, eye: Eye) -> list[list[Face]]:
+        """Return the faces of each group that face a camera and are in its field of view."""
+        left, right = self._left - (eye.x_m, eye.y_m), self._right - (eye.x_m, eye.y_m)
+        shown = (left * self._normal).sum(axis=1) < 0
+        slope = eye.lens.width / 2 / eye.focal_px
+        for side in (-1, 1):
+            beyond = [side * right - slope * ahead for right, ahead in zip(eye.right, eye.ahead, strict=True)]
+            shown &= np.minimum(left @ beyond, right @ beyond) < 0
+        groups: list[list[Face]] = [[] for _ in range(self._groups)]
+        for at in np.flatnonzero(shown).tolist():
+            number, face = self._faces[at]
+            groups[number].append(face)
+        return groups
+
+
+def may_be_seen(eye: Eye, mover: Mover) -> bool:
+    """Return whether a robot or box may be in the image."""
+    right_m, ahead_m = eye.seen((mover.x_m, mover.y_m))
+    slope = eye.lens.width / 2 / eye.focal_px
+    return abs(right_m) - ahead_m * slope < _MOST_REACH_M * math.hypot(1, slope)
