@@ -1,4 +1,4 @@
-"""Set-up of the whole test run: signal dispositions, order of the files, number of workers, leaked threads."""
+"""What every test gets: no thread may outlive it; and in which order files of tests go to how many workers."""
 
 from __future__ import annotations
 
@@ -21,21 +21,12 @@ settings.load_profile("patient")
 # Tests start programs by the hundred: each finds what the first one compiled.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-
-def _stop_ignoring_signals() -> None:
-    """Handle SIGINT and SIGHUP where they are ignored, as under `nohup` or in a shell script's background job.
-
-    Child processes inherit an ignored signal, but a handled one is reset to its default when they start. The tests
-    send both signals to programs that they start. The handler of SIGHUP does nothing, so that the test run itself
-    still survives a hang-up. Every xdist worker imports this file too.
-    """
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
-        signal.signal(signal.SIGHUP, lambda _number, _frame: None)
-
-
-_stop_ignoring_signals()
+# A shell ignores SIGINT for background programs, and nohup ignores SIGHUP; their children inherit that.
+# A handler is not inherited: they begin with the default, while this process still survives a closed terminal.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, lambda *_: None)
 
 LONG: Final = (
     *("evbotos", "docs", "house", "soak", "scenarios", "testing"),

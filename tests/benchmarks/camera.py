@@ -13,7 +13,7 @@ import numpy as np
 
 from eal_actors.device.world import load_world
 from plugins.sim.camera.eye import Eye
-from plugins.sim.camera.movers import BoxAt, Look, Mover, RobotAt
+from plugins.sim.camera.movers import BoxAt, Mover, RobotAppearance, RobotAt
 from plugins.sim.camera.render import render
 from plugins.sim.camera.scene import Scene
 from plugins.sim.models import MAKES, MakeName
@@ -34,7 +34,7 @@ EYES = ((-1.5, 0.0, 0.22, 5), (-0.2, 0.3, 0.22, 0), (-2.6, 0.3, 0.4, 3))
 def robot(name: MakeName, x_m: float, y_m: float, yaw_deg: float) -> RobotAt:
     """Return a robot of a make, in view."""
     make = MAKES[name]
-    look = Look(make.radius_m, make.height_m, make.body_colour, make.camera_height_m)
+    look = RobotAppearance(make.radius_m, make.height_m, make.body_colour, make.camera_height_m)
     return RobotAt(look, x_m, y_m, math.radians(yaw_deg))
 
 

@@ -143,7 +143,7 @@ def test_a_robot_says_the_same_of_itself(pair: tuple[RobotHandle, RobotHandle]) 
 
 def test_resources_themselves_cannot_be_had(rig: Rig) -> None:
     with rig.served_here() as fleet, connect("r1", fleet=fleet) as eal:
-        with pytest.raises(RemoteError, match="cannot be had through a network") as caught:
+        with pytest.raises(RemoteError, match="is not available over a network") as caught:
             eal.get_resource("Arm")
         assert caught.value.robot == "r1"
         assert eal.get_value(eal.find_resource("Gauge")).value == -42

@@ -115,7 +115,7 @@ def test_no_more_than_so_many_calls_to_a_robot_are_under_way(rig: Rig, remote: R
     gate = threading.Event()
     hold_up(remote, gate)
     calls = [remote["Gauge"].get_value() for _ in range(MAX_PENDING_CALLS + 1)]
-    assert f"{MAX_PENDING_CALLS} calls to the robot are under way" in str(failure(calls.pop(), BusyError))
+    assert f"{MAX_PENDING_CALLS} calls to the robot are pending" in str(failure(calls.pop(), BusyError))
     gate.set()
     gather(calls).get()
 

@@ -78,7 +78,7 @@ def test_a_restart_between_commands_is_seen_and_got_over(rig: Rig) -> None:
             assert arm.send_cmd(f"step{n}").get() == n
             running["r1"].kill()
             assert becomes(fleet["r1"], RobotState.LOST)
-            assert "is out of reach" in str(fleet["r1"].problems[0])
+            assert "is unreachable" in str(fleet["r1"].problems[0])
             running.start("r1")
             assert becomes(fleet["r1"], RobotState.READY)
             assert not fleet["r1"].problems

@@ -139,7 +139,7 @@ def test_a_stream_goes_on_when_the_robot_is_back(rig: Rig) -> None:
             assert next(hasty).value == next(patient).value == -42
             running["r1"].kill()
             assert becomes(robot, RobotState.LOST)
-            with pytest.raises(UnavailableError, match="r1/Gauge: the robot is out of reach"):
+            with pytest.raises(UnavailableError, match="r1/Gauge: the robot is unreachable"):
                 list(hasty)
             running.start("r1")
             for value, _ in zip(patient, range(3), strict=False):

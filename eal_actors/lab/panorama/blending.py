@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.lab.panorama.cylinder import Floats, Image, PinholeLens, project_frame, wrapped_rad
+from eal_actors.lab.panorama.cylinder import CameraLens, Floats, Image, project_frame, wrapped_rad
 
 _MOST_BANDS: Final = 5
 _PAD_BANDS: Final = 2
@@ -31,7 +31,7 @@ class PlacedFrame:
     """
 
     frame: Image
-    lens: PinholeLens
+    lens: CameraLens
     yaw_rad: float
     down_rad: float
     gain: float

@@ -49,7 +49,7 @@ class Shift:
 
 
 @dataclass(frozen=True, slots=True)
-class PinholeLens:
+class CameraLens:
     """A pinhole camera with square pixels and its axis through the centre of the frame.
 
     Attributes:
@@ -63,7 +63,7 @@ class PinholeLens:
     field_of_view_rad: float
 
     @classmethod
-    def of(cls, frame: Image, field_of_view_rad: float) -> PinholeLens:
+    def of(cls, frame: Image, field_of_view_rad: float) -> CameraLens:
         """Return the lens of a frame."""
         return cls(frame.shape[1], frame.shape[0], field_of_view_rad)
 
@@ -82,7 +82,7 @@ def scaled_down(frame: Image, width: int) -> Image:
 
 
 def project_frame(
-    frame: Image, lens: PinholeLens, right_rad: Floats, down_px: Floats, px_per_rad: float
+    frame: Image, lens: CameraLens, right_rad: Floats, down_px: Floats, px_per_rad: float
 ) -> tuple[Image, Mask]:
     """Project a frame onto the cylinder.
 
@@ -131,7 +131,7 @@ class Patch:
 
 def patch_of(frame: Image, field_of_view_rad: float, px_per_rad: float) -> Patch:
     """Return the whole frame, projected."""
-    lens = PinholeLens.of(frame, field_of_view_rad)
+    lens = CameraLens.of(frame, field_of_view_rad)
     width = int(field_of_view_rad * px_per_rad)
     height = round(lens.height * px_per_rad / lens.focal_px)
     right_rad = (np.arange(width) - (width - 1) / 2) / px_per_rad

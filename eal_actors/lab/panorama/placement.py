@@ -13,10 +13,10 @@ import numpy as np
 
 from eal_actors.lab.panorama.cylinder import (
     WINDOW_RAD,
+    CameraLens,
     Floats,
     Image,
     Patch,
-    PinholeLens,
     PlacedBy,
     patch_of,
     scaled_down,
@@ -98,7 +98,7 @@ class _ComparedFrame:
 
     def __init__(self, frame: Image, field_of_view_rad: float) -> None:
         small = scaled_down(frame, _COMPARED_WIDTH)
-        self.patch: Final = patch_of(small, field_of_view_rad, PinholeLens.of(small, field_of_view_rad).focal_px)
+        self.patch: Final = patch_of(small, field_of_view_rad, CameraLens.of(small, field_of_view_rad).focal_px)
         self.is_blank: Final = float(self.patch.grey[self.patch.reaches].std()) <= _BLANK
         self._features: Features | None = None
         self._gradients: Gradients | None = None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.lab.panorama.blending import PanoramaCanvas, PlacedFrame, blend, common_rows, owners_of
-from eal_actors.lab.panorama.cylinder import Image, PinholeLens, PlacedBy
+from eal_actors.lab.panorama.cylinder import CameraLens, Image, PlacedBy
 from eal_actors.lab.panorama.placement import FramePlacement, gains_of, place_frames
 from eal_actors.lab.panorama.ring import ring_of
 
@@ -170,7 +170,7 @@ def _render(
     gains = gains_of(placement)
     views = {}
     for number, (yaw_rad, down_rad) in placement.places.items():
-        lens = PinholeLens.of(frames[number], field_of_view_rad)
+        lens = CameraLens.of(frames[number], field_of_view_rad)
         views[number] = PlacedFrame(frames[number], lens, yaw_rad, down_rad, gains[number])
     canvas, owners = _canvas(views, field_of_view_rad)
     return Panorama(

@@ -54,7 +54,7 @@ class ProximityEvent:
 
 
 class ProximityRecorder:
-    """Observer of the robots of a simulated world; implements `eal_actors.device.proximity.ProximityObserver`.
+    """Recorder of the gaps that a `ProximityObserver` reports from a simulated world.
 
     Args:
         margin_m: a smaller gap is a proximity event.

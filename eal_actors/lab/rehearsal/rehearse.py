@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from eal_actors.device.proximity import ProximityObserver
 from eal_actors.facade.fleet import Fleet
 from eal_actors.lab.rehearsal.proximity import ClosestApproach, ProximityEvent, ProximityRecorder
 from eal_actors.managers.twins import SimulatedFleet
@@ -81,7 +82,7 @@ def rehearse(
     """
     recorder = ProximityRecorder(margin_m)
     opened = Fleet(replace(fleet.config, seed=seed))
-    opened.services.proximity_observer = recorder
+    opened.services.proximity_observer = ProximityObserver(recorder.reach_m, recorder.observe)
     start_s = 0.0
 
     def note_start(event: RunEvent) -> None:

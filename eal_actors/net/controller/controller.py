@@ -322,7 +322,7 @@ class Controller(EALActor):
         if is_alive:
             listener.on_alive(version)
         else:
-            listener.on_gone("is out of reach")
+            listener.on_gone("is unreachable")
 
     def _on_answer(self, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
@@ -344,7 +344,7 @@ class Controller(EALActor):
             _, name = keys.parse_robot(str(sample.key_expr))
             event = decode_event(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
         except ProtocolError as error:
-            get_logger(fleet=self.fleet).warning("an event makes no sense", reason=error.message)
+            get_logger(fleet=self.fleet).warning("an event is malformed", reason=error.message)
             return
         with self._lock:
             listener = self._listeners.get(name)
@@ -353,4 +353,4 @@ class Controller(EALActor):
         try:
             listener.on_event(event)
         except ProtocolError as error:
-            get_logger(robot=name).warning("an event makes no sense", reason=error.message)
+            get_logger(robot=name).warning("an event is malformed", reason=error.message)

@@ -48,7 +48,7 @@ class Handshake:
         """
         if not isinstance(answer, dict):
             reason = answer.message if isinstance(answer, EALError) else f"answered {answer!r}"
-            raise ProtocolError(f"does not let us in: {reason}")
+            raise ProtocolError(f"refuses the connection: {reason}")
         try:
             stopped = answer["stopped"]
             return cls(
@@ -60,7 +60,7 @@ class Handshake:
                 answer.get("running", ()),
             )
         except (ProtocolError, AttributeError, KeyError, TypeError) as error:
-            raise ProtocolError(f"greets in a way that makes no sense: {error_text(error)}") from error
+            raise ProtocolError(f"has sent a malformed handshake: {error_text(error)}") from error
 
 
 class _Fields(BaseModel):

@@ -140,7 +140,7 @@ def _ping_from(answer: Mapping[str, Any], round_trip_s: float, offset: Offset) -
             restarts={str(name): int(count) for name, count in answer.get("restarts", {}).items()},
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ProtocolError(f"a ping was answered in a way that makes no sense: {error!r}") from error
+        raise ProtocolError(f"the answer to a ping is malformed: {error!r}") from error
 
 
 def text_map(mapping: Mapping[Any, Any]) -> dict[str, str]:
@@ -151,5 +151,5 @@ def text_map(mapping: Mapping[Any, Any]) -> dict[str, str]:
 def _time_field(answer: Mapping[str, Any], key: str) -> float:
     value = answer.get(key)
     if type(value) is not float:
-        raise ProtocolError(f"a ping was answered with {key} {value!r}, which is no time")
+        raise ProtocolError(f"a ping was answered with {key} {value!r}, which is not a time")
     return value

@@ -258,7 +258,7 @@ class Rights:
                 if holder == name
             ]
         except (TypeError, ValueError) as error:
-            raise ProtocolError(f"the rights {encoded!r} make no sense") from error
+            raise ProtocolError(f"the rights {encoded!r} are malformed") from error
         return cls(name, grants)
 
     def allows(self, resource: str, method: str) -> bool:

@@ -90,7 +90,7 @@ class Leases:
             left_s = lease.heard_s + self.dead_man_s - now_s
             holder = self._name_of(lease.holder)
             raise ResourceBusyError(
-                f"held by controller {holder}, until it lets go or is silent for {left_s:.2f} s more",
+                f"held by controller {holder}, until it releases it or is silent for {left_s:.2f} s more",
                 resource=resource,
             )
 

@@ -77,7 +77,7 @@ class RequestHandler:
         except EALError as error:
             return error.at(self._robot.name)
         except Exception as error:  # noqa: BLE001  # arguments of a controller must not crash the server
-            return ProtocolError(f"the call makes no sense: {error_text(error)}", robot=self._robot.name)
+            return ProtocolError(f"the call is malformed: {error_text(error)}", robot=self._robot.name)
 
     def _hello(self, header: CallHeader) -> Answer:
         name = next(iter(header.arguments), "")

@@ -2,7 +2,7 @@
 
 A message is a pair: the envelope, msgpack in zenoh's attachment, and the payload, the unchanged bytes of an EALData, so
 that an image is never copied into an envelope. Decoding any bytes returns a valid object or raises ProtocolError.
-docs/wire-format.md has the tables.
+docs/reference/wire-format.md has the tables.
 
 Thread: any; nothing here keeps state.
 """

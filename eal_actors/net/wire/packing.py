@@ -18,7 +18,7 @@ from eal_actors.kernel import errors
 from eal_actors.kernel.errors import ConfigError, DataError, EALError, ProtocolError
 
 PROTOCOL_VERSION: Final = 2
-"""Incremented when an older reader would misunderstand a message; see docs/wire-format.md."""
+"""Incremented when an older reader would misunderstand a message; see docs/reference/wire-format.md."""
 MAX_ENVELOPE_BYTES: Final = 1024**2
 MAX_PAYLOAD_BYTES: Final = 64 * 1024**2
 MAX_ITEMS: Final = 4096

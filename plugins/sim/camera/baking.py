@@ -1,4 +1,4 @@
-"""Makes the textures of fixed surfaces: their patterns with the room's light, and the dark of its corners, in them."""
+"""Bakes the textures of fixed surfaces: patterns with the room's light and ambient occlusion."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 from eal_actors.device.world import WorldModel
 
 from .eye import Floats
-from .light import Light
-from .patterns import Canvas, Colours, albedo
+from .light import RoomLight
+from .patterns import Colours, PatternCanvas, albedo
 from .solids import Face, Plane, Point
-from .texture import Image, Texture, samples
+from .texture import Image, Mipmap, samples
 
 FLOOR_PER_M, WALL_PER_M, CEILING_PER_M, SOLID_PER_M, POSTER_PER_M = 250.0, 180.0, 90.0, 220.0, 420.0
-_LIGHT_PER_M: Final = 6.0  # light changes little over these
+_LIGHT_PER_M: Final = 6.0  # samples of the light per metre
 _CORNER_M, _CORNER_DARK = 0.16, 0.22
 _FOOT_M, _FOOT_DARK = 0.14, 0.3
-_BLOCKED: Final = 0.75  # of a lamp's light in a shadow: the rest comes from the walls
+_BLOCKED: Final = 0.75  # of a lamp's light in a shadow: the walls reflect the rest
 _LAMP_M: Final = 0.16
 _TAPE_M: Final = 0.04
 
 
-class Bakery:
-    """Makes textures of one world.
+class TextureBaker:
+    """Creates the textures of one world.
 
     Args:
         model: the world.
@@ -38,18 +38,18 @@ class Bakery:
     Thread: one.
     """
 
-    def __init__(self, model: WorldModel, light: Light, detail: float) -> None:
+    def __init__(self, model: WorldModel, light: RoomLight, detail: float) -> None:
         self._model = model
         self._light = light
         self._detail = detail
         self._made = 0
 
-    def canvas(self, size_m: tuple[float, float], per_m: float, *, wraps: bool = False) -> Canvas:
-        """Return an empty canvas with a source of chance of its own."""
+    def canvas(self, size_m: tuple[float, float], per_m: float, *, wraps: bool = False) -> PatternCanvas:
+        """Return an empty canvas with its own random generator."""
         self._made += 1
         generator = np.random.default_rng([self._model.seed, self._made])
         columns, rows = (samples(length_m, per_m * self._detail) for length_m in size_m)
-        return Canvas(columns, rows, size_m, generator, wraps)
+        return PatternCanvas(columns, rows, size_m, generator, wraps)
 
     def face(
         self, left: Point, right: Point, heights_m: tuple[float, float], texture: str | None, per_m: float
@@ -57,7 +57,7 @@ class Bakery:
         """Return a lit upright rectangle, from one height over the floor to another."""
         bottom_m, top_m = heights_m
         canvas = self.canvas((math.dist(left, right), top_m - bottom_m), per_m)
-        bare = Face(left, right, bottom_m, top_m, Texture(np.zeros((2, 2, 4), np.uint8), canvas.size_m))
+        bare = Face(left, right, bottom_m, top_m, Mipmap(np.zeros((2, 2, 4), np.uint8), canvas.size_m))
         colours = albedo(self._model, texture, canvas)
         shares, ups = _grid(canvas.size_m)
         points = np.empty((len(ups), len(shares), 3))
@@ -65,7 +65,7 @@ class Bakery:
         points[..., 2] = top_m - (ups * canvas.size_m[1])[:, np.newaxis]
         gain = self._light.gain(points.reshape(-1, 3), np.array([*bare.normal, 0.0])).reshape(points.shape[:2])
         dark = 1 - _FOOT_DARK * np.exp(-(canvas.up_m + bottom_m) / _FOOT_M)
-        return Face(left, right, bottom_m, top_m, Texture(lit(colours, gain, dark), canvas.size_m))
+        return Face(left, right, bottom_m, top_m, Mipmap(lit(colours, gain, dark), canvas.size_m))
 
     def wall(self, left: Point, right: Point) -> Face:
         """Return a lit wall of the room, dark in its corners."""
@@ -77,7 +77,7 @@ class Bakery:
         up_m = np.linspace(height_m, 0, rows)[:, np.newaxis]
         dark = _corner(along_m) * _corner(length_m - along_m) * _corner(height_m - up_m)
         image = np.asarray(plain.texture.finest * dark[..., np.newaxis], dtype=np.uint8)
-        return Face(left, right, 0.0, height_m, Texture(image, plain.texture.size_m))
+        return Face(left, right, 0.0, height_m, Mipmap(image, plain.texture.size_m))
 
     def ceiling(self) -> Plane:
         """Return the ceiling with its lamps on it."""
@@ -92,10 +92,10 @@ class Bakery:
             away_m = np.hypot(x_m - lamp.x_m, y_m - lamp.y_m)
             glow = np.clip((_LAMP_M - away_m) * 60, 0, 1) + 0.35 * np.exp(-np.maximum(away_m - _LAMP_M, 0) / 0.25)
             image += np.clip(glow, 0, 1)[..., np.newaxis] * (255 - image)
-        return Plane(self._model.height_m, (0.0, 0.0), 0.0, Texture(image.astype(np.uint8), size_m))
+        return Plane(self._model.height_m, (0.0, 0.0), 0.0, Mipmap(image.astype(np.uint8), size_m))
 
     def floor(self, outlines: Sequence[tuple[Sequence[Point], float]]) -> Plane:
-        """Return the floor, with shadows of what stands on it.
+        """Return the floor, with the shadows of objects on it.
 
         Args:
             outlines: corners and height of each thing.
@@ -110,9 +110,9 @@ class Bakery:
             alone = _lamp_lux(points, lamp.x_m, lamp.y_m, lamp.z_m, lamp.lumens).reshape(shape)
             lux -= alone * _BLOCKED * _shade(size_m, shape, (lamp.x_m, lamp.y_m, lamp.z_m), outlines)
         gain = self._light.factor(lux) * _contact(size_m, shape, outlines)
-        return Plane(0.0, (0.0, 0.0), 0.0, Texture(lit(colours, gain, self._room_corners(canvas)), size_m))
+        return Plane(0.0, (0.0, 0.0), 0.0, Mipmap(lit(colours, gain, self._room_corners(canvas)), size_m))
 
-    def _dig(self, colours: Colours, canvas: Canvas) -> None:
+    def _dig(self, colours: Colours, canvas: PatternCanvas) -> None:
         """Paint the drops: dark holes, their edges marked with yellow tape."""
         x_m, y_m = canvas.along_m - canvas.size_m[0] / 2, canvas.up_m - canvas.size_m[1] / 2
         for drop in self._model.drops:
@@ -123,7 +123,7 @@ class Bakery:
             colours[outside_m < _TAPE_M] = (225, 190, 40)
             colours[outside_m < 0] = (14, 13, 12)
 
-    def _room_corners(self, canvas: Canvas) -> Colours:
+    def _room_corners(self, canvas: PatternCanvas) -> Colours:
         along_m, up_m = canvas.along_m, canvas.up_m
         dark = _corner(along_m) * _corner(canvas.size_m[0] - along_m) * _corner(up_m) * _corner(canvas.size_m[1] - up_m)
         return np.asarray(dark, dtype=np.float32)
@@ -135,9 +135,9 @@ class Bakery:
         canvas = self.canvas(size_m, SOLID_PER_M)
         colours = albedo(self._model, texture, canvas)
         gain = self._light.gain(np.array([[*middle, height_m]]), np.array([0.0, 0.0, 1.0]))
-        return Plane(height_m, middle, yaw_rad, Texture(lit(colours, gain[np.newaxis]), size_m))
+        return Plane(height_m, middle, yaw_rad, Mipmap(lit(colours, gain[np.newaxis]), size_m))
 
-    def side(self, middle: Point, radius_m: float, height_m: float, colours: Colours, canvas: Canvas) -> Texture:
+    def side(self, middle: Point, radius_m: float, height_m: float, colours: Colours, canvas: PatternCanvas) -> Mipmap:
         """Return the lit side of a pillar, unrolled."""
         turns = np.linspace(-math.pi, math.pi, 49)
         normals = np.stack([np.cos(turns), np.sin(turns), np.zeros_like(turns)], axis=1)
@@ -147,11 +147,11 @@ class Bakery:
         points[..., 2] = heights_m[:, np.newaxis]
         gain = self._light.gain(points.reshape(-1, 3), np.tile(normals, (12, 1))).reshape(12, 49)
         dark = 1 - _FOOT_DARK * np.exp(-canvas.up_m / _FOOT_M)
-        return Texture(lit(colours, gain, dark), canvas.size_m)
+        return Mipmap(lit(colours, gain, dark), canvas.size_m)
 
 
 def lit(colours: Colours, gain: Floats, dark: Floats | float = 1.0) -> Image:
-    """Return colours under a light, given on a coarser grid over the whole, and a darkening for each sample."""
+    """Return colours with a light, given on a coarser grid, and a darkening of each sample."""
     rows, columns = colours.shape[:2]
     steps_y, steps_x = (
         np.linspace(0, count - 1, size, dtype=np.float32)
@@ -172,7 +172,7 @@ def _corner(away_m: Floats) -> NDArray[np.floating[Any]]:
 
 
 def _grid(size_m: tuple[float, float], per_m: float = _LIGHT_PER_M) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the shares along and down at which light is worked out."""
+    """Return the shares along and down at which light is computed."""
     along, down = (np.linspace(0, 1, max(2, math.ceil(length_m * per_m) + 1)) for length_m in size_m)
     return along, down
 
@@ -180,7 +180,7 @@ def _grid(size_m: tuple[float, float], per_m: float = _LIGHT_PER_M) -> tuple[NDA
 def _level(
     size_m: tuple[float, float], height_m: float, per_m: float = _LIGHT_PER_M
 ) -> tuple[NDArray[np.float64], tuple[int, int]]:
-    """Return the points of the room's plan at which light is worked out, (n, 3), and how many rows and columns."""
+    """Return the points of the room's plan at which light is computed, (n, 3), and the numbers of rows and columns."""
     along, down = _grid(size_m, per_m)
     points = np.full((len(down), len(along), 3), height_m)
     points[..., 0] = (along - 0.5) * size_m[0]
@@ -199,7 +199,7 @@ def _shade(
     lamp_m: tuple[float, float, float],
     outlines: Sequence[tuple[Sequence[Point], float]],
 ) -> NDArray[np.float32]:
-    """Return where on the floor a lamp's light is blocked: 1 in the shadows, 0 outside, soft in between."""
+    """Return the shadow of a lamp on the floor: 1 in the shadow, 0 outside, with soft edges."""
     mask = np.zeros(shape, np.float32)
     lamp_x, lamp_y, lamp_z = lamp_m
     for corners, height_m in outlines:
@@ -213,7 +213,7 @@ def _shade(
 def _contact(
     size_m: tuple[float, float], shape: tuple[int, int], outlines: Sequence[tuple[Sequence[Point], float]]
 ) -> NDArray[np.float64]:
-    """Return how the floor darkens towards what stands on it."""
+    """Return the darkening of the floor near objects on it."""
     free = np.full(shape, 255, np.uint8)
     for corners, _ in outlines:
         cv2.fillConvexPoly(free, _on_grid(np.array(corners), size_m, shape), 0, cv2.LINE_8, _SHIFT)

@@ -1,4 +1,4 @@
-"""Blocks that overlap are cut up, so that no two parts do: then they have an order of depth."""
+"""Splits overlapping blocks, so that no two parts overlap: only then do they have an order of depth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _THIN_M = 1e-6
 
 
 def without_overlaps(blocks: Sequence[Block]) -> list[Block]:
-    """Return blocks that look the same and do not overlap: where several do, the tallest one is left."""
+    """Return blocks of the same appearance without overlaps: of overlapping parts, the tallest is kept."""
     tallest_first = sorted(blocks, key=lambda block: -block.height_m)
     kept: list[Block] = []
     for number, block in enumerate(tallest_first):
@@ -25,7 +25,7 @@ def without_overlaps(blocks: Sequence[Block]) -> list[Block]:
 
 
 def cut_out(blocks: Sequence[Block], hole: _Polygon, height_m: float) -> list[Block]:
-    """Return blocks without what a taller solid of a convex outline hides of them."""
+    """Return blocks without the parts inside a taller solid of a convex outline."""
     kept = []
     for block in blocks:
         parts = [block.corners] if block.height_m > height_m else _outside(block.corners, hole)
@@ -34,20 +34,20 @@ def cut_out(blocks: Sequence[Block], hole: _Polygon, height_m: float) -> list[Bl
 
 
 def _outside(polygon: _Polygon, hole: _Polygon) -> list[_Polygon]:
-    """Return convex pieces of what of a convex polygon is outside another."""
+    """Return convex pieces of the part of a convex polygon outside another."""
     pieces, rest = [], polygon
     for start, end in zip(hole, hole[1:] + hole[:1], strict=True):
-        piece = _clipped(rest, end, start)
+        piece = _clip(rest, end, start)
         if piece:
             pieces.append(piece)
-        rest = _clipped(rest, start, end)
+        rest = _clip(rest, start, end)
         if not rest:
             return [polygon]  # they do not overlap
     return pieces
 
 
-def _clipped(polygon: _Polygon, start: Point, end: Point) -> _Polygon:
-    """Return what of a convex polygon is to the left of a line; nothing where that is but a sliver."""
+def _clip(polygon: _Polygon, start: Point, end: Point) -> _Polygon:
+    """Return the part of a convex polygon to the left of a line; empty for a sliver."""
     length_m = math.dist(start, end)
     along_x, along_y = (end[0] - start[0]) / length_m, (end[1] - start[1]) / length_m
     sides = [along_x * (y - start[1]) - along_y * (x - start[0]) for x, y in polygon]
@@ -80,23 +80,23 @@ def _parts(block: Block, outlines: Sequence[_Polygon]) -> list[Block]:
 
 
 def _face_between(faces: Sequence[Face], left: Point, right: Point, others: Sequence[Point]) -> Face | None:
-    """Return the part of a face between two points; None where they are on no face: such a cut is never seen.
+    """Return the part of a face between two points; None if they are on no face: such a cut is never visible.
 
     Args:
         faces: of the whole block.
         left: one end.
         right: the other end.
-        others: the corners of the other parts, with which the face goes on.
+        others: the corners of the other parts, where the face continues.
     """
 
-    def goes_on(end: Point, whole: Point) -> bool:
+    def continues(end: Point, whole: Point) -> bool:
         return math.dist(end, whole) > _THIN_M and any(math.dist(end, other) < _THIN_M for other in others)
 
     for face in faces:
         if _is_on(face, left) and _is_on(face, right):
             offset_m = face.offset_m + math.dist(face.left, left)
-            joins = goes_on(left, face.left) or face.goes_on[0], goes_on(right, face.right) or face.goes_on[1]
-            return replace(face, left=left, right=right, offset_m=offset_m, goes_on=joins)
+            joins = continues(left, face.left) or face.continues[0], continues(right, face.right) or face.continues[1]
+            return replace(face, left=left, right=right, offset_m=offset_m, continues=joins)
     return None
 
 

@@ -1,4 +1,4 @@
-"""Where a camera is and how its lens projects."""
+"""The pose of a camera and the projection of its lens."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 Floats: TypeAlias = NDArray[np.floating[Any]]
 
 NEAR_M: Final = 1e-3
-"""What is nearer than this is not seen."""
+"""The near clipping distance."""
 
 
 @dataclass(frozen=True)
-class Lens:
-    """A pinhole with square pixels, its axis through the middle of the image.
+class PinholeLens:
+    """A pinhole camera with square pixels and its axis through the centre of the image.
 
     Attributes:
         width: of the image, in pixels.
@@ -37,12 +37,12 @@ class Lens:
 
     @property
     def centre_px(self) -> tuple[float, float]:
-        """Column and row of the axis; the middle of the first pixel is 0, 0."""
+        """Column and row of the axis; the centre of the first pixel is 0, 0."""
         return (self.width - 1) / 2, (self.height - 1) / 2
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """The intrinsics as vision libraries want them, (3, 3): x right, y down, z forward to pixels."""
+        """The camera matrix, (3, 3): x right, y down, z forward to pixels."""
         column, row = self.centre_px
         return np.array([[self.focal_px, 0.0, column], [0.0, self.focal_px, row], [0.0, 0.0, 1.0]])
 
@@ -52,18 +52,18 @@ class Eye:
     """A level camera in the world's frame.
 
     Attributes:
-        x_m: its place.
-        y_m: its place.
+        x_m: its x.
+        y_m: its y.
         z_m: its height over the floor.
-        yaw_rad: where it looks, counter-clockwise from the x axis.
-        lens: how it projects.
+        yaw_rad: its viewing direction, counter-clockwise from the x axis.
+        lens: its lens.
     """
 
     x_m: float
     y_m: float
     z_m: float
     yaw_rad: float
-    lens: Lens = Lens()
+    lens: PinholeLens = PinholeLens()
 
     @cached_property
     def ahead(self) -> tuple[float, float]:
@@ -87,11 +87,11 @@ class Eye:
 
     @cached_property
     def slopes(self) -> NDArray[np.float64]:
-        """How far to the right each column looks for each metre ahead, (width,)."""
+        """The offset to the right of each column per metre ahead, (width,)."""
         return np.asarray((np.arange(self.lens.width) - self.centre_px[0]) / self.focal_px, dtype=np.float64)
 
     def seen(self, point: tuple[float, float]) -> tuple[float, float]:
-        """Return how far to the right and how far ahead a point of the floor plan is."""
+        """Return the distances to the right and ahead of a point of the floor plan."""
         x_m, y_m = point[0] - self.x_m, point[1] - self.y_m
         return x_m * self.right[0] + y_m * self.right[1], x_m * self.ahead[0] + y_m * self.ahead[1]
 
@@ -100,5 +100,5 @@ class Eye:
         return self.centre_px[0] + self.focal_px * right_m / ahead_m
 
     def rows(self, height_m: float, nearness: Floats) -> NDArray[np.float64]:
-        """Return the rows of points at a height, given one over how far ahead they are."""
+        """Return the rows of points at a height, given the inverses of their distances ahead."""
         return np.asarray(self.centre_px[1] - self.focal_px * (height_m - self.z_m) * nearness)

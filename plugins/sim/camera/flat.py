@@ -1,4 +1,4 @@
-"""Flat surfaces: each is warped to the image by its homography."""
+"""Flat surfaces, which are warped into the image by their homographies."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from numpy.typing import NDArray
 from .eye import NEAR_M, Eye, Floats
 from .layers import Layer, Rect
 from .solids import Block, Face, Plane, Point
-from .texture import PAD, Image, Texture
+from .texture import PAD, Image, Mipmap
 
 _Line = tuple[float, float, float]
 _Matrix = tuple[_Line, _Line, _Line]
 _WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 _WHITE = (255, 255, 255, 255)
-_STRIP_PX = 16  # OpenCV is slow at what is narrower, or no multiple of it
+_STRIP_PX = 16  # OpenCV is slow at narrower strips and other multiples
 UNDERLAP_PX = 1.0
-"""How far a top reaches below its front edge, where a side is painted over it: nothing shines through between them."""
+"""Overlap of a top below its front edge, where a side is painted over it: it prevents gaps."""
 
-_FEW_ROWS = 12  # of the image: one version of a texture does for them
-_HORIZON_PX = 0.25  # what is nearer to the horizon is taken to be there
+_FEW_ROWS = 12  # of the image, drawn with one version of a mipmap
+_HORIZON_PX = 0.25  # rows within this distance of the horizon are clamped
 
 
 def face_layers(eye: Eye, faces: Sequence[Face], *, closed: bool = False) -> list[Layer]:
-    """Return the layers of those faces that are seen, from left to right.
+    """Return the layers of the visible faces, from left to right.
 
     Args:
         eye: the camera.
@@ -49,7 +49,7 @@ def _face_layer(eye: Eye, face: Face) -> Layer | None:
     distance_m = (eye.x_m - face.left[0]) * normal_x + (eye.y_m - face.left[1]) * normal_y
     if distance_m <= 0:
         return None
-    ends = _clipped(eye.seen(face.left), eye.seen(face.right))
+    ends = _clip(eye.seen(face.left), eye.seen(face.right))
     if ends is None:
         return None
     left, right = (eye.column(*end) for end in ends)
@@ -67,8 +67,8 @@ def _face_layer(eye: Eye, face: Face) -> Layer | None:
         eye.rows(face.top_m, nearness),
         eye.rows(face.bottom_m, nearness),
         lambda rect, target: _fill_face(eye, face, distance_m, rect, nearness, target),
-        left_share=1.0 if face.goes_on[0] or left < -0.5 else first + 0.5 - left,
-        right_share=1.0 if face.goes_on[1] or right > end else min(1.0, right - max(last - 0.5, left)),
+        left_share=1.0 if face.continues[0] or left < -0.5 else first + 0.5 - left,
+        right_share=1.0 if face.continues[1] or right > end else min(1.0, right - max(last - 0.5, left)),
     )
 
 
@@ -76,8 +76,8 @@ def _across(vector: Point, other: Point) -> float:
     return vector[0] * other[0] + vector[1] * other[1]
 
 
-def _clipped(left: Point, right: Point) -> tuple[Point, Point] | None:
-    """Return both ends, right and ahead, cut off where they are not in front of the camera; None without a rest."""
+def _clip(left: Point, right: Point) -> tuple[Point, Point] | None:
+    """Return both ends, right and ahead, clipped in front of the camera; None if nothing remains."""
     (x0, z0), (x1, z1) = left, right
     if z0 < NEAR_M and z1 < NEAR_M:
         return None
@@ -146,7 +146,7 @@ def _times(line: _Line, factor: float) -> _Line:
 
 
 def fill_plane(eye: Eye, plane: Plane, rect: Rect, target: Image) -> None:
-    """Put the colours of a level surface into a part of the image, which must be on its side of the horizon."""
+    """Draw a level surface into a part of the image, which must be on its side of the horizon."""
     texture = plane.texture
     below_m = max(abs(eye.z_m - plane.height_m), NEAR_M)
     per_px = min(texture.per_m) / eye.focal_px / math.sqrt(below_m)
@@ -154,7 +154,7 @@ def fill_plane(eye: Eye, plane: Plane, rect: Rect, target: Image) -> None:
     def levels(rows: NDArray[np.intp] | int) -> NDArray[np.intp]:
         down_px = np.maximum(np.abs(rows - eye.centre_px[1]), _HORIZON_PX)
         ahead_m = eye.focal_px * below_m / down_px
-        counts = ahead_m**1.5 * per_px  # a compromise: pixels are long and narrow on it
+        counts = ahead_m**1.5 * per_px  # a compromise: pixels are long and narrow there
         return np.minimum(texture.levels(counts, 0), texture.deepest[1])
 
     matrix = plane_homography(eye, plane)
@@ -170,14 +170,14 @@ def fill_plane(eye: Eye, plane: Plane, rect: Rect, target: Image) -> None:
 
 
 def near_plane(eye: Eye, plane: Plane, rect: Rect) -> Image:
-    """Return the colours of a level surface whose texture is so coarse that no pixel holds several samples."""
+    """Return the colours of a level surface with a coarse texture of at most one sample per pixel."""
     colours = np.empty((rect.bottom - rect.top, rect.right - rect.left, 4), np.uint8)
     _warp(plane.texture, (0, 0), plane_homography(eye, plane), rect, colours)
     return colours
 
 
 def block_layers(eye: Eye, block: Block, faces: Sequence[Face]) -> list[Layer]:
-    """Return the layers of a block in the order in which they are painted, given those of its faces that matter."""
+    """Return the layers of a block in painting order, given its visible faces."""
     top = polygon_layer(eye, block.top, block.corners)
     return [*([top] if top else []), *face_layers(eye, faces)]
 
@@ -212,7 +212,7 @@ def polygon_layer(eye: Eye, plane: Plane, corners: Sequence[Point]) -> Layer | N
 
 
 def _in_front(corners: Sequence[Point]) -> list[Point]:
-    """Return the corners of what of a polygon, right and ahead, is in front of the camera."""
+    """Return the corners of the part of a polygon, right and ahead, in front of the camera."""
     kept = [corner for corner in corners if corner[1] >= NEAR_M]
     for number, (x1, z1) in enumerate(corners):
         x0, z0 = corners[number - 1]
@@ -224,7 +224,7 @@ def _in_front(corners: Sequence[Point]) -> list[Point]:
 def _crossed(
     corners: NDArray[np.float64], slopes: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how far ahead the ray of each column enters and leaves a counter-clockwise polygon of the plan."""
+    """Return the distances ahead at which each column enters and leaves a counter-clockwise polygon of the plan."""
     edges = np.roll(corners, -1, axis=0) - corners
     normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)  # outwards, with x to the right and y ahead
     offsets = (normals * corners).sum(axis=1)
@@ -242,7 +242,7 @@ def _dim(target: Image, gain: float) -> None:
 
 
 def _runs(levels: NDArray[np.intp], least: int = 1) -> Iterator[tuple[int, int]]:
-    """Yield start and end of each run of equal numbers, or of about equal ones, in whole multiples of the least."""
+    """Yield start and end of each run of equal or similar numbers, in multiples of `least`."""
     start, size = 0, len(levels)
     for change in (np.flatnonzero(np.diff(levels)) + 1).tolist():
         end = round(change / least) * least
@@ -252,11 +252,11 @@ def _runs(levels: NDArray[np.intp], least: int = 1) -> Iterator[tuple[int, int]]
     yield start, size
 
 
-def _warp(texture: Texture, level: tuple[int, int], matrix: _Matrix, part: Rect, target: Image) -> None:
-    """Warp a version of a texture into an array for a part of the image."""
-    scale = _moved(matrix[2], part)
+def _warp(texture: Mipmap, level: tuple[int, int], matrix: _Matrix, part: Rect, target: Image) -> None:
+    """Warp a version of a mipmap into a part of the image."""
+    scale = _shift_line(matrix[2], part)
     lines = [
-        [factor * value + PAD * share for value, share in zip(_moved(line, part), scale, strict=True)]
+        [factor * value + PAD * share for value, share in zip(_shift_line(line, part), scale, strict=True)]
         for line, factor in zip(matrix, (0.5 ** level[0], 0.5 ** level[1]), strict=False)
     ]
     cv2.warpPerspective(
@@ -270,6 +270,6 @@ def _warp(texture: Texture, level: tuple[int, int], matrix: _Matrix, part: Rect,
     )
 
 
-def _moved(line: _Line, part: Rect) -> _Line:
+def _shift_line(line: _Line, part: Rect) -> _Line:
     """Return a line of a homography, for columns and rows counted from the corner of a part of the image."""
     return line[0], line[1], line[2] + line[0] * part.left + line[1] * part.top

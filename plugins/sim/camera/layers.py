@@ -1,4 +1,4 @@
-"""Painting: a layer covers, in each of its columns, the rows between two edges."""
+"""Layers: a layer covers, in each of its columns, the rows between two edges."""
 
 from __future__ import annotations
 
@@ -24,27 +24,26 @@ class Rect(NamedTuple):
 
 
 Fill: TypeAlias = Callable[[Rect, Image], None]
-"""Puts the colours of a part of the image into that part."""
+"""Writes the colours of a part of the image."""
 
 
 _THIN_PX: Final = 0.05
-_SMALL: Final = 4 * 8000  # numbers: from here on it is worth while to copy what is covered whole
+_SMALL: Final = 4 * 8000  # bytes: above this size, fully covered rows are not blended
 
 
 @dataclass
 class Layer:
-    """What a surface covers of an image.
+    """The area of an image that a surface covers.
 
-    A pixel spans half a pixel to each side of its number, so the edges may be anywhere; a pixel that is covered in
-    part is painted in part.
+    A pixel spans half a pixel to each side of its centre. The edges may be anywhere: a partly covered pixel is blended.
 
     Attributes:
         first: its first column.
         tops: upper edge in each column.
         bottoms: lower edge in each column.
-        fill: puts its colours into a part of the image.
-        left_share: how much of its first column it covers, 0..1.
-        right_share: how much of its last column it covers, 0..1.
+        fill: writes its colours.
+        left_share: covered share of its first column, 0..1.
+        right_share: covered share of its last column, 0..1.
     """
 
     first: int
@@ -77,7 +76,7 @@ class Layer:
         self._blend(target, under, rect.top)
 
     def _paint_large(self, target: Image, rect: Rect) -> None:
-        """Paint it, without a look at each pixel of the rows that it covers in all columns."""
+        """Paint it, without blending the rows that it covers in all columns."""
         start = min(max(math.ceil(float(self.tops.max()) + 0.5), rect.top), rect.bottom)
         end = max(min(math.floor(float(self.bottoms.min()) - 0.5) + 1, rect.bottom), start)
         first, last = start - rect.top, end - rect.top
@@ -92,13 +91,13 @@ class Layer:
         self._blend(lower, under_lower, end)
 
     def _blend(self, target: Image, under: Image, first_row: int) -> None:
-        """Put back, in some rows, what was there before, as far as it is not covered."""
+        """Blend some rows with their previous content by the covered share."""
         if len(target):
             share = self._share(first_row, len(target))
             cv2.blendLinear(target, under, share, 1 - share, target)
 
     def _share(self, first_row: int, rows: int) -> NDArray[np.float32]:
-        """Return how much of each pixel of some rows it covers, (rows, columns), 0..1."""
+        """Return the covered share of each pixel of some rows, (rows, columns), 0..1."""
         row = np.arange(first_row, first_row + rows, dtype=np.float32)[:, np.newaxis]
         if float(self.bottoms.min()) >= first_row + rows - 0.5:
             share = np.minimum(row + 0.5 - self.tops.astype(np.float32), 1.0)

@@ -1,4 +1,4 @@
-"""How bright the surfaces of a room are."""
+"""The brightness of the surfaces of a room."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from eal_actors.device.world import WorldModel
 from .eye import Floats
 
 _MEAN_GAIN: Final = 0.93
-_SPAN: Final = 1.5  # photographs show more contrast than light meters
-_BRIGHTEST: Final = 1.2  # which is approached, not reached: film does not burn out at once
+_SPAN: Final = 1.5  # photographs have more contrast than illuminance
+_BRIGHTEST: Final = 1.2  # an asymptote: film saturates gradually
 _AMBIENT_SIDEWAYS, _AMBIENT_UP = 0.86, 0.14  # less of it comes from below
 _NEAREST_M2: Final = 0.01
 _PROBES_PER_SIDE: Final = 12
 
 SIDES: Final = 12
-"""Directions round the compass in which the light on what moves is worked out."""
+"""Number of compass directions in which the light on moving objects is computed."""
 
 _TURNS: Final = np.arange(SIDES + 1) * (2 * math.pi / SIDES) - math.pi
 _DIRECTIONS: Final = np.array([*((math.cos(turn), math.sin(turn), 0.0) for turn in _TURNS.tolist()), (0.0, 0.0, 1.0)])
 
 
-class Light:
+class RoomLight:
     """The lamps and the ambient light of a world, as factors on the colours of surfaces.
 
-    The exposure is chosen so that the floor and the walls are, on the average, a little darker than their colours.
+    The exposure makes the floor and the walls, on average, a little darker than their colours.
 
     Args:
         model: the world.
@@ -65,19 +65,19 @@ class Light:
         return self.factor(self.lux(points, normals))
 
     def around(self, places: Floats) -> NDArray[np.float64]:
-        """Return the factors on upright surfaces and on level ones at some places.
+        """Return the factors on upright and level surfaces at some places.
 
         Args:
             places: in the world's frame, (n, 3), in metres.
 
         Returns:
-            (n, SIDES + 2): facing against x, on counter-clockwise in equal steps back to there, and then facing up.
+            (n, SIDES + 2): facing against x, counter-clockwise in equal steps for a full turn, then facing up.
         """
         points = np.repeat(places, len(_DIRECTIONS), axis=0)
         return self.gain(points, np.tile(_DIRECTIONS, (len(places), 1))).reshape(len(places), -1)
 
     def factor(self, lux: Floats) -> NDArray[np.float64]:
-        """Return the factors on colours that an illuminance means."""
+        """Return the factors on colours for an illuminance."""
         gain = _MEAN_GAIN * (np.asarray(lux) / self._mean_lux) ** _SPAN
         return np.asarray(gain / (1 + (gain / _BRIGHTEST) ** 4) ** 0.25)
 

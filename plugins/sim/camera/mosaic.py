@@ -1,4 +1,4 @@
-"""Mosaics: tiles with motifs by lot, so that each place on them looks different."""
+"""Mosaics: tiles with random motifs, so that each place on them is distinct."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 _Image = NDArray[np.float32]
 
 _KINDS: Final = 5
-_FINE: Final = 128  # places along each side of a tile at which its motif is worked out
+_FINE: Final = 128  # resolution of a motif along each side of a tile
 _JOINT_DARK: Final = 0.45
 
 
 def mosaic(
     columns: int, rows: int, size_m: tuple[float, float], tile_m: float, palette: _Image, generator: np.random.Generator
 ) -> _Image:
-    """Return tiles, each with a motif by lot: a quarter disc, a disc, a ring, a triangle or a lozenge.
+    """Return tiles, each with a random motif: a quarter disc, a disc, a ring, a triangle or a lozenge.
 
     Args:
         columns: number of samples along.
@@ -26,7 +26,7 @@ def mosaic(
         size_m: width and height that they cover.
         tile_m: size of a tile.
         palette: red, green and blue of each colour, (n, 3).
-        generator: of what is drawn by lot.
+        generator: the random generator.
     """
     along = np.linspace(0, size_m[0] / tile_m, columns, dtype=np.float32)
     up = np.linspace(size_m[1] / tile_m, 0, rows, dtype=np.float32)
@@ -64,7 +64,7 @@ def _joint(places: _Image, soft: float) -> _Image:
 
 @cache
 def _depths() -> _Image:
-    """Return how far inside the motif each place of a tile is, in tiles, negative outside: (motifs, y, x)."""
+    """Return the depth of each place of a tile inside each motif, in tiles, negative outside: (motifs, y, x)."""
     middles = (np.arange(_FINE, dtype=np.float32) + 0.5) / _FINE
     x, y = (np.asarray(grid, dtype=np.float32) for grid in np.meshgrid(middles, middles))
     turns = ((x, y), (y, 1 - x), (1 - x, 1 - y), (1 - y, x))

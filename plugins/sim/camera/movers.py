@@ -1,4 +1,4 @@
-"""What moves in a room: robots and boxes, as they look."""
+"""The appearance of moving objects: robots and boxes."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 
 from .light import SIDES
 from .solids import Block, Drum, Plane, Point, Tower
-from .texture import Image, Texture, samples
+from .texture import Image, Mipmap, samples
 
 _PER_M: Final = 400.0
 _HEAD_SHARE, _BASE_SHARE = 0.62, 0.55  # of the radius and of the height
 _POST_M: Final = 0.035
 _DARK, _GLASS, _PALE, _RED = (38, 40, 44), (24, 30, 40), (238, 238, 232), (205, 40, 35)
 SHADOW_M: Final = 0.16
-"""How far the shadow at its foot reaches beyond what stands on the floor."""
+"""Width of the contact shadow around an object on the floor."""
 
 _SHADOW_DARK: Final = 0.5
 
 
 @dataclass(frozen=True)
-class Look:
-    """What a make of robot looks like.
+class RobotAppearance:
+    """The appearance of a make of robot.
 
     Attributes:
         radius_m: of the robot, an upright disc.
@@ -46,14 +46,14 @@ class RobotAt:
     """A robot in view.
 
     Attributes:
-        look: of its make.
-        x_m: its place.
-        y_m: its place.
-        yaw_rad: where it faces.
-        head_yaw_rad: where its turret faces, from straight ahead.
+        appearance: of its make.
+        x_m: its x.
+        y_m: its y.
+        yaw_rad: its heading.
+        head_yaw_rad: its turret's angle from straight ahead.
     """
 
-    look: Look
+    appearance: RobotAppearance
     x_m: float
     y_m: float
     yaw_rad: float
@@ -65,10 +65,10 @@ class BoxAt:
     """A movable box in view.
 
     Attributes:
-        number: which of the world's boxes it is, the first is 0.
-        x_m: its middle.
-        y_m: its middle.
-        yaw_rad: its turn.
+        number: index among the world's boxes, from 0.
+        x_m: x of its centre.
+        y_m: y of its centre.
+        yaw_rad: its rotation.
     """
 
     number: int
@@ -85,21 +85,21 @@ class RobotKit:
     """A robot at the origin, facing along x, and its shadow on the floor."""
 
     drums: tuple[Drum, ...]
-    shadow: Texture
+    shadow: Mipmap
 
     @classmethod
-    def of(cls, look: Look) -> RobotKit:
-        """Return the robot that looks so."""
-        has_head = look.height_m > look.radius_m
-        base_m = look.height_m * (_BASE_SHARE if has_head else 1.0)
-        drums = [_drum(look, look.radius_m, (0.0, base_m), _body_side, _body_top)]
+    def of(cls, appearance: RobotAppearance) -> RobotKit:
+        """Return the robot of an appearance."""
+        has_head = appearance.height_m > appearance.radius_m
+        base_m = appearance.height_m * (_BASE_SHARE if has_head else 1.0)
+        drums = [_drum(appearance, appearance.radius_m, (0.0, base_m), _body_side, _body_top)]
         if has_head:
-            heights_m = base_m, look.height_m
-            drums.append(_drum(look, look.radius_m * _HEAD_SHARE, heights_m, _head_side, _head_top))
-        elif look.camera_height_m > look.height_m:
-            heights_m = base_m, look.camera_height_m + 0.02
-            drums.append(_drum(look, _POST_M, heights_m, _head_side, _head_top))
-        return cls(tuple(drums), disc_shadow(look.radius_m))
+            heights_m = base_m, appearance.height_m
+            drums.append(_drum(appearance, appearance.radius_m * _HEAD_SHARE, heights_m, _head_side, _head_top))
+        elif appearance.camera_height_m > appearance.height_m:
+            heights_m = base_m, appearance.camera_height_m + 0.02
+            drums.append(_drum(appearance, _POST_M, heights_m, _head_side, _head_top))
+        return cls(tuple(drums), disc_shadow(appearance.radius_m))
 
     @property
     def middle_m(self) -> float:
@@ -107,7 +107,7 @@ class RobotKit:
         return self.drums[-1].height_m / 2
 
     def at(self, robot: RobotAt, gains: NDArray[np.float64]) -> Tower:
-        """Return the robot where it is, in the light there, as `Light.around` tells it."""
+        """Return the robot at its pose, with the gains of `RoomLight.around` there."""
         middle = robot.x_m, robot.y_m
         placed = []
         for number, drum in enumerate(self.drums):
@@ -122,7 +122,7 @@ class BoxKit:
     """A movable box at the origin, and its shadow on the floor."""
 
     block: Block
-    shadow: Texture
+    shadow: Mipmap
 
     @property
     def middle_m(self) -> float:
@@ -130,7 +130,7 @@ class BoxKit:
         return self.block.height_m / 2
 
     def at(self, box: BoxAt, gains: NDArray[np.float64]) -> Block:
-        """Return the box where it is, in the light there, as `Light.around` tells it."""
+        """Return the box at its pose, with the gains of `RoomLight.around` there."""
         cos, sin = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
 
         def moved(point: Point) -> Point:
@@ -145,13 +145,13 @@ class BoxKit:
         return Block(tuple(moved(corner) for corner in self.block.corners), self.block.height_m, tuple(faces), top)
 
 
-def disc_shadow(radius_m: float) -> Texture:
-    """Return the shadow round a disc: the factors on what is below it."""
+def disc_shadow(radius_m: float) -> Mipmap:
+    """Return the shadow around a disc, as factors on the floor's colours."""
     return box_shadow((0.0, 0.0), radius_m)
 
 
-def box_shadow(size_m: tuple[float, float], radius_m: float = 0.0) -> Texture:
-    """Return the shadow round a rectangle with round corners: the factors on what is below it, 255 for 1."""
+def box_shadow(size_m: tuple[float, float], radius_m: float = 0.0) -> Mipmap:
+    """Return the shadow around a rectangle with rounded corners, as factors on the floor's colours; 255 is 1."""
     reach_m = radius_m + SHADOW_M
     whole_m = size_m[0] + 2 * reach_m, size_m[1] + 2 * reach_m
     x_m, y_m = (np.linspace(-length_m / 2, length_m / 2, samples(length_m, 80.0)) for length_m in whole_m)
@@ -160,19 +160,19 @@ def box_shadow(size_m: tuple[float, float], radius_m: float = 0.0) -> Texture:
     away_m = np.maximum(np.hypot(away_x[np.newaxis], away_y[:, np.newaxis]) - radius_m, 0)
     fade = np.clip(1 - away_m / SHADOW_M, 0, 1)
     factors = 255 * (1 - _SHADOW_DARK * fade**2)
-    return Texture(np.repeat(factors[..., np.newaxis], 4, axis=2).astype(np.uint8), whole_m)
+    return Mipmap(np.repeat(factors[..., np.newaxis], 4, axis=2).astype(np.uint8), whole_m)
 
 
-def _drum(look: Look, radius_m: float, heights_m: tuple[float, float], side: Any, top: Any) -> Drum:
+def _drum(appearance: RobotAppearance, radius_m: float, heights_m: tuple[float, float], side: Any, top: Any) -> Drum:
     bottom_m, height_m = heights_m
     size_m = 2 * math.pi * radius_m, height_m - bottom_m
-    image = _blank(size_m, look.colour)
-    side(image, look.colour)
+    image = _blank(size_m, appearance.colour)
+    side(image, appearance.colour)
     across_m = 2 * radius_m
-    disc = _blank((across_m, across_m), look.colour)
-    top(disc, look.colour)
-    plane = Plane(height_m, (0.0, 0.0), 0.0, Texture(disc, (across_m, across_m)))
-    return Drum((0.0, 0.0), radius_m, bottom_m, height_m, 0.0, Texture(image, size_m), plane)
+    disc = _blank((across_m, across_m), appearance.colour)
+    top(disc, appearance.colour)
+    plane = Plane(height_m, (0.0, 0.0), 0.0, Mipmap(disc, (across_m, across_m)))
+    return Drum((0.0, 0.0), radius_m, bottom_m, height_m, 0.0, Mipmap(image, size_m), plane)
 
 
 def _blank(size_m: tuple[float, float], colour: tuple[int, int, int]) -> Image:
@@ -185,10 +185,10 @@ def _blank(size_m: tuple[float, float], colour: tuple[int, int, int]) -> Image:
 def _body_side(image: Image, colour: tuple[int, int, int]) -> None:
     """Draw a skirt with wheels, panels, a pale band, an arrow and lamps in front, and red lamps at the back."""
     rows, columns = image.shape[:2]
-    image[: max(1, rows // 24), :, :3] = _shaded(colour, 1.25)
+    image[: max(1, rows // 24), :, :3] = _shade(colour, 1.25)
     for seam in range(8):
         at = columns * (2 * seam + 1) // 16
-        image[:, at : at + 2, :3] = _shaded(colour, 0.6)
+        image[:, at : at + 2, :3] = _shade(colour, 0.6)
     _bar(image, (0.0, 1.0), (0.72, 1.0), _DARK)
     for middle in (0.25, 0.75):  # the wheels, right and left
         _bar(image, (middle - 0.07, middle + 0.07), (0.66, 1.0), (18, 18, 20))
@@ -204,7 +204,7 @@ def _body_side(image: Image, colour: tuple[int, int, int]) -> None:
 
 def _head_side(image: Image, colour: tuple[int, int, int]) -> None:
     """Draw a dark window with the lens of the camera in front, and vents at the back."""
-    image[..., :3] = _shaded(colour, 0.82)
+    image[..., :3] = _shade(colour, 0.82)
     _bar(image, (0.0, 1.0), (0.0, 0.06), _DARK)
     _bar(image, (0.0, 1.0), (0.92, 1.0), _DARK)
     _bar(image, (0.34, 0.66), (0.2, 0.62), _GLASS)
@@ -213,22 +213,22 @@ def _head_side(image: Image, colour: tuple[int, int, int]) -> None:
     _spot(image, (0.507, 0.37), 0.03, (225, 235, 245))
     for vent in range(4):
         for left, right in ((0.0, 0.1), (0.9, 1.0)):
-            _bar(image, (left, right), (0.25 + 0.14 * vent, 0.31 + 0.14 * vent), _shaded(colour, 0.4))
+            _bar(image, (left, right), (0.25 + 0.14 * vent, 0.31 + 0.14 * vent), _shade(colour, 0.4))
 
 
 def _body_top(image: Image, colour: tuple[int, int, int]) -> None:
     """Draw a lid with a rim, and an arrow that points ahead."""
-    _disc(image, 0.5, _shaded(colour, 1.12))
-    _disc(image, 0.44, _shaded(colour, 0.9))
-    _disc(image, 0.43, _shaded(colour, 1.05))
-    _disc(image, 0.2, _shaded(colour, 0.75))
+    _disc(image, 0.5, _shade(colour, 1.12))
+    _disc(image, 0.44, _shade(colour, 0.9))
+    _disc(image, 0.43, _shade(colour, 1.05))
+    _disc(image, 0.2, _shade(colour, 0.75))
     side = image.shape[0] - 1
     arrow = np.array([[0.94, 0.5], [0.7, 0.66], [0.7, 0.34]]) * side
     cv2.fillConvexPoly(image, np.rint(arrow * 16).astype(np.int32), (*_PALE, 255), cv2.LINE_AA, 4)
 
 
 def _head_top(image: Image, colour: tuple[int, int, int]) -> None:
-    _body_top(image, _shaded(colour, 0.9))
+    _body_top(image, _shade(colour, 0.9))
 
 
 def _disc(image: Image, share: float, colour: tuple[int, int, int]) -> None:
@@ -250,6 +250,6 @@ def _spot(image: Image, place: tuple[float, float], share: float, colour: tuple[
     cv2.circle(image, centre, round(share * rows * 16), (*colour, 255), -1, cv2.LINE_AA, 4)
 
 
-def _shaded(colour: tuple[int, int, int], factor: float) -> tuple[int, int, int]:
+def _shade(colour: tuple[int, int, int], factor: float) -> tuple[int, int, int]:
     red, green, blue = (min(255, round(channel * factor)) for channel in colour)
     return red, green, blue

@@ -1,4 +1,4 @@
-"""Draws the patterns of world files: what a surface looks like in even light."""
+"""Draws the patterns of world files: the appearance of a surface in even light."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.device.world import WorldModel
+from eal_actors.device.world import Texture, WorldModel
 
 from .mosaic import mosaic
 from .poster import poster
 
-TextureModel: TypeAlias = Any  # eal_actors.device.world.Texture, which the plugin API does not name
 Colours: TypeAlias = NDArray[np.float32]
 """Rows from the top, shape (height, width, 3), 0..255."""
 
@@ -25,15 +24,15 @@ _GAP_M: Final = 0.004
 
 
 @dataclass(frozen=True)
-class Canvas:
-    """What is drawn on.
+class PatternCanvas:
+    """The image of a pattern.
 
     Attributes:
         columns: number of samples along.
         rows: number of samples across.
         size_m: width and height in metres, from the first sample to the last.
-        generator: of what is drawn by lot.
-        wraps: whether the right edge meets the left one, as round a pillar.
+        generator: the random generator.
+        wraps: whether the right edge meets the left edge, as around a pillar.
     """
 
     columns: int
@@ -53,11 +52,11 @@ class Canvas:
         return np.linspace(self.size_m[1], 0, self.rows, dtype=np.float32)[:, np.newaxis]
 
     def fitted(self, tile_m: float) -> float:
-        """Return a tile's size, changed a little where only whole tiles go round."""
+        """Return a tile's size, adjusted to a whole number of tiles if the canvas wraps."""
         return self.size_m[0] / max(1, round(self.size_m[0] / tile_m)) if self.wraps else tile_m
 
     def clouds(self, size_m: tuple[float, float]) -> Colours:
-        """Return smooth noise of about that grain, of standard deviation 1, (rows, columns)."""
+        """Return smooth noise of a grain size and standard deviation 1, (rows, columns)."""
         cells = [max(2, math.ceil(length / grain) + 1) for length, grain in zip(self.size_m, size_m, strict=True)]
         cells = [min(cell, most) for cell, most in zip(cells, (self.columns, self.rows), strict=True)]
         grid = self.generator.standard_normal((cells[1], cells[0]), dtype=np.float32)
@@ -66,29 +65,29 @@ class Canvas:
         return np.asarray(cv2.resize(grid, (self.columns, self.rows), interpolation=cv2.INTER_LINEAR))
 
     def numbers(self, along_m: Colours, tile_m: float) -> NDArray[np.intp]:
-        """Return the number of the tile that each place is on; round a pillar, they begin again."""
+        """Return the tile number at each place; modulo the tile count if the canvas wraps."""
         number: NDArray[np.intp] = np.floor(along_m / tile_m).astype(np.intp)
         return number % max(1, round(self.size_m[0] / tile_m)) if self.wraps else number
 
     def tones(self, row: NDArray[np.intp], column: NDArray[np.intp], spread: float) -> Colours:
-        """Return a brightness about 1 for each tile, given the tiles' numbers at each sample."""
+        """Return a random brightness around 1 of each tile, given the tile numbers at each sample."""
         tones = 1 + spread * self.generator.standard_normal((row.max() + 1, column.max() + 1), dtype=np.float32)
         return np.asarray(tones[row, column])
 
 
-def draw(texture: TextureModel, canvas: Canvas) -> Colours:
+def draw(texture: Texture, canvas: PatternCanvas) -> Colours:
     """Return a texture of a world file, drawn on a canvas."""
     palette = np.array(texture.colours, dtype=np.float32)
     return _PATTERNS[texture.pattern](canvas, palette, texture.tile_m)
 
 
-def _plain(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
+def _plain(canvas: PatternCanvas, palette: Colours, tile_m: float) -> Colours:
     del tile_m
     shade = 1 + 0.012 * canvas.clouds((0.4, 0.4)) + 0.008 * canvas.clouds((0.01, 0.01))
     return np.asarray(shade[..., np.newaxis] * palette[0])
 
 
-def _plaster(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
+def _plaster(canvas: PatternCanvas, palette: Colours, tile_m: float) -> Colours:
     rough = sum(share * canvas.clouds((tile_m * grain,) * 2) for share, grain in _PLASTER_GRAINS)
     slope = np.gradient(rough, axis=0) * canvas.rows / canvas.size_m[1] / 60  # lit from above
     shade = 1 + 0.012 * rough + np.clip(0.012 * slope, -0.05, 0.05)
@@ -98,7 +97,7 @@ def _plaster(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
 _PLASTER_GRAINS: Final = ((1.0, 2.0), (0.9, 0.6), (0.7, 0.2), (0.6, 0.07), (0.5, 0.025))
 
 
-def _checker(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
+def _checker(canvas: PatternCanvas, palette: Colours, tile_m: float) -> Colours:
     tile_m = canvas.fitted(tile_m)
     column, row = canvas.numbers(canvas.along_m, tile_m), _rows(canvas, tile_m)
     index = (column + row) % len(palette)
@@ -108,7 +107,7 @@ def _checker(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
     return np.asarray(shade[..., np.newaxis] * palette[index])
 
 
-def _stripes(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
+def _stripes(canvas: PatternCanvas, palette: Colours, tile_m: float) -> Colours:
     tile_m = canvas.fitted(tile_m)
     column = canvas.numbers(canvas.along_m, tile_m)
     shade = 1 + 0.015 * canvas.clouds((0.6, 0.006)) + 0.01 * canvas.clouds((0.3, 0.3))
@@ -116,7 +115,7 @@ def _stripes(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
     return np.asarray(shade[..., np.newaxis] * palette[column % len(palette)])
 
 
-def _planks(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
+def _planks(canvas: PatternCanvas, palette: Colours, tile_m: float) -> Colours:
     row = _rows(canvas, tile_m)
     shift_m = canvas.generator.random(row.max() + 1, dtype=np.float32)[row] * np.float32(tile_m * 8)
     length_m = canvas.fitted(tile_m * 8)
@@ -129,7 +128,7 @@ def _planks(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
     return np.asarray(colours * (1 - 0.6 * gaps)[..., np.newaxis])
 
 
-def _bricks(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
+def _bricks(canvas: PatternCanvas, palette: Colours, tile_m: float) -> Colours:
     tile_m, course_m = canvas.fitted(tile_m), tile_m * 0.4
     course = _rows(canvas, course_m)
     along_m = canvas.along_m + (course % 2).astype(np.float32) * np.float32(tile_m / 2)
@@ -144,28 +143,28 @@ def _bricks(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
     )
 
 
-def _rows(canvas: Canvas, tile_m: float) -> NDArray[np.intp]:
-    """Return the number of the row of tiles that each sample is in, from below, (rows, 1)."""
+def _rows(canvas: PatternCanvas, tile_m: float) -> NDArray[np.intp]:
+    """Return the tile row of each sample, from below, (rows, 1)."""
     return np.asarray(np.floor(canvas.up_m / tile_m), dtype=np.intp)
 
 
-def _joint(place_m: Colours, tile_m: float, canvas: Canvas, axis: int, width_m: float = _GAP_M) -> Colours:
-    """Return 1 in the joints between tiles and 0 elsewhere, softened by a sample."""
+def _joint(place_m: Colours, tile_m: float, canvas: PatternCanvas, axis: int, width_m: float = _GAP_M) -> Colours:
+    """Return 1 in the joints between tiles and 0 elsewhere, antialiased."""
     sample_m = canvas.size_m[axis] / ((canvas.columns, canvas.rows)[axis] - 1)
     from_joint_m = np.abs((place_m / tile_m + 0.5) % 1.0 - 0.5) * tile_m
     return np.asarray(np.clip((width_m / 2 - from_joint_m) / sample_m + 0.5, 0.0, 1.0))
 
 
-def _mosaic(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
+def _mosaic(canvas: PatternCanvas, palette: Colours, tile_m: float) -> Colours:
     return mosaic(canvas.columns, canvas.rows, canvas.size_m, canvas.fitted(tile_m), palette, canvas.generator)
 
 
-def _poster(canvas: Canvas, palette: Colours, tile_m: float) -> Colours:
+def _poster(canvas: PatternCanvas, palette: Colours, tile_m: float) -> Colours:
     del tile_m
     return poster(canvas.columns, canvas.rows, palette, canvas.generator)
 
 
-_PATTERNS: Final[Mapping[str, Callable[[Canvas, Colours, float], Colours]]] = MappingProxyType(
+_PATTERNS: Final[Mapping[str, Callable[[PatternCanvas, Colours, float], Colours]]] = MappingProxyType(
     {
         "plain": _plain,
         "checker": _checker,
@@ -179,8 +178,8 @@ _PATTERNS: Final[Mapping[str, Callable[[Canvas, Colours, float], Colours]]] = Ma
 )
 
 
-def albedo(model: WorldModel, name: str | None, canvas: Canvas) -> Colours:
-    """Return a texture of a world by its name, a plain grey without one."""
+def albedo(model: WorldModel, name: str | None, canvas: PatternCanvas) -> Colours:
+    """Return a texture of a world by its name; plain grey for None."""
     if name is None:
         return _plain(canvas, np.array([_GREY], dtype=np.float32), 1.0)
     return draw(model.textures[name], canvas)

@@ -1,4 +1,4 @@
-"""Posters: a heading, a picture of plain shapes, and small print, so that each place on them looks different."""
+"""Posters: a heading, a picture of simple shapes, and small print, so that each place on them is distinct."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _Image = NDArray[np.float32]
 _Ink = list[float]
 _Point = tuple[float, float]
 
-_SHIFT: Final = 4  # OpenCV's bits after the point
+_SHIFT: Final = 4  # fractional bits of OpenCV's coordinates
 _UNITS: Final = 24  # of a poster's shorter side
 _FONT: Final = cv2.FONT_HERSHEY_DUPLEX
 _LETTER_PX: Final = 22.0  # of the font, at scale 1
@@ -50,7 +50,7 @@ def poster(columns: int, rows: int, palette: _Image, generator: np.random.Genera
 def _text(
     canvas: NDArray[np.uint8], line: tuple[int, int, int], size: float, ink: _Ink, generator: np.random.Generator
 ) -> None:
-    """Fill a line, from left to right over a row, with what looks like words."""
+    """Fill a line with imitated words, from left to right."""
     left, right, row = line
     scale, at, thickness = size / _LETTER_PX, float(left), max(1, round(size / 9))
     while True:
@@ -65,7 +65,7 @@ def _text(
 def _picture(
     canvas: NDArray[np.uint8], box: tuple[int, int, int, int], inks: _Image, generator: np.random.Generator
 ) -> None:
-    """Fill a box with squares of two sizes, each with a shape by lot."""
+    """Fill a box with squares of two sizes, each with a random shape."""
     left, top, right, bottom = box
     across = max(2, round((right - left) / max((bottom - top) / 4, 1)))
     width, height = (right - left) / across, (bottom - top) / 4
@@ -107,11 +107,11 @@ class Cell:
         return min(self.size) / 2
 
     def lot(self, least: float, most: float) -> float:
-        """Draw a number by lot."""
+        """Return a random number."""
         return float(self.generator.uniform(least, most))
 
     def at(self, across: float, down: float) -> _Point:
-        """Return a point of it, given as shares of its sides."""
+        """Return a point, given as shares of the sides."""
         return self.place[0] + across * self.size[0], self.place[1] + down * self.size[1]
 
     def polygon(self, shares: list[_Point], ink: _Ink) -> None:
@@ -120,7 +120,7 @@ class Cell:
         cv2.fillConvexPoly(self.canvas, _fixed(corners), ink, cv2.LINE_AA, _SHIFT)
 
     def disc(self, middle: _Point, radius: float, ink: _Ink) -> None:
-        """Draw a disc round a point of the canvas, cut off at the sides of the cell."""
+        """Draw a disc around a point of the canvas, clipped to the cell."""
         left, top = round(self.place[0]), round(self.place[1])
         part = self.canvas[top : round(self.place[1] + self.size[1]), left : round(self.place[0] + self.size[0])]
         column, row = _fixed(np.array([middle[0] - left, middle[1] - top])).tolist()

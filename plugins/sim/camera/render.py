@@ -1,4 +1,4 @@
-"""Renders what a camera sees."""
+"""Renders camera images, and applies exposure and noise."""
 
 from __future__ import annotations
 
@@ -9,25 +9,24 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .culling import may_be_seen
 from .eye import Eye
 from .flat import block_layers, face_layers, fill_plane, near_plane
 from .layers import Layer, Rect
 from .movers import Mover
-from .order import Seen, far_to_near
 from .round import tower_layers
 from .scene import Scene
 from .solids import Plane, Tower
 from .texture import Image
+from .visibility import Seen, far_to_near, may_be_seen
 
 
 def render(scene: Scene, movers: Sequence[Mover], eye: Eye) -> NDArray[np.uint8]:
-    """Return what a camera sees, shape (height, width, 3): red, green and blue, rows from the top.
+    """Return a camera's image, shape (height, width, 3): red, green and blue, rows from the top.
 
     The same arguments give the same image.
 
     Args:
-        scene: what does not move.
+        scene: the fixed surfaces.
         movers: the robots and boxes, without the robot that carries the camera.
         eye: the camera, inside the room.
     """
@@ -55,13 +54,13 @@ def render(scene: Scene, movers: Sequence[Mover], eye: Eye) -> NDArray[np.uint8]
 
 
 def _visible(eye: Eye, ordered: Sequence[Seen]) -> tuple[list[list[Layer]], NDArray[np.float64]]:
-    """Drop what is hidden whole.
+    """Drop solids that are completely hidden.
 
-    All solids stand on the floor, so in one column a nearer one reaches lower than a farther one: the farther one is
+    All solids stand on the floor, so in one column a nearer solid reaches lower than a farther one. The farther one is
     hidden there if it does not reach higher.
 
     Returns:
-        The layers of each solid that is shown, from far to near, and the highest row that is covered in each column.
+        The layers of each visible solid, from far to near, and the highest covered row in each column.
     """
     horizon = np.full(eye.lens.width, np.inf)
     shown = []
@@ -81,7 +80,7 @@ def _rises_above(layers: Iterable[Layer], horizon: NDArray[np.float64]) -> bool:
 def _paint_floor_and_ceiling(
     image: Image, scene: Scene, eye: Eye, walls: list[Layer], shadows: Iterable[Plane]
 ) -> None:
-    """Paint both as far as the walls leave them free, and what darkens the floor."""
+    """Paint both where the walls do not cover them, and the shadows on the floor."""
     width, height = eye.lens.width, eye.lens.height
     first_floor_row = max(math.floor(min(layer.bottoms.min() for layer in walls)), math.floor(eye.centre_px[1]) + 1)
     if first_floor_row < height:
@@ -115,3 +114,23 @@ def _paint_shadow(image: Image, eye: Eye, shadow: Plane, floor: Rect) -> None:
     if rect.left < rect.right and rect.top < rect.bottom:
         part = image[rect.top : rect.bottom, rect.left : rect.right]
         cv2.multiply(part, near_plane(eye, shadow, rect), dst=part, scale=1 / 255)
+
+
+def expose(image: NDArray[np.uint8], exposure: float, noise: float, seed: int) -> NDArray[np.uint8]:
+    """Return the image of a sensor with an exposure and noise, clipped at white.
+
+    Args:
+        image: red, green and blue, (height, width, 3).
+        exposure: factor on the grey levels.
+        noise: standard deviation of normal noise on each colour value, in grey levels; 0 for none.
+        seed: seed of the noise.
+    """
+    if exposure != 1.0:
+        image = np.asarray(cv2.convertScaleAbs(image, alpha=exposure), dtype=np.uint8)
+    if noise:
+        generator = np.random.Generator(np.random.SFC64(seed))
+        noisy = generator.standard_normal(image.shape, dtype=np.float32)
+        noisy *= noise
+        noisy += image
+        image = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    return image

@@ -1,4 +1,4 @@
-"""Drums: each column of the image meets a drum's side at one distance, so it is mapped column by column."""
+"""Drums: each column of the image meets a drum's side at one distance, so it is drawn column by column."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _WIDEST_RAD = math.radians(89.0)
 
 @dataclass(frozen=True)
 class _Outline:
-    """Where a drum is in the image: its columns, and how far ahead its side is in them, in front and at the back.
+    """The outline of a drum in the image: its columns, and the distances ahead of its front and back in them.
 
     `facing` tells where the side faces there, counter-clockwise from the x axis, in turns, -0.5..0.5.
     """
@@ -34,7 +34,7 @@ class _Outline:
 
 
 def tower_layers(eye: Eye, tower: Tower) -> list[Layer]:
-    """Return the layers of a tower in the order in which they are painted."""
+    """Return the layers of a tower in painting order."""
     return list(_stacked(eye, tower.drums))
 
 
@@ -43,7 +43,7 @@ def _stacked(eye: Eye, drums: tuple[Drum, ...]) -> Iterator[Layer]:
     outline = _outline(eye, drum)
     if outline and eye.z_m > drum.height_m:
         yield _top(eye, drum, outline)
-    if above:  # it hides the side of the drum below, or is hidden by it
+    if above:  # it hides the side of the drum below or is hidden by it
         yield from _stacked(eye, tuple(above))
     if outline:
         yield _side(eye, drum, outline)

@@ -1,4 +1,4 @@
-"""What stands in a room: upright blocks and drums, and the faces that they and the walls show."""
+"""Solids in a room: upright blocks and drums, and the faces of solids and walls."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .texture import Texture
+from .texture import Mipmap
 
 Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Face:
-    """An upright rectangle, seen from one side only.
+    """An upright rectangle, visible from one side only.
 
     Attributes:
-        left: its end on the left for who sees it, x and y in metres.
+        left: its left end, seen from the visible side, x and y in metres.
         right: its other end.
         bottom_m: height of its lower edge over the floor.
         top_m: height of its upper edge.
         texture: what it looks like; the texture's upper edge is at `top_m`.
         offset_m: how far its left end is from the texture's left edge.
         gain: how bright it is; 1 where the light is in the texture.
-        goes_on: whether another face goes on where it ends, on the left and on the right.
+        continues: whether another face goes on where it ends, on the left and on the right.
     """
 
     left: Point
     right: Point
     bottom_m: float
     top_m: float
-    texture: Texture
+    texture: Mipmap
     offset_m: float = 0.0
     gain: float = 1.0
-    goes_on: tuple[bool, bool] = (False, False)
+    continues: tuple[bool, bool] = (False, False)
 
     @cached_property
     def along(self) -> Point:
@@ -46,7 +46,7 @@ class Face:
 
     @property
     def normal(self) -> Point:
-        """Unit vector towards the side that it is seen from."""
+        """Unit vector towards the visible side."""
         return self.along[1], -self.along[0]
 
 
@@ -65,7 +65,7 @@ class Plane:
     height_m: float
     middle: Point
     yaw_rad: float
-    texture: Texture
+    texture: Mipmap
     gain: float = 1.0
 
 
@@ -107,14 +107,14 @@ class Drum:
     bottom_m: float
     height_m: float
     yaw_rad: float
-    side: Texture
+    side: Mipmap
     top: Plane
     gains: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
 class Tower:
-    """Drums on one axis, each but the lowest standing on another that is wider; the lowest comes first."""
+    """Stacked drums on one axis, from the lowest and widest up."""
 
     drums: tuple[Drum, ...]
 

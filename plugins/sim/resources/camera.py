@@ -26,7 +26,7 @@ from ..world import SimWorld
 from .robot_resource import RobotResource
 
 if TYPE_CHECKING:
-    from ..camera.eye import Eye, Lens
+    from ..camera.eye import Eye, PinholeLens
     from ..camera.movers import Mover
     from ..camera.scene import Scene
 
@@ -58,15 +58,14 @@ class Camera(RobotResource):
             UnavailableError: OpenCV is not installed, or the robot has no place in the world.
         """
         try:
-            from ..camera.exposing import exposed
-            from ..camera.render import render
+            from ..camera.render import expose, render
         except ImportError as error:
             raise UnavailableError(f"pictures need OpenCV ({error}): pip install 'eal-actors[vision]'") from None
         scene = _scene_of(self._world)
         with self._world.caught_up() as now_s:
             eye, movers = self._eye(), self._movers()
             seed = int(self._robot.sensor_generator.integers(2**63)) if self._noise else 0
-        image = exposed(render(scene, movers, eye), self._exposure, self._noise, seed)
+        image = expose(render(scene, movers, eye), self._exposure, self._noise, seed)
         if self._robot.faults.camera_black:
             image = np.zeros_like(image)
         return EALData.of(image, frame_id=f"{self._robot.name}/camera", stamp_s=now_s)
@@ -142,10 +141,10 @@ class Camera(RobotResource):
             )
         self._offset_m = float(offset_m)
 
-    def _lens(self) -> Lens:
-        from ..camera.eye import Lens
+    def _lens(self) -> PinholeLens:
+        from ..camera.eye import PinholeLens
 
-        return Lens(self._width, self._height, self._fov_deg)
+        return PinholeLens(self._width, self._height, self._fov_deg)
 
     def _eye(self) -> Eye:
         from ..camera.eye import Eye
@@ -159,13 +158,13 @@ class Camera(RobotResource):
 
     def _movers(self) -> list[Mover]:
         """Return the boxes and the other robots at their poses. Thread: inside `caught_up`."""
-        from ..camera.movers import BoxAt, Look, RobotAt
+        from ..camera.movers import BoxAt, RobotAppearance, RobotAt
 
         movers: list[Mover] = [BoxAt(number, *box.pose) for number, box in enumerate(self._world.boxes)]
         for robot in self._world.robots:
             if robot is not self._robot:
                 make = robot.make
-                look = Look(make.radius_m, make.height_m, make.body_colour, make.camera_height_m)
+                look = RobotAppearance(make.radius_m, make.height_m, make.body_colour, make.camera_height_m)
                 movers.append(RobotAt(look, *robot.pose, robot.turret_yaw_rad))
         return movers
 

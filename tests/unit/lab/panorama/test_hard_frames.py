@@ -12,7 +12,7 @@ import pytest
 from eal_actors.device.world import load_world
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.lab.panorama import stitch
-from plugins.sim.camera.exposing import exposed
+from plugins.sim.camera.render import expose
 from plugins.sim.camera.scene import Scene
 from tests.unit.lab.panorama.turning import (
     LAB,
@@ -44,13 +44,13 @@ def ring_with(number: int, frame: Image) -> list[Image]:
 
 def test_frames_of_different_exposure_become_equally_bright() -> None:
     exposures = [0.8, 1.2, 1.0, 0.9, 1.1, 0.7, 1.0, 1.1]
-    panorama = stitch([exposed(f, e, 0, 0) for f, e in zip(good(), exposures, strict=True)], MEANT, VIEW_RAD)
+    panorama = stitch([expose(f, e, 0, 0) for f, e in zip(good(), exposures, strict=True)], MEANT, VIEW_RAD)
     corrected = np.array([panorama.gains[number] * exposure for number, exposure in enumerate(exposures)])
     assert corrected.max() / corrected.min() < 1.06, "but for what was too bright to tell"
 
 
 def test_noise_does_not_mislead() -> None:
-    panorama = stitch([exposed(f, 1, 12, seed) for seed, f in enumerate(good())], MEANT, VIEW_RAD)
+    panorama = stitch([expose(f, 1, 12, seed) for seed, f in enumerate(good())], MEANT, VIEW_RAD)
     assert not panorama.unplaced
     assert math.degrees(yaw_error_rad(panorama, TRUE)) < 0.15
 
@@ -159,7 +159,7 @@ def test_a_bare_room_is_placed_by_its_shades() -> None:
 
 
 def test_noise_alone_is_no_contradiction() -> None:
-    dull = [exposed(np.full((240, 320, 3), 128, np.uint8), 1, 12, seed) for seed in range(8)]
+    dull = [expose(np.full((240, 320, 3), 128, np.uint8), 1, 12, seed) for seed in range(8)]
     assert set(stitch(dull, MEANT, VIEW_RAD).placed.values()) == {"odometry only"}
 
 

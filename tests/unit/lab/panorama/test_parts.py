@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from eal_actors.lab.panorama.cylinder import PinholeLens, Shift, patch_of, project_frame
+from eal_actors.lab.panorama.cylinder import CameraLens, Shift, patch_of, project_frame
 from eal_actors.lab.panorama.features import find_features, shift_by_features
 from eal_actors.lab.panorama.gradients import compare_gradients, gradients_of
 from eal_actors.lab.panorama.ring import closing_error_rad, ring_of, solve_directions
@@ -25,7 +25,7 @@ def turned_by(degrees_: float, sigma_px: float = 0.5) -> Shift:
 
 
 def test_a_point_is_unrolled_to_its_bearing_and_height() -> None:
-    lens = PinholeLens(321, 241, math.radians(60))
+    lens = CameraLens(321, 241, math.radians(60))
     frame = np.zeros((241, 321, 3), np.uint8)
     frame[170:175, 240:245] = 255  # 80 px to the right of the axis, 52 below it, on the average
     bearing_rad = math.atan2(82, lens.focal_px)
@@ -46,7 +46,7 @@ def test_a_patch_tells_where_its_frame_reaches() -> None:
 
 def test_features_and_gradients_find_the_turn_between_two_frames() -> None:
     turn_rad = math.radians(41.3)
-    focal_px = PinholeLens(320, 240, VIEW_RAD).focal_px
+    focal_px = CameraLens(320, 240, VIEW_RAD).focal_px
     one, two = (patch_of(frame, VIEW_RAD, focal_px) for frame in shots([0.0, -turn_rad]))
     expected_px = math.radians(45) * focal_px
     by_features = shift_by_features(find_features(one), find_features(two), expected_px, focal_px)
@@ -59,7 +59,7 @@ def test_features_and_gradients_find_the_turn_between_two_frames() -> None:
 
 
 def test_what_odometry_rules_out_is_not_found() -> None:
-    focal_px = PinholeLens(320, 240, VIEW_RAD).focal_px
+    focal_px = CameraLens(320, 240, VIEW_RAD).focal_px
     one, two = (patch_of(frame, VIEW_RAD, focal_px) for frame in shots([0.0, -math.radians(30)]))
     expected_px = math.radians(43) * focal_px
     assert shift_by_features(find_features(one), find_features(two), expected_px, focal_px) is None

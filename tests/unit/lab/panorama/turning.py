@@ -17,7 +17,7 @@ from eal_actors.device.world import load_world
 from eal_actors.lab.panorama import Panorama, stitching
 from eal_actors.lab.panorama.cylinder import wrapped_rad
 from eal_actors.lab.panorama.placement import place_frames
-from plugins.sim.camera.eye import Eye, Lens
+from plugins.sim.camera.eye import Eye, PinholeLens
 from plugins.sim.camera.render import render
 from plugins.sim.camera.scene import Scene
 from tests.unit.plugins.sim import ray_caster
@@ -39,7 +39,7 @@ def shots(
     yaws_rad: Sequence[float], width: int = 320, view_rad: float = VIEW_RAD, scene: Scene | None = None
 ) -> list[Image]:
     """Return what the camera sees at each yaw."""
-    lens = Lens(width, width * 3 // 4, math.degrees(view_rad))
+    lens = PinholeLens(width, width * 3 // 4, math.degrees(view_rad))
     return [render(scene or lab(), [], Eye(*PLACE_M, yaw_rad, lens)) for yaw_rad in yaws_rad]
 
 

@@ -17,7 +17,7 @@ from plugins.sim.camera.eye import Eye
 from plugins.sim.camera.movers import Mover
 from plugins.sim.camera.scene import Scene
 from plugins.sim.camera.solids import Block, Drum, Face, Plane, Solid
-from plugins.sim.camera.texture import Texture
+from plugins.sim.camera.texture import Mipmap
 
 Array = NDArray[Any]
 
@@ -198,7 +198,7 @@ def _plane_colours(plane: Plane, points: Array) -> Array:
     return np.minimum(plane.gain * _sampled(plane.texture, along + half_x_m, half_y_m - up), 255)
 
 
-def _sampled(texture: Texture, along_m: Array, down_m: Array) -> Array:
+def _sampled(texture: Mipmap, along_m: Array, down_m: Array) -> Array:
     """Return the colours of a texture at places, in metres from its upper left corner, between its samples too."""
     image = texture.finest[..., :3]
     rows, columns = image.shape[:2]

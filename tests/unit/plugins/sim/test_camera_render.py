@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from eal_actors.device.world import load_world
-from plugins.sim.camera.eye import Eye, Lens
-from plugins.sim.camera.movers import BoxAt, Look, Mover, RobotAt
+from plugins.sim.camera.eye import Eye, PinholeLens
+from plugins.sim.camera.movers import BoxAt, Mover, RobotAppearance, RobotAt
 from plugins.sim.camera.render import render
 from plugins.sim.camera.scene import Scene
 from plugins.sim.models import MAKES, MakeName
@@ -21,7 +21,7 @@ from tests.unit.plugins.sim.ray_caster import cast, psnr_db
 from tests.unit.plugins.sim.sensing import room
 
 WORLDS = Path(__file__).parents[4] / "fleets" / "worlds"
-SMALL, TINY = Lens(320, 240), Lens(160, 120)
+SMALL, TINY = PinholeLens(320, 240), PinholeLens(160, 120)
 PLAIN = {
     name: {"pattern": "plain", "colours": ((level, level, level),)}
     for name, level in (("dark", 0), ("grey", 100), ("pale", 255))
@@ -45,13 +45,13 @@ def bare(width_m: float = 6.0, depth_m: float = 4.0, **parts: Any) -> Scene:
     return Scene(room(width_m, depth_m, textures=PLAIN, surfaces=surfaces, **parts))
 
 
-def eye(x_m: float, y_m: float, yaw_deg: float, z_m: float = 0.2, lens: Lens = SMALL) -> Eye:
+def eye(x_m: float, y_m: float, yaw_deg: float, z_m: float = 0.2, lens: PinholeLens = SMALL) -> Eye:
     return Eye(x_m, y_m, z_m, math.radians(yaw_deg), lens)
 
 
 def robot(make: MakeName, x_m: float, y_m: float, yaw_deg: float = 0.0, head_deg: float = 0.0) -> RobotAt:
     known = MAKES[make]
-    look = Look(known.radius_m, known.height_m, known.body_colour, known.camera_height_m)
+    look = RobotAppearance(known.radius_m, known.height_m, known.body_colour, known.camera_height_m)
     return RobotAt(look, x_m, y_m, math.radians(yaw_deg), math.radians(head_deg))
 
 
@@ -154,7 +154,7 @@ def test_what_is_to_the_left_is_left_in_the_image() -> None:
 def test_an_edge_is_at_the_column_that_its_bearing_means(fov_deg: float, lens_px: tuple[int, int]) -> None:
     block = {"kind": "box", "x_m": 2.5, "y_m": 0.1, "size_m": (0.5, 0.5), "height_m": 2.5, "texture": "dark"}
     width, height = lens_px
-    image = render(bare(obstacles=(block,)), [], eye(0, 0, 0, 0.3, Lens(width, height, fov_deg)))
+    image = render(bare(obstacles=(block,)), [], eye(0, 0, 0, 0.3, PinholeLens(width, height, fov_deg)))
     row = image[height // 2, :, 0].astype(float) / image[height // 2, 0, 0]
     focal_px = width / 2 / math.tan(math.radians(fov_deg / 2))
     for y_m, edge in ((0.35, np.flatnonzero(row < 0.5).min()), (-0.15, np.flatnonzero(row < 0.5).max())):
@@ -164,7 +164,7 @@ def test_an_edge_is_at_the_column_that_its_bearing_means(fov_deg: float, lens_px
 
 def test_an_upper_edge_is_at_the_row_that_its_height_means() -> None:
     block = {"kind": "box", "x_m": 2.0, "y_m": 0.0, "size_m": (0.5, 3.0), "height_m": 0.5, "texture": "dark"}
-    image = render(bare(obstacles=(block,)), [], eye(0, 0, 0, 0.3, Lens()))
+    image = render(bare(obstacles=(block,)), [], eye(0, 0, 0, 0.3, PinholeLens()))
     dark = np.flatnonzero(image[:, 320, 0] < 100)
     focal_px = 320 / math.tan(math.radians(30))
     assert dark.min() == pytest.approx(239.5 - focal_px * 0.2 / 1.75, abs=1)

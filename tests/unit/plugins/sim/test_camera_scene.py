@@ -12,22 +12,24 @@ import pytest
 
 from eal_actors.device.world import Texture as TextureModel
 from plugins.sim.camera.cutting import without_overlaps
-from plugins.sim.camera.light import SIDES, Light
-from plugins.sim.camera.patterns import Canvas, draw
+from plugins.sim.camera.light import SIDES, RoomLight
+from plugins.sim.camera.patterns import PatternCanvas, draw
 from plugins.sim.camera.solids import Block, Face, Plane
-from plugins.sim.camera.texture import PAD, Texture, samples
+from plugins.sim.camera.texture import PAD, Mipmap, samples
 from tests.unit.plugins.sim.sensing import room
 
 PALETTE = ((240, 235, 220), (200, 60, 50), (50, 90, 170), (240, 190, 60))
 PATTERNS = ["plain", "checker", "stripes", "planks", "bricks", "plaster", "mosaic", "poster"]
 
 
-def canvas(size_m: tuple[float, float] = (1.0, 1.0), per_m: float = 300.0, seed: int = 0, **parts: Any) -> Canvas:
+def canvas(
+    size_m: tuple[float, float] = (1.0, 1.0), per_m: float = 300.0, seed: int = 0, **parts: Any
+) -> PatternCanvas:
     columns, rows = (samples(length_m, per_m) for length_m in size_m)
-    return Canvas(columns, rows, size_m, np.random.default_rng(seed), **parts)
+    return PatternCanvas(columns, rows, size_m, np.random.default_rng(seed), **parts)
 
 
-def drawn(pattern: str, on: Canvas, **parts: Any) -> Any:
+def drawn(pattern: str, on: PatternCanvas, **parts: Any) -> Any:
     return draw(TextureModel.model_validate({"pattern": pattern, "colours": PALETTE, **parts}), on)
 
 
@@ -71,7 +73,7 @@ def test_another_seed_draws_another_poster() -> None:
 def test_coarser_versions_keep_their_samples_where_they_are() -> None:
     ramp = np.zeros((33, 65, 4), np.uint8)
     ramp[:] = (np.arange(65) * 3)[:, np.newaxis]
-    texture = Texture(ramp, (1.0, 0.5))
+    texture = Mipmap(ramp, (1.0, 0.5))
     for along in range(4):
         version = texture.version(along, 1)[PAD:-PAD, PAD:-PAD]
         assert version.shape == (17, 64 // 2**along + 1, 4)
@@ -80,17 +82,17 @@ def test_coarser_versions_keep_their_samples_where_they_are() -> None:
 
 
 def test_levels_follow_the_samples_in_a_pixel() -> None:
-    texture = Texture(np.zeros((33, 65, 4), np.uint8), (1.0, 0.5))
+    texture = Mipmap(np.zeros((33, 65, 4), np.uint8), (1.0, 0.5))
     assert [texture.level(count, 0) for count in (0.01, 1, 2.5, 5, 1e9)] == [0, 0, 1, 2, 6]
     assert texture.levels(np.array([0.01, 2.5, 1e9]), 1).tolist() == [0, 1, 5]
 
 
-# Light.
+# RoomLight.
 
 
 def test_light_falls_off_with_distance_and_slant() -> None:
     lamp = {"x_m": 0.0, "y_m": 0.0, "z_m": 2.0, "lumens": 4 * math.pi * 100}
-    light = Light(room(lighting={"ambient_lux": 0, "lamps": (lamp,)}))
+    light = RoomLight(room(lighting={"ambient_lux": 0, "lamps": (lamp,)}))
     up = np.array([0.0, 0.0, 1.0])
     places = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [2.0, 0.0, 0.0]])
     assert light.lux(places, up) == pytest.approx([25.0, 100.0, 12.5 / math.sqrt(2)])
@@ -99,7 +101,7 @@ def test_light_falls_off_with_distance_and_slant() -> None:
 
 def test_light_round_a_place_is_brightest_towards_the_lamp() -> None:
     lamp = {"x_m": 2.0, "y_m": 0.0, "z_m": 1.0}
-    gains = Light(room(lighting={"ambient_lux": 10, "lamps": (lamp,)})).around(np.array([[0.0, 0.0, 0.5]]))[0]
+    gains = RoomLight(room(lighting={"ambient_lux": 10, "lamps": (lamp,)})).around(np.array([[0.0, 0.0, 0.5]]))[0]
     assert len(gains) == SIDES + 2
     assert gains[: SIDES + 1].argmax() == SIDES // 2
     assert gains[0] == pytest.approx(gains[SIDES])
@@ -107,7 +109,7 @@ def test_light_round_a_place_is_brightest_towards_the_lamp() -> None:
 
 
 def test_a_dark_room_is_not_divided_by_zero() -> None:
-    light = Light(room(lighting={"ambient_lux": 0}))
+    light = RoomLight(room(lighting={"ambient_lux": 0}))
     assert light.gain(np.zeros((1, 3)), np.array([0.0, 0.0, 1.0])) == pytest.approx([0.0])
 
 
@@ -119,7 +121,7 @@ def block(x_m: float, y_m: float, size_m: tuple[float, float], yaw_deg: float, h
     halves = [(-size_m[0] / 2, -size_m[1] / 2), (size_m[0] / 2, -size_m[1] / 2)]
     halves += [(-x, -y) for x, y in halves]
     corners = tuple((x_m + cos * x - sin * y, y_m + sin * x + cos * y) for x, y in halves)
-    texture = Texture(np.zeros((3, 3, 4), np.uint8), (1.0, 1.0))
+    texture = Mipmap(np.zeros((3, 3, 4), np.uint8), (1.0, 1.0))
     ends = [*corners, corners[0]]
     faces = tuple(Face(left, right, 0.0, height_m, texture) for left, right in pairwise(ends))
     return Block(corners, height_m, faces, Plane(height_m, (x_m, y_m), 0.0, texture))
