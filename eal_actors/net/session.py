@@ -262,7 +262,7 @@ def _close(session: zenoh.Session, config: dict[str, Any]) -> None:
 
 
 class _BoundedCall(Generic[T]):
-    """Call into zenoh that may hang, in a thread of its own; `discard` gets a result that arrives after the time-out."""
+    """Call into zenoh that may hang, in its own thread; `discard` gets a result that arrives after the time-out."""
 
     def __init__(self, work: Callable[[], T], name: str, discard: Callable[[T], object] | None = None) -> None:
         self._work = work
