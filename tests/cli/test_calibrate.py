@@ -87,7 +87,7 @@ def test_ends_from_a_file(eal: Program, lab: Path, ends: Path) -> None:
 
 def test_a_robot_that_is_measured_by_a_person(eal: Program, write: Write) -> None:
     """A driver at a simulated port knows no ground truth, as a real one."""
-    lab = write("lab.yaml", "version: 1\nrobots: {rob: {plugins: {mote_roomba: {port: 'sim://world'}}}}\n")
+    lab = write("lab.yaml", "version: 1\nrobots: {rob: {plugins: {roomba: {protocol: sci, link: sim}}}}\n")
     answers = ["", "no idea", "-20 11", "", "-3, 40", "", "1 1", "", "0 0"]
     arguments = ["calibrate", "--fleet", str(lab), "--robot", "rob", "--runs", "1", "--side", "0.3", "--fast", "--json"]
     result = CliRunner().invoke(app, arguments, input="\n".join(answers) + "\n")

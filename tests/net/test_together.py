@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,12 +25,6 @@ FAR_S = 0.3
 @pytest.fixture
 def rig(tmp_path: Path) -> Rig:
     return Rig(tmp_path, ("r1", "r2"))
-
-
-@pytest.fixture
-def fleet(rig: Rig) -> Iterator[Fleet]:
-    with rig.served_here() as fleet:
-        yield fleet
 
 
 def timed(fleet: Fleet, command: str, in_s: float, **options: Any) -> Call[int]:

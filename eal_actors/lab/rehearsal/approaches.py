@@ -76,7 +76,7 @@ class Approaches:
         self._over: list[Approach] = []
 
     def observe(self, time_s: float, robot: str, place_m: tuple[float, float], gaps_m: Mapping[str, float]) -> float:
-        """See ProximityObserver."""
+        """Receive the gaps around a robot; see `ProximityObserver.observe`."""
         place_m = (float(place_m[0]), float(place_m[1]))
         self.robots.setdefault(robot, place_m)
         for other, gap_m in gaps_m.items():

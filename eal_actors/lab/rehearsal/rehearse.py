@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from eal_actors.device.proximity import ProximityObserver
 from eal_actors.facade.fleet import Fleet
 from eal_actors.lab.rehearsal.approaches import Approach, Approaches, Nearest
 from eal_actors.managers.twins import SimulatedFleet
@@ -81,7 +82,7 @@ def rehearse(
     """
     approaches = Approaches(margin_m)
     opened = Fleet(replace(fleet.config, seed=seed))
-    opened.services.proximity_observer = approaches
+    opened.services.proximity_observer = ProximityObserver(approaches.reach_m, approaches.observe)
     begin = _Begin(opened)
     with opened:
         for problem in opened.problems:
