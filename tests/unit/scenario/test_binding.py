@@ -1,4 +1,4 @@
-"""Who takes part, who is kept in reserve, and who lacks what a role needs."""
+"""The binding of roles to robots, and the spares."""
 
 from __future__ import annotations
 
