@@ -197,7 +197,7 @@ def test_what_is_no_run_that_was_cut_off(two: Fleet, tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="has no record of a run: No such file"):
         read_run(tmp_path)
     (tmp_path / "events.jsonl").write_text("hello\n")
-    with pytest.raises(ScenarioError, match=r"events.jsonl:1: is no JSON"):
+    with pytest.raises(ScenarioError, match=r"events.jsonl:1: is not JSON"):
         read_run(tmp_path)
     (tmp_path / "events.jsonl").write_text('{"event": "log"}\n')
     with pytest.raises(ScenarioError, match="does not begin with the event run_started"):
