@@ -56,14 +56,9 @@ def infos_of(robot: RobotHandle) -> Iterator[tuple[str, ResourceInfo]]:
 
 
 class FleetPoller:
-    """Polls all robots in one thread, between `start` and `close`.
+    """Polls all robots of a connected fleet in one thread, between `start` and `close`.
 
-    Args:
-        fleet: a connected fleet.
-        store: where states and poses go.
-        steps: the current steps.
-        control: who controls what; receives the resources that this process holds.
-        is_watched: whether a browser is connected, without which poses are not polled; called in the poller's thread.
+    Poses are polled only while `is_watched` returns True; it is called in the poller's thread.
     """
 
     def __init__(
@@ -126,14 +121,7 @@ class FleetPoller:
 
 
 class _RobotPoller:
-    """The state of one robot, and the open questions to it. Thread: the poller's.
-
-    Args:
-        robot: the robot.
-        steps: the current steps.
-        control: who controls what.
-        skip_polls: polls of the pose to skip at first.
-    """
+    """The state of one robot, and the open questions to it. Thread: the poller's."""
 
     def __init__(self, robot: RobotHandle, steps: CurrentSteps, control: ControlRegistry, skip_polls: int) -> None:
         self._robot = robot

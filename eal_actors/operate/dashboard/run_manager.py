@@ -46,13 +46,7 @@ _CLOSED: Final = "the dashboard was closed"
 class RunManager:
     """Runs the scenarios of one folder, one at a time, and reports them to the store.
 
-    Args:
-        fleet: a connected fleet.
-        store: where the state and the events of the run go.
-        steps: records the current steps.
-        control: records who controls what.
-        folder: the scenario files; subfolders are not searched.
-        runs_dir: the parent of the runs' folders; None keeps no records.
+    Scenarios are files right in `folder`. With `runs_dir` None, runs leave no records.
 
     Thread: any. `list_scenarios` and `start` block on files.
     """
@@ -92,11 +86,7 @@ class RunManager:
         return {file.name: file for file in sorted(self._folder.glob("*.yaml"))[:_MOST_FILES]}
 
     def start(self, file: str, parameters: Mapping[str, object]) -> None:
-        """Start a run.
-
-        Args:
-            file: the scenario's file in the folder.
-            parameters: values of its parameters.
+        """Start a run of a file in the folder.
 
         Raises:
             ScenarioError: no such file, another run is active, or the run's folder cannot be made.
