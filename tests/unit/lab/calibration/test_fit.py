@@ -1,4 +1,4 @@
-"""What the ends of squares say: the closed form, and the exact fit."""
+"""The fit of wheel calibrations to the ends of squares."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from eal_actors.testing import Simulation
 
 @dataclass
 class Given:
-    """What a scenario gives its steps."""
+    """The context of a scenario step."""
 
     robots: Any = field(default_factory=dict)
     robot: str | None = "eye"
