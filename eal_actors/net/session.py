@@ -51,10 +51,6 @@ _SOURCE_PLACE: Final = re.compile(r" at /\S+")
 def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
     """Return the zenoh configuration of a robot.
 
-    Args:
-        fleet: the fleet.
-        robot: the robot's name.
-
     Raises:
         ConfigError: its keys are missing.
         ValueError: the robot has no address, so it runs in the controller's process.
@@ -266,13 +262,7 @@ def _close(session: zenoh.Session, config: dict[str, Any]) -> None:
 
 
 class _BoundedCall(Generic[T]):
-    """Call into zenoh that may hang, in a thread of its own.
-
-    Args:
-        work: the call.
-        name: name of the thread.
-        discard: called with a result that arrives after the time-out.
-    """
+    """Call into zenoh that may hang, in its own thread; `discard` gets a result that arrives after the time-out."""
 
     def __init__(self, work: Callable[[], T], name: str, discard: Callable[[T], object] | None = None) -> None:
         self._work = work

@@ -69,11 +69,6 @@ class RobotListener:
 class Controller(EALActor):
     """Network of one fleet in this process.
 
-    Args:
-        config: the fleet.
-        clock: the fleet's clock.
-        robots: names of the robots to reach.
-
     Raises:
         ConfigError: its keys are missing.
 

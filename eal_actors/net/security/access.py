@@ -230,10 +230,6 @@ class _RobotGrant:
 class Rights:
     """Calls that the holder of one certificate may make to one robot.
 
-    Args:
-        name: name of the certificate.
-        grants: its grants.
-
     Thread: any.
     """
 

@@ -1,4 +1,4 @@
-"""The doctor's judgement of given facts."""
+"""The doctor's judgements of facts, without a machine."""
 
 from __future__ import annotations
 
