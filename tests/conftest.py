@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,13 @@ settings.load_profile("patient")
 
 # Tests start programs by the hundred: each finds what the first one compiled.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# A shell ignores SIGINT for background programs, and nohup ignores SIGHUP; their children inherit that.
+# A handler is not inherited: they begin with the default, while this process still survives a closed terminal.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, lambda *_: None)
 
 LONG: Final = (
     *("evbotos", "docs", "house", "soak", "scenarios", "testing"),

@@ -14,18 +14,18 @@ from plugins.evbot2.emulator import evbot2, free_vehicle
 from plugins.evbot2.firmware import BaseEmulator, any_boot
 from plugins.evbot2.serving import FaultyWire
 from plugins.evbot3.emulator import FreeTurretVehicle, evbot3
-from plugins.mote_roomba.bodies import FreeBody
-from plugins.mote_roomba.emulator import RoombaEmulator
-from plugins.mote_roomba.motes import MotePair
-from plugins.mote_roomba.protocol import WHEELBASE_M
-from plugins.mote_roomba.tinyos import Framing
+from plugins.roomba.bodies import FreeRoombaBody
+from plugins.roomba.motes import MotePair
+from plugins.roomba.sci import WHEELBASE_M
+from plugins.roomba.sci_emulator import SciEmulator
+from plugins.roomba.tinyos import TinyosFraming
 
 WAIT_S = 30.0
 """Real seconds after which a test that waits for something gives up."""
 
 
 class Body(Protocol):
-    """What tells where an emulated robot is."""
+    """Returns the position of an emulated robot."""
 
     @property
     def pose(self) -> tuple[float, float, float]: ...
@@ -53,7 +53,7 @@ class Emulated(Generic[B]):
 
     def __init__(self, kind: str, make: Callable[[Callable[[], float]], tuple[Emulator, B]], rate: float = 1.0) -> None:
         self.struck = threading.Event()
-        """What was to happen on the way has happened."""
+        """Whether the planned incident has happened."""
         self._lock = threading.RLock()
         self._rate = rate
         self._later_s = self._body_later_s = 0.0
@@ -184,13 +184,13 @@ def an_evbot3(loss: float = 0.0, seed: int = 0, rate: float = 1.0) -> Emulated[F
     return Emulated("udp", make, rate)
 
 
-def a_roomba(loss: float = 0.0, radio_tries: int = 1, seed: int = 0, rate: float = 1.0) -> Emulated[FreeBody]:
+def a_roomba(loss: float = 0.0, radio_tries: int = 1, seed: int = 0, rate: float = 1.0) -> Emulated[FreeRoombaBody]:
     """Return a Roomba behind a pair of motes."""
 
-    def make(now_s: Callable[[], float]) -> tuple[Emulator, FreeBody]:
-        body = FreeBody(now_s, WHEELBASE_M)
-        roomba = RoombaEmulator(body, mode_pause_s=0.0)
-        return MotePair(roomba, Framing(), loss=loss, radio_tries=radio_tries, seed=seed), body
+    def make(now_s: Callable[[], float]) -> tuple[Emulator, FreeRoombaBody]:
+        body = FreeRoombaBody(now_s, WHEELBASE_M)
+        roomba = SciEmulator(body, mode_pause_s=0.0)
+        return MotePair(roomba, TinyosFraming(), loss=loss, radio_tries=radio_tries, seed=seed), body
 
     return Emulated("pty", make, rate)
 
@@ -204,6 +204,6 @@ def plugin_of(make: str, address: str) -> dict[str, Any]:
     settings: dict[str, dict[str, Any]] = {
         "evbot2": {"evbot2": {"port": address, **PATIENT}},
         "evbot3": {"evbot3": {"address": f"udp://{address}", **PATIENT}},
-        "roomba": {"mote_roomba": {"port": address, "link": "mote", "mote": {"tries": 20}}},
+        "roomba": {"roomba": {"protocol": "sci", "port": address, "link": "mote", "mote": {"tries": 20}}},
     }
     return settings[make]

@@ -13,6 +13,7 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_actor import start_robot
 from eal_actors.actors.robot_spec import RobotSpec
+from eal_actors.device.plugin_context import OpenPlugins, ResourceFactory
 from eal_actors.device.resource import Resource
 from eal_actors.kernel.clock import Clock, SystemClock
 from eal_actors.kernel.errors import EALError
@@ -23,7 +24,7 @@ WAIT_S = 10.0
 
 
 @dataclass
-class InlineFactory:
+class InlineFactory(ResourceFactory):
     """A factory of resources without a plugin around it."""
 
     make: Callable[[], Resource]
@@ -37,7 +38,7 @@ class InlineFactory:
 
 
 @dataclass
-class InlinePlugins:
+class InlinePlugins(OpenPlugins):
     """Connected plugins without a folder around them."""
 
     resources: Mapping[str, InlineFactory]

@@ -14,10 +14,10 @@ from typing_extensions import override
 from eal_actors.actors.activities import ActivityActor, ScheduledCommand
 from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
-from eal_actors.actors.robot_spec import ResourceFactory
 from eal_actors.actors.robot_view import RunningCommand, command_of, process_name
 from eal_actors.device.data import EALData, ValueInfo
 from eal_actors.device.info import ResourceInfo
+from eal_actors.device.plugin_context import ResourceFactory
 from eal_actors.device.resource import Activity, Resource
 from eal_actors.kernel import log
 from eal_actors.kernel.errors import (
@@ -252,13 +252,7 @@ class ResourceActor(ActivityActor):
         if log.debug_enabled or call.span is not None:
             self._trace(call)
         try:
-            if self._reports_readiness and not call.stops and (reason := self._check_readiness()) is not None:
-                raise NotReadyError(reason)
-            result = self._methods[call.method](*call.arguments)
-            if type(result) is _PendingResult:
-                self.begin(call, *result)
-            elif not call._finish(result, None) and call.method in MOTION_METHODS and not call.stops:
-                self.guarded(self.opened.halt)  # it was cancelled while it ran
+            self._run(call)
         except AbandonedThread:
             raise
         except BaseException as error:
@@ -268,6 +262,15 @@ class ResourceActor(ActivityActor):
         finally:
             self.busy_until_s = self._current = None
             log.set_call(None)
+
+    def _run(self, call: Call[Any]) -> None:
+        if self._reports_readiness and not call.stops and (reason := self._check_readiness()) is not None:
+            raise NotReadyError(reason)
+        result = self._methods[call.method](*call.arguments)
+        if type(result) is _PendingResult:
+            self.begin(call, *result)
+        elif not call._finish(result, None) and call.method in MOTION_METHODS and not call.stops:
+            self.guarded(self.opened.halt)  # it was cancelled while it ran
 
     def _may_begin(self, call: Call[Any], deadline_s: float) -> bool:
         """Return whether a call may begin now; one that may not fails, or waits for its start time."""

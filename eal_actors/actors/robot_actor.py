@@ -15,10 +15,11 @@ from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.resource_actor import ResourceActor, ResourceCallbacks
-from eal_actors.actors.robot_spec import OpenPlugins, RobotSpec
+from eal_actors.actors.robot_spec import RobotSpec
 from eal_actors.actors.robot_view import Ping, RobotConnection, RobotState, RobotView, RunningCommand, release
 from eal_actors.actors.supervision import RestartIntensity
 from eal_actors.device.info import ResourceInfo
+from eal_actors.device.plugin_context import OpenPlugins
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError, PluginError, RobotFailedError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger

@@ -1,46 +1,14 @@
-"""The specification of a robot for its actor, and the plugins that it opens."""
+"""The specification of a robot for its actor."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from eal_actors.actors.supervision import Restart
 from eal_actors.device.link import FaultyLink
-from eal_actors.device.resource import Resource
+from eal_actors.device.plugin_context import OpenPlugins
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import EALError
-
-
-class ResourceFactory(Protocol):
-    """Makes and destroys one resource; the plugin manager provides it. Thread: the resource's actor."""
-
-    def create(self) -> Resource:
-        """Return a new resource."""
-        ...
-
-    def destroy(self, resource: Resource) -> None:
-        """Destroy the resource."""
-        ...
-
-
-class OpenPlugins(Protocol):
-    """A robot's connected plugins; the plugin manager provides them."""
-
-    @property
-    def resources(self) -> Mapping[str, ResourceFactory]:
-        """The factories by the resources' final names."""
-        ...
-
-    @property
-    def errors(self) -> tuple[EALError, ...]:
-        """The errors of plugins that did not connect."""
-        ...
-
-    def close(self) -> None:
-        """Disconnect every plugin."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,32 +1,34 @@
-"""The objects that a plugin returns to the framework and receives from it."""
+"""The objects that a plugin returns to the framework and receives from it, and their factories."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Hashable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from eal_actors.device.link import FaultyLink
 from eal_actors.device.ports import BytePort
 from eal_actors.device.proximity import ProximityObserver
+from eal_actors.device.resource import Resource
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import PluginError
+from eal_actors.kernel.errors import EALError, PluginError
 from eal_actors.kernel.strict_model import StrictModel
 
 _T = TypeVar("_T")
 
 
 class PluginSettingsModel(StrictModel):
-    """Base of a plugin's `Settings`: strict types, unknown keys refused, immutable."""
+    """The base of a plugin's `Settings`: strict types, no unknown keys, immutable."""
 
 
 class EALPlugin:
-    """What `connect` returns: the names of the resources that the plugin offers (Source: thesis B.3.2).
+    """The result of `connect`: the names of the plugin's resources (Source: thesis B.3.2).
 
     Either `EALPlugin("A", "B")`, or with the count first, `EALPlugin(2, "A", "B")`, where names beyond the count are
-    ignored and too few are an error. Subclass it to keep what the resources share, such as an open port.
+    ignored and too few are an error. Subclass it to hold objects that the resources share, such as an open port.
 
     Raises:
         PluginError: no name, a name twice, or fewer names than the count.
@@ -56,22 +58,18 @@ class EALPlugin:
             ) from None
 
 
-class PortMaker(Protocol):
-    """Makes simulated ports: what `open_port` of a plugin such as sim is."""
-
-    def __call__(self, context: PluginContext, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
-        """Return an open port; see PluginContext.simulated_port."""
-        ...
+PortMaker: TypeAlias = "Callable[[PluginContext, str, str, Callable[[Any], Any]], BytePort]"
+"""Opens a simulated port: the `open_port` of a plugin such as sim; see PluginContext.simulated_port."""
 
 
 class FleetServices:
-    """What the plugins of one fleet share: its clock, its world, and objects made once, such as a simulation.
+    """The shared objects of one fleet's plugins: its clock, its world, and single objects such as a simulation.
 
     Args:
         clock: the fleet's clock.
-        seed: the fleet's seed, from which every random generator of a plugin must come.
+        seed: the fleet's seed; every random generator of a plugin must derive from it.
         world: the fleet file's world, or None.
-        open_port: makes simulated ports; None where there are none.
+        open_port: opens simulated ports; None if there are none.
 
     Attributes:
         proximity_observer: receives the gaps around simulated robots; set it before the robots connect.
@@ -90,14 +88,14 @@ class FleetServices:
         self._links: dict[str, FaultyLink] = {}
 
     def link(self, robot: str) -> FaultyLink:
-        """Return the link to a robot, for plugins that make faults on purpose. Thread: any."""
+        """Return the link to a robot, for plugins that inject faults. Thread: any."""
         with self._lock:
             if robot not in self._links:
                 self._links[robot] = FaultyLink(robot, self.seed)
             return self._links[robot]
 
     def shared(self, key: Hashable, make: Callable[[], _T]) -> _T:
-        """Return the fleet's one object under the key, made by the first who asks. Thread: any."""
+        """Return the fleet's single object under the key; the first caller makes it. Thread: any."""
         with self._lock:
             if key not in self._shared:
                 self._shared[key] = make()
@@ -107,14 +105,14 @@ class FleetServices:
 
 @dataclass(frozen=True)
 class PluginContext:
-    """What a plugin may know of where it runs.
+    """The environment of a plugin.
 
     Attributes:
         robot: the robot's name.
         instance: the plugin's instance name on that robot.
         settings: the plugin's checked `Settings`, or None if it has no such class.
-        services: what the fleet's plugins share.
-        plugin: what `connect` returned; None while `connect` itself runs.
+        services: the shared objects of the fleet's plugins.
+        plugin: the result of `connect`; None while `connect` itself runs.
     """
 
     robot: str
@@ -133,12 +131,40 @@ class PluginContext:
 
         Args:
             url: `<plugin>://...`, where the plugin is the one that simulates, such as `sim://world/roomba-1`.
-            model: what the robot must be, in that plugin's words.
+            model: the required model of the robot, as that plugin names it.
             emulate: makes the driver's emulator for a body: an object with `feed(data, now_s) -> bytes`.
 
         Raises:
-            PluginError: there is no such plugin or robot, or it makes no ports.
+            PluginError: there is no such plugin or robot, or it opens no ports.
         """
         if self.services.open_port is None:
             raise PluginError(f"port {url!r}: there are no simulated ports here")
         return self.services.open_port(self, url, model, emulate)
+
+
+class ResourceFactory(ABC):
+    """Makes and destroys one resource of a plugin. Thread: the resource's actor."""
+
+    @abstractmethod
+    def create(self) -> Resource:
+        """Return a new resource."""
+
+    @abstractmethod
+    def destroy(self, resource: Resource) -> None:
+        """Destroy the resource."""
+
+
+class OpenPlugins(ABC):
+    """A robot's connected plugins.
+
+    Attributes:
+        resources: the factories by the resources' final names.
+        errors: the errors of plugins that did not connect.
+    """
+
+    resources: Mapping[str, ResourceFactory]
+    errors: tuple[EALError, ...]
+
+    @abstractmethod
+    def close(self) -> None:
+        """Disconnect every plugin."""

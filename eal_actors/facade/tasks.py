@@ -44,7 +44,7 @@ class _TaskFuture(Future[T]):
         self.name = name
         self.robots = robots
         self.scope = CancelScope(parent)
-        self.thread: threading.Thread | None = None
+        self.thread: threading.Thread
         self.is_running = True
 
     @override
@@ -99,7 +99,7 @@ class TaskGroup:
         name = " ".join([getattr(function, "__name__", "task"), *(robot.name for robot in robots)])
         task: _TaskFuture[T] = _TaskFuture(self._clock, name, robots, self._scope)
         run = partial(contextvars.copy_context().run, self._run, task, partial(function, *args, **kwargs))
-        task.thread = threading.Thread(target=run, name=name, daemon=True)
+        task.thread = threading.Thread(target=run, name=name, daemon=True)  # daemon: a second Ctrl-C ends the program
         with self._lock:
             self._tasks.append(task)
         self._clock.start(task.thread)
@@ -159,29 +159,30 @@ class TaskGroup:
                     self._wait_for_tasks()
                 except BaseException as caught:  # noqa: BLE001  # it is raised below, when all tasks have ended
                     failure = caught
-            is_own_cancel = isinstance(failure, CallCancelledError) and self._is_cancelled_inside()
-            if failure is not None:
+            if self._is_own_cancel(failure):
+                failure = None
+            elif failure is not None:
                 self.cancel()
             self._end_tasks()
         self._scope = None
-        if is_own_cancel or failure is None:
-            failure = self._errors[0] if self._errors else None
-        if failure is None:
-            return True
+        if failure is None and self._errors:
+            failure = self._errors[0]
         for other in self._errors:
-            if other is not failure:
+            if failure is not None and other is not failure:
                 failure.add_note(f"{other.__notes__[0]} too: {type(other).__name__}: {other}")
-        if failure is error:
-            return False
-        raise failure
+        if failure is not None and failure is not error:
+            raise failure
+        return failure is None
 
-    def _is_cancelled_inside(self) -> bool:
-        """Return whether this group was cancelled, and not the one around it."""
+    def _is_own_cancel(self, error: BaseException | None) -> bool:
+        """Return whether an error only says that this group, and not one around it, was cancelled."""
+        is_cancelled = self._scope is not None and self._scope.is_cancelled
         is_outer_cancelled = self._outer is not None and self._outer.is_cancelled
-        return self._scope is not None and self._scope.is_cancelled and not is_outer_cancelled
+        return isinstance(error, CallCancelledError) and is_cancelled and not is_outer_cancelled
 
     def _running(self) -> list[_TaskFuture[Any]]:
-        return [task for task in self._tasks if task.is_running]
+        """Return the tasks whose threads were started (Ctrl-C can strike before that) and have not ended."""
+        return [task for task in self._tasks if task.is_running and task.thread.ident is not None]
 
     def _wait_for_tasks(self) -> None:
         end_s = None if self._timeout_s is None else self._clock.now() + self._timeout_s
@@ -202,7 +203,7 @@ class TaskGroup:
             while self._running():
                 self._clock.wait(self._ended, None)
             for task in self._tasks:
-                if task.thread is not None:
+                if task.thread.ident is not None:
                     task.thread.join()
             if self._scope is not None and self._scope.is_cancelled:
                 self._halt().exception()  # a robot that is out of reach cannot answer; the group's error says more

@@ -14,9 +14,17 @@ from types import ModuleType
 from typing import Any, Final
 
 from pydantic import ValidationError
+from typing_extensions import override
 
 from eal_actors.device.info import unknown_name
-from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
+from eal_actors.device.plugin_context import (
+    EALPlugin,
+    FleetServices,
+    OpenPlugins,
+    PluginContext,
+    PluginSettingsModel,
+    ResourceFactory,
+)
 from eal_actors.device.ports import BytePort
 from eal_actors.device.resource import Resource
 from eal_actors.kernel.errors import ConfigError, EALError, PluginError, Problem, error_text
@@ -88,27 +96,27 @@ def _package_for(folder: Path, name: str) -> str:
 
 
 @dataclass(frozen=True)
-class PluginResource:
+class PluginResource(ResourceFactory):
     """One resource that a connected plugin offers: makes and unmakes it."""
 
     create_function: Callable[..., Any]
     destroy_function: Callable[..., Any]
     context: PluginContext
 
+    @override
     def create(self) -> Resource:
-        """Return a new resource. Thread: the resource's actor."""
         resource = _with_context(self.create_function, self.context)
         if not isinstance(resource, Resource):
             raise PluginError(f"{self.create_function.__name__} returned {resource!r}, which is no Resource")
         return resource
 
+    @override
     def destroy(self, resource: Resource) -> None:
-        """Let go of a resource. Thread: the resource's actor."""
         self.destroy_function(resource)
 
 
 @dataclass(frozen=True)
-class ConnectedPlugins:
+class ConnectedPlugins(OpenPlugins):
     """A robot's connected plugins.
 
     Attributes:

@@ -106,7 +106,7 @@ class OffsetEstimator:
         least_s = -MAX_DRIFT * away_s - _ROUNDING_S
         if not (received_s <= replied_s and least_s <= round_trip_s < math.inf):
             readings = f"sent {sent_s}, received {received_s}, replied {replied_s}, answered {answered_s}"
-            raise ProtocolError(f"the clock readings of a ping make no sense, in seconds: {readings}")
+            raise ProtocolError(f"the clock readings of a ping are impossible, in seconds: {readings}")
         ping = _OffsetSample(sent_s, ((received_s - sent_s) + (replied_s - answered_s)) / 2, round_trip_s)
         for older in [older for older in self._pings if ping.contradicts(older, answered_s)]:
             self._pings.remove(older)

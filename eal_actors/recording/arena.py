@@ -23,13 +23,8 @@ _BOX: Final[_Style] = {"facecolor": "#f3e3c3", "edgecolor": "#8a6d3b", "linestyl
 _DROP: Final[_Style] = {"facecolor": "white", "edgecolor": "#9a9a9a", "hatch": "////"}
 _POSTER: Final[_Style] = {"color": "#8c7bb8", "linewidth": 6, "solid_capstyle": "butt"}
 _BEACON: Final[_Style] = {"linestyle": "", "marker": "o", "markersize": 9, "markeredgecolor": "black"}
-_LAMP: Final[_Style] = {
-    "linestyle": "",
-    "marker": "*",
-    "markersize": 13,
-    "color": "#ffd75e",
-    "markeredgecolor": "#a88600",
-}
+_LAMP_COLOURS: Final[_Style] = {"color": "#ffd75e", "markeredgecolor": "#a88600"}
+_LAMP: Final[_Style] = {"linestyle": "", "marker": "*", "markersize": 13, **_LAMP_COLOURS}
 _START: Final[_Style] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": "#b0b0b0"}
 _MOST_NUMBERED: Final = 100
 """With more numbers than this, they hide the plan."""

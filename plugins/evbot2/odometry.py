@@ -16,7 +16,7 @@ from eal_actors.plugin import (
     request,
 )
 
-from ..mote_roomba.odometry import DeadReckoning
+from ..roomba.odometry import DeadReckoning
 from .messages import BaseWelcome
 from .session import BaseSession, StatusReading
 

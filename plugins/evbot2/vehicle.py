@@ -8,7 +8,7 @@ from typing import Final, Protocol
 
 from typing_extensions import override
 
-from ..mote_roomba.odometry import DeadReckoning
+from ..roomba.odometry import DeadReckoning
 
 _BRAKE: Final = 4.0
 """Braking wheels decelerate by this factor faster than driven wheels accelerate."""

@@ -88,7 +88,7 @@ def do(page: Path, folder: Path, *, slow: bool = False, **variables: str) -> str
 @contextmanager
 def emulated_create() -> Iterator[str]:
     """Have a Create 2 on a terminal for the length of the block; yields the port."""
-    command = [sys.executable, "-m", "plugins.roomba_oi.emulator", "--pty"]
+    command = [sys.executable, "-m", "plugins.roomba.emulator", "--protocol", "oi", "--pty"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as emulator:
         assert emulator.stdout is not None
         try:

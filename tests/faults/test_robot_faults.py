@@ -1,4 +1,4 @@
-"""What befalls robots and their wires, through the whole stack: scenario, actors, driver, wire, emulator, wheels.
+"""Faults of robots and wires through the whole stack: scenario, actors, driver, wire, emulator, wheels.
 
 Nothing moves after a failure, of which the robot's own wheels bear witness; the record names robot, resource and step;
 and when the device is back, all of it works again, without a restart.
@@ -24,7 +24,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Listener, Report, Run, RunEvent, Signalled, StepRetried, load_scenario, make_plan
-from plugins.mote_roomba.bodies import FullBattery
+from plugins.roomba.bodies import ConstantBattery
 from tests.emulated import PATIENT, WAIT_S, Emulated, a_roomba, an_evbot2, an_evbot3, plugged_in, plugin_of
 
 MAKES: dict[str, Callable[[], Emulated[Any]]] = {"evbot2": an_evbot2, "evbot3": an_evbot3, "roomba": a_roomba}
@@ -85,7 +85,7 @@ def failure(folder: Path) -> tuple[str, str, str, str]:
 
 
 def works_again(fleet: Fleet, folder: Path, robot: Emulated[Any], name: str = "hero") -> None:
-    """Check that a robot does as it is told, and that nothing was restarted for it."""
+    """Check that a robot obeys and that nothing was restarted."""
     before_m = robot.travelled_m
     assert start(fleet, folder / "again", AGAIN).get(timeout=WAIT_S).outcome == "done"
     assert robot.travelled_m - before_m > 0.04
@@ -235,7 +235,7 @@ def test_a_program_that_is_stopped_by_a_signal_and_goes_on(tmp_path: Path) -> No
 
 def test_a_battery_that_runs_low_ends_the_drive(tmp_path: Path) -> None:
     with plugged_in(a_roomba(rate=SLOW)) as robot, fleet_of(SLOW, hero=plugin_of("roomba", robot.address)) as fleet:
-        robot.strike_after(0.05, lambda: setattr(robot.body, "charge", FullBattery(charge_ah=0.27)))
+        robot.strike_after(0.05, lambda: setattr(robot.body, "charge", ConstantBattery(charge_ah=0.27)))
         steps = """
             - set_config: {resource: Base, key: speed_m_s, value: 0.1}
             - parallel:
@@ -255,7 +255,7 @@ def test_a_battery_that_runs_low_ends_the_drive(tmp_path: Path) -> None:
         assert ends["send_cmd Base f10"] == ("hero", "aborted")
         assert ("hero", "failed") in ends.values()
         assert "hero runs out of charge" in summary["robots"]["hero"]["error"]["message"]
-        robot.body.charge = FullBattery()
+        robot.body.charge = ConstantBattery()
         works_again(fleet, tmp_path, robot)
 
 

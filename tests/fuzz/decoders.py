@@ -1,4 +1,4 @@
-"""What is fuzzed of the network and of the robots' wires: each takes any bytes, and raises what is a finding.
+"""Fuzz targets of the network and the robots' wires: each accepts any bytes and raises only for a finding.
 
 A decoder of a stream must find the same in the same bytes, however they are cut into pieces.
 """
@@ -17,13 +17,12 @@ from plugins.evbot2 import protocol as evbot2_protocol
 from plugins.evbot2.emulator import evbot2, free_vehicle
 from plugins.evbot3 import protocol as evbot3_protocol
 from plugins.evbot3.emulator import FreeTurretVehicle, evbot3
-from plugins.mote_roomba import groups
-from plugins.mote_roomba.bodies import FreeBody
-from plugins.mote_roomba.emulator import RoombaEmulator
-from plugins.mote_roomba.protocol import WHEELBASE_M
-from plugins.mote_roomba.tinyos import Framing, Header
-from plugins.roomba_oi import packets
-from plugins.roomba_oi.emulator import OiEmulator
+from plugins.roomba import groups, packets
+from plugins.roomba.bodies import FreeRoombaBody
+from plugins.roomba.oi_emulator import OiEmulator
+from plugins.roomba.sci import WHEELBASE_M
+from plugins.roomba.sci_emulator import SciEmulator
+from plugins.roomba.tinyos import Header, TinyosFraming
 
 Feed = Callable[[bytes], Any]
 _TICK_S = 0.01
@@ -85,7 +84,8 @@ def _key(data: bytes) -> None:
 def _sci_group(data: bytes) -> None:
     group, content = (data[0] % 4, data[1:]) if data else (0, b"")
     with suppress(DataError):
-        if groups.decode_group(group, content).encode() != content:
+        kind = (groups.Sensors, groups.Contacts, groups.Controls, groups.PowerGroup)[group]
+        if kind.decode(content).encode() != content:
             raise AssertionError("a sensor group is not what it was")
 
 
@@ -129,11 +129,11 @@ def _evbot3(data: bytes) -> None:
 
 
 def _sci_emulator(data: bytes) -> None:
-    _obeys(data, lambda: RoombaEmulator(FreeBody(lambda: 0.0, WHEELBASE_M), mode_pause_s=0.0).feed)
+    _obeys(data, lambda: SciEmulator(FreeRoombaBody(lambda: 0.0, WHEELBASE_M), mode_pause_s=0.0).feed)
 
 
 def _oi_emulator(data: bytes) -> None:
-    roomba = OiEmulator(FreeBody(lambda: 0.0, WHEELBASE_M), mode_pause_s=0.0)
+    roomba = OiEmulator(FreeRoombaBody(lambda: 0.0, WHEELBASE_M), mode_pause_s=0.0)
     for number, piece in enumerate(_pieces(data)):  # its stream goes on with the time, so that the pieces matter
         roomba.feed(piece, number / 100)
 
@@ -148,7 +148,11 @@ def _obeys(data: bytes, make: Callable[[], Callable[[bytes, float], bytes]]) -> 
     _same_in_pieces(data, fed)
 
 
-_FRAMINGS = (Framing(), Framing(Header.TINYOS_1), Framing(ack_byte=1, reliable_byte=0x7E, plain_byte=0x7D, am_type=6))
+_FRAMINGS = (
+    TinyosFraming(),
+    TinyosFraming(Header.TINYOS_1),
+    TinyosFraming(ack_byte=1, reliable_byte=0x7E, plain_byte=0x7D, am_type=6),
+)
 
 
 def _tinyos(data: bytes) -> None:

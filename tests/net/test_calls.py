@@ -42,18 +42,6 @@ Ask = Callable[[RobotHandle], Future[Any]]
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
-
-
-@pytest.fixture
-def remote(rig: Rig) -> Iterator[RobotHandle]:
-    """A robot served in this process, through the network."""
-    with rig.served_here() as fleet:
-        yield fleet["r1"]
-
-
-@pytest.fixture
 def pair(rig: Rig) -> Iterator[tuple[RobotHandle, RobotHandle]]:
     """The same robot twice: in this process, and through the network."""
     with Fleet(rig.local()) as local, rig.served_here() as fleet:
@@ -143,7 +131,7 @@ def test_a_robot_says_the_same_of_itself(pair: tuple[RobotHandle, RobotHandle]) 
 
 def test_resources_themselves_cannot_be_had(rig: Rig) -> None:
     with rig.served_here() as fleet, connect("r1", fleet=fleet) as eal:
-        with pytest.raises(RemoteError, match="cannot be had through a network") as caught:
+        with pytest.raises(RemoteError, match="is not available over a network") as caught:
             eal.get_resource("Arm")
         assert caught.value.robot == "r1"
         assert eal.get_value(eal.find_resource("Gauge")).value == -42

@@ -35,11 +35,6 @@ with Fleet.load(sys.argv[1]) as fleet:
 """
 
 
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
-
-
 def controller_of(rig: Rig, command: str = "move60") -> Any:
     """Run a controller in a process of its own that commands the arm."""
     return process(["-c", CONTROLLER, str(rig.file), command], rig.folder)
@@ -78,7 +73,7 @@ def test_a_restart_between_commands_is_seen_and_got_over(rig: Rig) -> None:
             assert arm.send_cmd(f"step{n}").get() == n
             running["r1"].kill()
             assert becomes(fleet["r1"], RobotState.LOST)
-            assert "is out of reach" in str(fleet["r1"].problems[0])
+            assert "is unreachable" in str(fleet["r1"].problems[0])
             running.start("r1")
             assert becomes(fleet["r1"], RobotState.READY)
             assert not fleet["r1"].problems

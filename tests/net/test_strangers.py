@@ -39,11 +39,6 @@ from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served, servers
 CLIENT = "ab" * 8
 
 
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
-
-
 # Peers that make no sense.
 
 
@@ -232,7 +227,7 @@ def test_a_robot_of_another_release_is_seen_and_told_apart_until_it_is_updated(r
             assert isinstance(told["r1"], ProtocolError)
             assert str(other) in told["r1"].message
             old.close()
-            assert eventually(lambda: "out of reach" in str(robot.problems[0]))
+            assert eventually(lambda: "unreachable" in str(robot.problems[0]))
             with servers(rig):
                 assert becomes(robot, RobotState.READY)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,17 +53,6 @@ def watching(rig: Rig) -> Iterator[Watcher]:
         handler = zenoh.handlers.Callback(watcher.take, indirect=False)
         with session.declare_subscriber("eal/f/@streams/r1/**", handler):
             yield watcher
-
-
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
-
-
-@pytest.fixture
-def fleet(rig: Rig) -> Iterator[Fleet]:
-    with rig.served_here() as fleet:
-        yield fleet
 
 
 @pytest.mark.parametrize("encoding", ["raw", "png", "jpeg"])
@@ -139,7 +127,7 @@ def test_a_stream_goes_on_when_the_robot_is_back(rig: Rig) -> None:
             assert next(hasty).value == next(patient).value == -42
             running["r1"].kill()
             assert becomes(robot, RobotState.LOST)
-            with pytest.raises(UnavailableError, match="r1/Gauge: the robot is out of reach"):
+            with pytest.raises(UnavailableError, match="r1/Gauge: the robot is unreachable"):
                 list(hasty)
             running.start("r1")
             for value, _ in zip(patient, range(3), strict=False):

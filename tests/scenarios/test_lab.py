@@ -136,8 +136,8 @@ name: quick
 robots:
   tracks: {plugins: {evbot2: {port: "${LAB_ONE:-/dev/null/nowhere}", watchdog_s: 5, poll_hz: 5}}}
   turret: {plugins: {evbot3: {address: "${LAB_TWO:-udp://127.0.0.1:9}", watchdog_s: 5, poll_hz: 5}}}
-  moted: {plugins: {mote_roomba: {link: mote, port: "${LAB_THREE:-/dev/null/nowhere}", poll_hz: 5}}}
-  cabled: {plugins: {roomba_oi: {port: "${LAB_FOUR:-/dev/null/nowhere}", poll_hz: 5}}}
+  moted: {plugins: {roomba: {protocol: sci, link: mote, port: "${LAB_THREE:-/dev/null/nowhere}", poll_hz: 5}}}
+  cabled: {plugins: {roomba: {protocol: oi, port: "${LAB_FOUR:-/dev/null/nowhere}", poll_hz: 5}}}
 """
 
 NOD = """\
@@ -218,7 +218,7 @@ def test_a_wire_whose_variable_is_set_is_the_robot_itself(monkeypatch: pytest.Mo
         monkeypatch.delenv(variable, raising=False)
     found = {device.variable: (device.robot, device.plugin.name) for device in open_devices(LAB)}
     assert {variable: robot for variable, (robot, _) in found.items()} == {**WIRES, "LAB_CAMERA": "evbot2-1"}
-    assert {plugin for _, plugin in found.values()} == {"evbot2", "evbot3", "mote_roomba", "roomba_oi", "camera"}
+    assert {plugin for _, plugin in found.values()} == {"evbot2", "evbot3", "roomba", "camera"}
     monkeypatch.setenv("LAB_EVBOT2", "/dev/ttyUSB0")
     assert "LAB_EVBOT2" not in {device.variable for device in open_devices(LAB)}
 

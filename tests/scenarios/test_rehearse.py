@@ -14,10 +14,11 @@ import structlog
 from typer.testing import CliRunner, Result
 
 from eal_actors.cli import app
+from eal_actors.device.proximity import ProximityObserver
 from eal_actors.device.world import load_world
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.lab.rehearsal import Approaches, Rehearsal, rehearse
+from eal_actors.lab.rehearsal import ProximityRecorder, Rehearsal, rehearse
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
@@ -184,7 +185,7 @@ def test_coming_near_twice_is_told_twice(fleet: Callable[..., Path]) -> None:
 def test_nothing_is_missed_between_two_looks() -> None:
     """The same drives with a look at every robot at every tick come to the same approaches, to the last bit."""
 
-    class Unresting(Approaches):
+    class Unresting(ProximityRecorder):
         looks = 0
 
         def observe(self, *arguments: Any) -> float:
@@ -195,14 +196,14 @@ def test_nothing_is_missed_between_two_looks() -> None:
     class Counting(Unresting):
         def observe(self, *arguments: Any) -> float:
             self.looks += 1
-            return Approaches.observe(self, *arguments)
+            return ProximityRecorder.observe(self, *arguments)
 
     world = load_world(bundled_path("fleets/worlds/lab.yaml"))
     seen: list[Unresting] = []
     for approaches in (Unresting(0.05), Counting(0.05)):
         clock = ManualClock()
         services = FleetServices(clock, 3, world)
-        services.proximity_observer = approaches
+        services.proximity_observer = ProximityObserver(approaches.reach_m, approaches.observe)
         bases = []
         for number in range(6):
             settings = sim.Settings.model_validate({"model": ("evbot2", "evbot3", "roomba")[number % 3]})
@@ -221,9 +222,9 @@ def test_nothing_is_missed_between_two_looks() -> None:
                 base.halt()
         seen.append(approaches)
     every, some = seen
-    assert every.found == some.found
+    assert every.events == some.events
     assert every.nearest == some.nearest
-    assert every.found
+    assert every.events
     assert some.looks < every.looks
 
 
@@ -232,8 +233,8 @@ def test_a_real_robot_is_stood_in_for_by_its_model(fleet: Callable[..., Path]) -
         {
             "track": "evbot2: {port: /dev/no-such-port}, camera: {source: 0}",
             "wheels": "evbot3: {address: 'udp://192.0.2.1:5000'}",
-            "vacuum": "mote_roomba: {port: /dev/no-such-port}",
-            "later": "roomba_oi: {port: /dev/no-such-port}",
+            "vacuum": "roomba: {protocol: sci, port: /dev/no-such-port}",
+            "later": "roomba: {protocol: oi, port: /dev/no-such-port}",
         }
     )
     config = of(file)
@@ -247,9 +248,9 @@ def test_a_real_robot_is_stood_in_for_by_its_model(fleet: Callable[..., Path]) -
 
 def test_a_driver_on_a_simulated_port_stays_and_its_body_goes_by_its_name(fleet: Callable[..., Path]) -> None:
     body = roomba(2.0, 0.0).replace("noise: false, ", "")  # as the port has it too
-    file = fleet({"a": "mote_roomba: {port: 'sim://world/body'}", "body": body})
+    file = fleet({"a": "roomba: {protocol: sci, link: sim, port: 'sim://world/body'}", "body": body})
     twins = simulated(of(file), ["a", "body"])
-    assert set(twins.config.robots["a"].plugins) == {"mote_roomba"}
+    assert set(twins.config.robots["a"].plugins) == {"roomba"}
     rehearsal = rehearse(moves(a="f1.5"), twins, 0.05, 0)
     assert ("a", "the east wall", True) in told(rehearsal)
     assert [step.robot for step in rehearsal.incidents[0].steps] == ["a"]

@@ -21,7 +21,7 @@ robots:
       sim: {{model: roomba, noise: false}}
   driven:
     plugins:
-      {plugin}: {{port: "sim://world/body"{settings}}}
+      roomba: {{protocol: {protocol}, port: "sim://world/body"{settings}}}
 """
 
 WORLD = """\
@@ -35,22 +35,22 @@ SQUARE = [f"f{SIDE_M}", "l90"] * 4
 ARM_M = 0.129
 OFF_COUNTS = 1.5
 """Tolerance in counts at the end of a motion."""
-COUNT_M = {"mote_roomba": 0.001, "roomba_oi": math.pi * 0.072 / 508.8}
+COUNT_M = {"sci": 0.001, "oi": math.pi * 0.072 / 508.8}
 """Resolution of the counters of each interface."""
 
 
 @pytest.mark.parametrize(
-    ("plugin", "settings"),
+    ("protocol", "settings"),
     [
-        ("mote_roomba", ", link: serial"),
-        ("mote_roomba", ", link: mote"),
-        ("mote_roomba", ", link: mote, mode: full, mote: {header: tinyos1}"),
-        ("roomba_oi", ""),
+        ("sci", ", link: sim"),
+        ("sci", ", link: mote"),
+        ("sci", ", link: mote, mode: full, mote: {header: tinyos1}"),
+        ("oi", ", link: sim"),
     ],
 )
-def test_the_square_ends_where_it_should(plugin: str, settings: str, tmp_path: Path) -> None:
+def test_the_square_ends_where_it_should(protocol: str, settings: str, tmp_path: Path) -> None:
     file = tmp_path / "fleet.yaml"
-    file.write_text(FLEET.format(plugin=plugin, settings=settings), encoding="utf-8")
+    file.write_text(FLEET.format(protocol=protocol, settings=settings), encoding="utf-8")
     (tmp_path / "floor.yaml").write_text(WORLD, encoding="utf-8")
     with Fleet(EALConfigManager.load(file, environment={}).fleet) as fleet:
         base, odometry, pose = fleet["driven"]["Base"], fleet["driven"]["Odometry"], fleet["body"]["Pose"]
@@ -59,8 +59,10 @@ def test_the_square_ends_where_it_should(plugin: str, settings: str, tmp_path: P
             assert base.send_cmd(move).get() == 1
         end_x_m, end_y_m, end_yaw_rad = pose.get_value().get().value
         believed = odometry.get_value().get().value
-    turn_rad = OFF_COUNTS * COUNT_M[plugin] / ARM_M  # each turn may be off by so much, and each side by so many counts
+    turn_rad = (
+        OFF_COUNTS * COUNT_M[protocol] / ARM_M
+    )  # each turn may be off by so much, and each side by so many counts
     assert abs(math.remainder(end_yaw_rad - yaw_rad, math.tau)) < 4 * turn_rad
-    assert math.hypot(end_x_m - x_m, end_y_m - y_m) < 4 * OFF_COUNTS * COUNT_M[plugin] + SIDE_M * 2 * turn_rad
+    assert math.hypot(end_x_m - x_m, end_y_m - y_m) < 4 * OFF_COUNTS * COUNT_M[protocol] + SIDE_M * 2 * turn_rad
     truth = (end_x_m - x_m, end_y_m - y_m, math.remainder(end_yaw_rad - yaw_rad, math.tau))
     assert believed == pytest.approx(truth, abs=0.012)

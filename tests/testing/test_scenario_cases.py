@@ -167,7 +167,7 @@ def test_the_fleet_is_that_of_the_command_line_then_of_the_scenario_then_of_the_
 
 
 def test_nothing_real_is_opened(pytester: pytest.Pytester, folder: Path) -> None:
-    real = "version: 1\nrobots: {scout: {plugins: {mote_roomba: {port: /dev/no-such-port}}}}\n"
+    real = "version: 1\nrobots: {scout: {plugins: {roomba: {protocol: sci, port: /dev/no-such-port}}}}\n"
     (folder / "fleet.yaml").write_text(real)
     (folder / "drive.yaml").write_text(DRIVE.replace("tolerance: 0.01", "tolerance: 0.1"))
     run(pytester, "--eal", "scenarios").assert_outcomes(passed=1)

@@ -22,6 +22,8 @@ from eal_actors.device.data.c_types import (
     NUMBERS,
     PLAIN,
     SCALAR_BY_DTYPE,
+    SHOWN_BYTES,
+    SHOWN_ELEMENTS,
     TEXT,
     VOID,
     CType,
@@ -221,15 +223,18 @@ def read(c_type: CType, payload: Payload) -> Stored:
     return _store_scalar(c_type, payload[0] if c_type.code == "c" else struct.unpack(f"<{c_type.code}", payload)[0])
 
 
+def _check_dtype(c_type: CType, dtype: str) -> None:
+    if not c_type.is_ptr or c_type.dtype is None or dtype != c_type.dtype:
+        takes = c_type.dtype if c_type.is_ptr and c_type.dtype else "no numpy array"
+        name = c_type.name + "[]" * c_type.is_ptr
+        raise DataError(f"dtype: {short_repr(dtype)} does not fit {name}, which takes {takes}")
+
+
 def checked_shape(c_type: CType, length: int, shape: Sequence[int] | None, dtype: str | None) -> tuple[int, ...]:
     """Return the shape of an array rebuilt from its payload, or raise DataError."""
     if shape is None or dtype is None:
         raise DataError(f"shape {short_repr(shape)} and dtype {short_repr(dtype)} must be given together")
-    if not c_type.is_ptr or c_type.dtype is None or dtype != c_type.dtype:
-        takes = c_type.dtype if c_type.is_ptr and c_type.dtype else "no numpy array"
-        raise DataError(
-            f"dtype: {short_repr(dtype)} does not fit {c_type.name}{'[]' * c_type.is_ptr}, which takes {takes}"
-        )
+    _check_dtype(c_type, dtype)
     if not isinstance(shape, (list, tuple)) or len(shape) > MOST_DIMENSIONS:
         raise DataError(f"shape: {short_repr(shape)} is no list of at most {MOST_DIMENSIONS} sizes")
     if any(type(size) is not int or size < 0 for size in shape):
@@ -239,6 +244,28 @@ def checked_shape(c_type: CType, length: int, shape: Sequence[int] | None, dtype
     if math.prod(size or 1 for size in shape) * c_type.width > sys.maxsize:
         raise DataError(f"shape: {short_repr(shape)} is too large for an array, even without elements")
     return tuple(shape)
+
+
+def pack(c_type: CType, value: Any, length: int, shape: tuple[int, ...] | None) -> Payload:
+    """Return the payload of a checked value."""
+    if value is None:
+        return b""
+    if isinstance(value, str):
+        return value.encode().ljust(length, b"\0")
+    if shape is not None:
+        return memoryview(value.reshape(-1).view("u1"))
+    return struct.pack(f"<{c_type.code}", value)
+
+
+def content_text(c_type: CType, value: Any, shape: tuple[int, ...] | None, payload: Payload) -> str:
+    """Return a value as text, short even for large values."""
+    if shape is not None:
+        return f"shape={shape}"
+    if not c_type.is_ptr or c_type == TEXT:
+        return short_repr(value)
+    if c_type.type is DataType.VOID:
+        return short_repr(bytes(payload[: SHOWN_BYTES + 1]))
+    return short_repr(unpack(c_type, payload[: (SHOWN_ELEMENTS + 1) * c_type.width]))
 
 
 def unpack(c_type: CType, payload: Payload) -> list[Any]:

@@ -16,7 +16,6 @@ Source: thesis §4.6, B.1.
 
 from __future__ import annotations
 
-import struct
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,9 +26,6 @@ from eal_actors.device.data.c_types import (
     BOOL,
     DOUBLE,
     INT,
-    SHOWN_BYTES,
-    SHOWN_ELEMENTS,
-    TEXT,
     CType,
     DataType,
     find_c_type,
@@ -42,7 +38,9 @@ from eal_actors.device.data.storage import (
     as_array,
     as_bytes,
     checked_shape,
+    content_text,
     infer,
+    pack,
     read,
     store,
     unpack,
@@ -79,14 +77,6 @@ class EALData:
     """
 
     __slots__ = ("_c_type", "_frame_id", "_length", "_payload", "_shape", "_stamp_s", "_unit", "_value")
-    _c_type: CType
-    _value: Any
-    _payload: Payload | None
-    _length: int
-    _shape: tuple[int, ...] | None
-    _unit: str | None
-    _frame_id: str | None
-    _stamp_s: float | None
 
     def __init__(
         self,
@@ -290,18 +280,8 @@ class EALData:
         """The bytes as C lays them out, little-endian; a view without a copy for a contiguous numpy array."""
         payload = self._payload
         if payload is None:
-            payload = self._payload = self._pack()
+            payload = self._payload = pack(self._c_type, self._value, self._length, self._shape)
         return payload
-
-    def _pack(self) -> Payload:
-        value = self._value
-        if value is None:
-            return b""
-        if isinstance(value, str):
-            return value.encode().ljust(self._length, b"\0")
-        if self._shape is not None:
-            return memoryview(value.reshape(-1).view("u1"))
-        return struct.pack(f"<{self._c_type.code}", value)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EALData):
@@ -315,18 +295,11 @@ class EALData:
 
     def __repr__(self) -> str:
         c_type = self._c_type
-        if self._shape is not None:
-            content = f" shape={self._shape}"
-        elif not c_type.is_ptr or c_type == TEXT:
-            content = f" {short_repr(self._value)}"
-        elif c_type.type is DataType.VOID:
-            content = f" {short_repr(bytes(self.payload[: SHOWN_BYTES + 1]))}"
-        else:
-            content = f" {short_repr(unpack(c_type, self.payload[: (SHOWN_ELEMENTS + 1) * c_type.width]))}"
+        content = content_text(c_type, self._value, self._shape, b"" if self._shape is not None else self.payload)
         size = f"[{self._length // c_type.width}]" if c_type.is_ptr else ""
         meta = {"unit": self._unit, "frame_id": self._frame_id, "stamp_s": self._stamp_s}
         notes = "".join(f", {name}={short_repr(note)}" for name, note in meta.items() if note is not None)
-        return f"EALData({c_type.name}{size}{content}{notes})"
+        return f"EALData({c_type.name}{size} {content}{notes})"
 
 
 def _array_content(value: Any) -> tuple[CType, Stored] | None:
@@ -395,14 +368,14 @@ class ValueInfo:
         value = data.value
         if self.choices and value not in self.choices:
             return f"must be one of {', '.join(map(str, self.choices))}, not {value!r}"
-        if self.type in _NUMERIC_TYPES:
-            if not isinstance(value, int | float):
-                return f"must be {self.describe()}, not {repr_of(data)}"
-            below = self.minimum is not None and not value >= self.minimum
-            above = self.maximum is not None and not value <= self.maximum
-            if below or above or value != value:  # the last: not a number
-                return f"must be {self.describe()}, not {value:g}"
-        return None
+        return self._number_problem(data, value) if self.type in _NUMERIC_TYPES else None
+
+    def _number_problem(self, data: EALData, value: Any) -> str | None:
+        if not isinstance(value, int | float):
+            return f"must be {self.describe()}, not {repr_of(data)}"
+        below = self.minimum is not None and not value >= self.minimum
+        above = self.maximum is not None and not value <= self.maximum
+        return f"must be {self.describe()}, not {value:g}" if below or above or value != value else None  # NaN differs
 
     def _shape_problem(self, data: EALData) -> str | None:
         shape = data.shape

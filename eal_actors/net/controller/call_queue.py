@@ -54,9 +54,6 @@ _BATCH_BYTES: Final = 32 * 1024
 class CallQueue(UrgentMessage):
     """Outgoing calls to one robot. It takes the place of the resources' actors and is its own mailbox.
 
-    Args:
-        channel: the connection to the robot.
-
     Attributes:
         tracker: our commands whose outcome has not arrived.
         window: calls in flight to all robots.
@@ -82,7 +79,7 @@ class CallQueue(UrgentMessage):
     @property
     def resource(self) -> NoReturn:
         """Raise RemoteError: the resource object is in another process (Source: thesis §4.5)."""
-        raise RemoteError("the resource itself cannot be had through a network", robot=self._channel.name)
+        raise RemoteError("the resource itself is not available over a network", robot=self._channel.name)
 
     def put(self, envelope: Call[Any]) -> None:
         """Add a call.
@@ -134,7 +131,7 @@ class CallQueue(UrgentMessage):
         if self._channel.rights is not None:
             self._channel.rights.check(call.cell.name, call.method)
         if len(self._unanswered) >= limit:
-            raise BusyError(f"{limit:g} calls to the robot are under way already")
+            raise BusyError(f"{limit:g} calls to the robot are pending already")
         self._unanswered.add(call)
 
     def stop_activity_of(self, call: Call[Any]) -> None:

@@ -61,7 +61,7 @@ class CommandBoard:
                 for client, epoch, sequence, fields in rows  # type: ignore[attr-defined]  # checked by trying
             }
         except (TypeError, ValueError, AttributeError) as error:
-            raise ProtocolError(f"the running commands {rows!r} make no sense") from error
+            raise ProtocolError(f"the running commands {rows!r} are malformed") from error
         with self._lock:
             later = {call_id: entry for call_id, entry in self._entries.items() if entry.told_s > as_of_s}
             ended = set(self._ended)
@@ -112,7 +112,7 @@ def progress_from(row: object) -> Progress | None:
         fraction, text, time_s = list(row)  # type: ignore[call-overload]  # checked by trying
         return Progress(None if fraction is None else float(fraction), str(text), float(time_s))
     except (TypeError, ValueError) as error:
-        raise ProtocolError(f"the progress {row!r} makes no sense") from error
+        raise ProtocolError(f"the progress {row!r} is malformed") from error
 
 
 def localized_progress(progress: Progress, to_local: Callable[[float], float]) -> Progress:
@@ -125,7 +125,7 @@ def _running_from(fields: Mapping[str, Any]) -> RunningCommand:
         resource, command, by = (str(fields[key]) for key in ("resource", "command", "by"))
         return RunningCommand(resource, command, by, float(fields["since_s"]), progress_from(fields.get("progress")))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ProtocolError(f"the running command {fields!r} makes no sense") from error
+        raise ProtocolError(f"the running command {fields!r} is malformed") from error
 
 
 def _localized(running: RunningCommand, to_local: Callable[[float], float]) -> RunningCommand:
@@ -135,9 +135,6 @@ def _localized(running: RunningCommand, to_local: Callable[[float], float]) -> R
 
 class CommandTracker:
     """Our commands to one robot that were sent and whose outcome has not arrived.
-
-    Args:
-        channel: the robot's channel.
 
     Attributes:
         commands: the commands by their identifiers.

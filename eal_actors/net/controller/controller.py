@@ -22,14 +22,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.sender import InFlightWindow, Sender, UrgentMessage
 from eal_actors.net.session import controller_config, open_session
 from eal_actors.net.wire import keys
-from eal_actors.net.wire.messages import (
-    CallReply,
-    Heartbeat,
-    RobotEvent,
-    decode_event,
-    decode_reply,
-    encode_heartbeat,
-)
+from eal_actors.net.wire.messages import CallReply, Heartbeat, RobotEvent, decode_event, decode_reply, encode_heartbeat
 from eal_actors.net.wire.packing import PROTOCOL_VERSION
 
 if TYPE_CHECKING:
@@ -68,11 +61,6 @@ class RobotListener:
 
 class Controller(EALActor):
     """Network of one fleet in this process.
-
-    Args:
-        config: the fleet.
-        clock: the fleet's clock.
-        robots: names of the robots to reach.
 
     Raises:
         ConfigError: its keys are missing.
@@ -322,7 +310,7 @@ class Controller(EALActor):
         if is_alive:
             listener.on_alive(version)
         else:
-            listener.on_gone("is out of reach")
+            listener.on_gone("is unreachable")
 
     def _on_answer(self, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
@@ -344,7 +332,7 @@ class Controller(EALActor):
             _, name = keys.parse_robot(str(sample.key_expr))
             event = decode_event(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
         except ProtocolError as error:
-            get_logger(fleet=self.fleet).warning("an event makes no sense", reason=error.message)
+            get_logger(fleet=self.fleet).warning("an event is malformed", reason=error.message)
             return
         with self._lock:
             listener = self._listeners.get(name)
@@ -353,4 +341,4 @@ class Controller(EALActor):
         try:
             listener.on_event(event)
         except ProtocolError as error:
-            get_logger(robot=name).warning("an event makes no sense", reason=error.message)
+            get_logger(robot=name).warning("an event is malformed", reason=error.message)

@@ -39,16 +39,12 @@ class Handshake:
     def decode(cls, answer: Answer, certificate: str | None) -> Self:
         """Decode an answer.
 
-        Args:
-            answer: the answer.
-            certificate: name of our certificate; None without one.
-
         Raises:
             ProtocolError: the answer is malformed, or the robot refuses; the message continues the robot's name.
         """
         if not isinstance(answer, dict):
             reason = answer.message if isinstance(answer, EALError) else f"answered {answer!r}"
-            raise ProtocolError(f"does not let us in: {reason}")
+            raise ProtocolError(f"refuses the connection: {reason}")
         try:
             stopped = answer["stopped"]
             return cls(
@@ -60,7 +56,7 @@ class Handshake:
                 answer.get("running", ()),
             )
         except (ProtocolError, AttributeError, KeyError, TypeError) as error:
-            raise ProtocolError(f"greets in a way that makes no sense: {error_text(error)}") from error
+            raise ProtocolError(f"has sent a malformed handshake: {error_text(error)}") from error
 
 
 class _Fields(BaseModel):

@@ -61,11 +61,6 @@ class RemoteSpec:
 class RemoteRobot(EALActor):
     """Connection to one remote robot; implements RobotConnection.
 
-    Args:
-        spec: the robot.
-        view: public state of the robot.
-        controller: the fleet's network.
-
     Thread: an actor; zenoh's threads only queue actions in its mailbox.
     """
 
@@ -104,7 +99,7 @@ class RemoteRobot(EALActor):
 
     def _stop_waiting(self) -> None:
         if self.view.state is RobotState.STARTING:
-            self._note_lost(f"does not answer at {self.spec.address}; it is looked for all the same")
+            self._note_lost(f"does not answer at {self.spec.address}; the connection is retried")
         self.view.started.set(None)
 
     # Callbacks of the controller, in zenoh's threads.
@@ -134,7 +129,7 @@ class RemoteRobot(EALActor):
             self._log.info("robot's state", state=event.fields.get("state"))
             self._shake_hands()
         elif event.kind == "dead_man" and event.fields.get("client") == self._controller.client:
-            self._log.warning("the robot has halted: it did not hear us", resource=event.fields.get("resource"))
+            self._log.warning("the robot has halted: it missed our heartbeats", resource=event.fields.get("resource"))
 
     # Handshake.
 
@@ -142,7 +137,7 @@ class RemoteRobot(EALActor):
         try:
             check_version(version, "its sign of life")
         except ProtocolError as error:
-            self._note_lost(f"cannot be spoken to: {error.message}")
+            self._note_lost(f"is incompatible: {error.message}")
             self.view.started.set(None)
         else:
             self._shake_hands()
@@ -200,7 +195,7 @@ class RemoteRobot(EALActor):
             cell.actor = self.calls
         for name in cells.keys() - {info.name for info in handshake.infos}:
             cells[name].actor = None
-            cells[name].error = UnavailableError("the robot does not have it any more")
+            cells[name].error = UnavailableError("the robot no longer has it")
         self.view.cells = cells
         self.view.problems = tuple(UnavailableError(problem, robot=self.spec.name) for problem in handshake.problems)
 
@@ -216,7 +211,7 @@ class RemoteRobot(EALActor):
 
     def _lose(self, reason: str) -> None:
         if self.view.state in (RobotState.READY, RobotState.LOST):  # of two reasons the later one is right
-            self._note_lost(f"{reason}; it is looked for")
+            self._note_lost(f"{reason}; reconnecting")
 
     def _note_lost(self, reason: str) -> None:
         error = UnavailableError(reason, robot=self.spec.name)
@@ -309,7 +304,7 @@ class RemoteRobot(EALActor):
 
     @override
     def on_crash(self, error: BaseException) -> None:
-        self._note_lost(f"cannot be spoken to: its connection crashed: {error_text(error)}")
+        self._note_lost(f"is unreachable: its connection crashed: {error_text(error)}")
         self.on_stop()
 
     def is_at_work(self) -> bool:

@@ -139,7 +139,7 @@ class RobotHost(EALActor):
         try:
             call = keys.parse_call(str(sample.key_expr))
         except ProtocolError as error:
-            get_logger(fleet=self._fleet).warning("a call makes no sense", reason=error.message)
+            get_logger(fleet=self._fleet).warning("a call is malformed", reason=error.message)
             return
         server = self._servers.get(call.robot)
         if server is not None:  # else another process serves the robot
@@ -152,7 +152,7 @@ class RobotHost(EALActor):
         except ProtocolError as error:
             if error.message != self._last_bad_heartbeat:  # it is repeated
                 self._last_bad_heartbeat = error.message
-                get_logger(fleet=self._fleet).warning("heartbeats make no sense", reason=error.message)
+                get_logger(fleet=self._fleet).warning("heartbeats are malformed", reason=error.message)
             return
         for server in self._servers.values():
             server.receive_heartbeat(beat.client, beat.name)

@@ -64,10 +64,7 @@ class Leases:
     """
 
     def __init__(
-        self,
-        exclusive: Iterable[str],
-        dead_man_s: float = DEFAULT_DEAD_MAN_S,
-        name_of: Callable[[str], str] = str,
+        self, exclusive: Iterable[str], dead_man_s: float = DEFAULT_DEAD_MAN_S, name_of: Callable[[str], str] = str
     ) -> None:
         self.exclusive: Final = frozenset(exclusive)
         self.dead_man_s: Final = _checked_dead_man_s(dead_man_s)
@@ -90,7 +87,7 @@ class Leases:
             left_s = lease.heard_s + self.dead_man_s - now_s
             holder = self._name_of(lease.holder)
             raise ResourceBusyError(
-                f"held by controller {holder}, until it lets go or is silent for {left_s:.2f} s more",
+                f"held by controller {holder}, until it releases it or is silent for {left_s:.2f} s more",
                 resource=resource,
             )
 

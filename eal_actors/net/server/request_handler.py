@@ -21,14 +21,6 @@ from eal_actors.net.wire.messages import Answer, CallHeader, CallId, RobotEvent
 class RequestHandler:
     """Answers for one robot.
 
-    Args:
-        robot: the robot.
-        admission: its admission control.
-        running: its running commands.
-        publisher: its streams.
-        publish: publishes an event.
-        security: the fleet's grants; None if everybody may do everything.
-
     Thread: the host's, except `ping` and `release`.
     """
 
@@ -77,7 +69,7 @@ class RequestHandler:
         except EALError as error:
             return error.at(self._robot.name)
         except Exception as error:  # noqa: BLE001  # arguments of a controller must not crash the server
-            return ProtocolError(f"the call makes no sense: {error_text(error)}", robot=self._robot.name)
+            return ProtocolError(f"the call is malformed: {error_text(error)}", robot=self._robot.name)
 
     def _hello(self, header: CallHeader) -> Answer:
         name = next(iter(header.arguments), "")

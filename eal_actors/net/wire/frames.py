@@ -1,4 +1,4 @@
-"""Stream frames and stream requests, as objects and as bytes; see docs/wire-format.md."""
+"""Stream frames and stream requests, as objects and as bytes; see docs/reference/wire-format.md."""
 
 from __future__ import annotations
 

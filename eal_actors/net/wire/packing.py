@@ -18,7 +18,7 @@ from eal_actors.kernel import errors
 from eal_actors.kernel.errors import ConfigError, DataError, EALError, ProtocolError
 
 PROTOCOL_VERSION: Final = 2
-"""Incremented when an older reader would misunderstand a message; see docs/wire-format.md."""
+"""Incremented when an older reader would misunderstand a message; see docs/reference/wire-format.md."""
 MAX_ENVELOPE_BYTES: Final = 1024**2
 MAX_PAYLOAD_BYTES: Final = 64 * 1024**2
 MAX_ITEMS: Final = 4096
@@ -95,11 +95,7 @@ def _unpack(packed: Buffer, what: str) -> Any:
         raise ProtocolError(f"{what}: an envelope of {size} bytes, more than {MAX_ENVELOPE_BYTES}")
     try:
         return msgpack.unpackb(
-            packed,
-            object_pairs_hook=_text_keys,
-            max_array_len=MAX_ITEMS,
-            max_map_len=MAX_ITEMS,
-            max_ext_len=0,
+            packed, object_pairs_hook=_text_keys, max_array_len=MAX_ITEMS, max_map_len=MAX_ITEMS, max_ext_len=0
         )
     except (ValueError, TypeError, BufferError, msgpack.UnpackException) as error:
         raise ProtocolError(f"{what}: no valid msgpack: {short_repr(str(error) or type(error).__name__)}") from error

@@ -65,15 +65,7 @@ def _with_headers(send: Send) -> Send:
 
 
 class App:
-    """The application of one dashboard.
-
-    Args:
-        app_state: the application state.
-
-    Attributes:
-        browsers: the connected browsers.
-        asgi: the application itself.
-    """
+    """The application of one dashboard: `asgi` serves it, `browsers` are connected to it."""
 
     def __init__(self, app_state: AppState) -> None:
         self._app_state = app_state

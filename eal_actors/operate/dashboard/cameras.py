@@ -45,13 +45,9 @@ class CameraFrame:
 
 
 class Cameras:
-    """Opens a camera for the first browser that watches it, and closes it after the last.
+    """Opens a camera for the first browser that watches it, and closes it after the last. Thread: any.
 
-    Args:
-        fleet: a connected fleet.
-        on_frame: called for each new frame or failure; it must not block.
-
-    Thread: any.
+    `on_frame` is called for each new frame or failure, and must not block.
     """
 
     def __init__(self, fleet: Fleet, on_frame: Callable[[], None]) -> None:

@@ -37,9 +37,6 @@ class ControlRegistry:
     Callers `acquire` a resource before a command and call `done` at its end. So a release cannot overtake a command:
     it is sent before the command, or not at all.
 
-    Args:
-        clock: measures IDLE_S.
-
     Thread: any; never blocks.
     """
 

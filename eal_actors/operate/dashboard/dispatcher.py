@@ -45,14 +45,6 @@ _COMMANDS: Final = ("set_value", "send_cmd", "set_config")
 class Dispatcher:
     """Executes messages. Permissions are checked by the caller.
 
-    Args:
-        fleet: a connected fleet.
-        steps: records the errors of robots.
-        control: records who controls what.
-        runs: runs scenarios.
-        teleop: drives by hand.
-        cameras: the cameras.
-
     Thread: any. `execute` does not wait for robots. Messages for which `reads_files` is true block on files.
     """
 
@@ -77,13 +69,7 @@ class Dispatcher:
         return isinstance(message, ListScenarios | StartRun)
 
     def execute(self, message: Any, browser: str, reply: Reply) -> None:
-        """Execute a message, and reply at its end.
-
-        Args:
-            message: one of `messages`.
-            browser: the browser's name.
-            reply: sends answers.
-        """
+        """Execute one of `messages` from a browser, and reply at its end."""
         number = getattr(message, "id", None)
         try:
             answer = self._execute(message, browser, reply)

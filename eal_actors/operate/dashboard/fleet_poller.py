@@ -56,14 +56,9 @@ def infos_of(robot: RobotHandle) -> Iterator[tuple[str, ResourceInfo]]:
 
 
 class FleetPoller:
-    """Polls all robots in one thread, between `start` and `close`.
+    """Polls all robots of a connected fleet in one thread, between `start` and `close`.
 
-    Args:
-        fleet: a connected fleet.
-        store: where states and poses go.
-        steps: the current steps.
-        control: who controls what; receives the resources that this process holds.
-        is_watched: whether a browser is connected, without which poses are not polled; called in the poller's thread.
+    Poses are polled only while `is_watched` returns True; it is called in the poller's thread.
     """
 
     def __init__(
@@ -126,14 +121,7 @@ class FleetPoller:
 
 
 class _RobotPoller:
-    """The state of one robot, and the open questions to it. Thread: the poller's.
-
-    Args:
-        robot: the robot.
-        steps: the current steps.
-        control: who controls what.
-        skip_polls: polls of the pose to skip at first.
-    """
+    """The state of one robot, and the open questions to it. Thread: the poller's."""
 
     def __init__(self, robot: RobotHandle, steps: CurrentSteps, control: ControlRegistry, skip_polls: int) -> None:
         self._robot = robot
@@ -184,8 +172,9 @@ class _RobotPoller:
             self._skip_polls -= 1
         elif self._pose is None:
             data = self._read_pose() or data
-        if data is None or not self._is_pose(data):
-            return None
+        return self._take_pose(data) if data is not None and self._is_pose(data) else None
+
+    def _take_pose(self, data: EALData) -> dict[str, Any] | None:
         x_m, y_m, yaw_rad = map(float, data.value)
         if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
             return None

@@ -17,12 +17,7 @@ MESSAGES_AT_ONCE: Final = 120.0
 
 
 class TokenBucket:
-    """A rate limit: an average rate, and a burst.
-
-    Args:
-        per_s: tokens that are added per second.
-        at_once: tokens at the start, and at most.
-    """
+    """A rate limit: `per_s` tokens are added per second, up to `at_once`, which is also the number at the start."""
 
     def __init__(self, per_s: float, at_once: float) -> None:
         self._per_s = per_s

@@ -21,11 +21,7 @@ _MOST_CHARACTERS: Final = 2000
 class LogTap:
     """Copies log lines to the store, between `with` and its end.
 
-    Lines below the level of the terminal go to the page only.
-
-    Args:
-        store: where lines go.
-        steps: where errors of robots are recorded.
+    Lines below the level of the terminal go to the page only. Errors of robots are also recorded in `steps`.
     """
 
     def __init__(self, store: StateStore, steps: CurrentSteps) -> None:

@@ -46,13 +46,7 @@ _CLOSED: Final = "the dashboard was closed"
 class RunManager:
     """Runs the scenarios of one folder, one at a time, and reports them to the store.
 
-    Args:
-        fleet: a connected fleet.
-        store: where the state and the events of the run go.
-        steps: records the current steps.
-        control: records who controls what.
-        folder: the scenario files; subfolders are not searched.
-        runs_dir: the parent of the runs' folders; None keeps no records.
+    Scenarios are files right in `folder`. With `runs_dir` None, runs leave no records.
 
     Thread: any. `list_scenarios` and `start` block on files.
     """
@@ -92,11 +86,7 @@ class RunManager:
         return {file.name: file for file in sorted(self._folder.glob("*.yaml"))[:_MOST_FILES]}
 
     def start(self, file: str, parameters: Mapping[str, object]) -> None:
-        """Start a run.
-
-        Args:
-            file: the scenario's file in the folder.
-            parameters: values of its parameters.
+        """Start a run of a file in the folder.
 
         Raises:
             ScenarioError: no such file, another run is active, or the run's folder cannot be made.
@@ -226,10 +216,7 @@ class RunManager:
                 logger = get_logger(robot=event.robot) if event.robot else get_logger()
                 logger.info(event.text, scenario=self._status["scenario"])
             case RunEnded(report=report):
-                self._steps.clear()
-                error = report.error.message if report.error is not None else None
-                self._update(phase="ended", outcome=report.outcome, error=error, duration_s=report.duration_s)
-                get_logger().info("scenario ended", scenario=report.scenario, outcome=report.outcome)
+                self._record_report(report)
 
     def _record_start(self, event: RunStarted) -> None:
         self._set_status(
@@ -254,6 +241,12 @@ class RunManager:
         if record.is_call:
             done_by = self._status["done_by"]
             self._update(done_by={**done_by, robot: done_by.get(robot, 0) + 1}, done=self._status["done"] + 1)
+
+    def _record_report(self, report: Report) -> None:
+        self._steps.clear()
+        error = report.error.message if report.error is not None else None
+        self._update(phase="ended", outcome=report.outcome, error=error, duration_s=report.duration_s)
+        get_logger().info("scenario ended", scenario=report.scenario, outcome=report.outcome)
 
     def _update(self, **fields: Any) -> None:
         self._set_status({**self._status, **fields})

@@ -26,16 +26,7 @@ REPORT: Final = "report.html"
 
 
 class RunRecord:
-    """The record of one run.
-
-    Args:
-        fleet: the connected fleet.
-        plan: the plan of the run.
-        runs_dir: the parent of the run's folder.
-
-    Attributes:
-        directory: the run's folder.
-        hear: the listener for the run's events.
+    """The record of one run, in a new folder `directory` below `runs_dir`; `hear` is the listener for its events.
 
     Raises:
         ConfigError: the folder cannot be made.

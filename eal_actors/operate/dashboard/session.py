@@ -55,15 +55,8 @@ _numbers = itertools.count(1)
 class AppState:
     """The application state, which all browsers of a dashboard share.
 
-    Attributes:
-        store: the state that browsers show.
-        notifier: notifies of changes.
-        access: the access rules.
-        dispatcher: executes messages.
-        cameras: the cameras' frames.
-        clock: the fleet's clock.
-        introduction: makes the first message to a browser, in the loop's thread.
-        report: finds the report page of a run by the name of its folder.
+    `introduction` makes the first message to a browser, in the loop's thread. `report` finds the report of a run by
+    the name of its folder.
     """
 
     store: StateStore
@@ -77,12 +70,7 @@ class AppState:
 
 
 class BrowserSession:
-    """Serves one page, from its first message to its last. Thread: the loop's.
-
-    Args:
-        websocket: the connection, not accepted yet.
-        app_state: the application state.
-    """
+    """Serves one page, on a websocket that is not accepted yet. Thread: the loop's."""
 
     def __init__(self, websocket: WebSocket, app_state: AppState) -> None:
         self.name: Final = f"browser {next(_numbers)}"

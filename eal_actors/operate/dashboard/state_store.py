@@ -40,8 +40,7 @@ def to_json_value(value: Any) -> Any:
 class StateStore:
     """Cells, whose newest value counts, and topics of lines, of which each line counts.
 
-    Args:
-        on_change: called after each change, in the thread that made it; it must not block.
+    `on_change` is called after each change, in the thread that made it, and must not block.
 
     Thread: any; never blocks for longer than a copy of what changed.
     """
@@ -112,13 +111,7 @@ class StateStore:
 
 
 class StateReader:
-    """The position of one browser in the store.
-
-    Args:
-        store: the store; the first message holds everything in it.
-
-    Thread: one at a time.
-    """
+    """The position of one browser in the store, at first before everything in it. Thread: one at a time."""
 
     def __init__(self, store: StateStore) -> None:
         self._store = store

@@ -54,11 +54,6 @@ class _Press:
 class Teleop:
     """Drives robots by the messages of browsers.
 
-    Args:
-        fleet: a connected fleet.
-        control: records which browser drives.
-        clock: the clock of the dead-man's switch.
-
     Thread: any. Its own thread runs the dead-man's switch between `start` and `close`.
     """
 
@@ -92,13 +87,6 @@ class Teleop:
 
     def drive(self, browser: str, robot: str, press: int, twist: Twist, on_error: OnError) -> None:
         """Drive a robot at a twist, until the next message or for SILENCE_S.
-
-        Args:
-            browser: the browser's name.
-            robot: the robot's name.
-            press: the number of the press; a browser's numbers grow.
-            twist: the speeds.
-            on_error: called when the press ends with an error, also by the robot.
 
         Raises:
             UnsupportedError: the robot takes no twist.

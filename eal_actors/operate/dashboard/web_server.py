@@ -88,13 +88,7 @@ class _Server(uvicorn.Server):
 
 
 class WebServer:
-    """Serves an application between `start` and `close`.
-
-    Args:
-        app: the application.
-        listener: the listening socket; closed at the end.
-        notifier: attached to the server's loop while it runs.
-    """
+    """Serves an application between `start` and `close`, which closes the listening socket."""
 
     def __init__(self, app: ASGIApp, listener: socket.socket, notifier: Notifier) -> None:
         self._listener = listener

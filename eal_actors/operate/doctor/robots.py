@@ -61,13 +61,7 @@ def _unreached(name: str, address: str, error: EALError) -> Diagnostic:
 
 
 def judge_ping(name: str, ping: Ping, ours: str) -> Iterator[Diagnostic]:
-    """Yield the diagnostics of a robot's answer.
-
-    Args:
-        name: the robot's name.
-        ping: its answer.
-        ours: the release on this machine.
-    """
+    """Yield the diagnostics of a robot's answer, where `ours` is the release on this machine."""
     if ping.state is not RobotState.READY:
         yield problem(_AREA, f"{name} answers, but is {ping.state.value}", "The log of its eal serve has the reason.")
     if ping.release != ours:

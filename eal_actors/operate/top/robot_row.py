@@ -15,15 +15,11 @@ class RobotRow:
     """The state of a robot.
 
     Attributes:
-        name: the robot's name.
         state: its life-cycle state; `STOP` during an emergency stop.
-        is_remote: whether another process serves it.
         waiting: calls in its mailboxes; None if not known yet.
         oldest_s: the waiting time of the oldest call, by the fleet's clock.
         statistics: of this process's calls; the latencies of pings for a remote robot without calls.
         restarts: of all its resources; None if not known yet.
-        running: the current commands of all controllers.
-        notes: problems, as text.
     """
 
     name: str
@@ -38,14 +34,7 @@ class RobotRow:
 
 
 def robot_row(robot: RobotHandle, calls: RecentCalls, pings: RecentCalls, ping: Ping | None) -> RobotRow:
-    """Return a robot's row. Thread: any; does not block.
-
-    Args:
-        robot: the robot.
-        calls: this process's calls.
-        pings: the pings.
-        ping: the robot's last answer, if there is one.
-    """
+    """Return a robot's row, where `ping` is its last answer, if there is one. Thread: any; does not block."""
     mailboxes = _mailboxes(robot, ping)
     restarts = robot.restarts if not robot.is_remote else None if ping is None else ping.restarts
     return RobotRow(

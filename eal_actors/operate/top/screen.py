@@ -54,12 +54,7 @@ class LogBuffer(io.TextIOBase):
 class TopApp(App[None]):
     """Shows a connected fleet, and stops it.
 
-    Args:
-        fleet: the fleet.
-        calls: this process's calls.
-        runs_dir: the parent of the runs' folders.
-        log: the last log lines.
-        update_period_s: real seconds between updates; None for no updates but by `refresh_fleet`.
+    With `update_period_s` None, in real seconds, only `refresh_fleet` updates it.
     """
 
     TITLE = "eal top"
@@ -191,11 +186,7 @@ class TopApp(App[None]):
 
 
 class Details(Screen[None]):
-    """All details of one robot.
-
-    Args:
-        robot: the robot's name.
-    """
+    """All details of one robot."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "app.pop_screen", "Back")]
 

@@ -74,7 +74,7 @@ def test_other_machines_may_only_watch_without_a_token(tmp_path: Path) -> None:
             assert page.hello["may_command"] is False
             assert page.ask(do="stop")["code"] == "access_denied"
         assert process.stdout is not None
-        assert process.stdout.readline().startswith("read-only: --token")
+        assert process.stdout.readline().startswith("read-only: use --token")
 
 
 def test_a_port_in_use_is_reported_in_one_line(tmp_path: Path) -> None:

@@ -28,8 +28,13 @@ SETTINGS: dict[str, list[dict[str, Any]]] = {
     "system": [{"resources": ["Cpu", "Memory", "Disk", "Network", "Uptime"]}],  # few computers of tests have sensors
     "evbot2": [{}, {"port": "sim://world"}],  # without settings, an emulator stands in for the robot
     "evbot3": [{}, {"address": "sim://world"}],
-    "mote_roomba": [{"port": "sim://world", "poll_hz": 5}, {"poll_hz": 5}, {"link": "mote", "poll_hz": 5}],
-    "roomba_oi": [{"port": "sim://world", "poll_hz": 5}, {"poll_hz": 5}],
+    "roomba": [
+        {"protocol": "sci", "port": "sim://world", "poll_hz": 5},
+        {"protocol": "sci", "poll_hz": 5},
+        {"protocol": "sci", "link": "mote", "poll_hz": 5},
+        {"protocol": "oi", "port": "sim://world", "poll_hz": 5},
+        {"protocol": "oi", "poll_hz": 5},
+    ],
 }
 """For plugins that cannot do without: each of these is checked."""
 

@@ -209,7 +209,10 @@ class FleetMap {
     }
     context.stroke();
     const world = store.hello?.world;
-    setText(this.extent, `grid ${step} m · ${world ? world.name : "no world file: scaled to the robots' poses"}`);
+    setText(
+      this.extent,
+      `grid ${step} m · ${world ? `world ${world.name}` : "no world file: scaled to the robots' poses"}`,
+    );
   }
 
   /** @param {Context} context @param {World} world */

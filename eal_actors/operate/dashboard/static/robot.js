@@ -100,8 +100,8 @@ function formsOf(info, call) {
   if (info.methods.includes("set_value") && info.value) {
     forms.push(form({ title: "set value", verb: "Set", action: call("set_value"), about, argument: info.value }));
   }
-  for (const command of info.commands) forms.push(commandForm(command, "Do", "send_cmd", call));
-  for (const command of info.requests) forms.push(commandForm(command, "Ask", "send_req", call));
+  for (const command of info.commands) forms.push(commandForm(command, "Send", "send_cmd", call));
+  for (const command of info.requests) forms.push(commandForm(command, "Request", "send_req", call));
   for (const { name, value, writable, description } of info.configs) {
     const text = [description, describeValue(value)].filter(Boolean).join(" ");
     forms.push(form({ title: name, verb: "Get", action: call("get_config", name), about: text }));

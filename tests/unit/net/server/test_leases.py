@@ -79,7 +79,7 @@ def test_the_refusal_names_resource_holder_and_how_long() -> None:
     leases.claim("ann", "Wheels", 10.0)
     with pytest.raises(ResourceBusyError) as caught:
         leases.claim("bob", "Wheels", 10.5)
-    assert str(caught.value) == "Wheels: held by controller ann, until it lets go or is silent for 1.50 s more"
+    assert str(caught.value) == "Wheels: held by controller ann, until it releases it or is silent for 1.50 s more"
     assert caught.value.resource == "Wheels"
 
 

@@ -27,7 +27,7 @@ GRADIENT = np.dstack([np.tile(np.arange(64, dtype=np.uint8) * 3, (48, 1)) + shif
 
 
 def test_a_raw_frame_as_bytes() -> None:
-    # Written by hand after the table of docs/network.md and the msgpack specification.
+    # Written by hand after the table of docs/reference/wire-format.md and the msgpack specification.
     envelope = bytes.fromhex(
         "97 02 01 95 a5 666c6f6174 c0 c0 c0 cb3ff8000000000000 a1 65 cb4000000000000000 cb3fe0000000000000 a3 726177"
     )

@@ -40,7 +40,7 @@ def decode_answer(envelope: Buffer, payload: Buffer = b"") -> wire.Answer:
     return answer
 
 
-# Expected bytes: written by hand after the tables of docs/network.md and the msgpack specification.
+# Expected bytes: written by hand after the tables of docs/reference/wire-format.md and the msgpack specification.
 
 
 @pytest.mark.parametrize(

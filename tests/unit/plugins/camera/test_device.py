@@ -17,7 +17,7 @@ SIZES = {(640, 480): 30.0, (1280, 720): 10.0}
 
 
 class UsbCamera:
-    """What V4L2 does, as OpenCV hands it through: the nearest that the camera can do, and no error."""
+    """V4L2 through OpenCV: selects the nearest supported value without an error."""
 
     def __init__(self) -> None:
         self.has = {

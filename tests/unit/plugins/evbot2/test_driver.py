@@ -16,7 +16,7 @@ from plugins.evbot2.messages import BaseRequest, Code, State, Verb
 from plugins.evbot2.odometry import Odometry
 from plugins.evbot2.protocol import BaseLineCodec, encode_request
 from plugins.evbot2.serving import FaultyWire
-from plugins.mote_roomba.odometry import DeadReckoning
+from plugins.roomba.odometry import DeadReckoning
 from tests.unit.plugins.evbot2.rig import TICK_S, Rig
 
 STEP_M = 0.0005

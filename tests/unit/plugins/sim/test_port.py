@@ -15,7 +15,9 @@ from eal_actors.kernel.errors import PluginError, ResourceFaultError, Unavailabl
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.testing import Simulation
 
-DRIVEN: dict[str, Mapping[str, Any]] = {"real": {"plugins": {"mote_roomba": {"port": "sim://world/body"}}}}
+DRIVEN: dict[str, Mapping[str, Any]] = {
+    "real": {"plugins": {"roomba": {"protocol": "sci", "port": "sim://world/body"}}}
+}
 
 
 def test_a_driver_drives_a_robot_of_the_world_through_its_wire_protocol() -> None:
@@ -110,7 +112,7 @@ def test_a_dead_robot_is_silent_on_the_wire() -> None:
     ],
 )
 def test_a_port_that_cannot_be_is_refused(url: str, words: str) -> None:
-    robots = {"real": {"plugins": {"mote_roomba": {"port": url}}}}
+    robots = {"real": {"plugins": {"roomba": {"protocol": "sci", "port": url}}}}
     fleet = Fleet(EALConfigManager.of({"version": 1, "clock": {"rate": "max"}, "robots": robots}).fleet)
     with fleet:
         problems = "; ".join(str(problem) for problem in fleet["real"].problems)
@@ -123,5 +125,5 @@ def test_a_robot_of_another_make_is_refused() -> None:
 
 
 def test_the_port_is_in_no_file_of_the_driver() -> None:
-    folder = Path(__file__).parents[4] / "plugins/mote_roomba"
+    folder = Path(__file__).parents[4] / "plugins/roomba"
     assert not any("plugins.sim" in path.read_text() for path in folder.glob("*.py"))

@@ -10,10 +10,10 @@ import pytest
 
 from eal_actors.kernel.errors import EALError
 from eal_actors.plugin import EALData, FleetServices, PluginContext, Resource
-from plugins.mote_roomba import plugin as driver
+from plugins.roomba import plugin as driver
 from plugins.sim import plugin as sim
 from tests.manual_clock import ManualClock
-from tests.unit.plugins.mote_roomba.rig import Rig
+from tests.unit.plugins.roomba.rig import Rig
 
 NAMES = ("Base", "Bump", "Cliff", "WheelDrop", "Wall", "Battery", "Odometry", "Buttons", "Leds", "Song")
 

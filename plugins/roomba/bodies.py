@@ -1,0 +1,178 @@
+"""Bodies for emulators: what they drive and feel, and one that stands in free space for want of a world."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+from .odometry import DeadReckoning
+
+_ACCELERATION_M_S2: Final = 0.8
+
+
+class RoombaBatteryReading(Protocol):
+    """What a body's battery shows."""
+
+    @property
+    def voltage_v(self) -> float:
+        """Voltage."""
+        ...
+
+    @property
+    def current_a(self) -> float:
+        """Current, negative while it is discharged."""
+        ...
+
+    @property
+    def charge_ah(self) -> float:
+        """What is left."""
+        ...
+
+    @property
+    def capacity_ah(self) -> float:
+        """What it holds when it is full."""
+        ...
+
+    @property
+    def temperature_c(self) -> float:
+        """Temperature."""
+        ...
+
+
+class RoombaBody(Protocol):
+    """What an emulator needs of a robot's body, simulated or made up."""
+
+    def drive(self, left_m_s: float, right_m_s: float) -> None:
+        """Set the wheels' speeds until the next call; both 0 stops."""
+        ...
+
+    def travel_m(self) -> tuple[float, float]:
+        """Return what the left and the right wheel's encoder have counted in all, forward positive."""
+        ...
+
+    def bumps(self) -> tuple[bool, bool]:
+        """Return whether the left and the right bumper are pressed."""
+        ...
+
+    def drops(self) -> tuple[bool, bool, bool]:
+        """Return whether the left wheel, the right wheel and the caster have dropped."""
+        ...
+
+    def cliffs(self) -> tuple[bool, bool, bool, bool]:
+        """Return whether there is no floor under left, front left, front right and right."""
+        ...
+
+    def wall(self) -> bool:
+        """Return whether there is something close to the right-hand side."""
+        ...
+
+    def battery(self) -> RoombaBatteryReading:
+        """Return what the battery shows."""
+        ...
+
+
+@dataclass
+class ConstantBattery:
+    """A battery that shows the same all day."""
+
+    voltage_v: float = 16.1
+    current_a: float = -0.3
+    charge_ah: float = 1.35
+    capacity_ah: float = 2.7
+    temperature_c: float = 24.0
+
+
+class FreeWheel:
+    """A wheel that takes time to reach its speed."""
+
+    def __init__(self) -> None:
+        self.target_m_s = self.speed_m_s = self.travel_m = 0.0
+
+    def advance(self, duration_s: float, acceleration_m_s2: float) -> None:
+        """Advance by a duration, towards the target speed."""
+        lack_m_s = self.target_m_s - self.speed_m_s
+        ramp_s = min(duration_s, abs(lack_m_s) / acceleration_m_s2)
+        before_m_s = self.speed_m_s
+        self.speed_m_s += math.copysign(ramp_s * acceleration_m_s2, lack_m_s)
+        if ramp_s < duration_s:
+            self.speed_m_s = self.target_m_s
+        self.travel_m += (before_m_s + self.speed_m_s) / 2 * ramp_s + self.speed_m_s * (duration_s - ramp_s)
+
+
+class FreeRoombaBody:
+    """A body in free space, which feels what it is made to feel.
+
+    Args:
+        now: tells the time in seconds.
+        wheelbase_m: distance of its wheels.
+        acceleration_m_s2: of each wheel.
+
+    Attributes:
+        left: the left wheel.
+        right: the right wheel.
+        bumped: what `bumps` returns; the others likewise.
+        stuck: whether the wheels cannot turn.
+    """
+
+    def __init__(
+        self, now: Callable[[], float], wheelbase_m: float, acceleration_m_s2: float = _ACCELERATION_M_S2
+    ) -> None:
+        self.left, self.right = FreeWheel(), FreeWheel()
+        self.bumped = (False, False)
+        self.dropped = (False, False, False)
+        self.over_cliffs = (False, False, False, False)
+        self.by_wall = False
+        self.stuck = False
+        self.charge = ConstantBattery()
+        self._now = now
+        self._acceleration_m_s2 = acceleration_m_s2
+        self._at_s = now()
+        self._place = DeadReckoning(wheelbase_m)
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """Where it is: x in m, y in m, yaw in rad in (-pi, pi], from (0, 0, 0) at first."""
+        self._catch_up()
+        return self._place.pose
+
+    def _catch_up(self) -> None:
+        now_s, (left, right) = self._now(), (self.left, self.right)
+        duration_s, self._at_s = now_s - self._at_s, now_s
+        if self.stuck or duration_s <= 0:
+            return
+        before_m = left.travel_m, right.travel_m
+        for wheel in (left, right):
+            wheel.advance(duration_s, self._acceleration_m_s2)
+        self._place.add(left.travel_m - before_m[0], right.travel_m - before_m[1])
+
+    def drive(self, left_m_s: float, right_m_s: float) -> None:
+        """See Body."""
+        self._catch_up()
+        self.left.target_m_s, self.right.target_m_s = left_m_s, right_m_s
+
+    def travel_m(self) -> tuple[float, float]:
+        """See Body."""
+        self._catch_up()
+        return self.left.travel_m, self.right.travel_m
+
+    def bumps(self) -> tuple[bool, bool]:
+        """See Body."""
+        return self.bumped
+
+    def drops(self) -> tuple[bool, bool, bool]:
+        """See Body."""
+        return self.dropped
+
+    def cliffs(self) -> tuple[bool, bool, bool, bool]:
+        """See Body."""
+        return self.over_cliffs
+
+    def wall(self) -> bool:
+        """See Body."""
+        return self.by_wall
+
+    def battery(self) -> ConstantBattery:
+        """See Body."""
+        return self.charge

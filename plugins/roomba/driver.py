@@ -1,0 +1,323 @@
+"""What the drivers of all Roombas have in common: modes, readings and travel, shared by several resources."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Generator, Mapping
+from typing import ClassVar, Final
+
+from eal_actors.plugin import (
+    Activity,
+    Clock,
+    NotReadyError,
+    ResourceFaultError,
+    UnavailableError,
+)
+
+from .link import RoombaLink
+from .listening import LOOK_S, Listener, until
+from .reading import RoombaReading, WheelCommand
+from .sci import MODE_PAUSE_S, Mode, Op
+
+_MODE_PAUSE_S: Final = MODE_PAUSE_S + 0.002  # a little longer, as clocks differ
+_WAKE_TRIES: Final = 3
+_INSIST_S: Final = 0.1  # how long a stop may take to show before it is repeated
+_DETECT_HIGH_S: Final = 0.1
+_DETECT_LOW_S: Final = 0.5
+_WAKE_UP_S: Final = 3.0
+_FAREWELL_S: Final = 0.5
+_START: Final = bytes([Op.START])
+
+
+class RoombaDriver(Listener):
+    """Commands and readings over one link, for several resources in threads of their own.
+
+    Args:
+        link: the way to the Roomba.
+        clock: the fleet's clock.
+        mode: the mode to drive in: safe or full.
+        poll_hz: readings a second.
+        name: the robot's name, for frames.
+        wheelbase_m: nominal distance of its wheels.
+
+    Thread: any; one lock, which is never held during a wait.
+    """
+
+    protocol: ClassVar[str]
+    """The protocol's name in the settings."""
+    ways: ClassVar[Mapping[Mode, tuple[int, Mode]]]
+    """From each mode, the op code that leads to the next, and that mode."""
+    count_m: ClassVar[float]
+    """What the encoders resolve."""
+    stop_data: ClassVar[bytes]
+    """The bytes that stop the wheels."""
+
+    def __init__(
+        self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str, wheelbase_m: float
+    ) -> None:
+        super().__init__(link, clock, poll_hz, name, wheelbase_m)
+        self._wanted = mode
+        self._mode = Mode.OFF  # as far as is known
+        self._quiet_until_s = clock.now()
+        self._commanded_m_s = (0.0, 0.0)  # the left and the right wheel
+        self._said = 0  # how often it was told to go on to the next mode
+        self._goes_forward = False
+        self._greeted = 0
+        self._is_asleep = False
+        self._is_to_stand = False
+        self._stopped_s = self._stop_sent_s = clock.now()
+
+    # What differs from one kind of Roomba to the other.
+
+    @abstractmethod
+    def wheels(self, left_mm_s: int, right_mm_s: int) -> WheelCommand:
+        """Return the command for two speeds that are equal, or opposite."""
+
+    @abstractmethod
+    def twist(self, speed_m_s: float, turn_rate_rad_s: float) -> WheelCommand:
+        """Return the command for a twist; where a wheel would have to go too fast, for the same curve, slower."""
+
+    @abstractmethod
+    def _poll_once(self) -> Generator[float, None, bool]:
+        """Get a reading; returns whether it came."""
+
+    # Life.
+
+    def wake(self) -> Activity:
+        """Bring it into the mode to drive in, and read it for the first time; one that is silent is no error."""
+        for _ in range(_WAKE_TRIES * self._link.repeats):
+            if self._link.why_not_ready() is not None:
+                return
+            try:
+                self._forget_state()
+                yield from self._enter(self._wanted)
+                if (yield from self._poll_once()):
+                    return
+            except UnavailableError as error:
+                self._note_trouble(error.message)
+
+    def not_ready(self) -> str | None:
+        """Return why it cannot be used at present, None if it can: the link is away, or it sleeps or is silent."""
+        if self._is_asleep:
+            return "the Roomba sleeps; the command wake of its resource Power wakes it"
+        return self.silence()
+
+    def fall_asleep(self) -> Activity:
+        """Stop it and put it to sleep, as its button does; nothing but `wake_up` is of use then."""
+        self.stop()
+        yield from self.command(bytes([Op.POWER]))
+        with self._lock:
+            self._is_asleep = True
+            self._note_mode(Mode.OFF)
+
+    def wake_up(self) -> Activity:
+        """Wake it by the device detect line, where there is one, and start it.
+
+        Raises:
+            NotReadyError: it does not answer.
+        """
+        try:
+            for low, hold_s in ((False, _DETECT_HIGH_S), (True, _DETECT_LOW_S)):
+                self._link.pull_device_detect(low=low)
+                yield hold_s
+        finally:
+            self._link.pull_device_detect(low=False)
+        with self._lock:
+            self._is_asleep = False
+            self._greeted = -1  # whoever polls greets it anew
+        begun_s = self.clock.now()
+        while (reading := self._reading) is None or reading.stamp_s < begun_s:
+            if self.clock.now() - begun_s > _WAKE_UP_S:
+                raise NotReadyError(self.silence() or f"the Roomba on {self._link.name} does not wake up")
+            yield self.period_s
+
+    @property
+    def interruption(self) -> str | None:
+        """Why the Roomba has ended the latest motion by itself, where it tells; None if it has not."""
+        return None
+
+    @property
+    def travel_doubt_m(self) -> float:
+        """By how much the travel in all may be wrong because readings were lost; it only grows."""
+        return 0.0
+
+    @property
+    def is_asleep(self) -> bool:
+        """Whether it was put to sleep."""
+        return self._is_asleep
+
+    @property
+    def mode(self) -> Mode:
+        """The mode that it is in, as far as is known."""
+        return self._mode
+
+    def release(self) -> None:
+        """Stop it and leave it to itself, in passive mode, if it can be reached."""
+        with self._lock:
+            if self._link.why_not_ready() is None and not self._is_asleep:
+                self._stop()
+                self._link.send(_START)
+                self._note_mode(Mode.PASSIVE)
+
+    def farewell(self) -> Activity:
+        """Leave the Roomba to itself if a command took control after its release, and see to it that it hears so."""
+        try:
+            if self._mode in (Mode.SAFE, Mode.FULL):
+                self.release()
+            yield from self._say_all()
+        except UnavailableError as error:
+            self._log.warning("the Roomba may not have heard that it is left to itself", reason=error.message)
+
+    def _say_all(self) -> Activity:
+        """Wait until all that it was told has gone out; where it may get lost, tell it again."""
+        if self._link.why_not_ready() is not None:
+            return
+        begun_s, repeats = self.clock.now(), self._link.repeats - 1
+        while (self._link.is_busy or repeats > 0) and self.clock.now() - begun_s < _FAREWELL_S:
+            with self._lock:
+                self._link.receive()
+            if not self._link.is_busy and repeats > 0:
+                self.release()
+                repeats -= 1
+            yield LOOK_S
+
+    def close(self) -> None:
+        """Let go of the link."""
+        with self._lock:
+            self._link.close()
+
+    # Commands.
+
+    def command(self, data: bytes) -> Activity:
+        """Send a command as soon as the Roomba is in the mode to drive in; it is brought there if need be.
+
+        Raises:
+            ResourceFaultError: a wheel has dropped, and safe mode takes no command then.
+            UnavailableError: it does not answer, or the link is broken.
+        """
+        yield from until(lambda: self._try_command(data))
+
+    def drive(self, drive: WheelCommand) -> Activity:
+        """Send a command to the wheels, see `command`."""
+        yield from until(lambda: self._try_command(drive.data, drive))
+
+    def stop(self) -> None:
+        """Stop the wheels whatever the mode, and at once; who polls repeats it until they stand.
+
+        Raises:
+            UnavailableError: the link is broken, and it may be moving.
+        """
+        with self._lock:
+            may_move = any(self._commanded_m_s) or self._is_to_stand
+            if may_move or self._link.why_not_ready() is None:
+                self._stop()
+
+    def doubt(self) -> None:
+        """Note that it does not do as it is told: the next command brings it into its mode anew."""
+        with self._lock:
+            self._mode = Mode.PASSIVE
+
+    def _stop(self) -> None:
+        now_s = self.clock.now()
+        self._goes_forward = False
+        self._commanded_m_s = (0.0, 0.0)
+        self._is_to_stand, self._stopped_s = True, now_s
+        self._send_stop(now_s)
+
+    def _send_stop(self, now_s: float) -> None:
+        self._stop_sent_s = now_s
+        self._link.urge(self.stop_data)
+
+    def _try_command(self, data: bytes, drive: WheelCommand | None = None) -> float | None:
+        """Send a command, or do the next step towards it and return the wait until the one after it."""
+        contacts = self.latest().contacts
+        if contacts.any_drop and self._wanted is Mode.SAFE:
+            raise ResourceFaultError(
+                "a wheel has dropped: in safe mode the Roomba takes no command until it stands again"
+            )
+        with self._lock:
+            if (delay_s := self._mode_step(self._wanted)) is not None:
+                return delay_s
+            self._link.send(data, supersedes=drive is not None)
+            if drive is not None:
+                self._goes_forward = drive.goes_forward
+                self._is_to_stand = False
+                self._commanded_m_s = (drive.left_m_s, drive.right_m_s)
+            return None
+
+    def _enter(self, wanted: Mode) -> Activity:
+        """Bring it into a mode from one further away."""
+
+        def step() -> float | None:
+            with self._lock:
+                return self._mode_step(wanted)
+
+        yield from until(step)
+
+    def _mode_step(self, wanted: Mode) -> float | None:
+        """Go one mode further towards the wanted one; return the wait after it, None when nothing is left to do."""
+        if not self.is_due(self._quiet_until_s):
+            return self._quiet_until_s - self.clock.now()
+        if self._mode is wanted or self._mode not in self.ways:
+            return None
+        op, mode = self.ways[self._mode]
+        self._link.send(bytes([op]))
+        self._said += 1
+        self._note_mode(mode if self._said >= self._link.repeats else self._mode)
+        return _MODE_PAUSE_S
+
+    def _note_mode(self, mode: Mode) -> None:
+        if mode is not self._mode:
+            self._mode, self._said = mode, 0
+        self._quiet_until_s = self.clock.now() + _MODE_PAUSE_S
+
+    # What the poller does.
+
+    def _poll_turn(self) -> Activity:
+        if self._is_asleep or self._link.why_not_ready() is not None:
+            return
+        if self._link.openings != self._greeted:
+            self._forget_state()
+            yield from self._enter(Mode.PASSIVE)
+        if (yield from self._poll_once()):
+            self._trouble = None
+        else:
+            yield from self._start_anew_if_silent()
+        self._insist_on_standing()
+
+    def _forget_state(self) -> None:
+        """Begin anew with a Roomba that may be another, or have been switched off and on."""
+        with self._lock:
+            self._greeted = self._link.openings
+            self._link.receive()
+            self._mode = Mode.OFF
+
+    def _start_anew_if_silent(self) -> Activity:
+        reading = self._reading
+        if reading is not None and self.clock.now() - reading.stamp_s <= self._silence_s:
+            return
+        self._log.debug("no answer; the interface is started anew", port=self._link.name)
+        with self._lock:
+            self._mode = Mode.OFF
+        yield from self._enter(Mode.PASSIVE)
+
+    def _insist_on_standing(self) -> None:
+        """Repeat a stop until a reading shows that it was heard."""
+        now_s = self.clock.now()
+        with self._lock:
+            reading = self._reading
+            if not self._is_to_stand:
+                return
+            if reading is not None and reading.stands and reading.stamp_s - self._stopped_s > _INSIST_S:
+                self._is_to_stand = False
+            elif now_s - self._stop_sent_s > _INSIST_S:
+                self._send_stop(now_s)
+
+    def _take(self, reading: RoombaReading) -> None:
+        """Note a reading. Thread: holds the lock."""
+        self._reading = reading
+        contacts = reading.contacts
+        if self._mode is Mode.SAFE:
+            falls = contacts.any_drop or (contacts.any_cliff and self._goes_forward)
+            if falls or reading.power.is_charging:
+                self._mode = Mode.PASSIVE

@@ -1,0 +1,256 @@
+"""What the emulators of all Roombas have in common: commands from bytes, modes, reflexes, wheels, songs and sleep."""
+
+from __future__ import annotations
+
+import math
+import struct
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+from .bodies import RoombaBody
+from .groups import PowerGroup
+from .sci import (
+    BAUD_PAUSE_S,
+    BAUD_RATES,
+    MAX_NOTES,
+    MAX_RADIUS_MM,
+    MAX_SPEED_MM_S,
+    STRAIGHT,
+    Mode,
+    Op,
+    wheel_speeds_m_s,
+)
+
+AWAKE: Final = frozenset({Mode.PASSIVE, Mode.SAFE, Mode.FULL})
+CONTROLLED: Final = frozenset({Mode.SAFE, Mode.FULL})
+_ROUNDING_S: Final = 1e-9
+_KEPT: Final = 100
+_WAKES_IN_S: Final = 0.5
+
+
+class Counter:
+    """A count in whole units since it was read last; what is below one unit stays for the next time.
+
+    Args:
+        total: the count in all, in any unit.
+    """
+
+    def __init__(self, total: float) -> None:
+        self._taken = total
+
+    def take(self, total: float) -> int:
+        """Return the units since the last call, as many as the wire can carry, of a count in all."""
+        since = math.trunc(round(total - self._taken, 6))
+        self._taken += since
+        return clamped(since, 16)
+
+
+class EmulatedRoomba(ABC):
+    """The byte-level state machine.
+
+    Args:
+        body: what it drives and feels.
+        mode_pause_s: how long it hears nothing after a change of its mode; 0 where the bytes come through an
+            operating system, which delays them as it likes.
+        has_device_detect: whether its line for waking it is connected, see `device_detect`. If not, as on a
+            pseudo-terminal, Start wakes it.
+
+    Attributes:
+        mode: the mode it is in.
+        violations: bytes that came while it could not listen, and were lost.
+        refused: commands that its mode did not allow, or that made no sense.
+        complaints: what made no sense, the latest.
+        baud_rate: the baud rate it was set to.
+        songs: the notes of each song it keeps.
+        pressed: the pressed buttons; a test or a simulation sets them.
+        brushes: the cleaning motors: side brush, vacuum, main brush.
+        is_asleep: it was put to sleep, and hears nothing.
+
+    Thread: its owner's; none of it blocks.
+    """
+
+    data_bytes: ClassVar[Mapping[int, int]]
+    """How many bytes follow each op code that it knows; see `_more_bytes`."""
+    accepted_in: ClassVar[Mapping[int, frozenset[Mode]]]
+    """Where an op code is accepted; the others in safe and full mode."""
+    leads_to: ClassVar[Mapping[int, Mode]]
+    """The op codes that change its mode."""
+    usual_baud_rate: ClassVar[int]
+    most_songs: ClassVar[int]
+    wheelbase_m: float
+
+    def __init__(self, body: RoombaBody, mode_pause_s: float, *, has_device_detect: bool = False) -> None:
+        self.mode = Mode.OFF
+        self.violations = 0
+        self.refused = 0
+        self.complaints: deque[str] = deque(maxlen=_KEPT)
+        self.baud_rate = self.usual_baud_rate
+        self.songs: dict[int, tuple[tuple[int, int], ...]] = {}
+        self.pressed: frozenset[str] = frozenset()
+        self.brushes = (False, False, False)
+        self.is_asleep = False
+        self._body = body
+        self._mode_pause_s = mode_pause_s
+        self._has_device_detect = has_device_detect
+        self._low_since_s: float | None = None
+        self._deaf_until_s = -math.inf
+        self._waiting = bytearray()
+        self._left_m_s = self._right_m_s = 0.0
+        self._sings_until_s = -math.inf
+        self._song: int | None = None
+
+    def feed(self, data: bytes, now_s: float) -> bytes:
+        """Take bytes from the wire and return the reply to them.
+
+        Args:
+            data: any bytes, in pieces of any size.
+            now_s: the time, which never goes backwards.
+        """
+        self.update()
+        reply = bytearray()
+        for byte in data:
+            if self.is_asleep and (self._has_device_detect or byte != Op.START):
+                continue
+            self.is_asleep = False
+            if now_s < self._deaf_until_s - _ROUNDING_S:
+                self.violations += 1
+                continue
+            if not self._waiting and byte not in self.data_bytes:
+                self._refuse(f"byte {byte} is no op code")
+                continue
+            self._waiting.append(byte)
+            if len(self._waiting) == self._wanted():
+                op, values = self._waiting[0], bytes(self._waiting[1:])
+                self._waiting.clear()
+                reply += self._obey(op, values, now_s)
+                self.update()
+        return bytes(reply)
+
+    def update(self) -> None:
+        """Act by reflex: in safe mode a dropped wheel, or a cliff on the way forward, ends the control."""
+        if self.mode is not Mode.SAFE:
+            return
+        forward = self._left_m_s + self._right_m_s > 0
+        if any(self._body.drops()) or (forward and any(self._body.cliffs())):
+            self._enter(Mode.PASSIVE)
+
+    def device_detect(self, *, low: bool, now_s: float) -> None:
+        """Set the line that wakes it: low for half a second does."""
+        if not low and self._low_since_s is not None and now_s - self._low_since_s >= _WAKES_IN_S - _ROUNDING_S:
+            self.is_asleep = False
+        if low and self._low_since_s is None:
+            self._low_since_s = now_s
+        elif not low:
+            self._low_since_s = None
+
+    def _refuse(self, complaint: str) -> None:
+        self.refused += 1
+        self.complaints.append(complaint)
+
+    def playing(self, now_s: float) -> int | None:
+        """Return the number of the song that sounds, or None."""
+        return self._song if now_s < self._sings_until_s else None
+
+    def _wanted(self) -> int:
+        """Return the length of the command that has begun to arrive."""
+        op = self._waiting[0]
+        length = 1 + self.data_bytes[op]
+        return length + self._more_bytes(op, self._waiting) if len(self._waiting) >= length else length
+
+    def _more_bytes(self, op: int, begun: bytes | bytearray) -> int:
+        """Return how many bytes more follow a command whose count of bytes is among the first ones."""
+        return 2 * min(begun[2], MAX_NOTES) if op == Op.SONG else 0
+
+    def _obey(self, op: int, data: bytes, now_s: float) -> bytes:
+        if self.mode not in self.accepted_in.get(op, CONTROLLED):
+            self.refused += 1  # it happens to who cannot know its mode, and makes sense otherwise
+            return b""
+        if op in self.leads_to:
+            self._enter(self.leads_to[op])
+            self.is_asleep = op == Op.POWER
+            self._deaf_until_s = now_s + self._mode_pause_s
+        elif op == Op.PLAY:
+            self._play(data[0], now_s)
+        elif op == Op.BAUD:
+            self._set_baud(data[0], now_s)
+        elif op == Op.DRIVE:
+            self._drive(*struct.unpack(">hh", data))
+        elif op == Op.SONG:
+            self._keep_song(data)
+        elif op == Op.MOTORS:
+            self.brushes = (bool(data[0] & 1), bool(data[0] & 2), bool(data[0] & 4))
+        else:
+            return self._execute(op, data, now_s)
+        return b""
+
+    @abstractmethod
+    def _execute(self, op: int, data: bytes, now_s: float) -> bytes:
+        """Carry out a command that only this kind of Roomba knows, or knows in its own way; return the reply."""
+
+    def _enter(self, mode: Mode) -> None:
+        self.mode = mode
+        if mode in (Mode.OFF, Mode.PASSIVE):
+            self._rest()
+
+    def _rest(self) -> None:
+        """Switch all motors off."""
+        self._set_wheels(0.0, 0.0)
+        self.brushes = (False, False, False)
+
+    def _set_wheels(self, left_m_s: float, right_m_s: float) -> None:
+        self._left_m_s, self._right_m_s = left_m_s, right_m_s
+        self._body.drive(left_m_s, right_m_s)
+
+    def _drive(self, velocity_mm_s: int, radius_mm: int) -> None:
+        special = radius_mm == STRAIGHT
+        if abs(velocity_mm_s) > MAX_SPEED_MM_S or radius_mm == 0 or (abs(radius_mm) > MAX_RADIUS_MM and not special):
+            self._refuse(f"Drive at {velocity_mm_s} mm/s and {radius_mm} mm")
+            return
+        self._set_wheels(*wheel_speeds_m_s(velocity_mm_s, radius_mm, self.wheelbase_m))
+
+    def _set_baud(self, code: int, now_s: float) -> None:
+        if code >= len(BAUD_RATES):
+            self._refuse(f"baud code {code}")
+            return
+        self.baud_rate = BAUD_RATES[code]
+        self._enter(Mode.PASSIVE)
+        if self._mode_pause_s:
+            self._deaf_until_s = now_s + BAUD_PAUSE_S
+
+    def _keep_song(self, data: bytes) -> None:
+        number, notes = data[0], tuple(zip(data[2::2], data[3::2], strict=True))
+        if (
+            number >= self.most_songs
+            or not 1 <= data[1] <= MAX_NOTES
+            or any(not 31 <= note <= 127 for note, _ in notes)
+        ):
+            self._refuse(f"song {number} of {data[1]} notes")
+            return
+        self.songs[number] = notes
+
+    def _play(self, number: int, now_s: float) -> None:
+        if number not in self.songs or self.playing(now_s) is not None:
+            self.refused += 1
+            return
+        self._song = number
+        self._sings_until_s = now_s + sum(duration for _, duration in self.songs[number]) / 64
+
+
+def clamped(value: float, bits: int) -> int:
+    """Return the nearest integer that a signed number of that many bits can hold."""
+    most = 1 << (bits - 1)
+    return max(-most, min(most - 1, round(value)))
+
+
+def power_of(body: RoombaBody) -> PowerGroup:
+    """Return what a body's battery shows, in the units of the wire."""
+    battery = body.battery()
+    return PowerGroup(
+        voltage_mv=max(0, clamped(battery.voltage_v * 1000, 17)),
+        current_ma=clamped(battery.current_a * 1000, 16),
+        temperature_c=clamped(battery.temperature_c, 8),
+        charge_mah=max(0, clamped(battery.charge_ah * 1000, 17)),
+        capacity_mah=max(0, clamped(battery.capacity_ah * 1000, 17)),
+    )

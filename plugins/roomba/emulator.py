@@ -1,0 +1,83 @@
+"""The emulator of every kind of Roomba, for `eal plugin check`, and as a program.
+
+    python -m plugins.roomba.emulator --protocol oi --pty [--pace]
+    python -m plugins.roomba.emulator --protocol sci --pty [--pace] [--mote [--loss 0.3 --radio-tries 5 --seed 1]]
+
+The program has an endless floor. It prints the port that the plugin opens, and runs until Ctrl-C or SIGTERM. Then it
+prints its pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, Final
+
+from . import oi, sci, serving
+from .bodies import FreeRoombaBody, RoombaBody
+from .emulated_roomba import EmulatedRoomba
+from .motes import ByteEmulator, MotePair
+from .oi_emulator import OiEmulator
+from .sci_emulator import SciEmulator
+from .tinyos import Header, TinyosFraming
+
+_WHEELBASE_M: Final = {"sci": sci.WHEELBASE_M, "oi": oi.WHEELBASE_M}
+_BAUD_RATE: Final = {"sci": sci.BAUD_RATE, "oi": oi.BAUD_RATE}
+_MOTE_BAUD_RATE: Final = 115200
+_NOT_OF_PACKETS: Final = ("baudrate", "tries")
+
+
+def make_emulator(protocol: str, body: RoombaBody, wheelbase_m: float) -> EmulatedRoomba:
+    """Return the emulator of a Roomba, which ignores the pauses after changes of mode.
+
+    The bytes come through an operating system, or in ticks of a simulation that may be longer than the pauses.
+
+    Args:
+        protocol: `sci` or `oi`.
+        body: what it drives and feels.
+        wheelbase_m: distance of the body's wheels.
+    """
+    if protocol == "sci":
+        return SciEmulator(body, mode_pause_s=0.0)
+    return OiEmulator(body, mode_pause_s=0.0, wheelbase_m=wheelbase_m)
+
+
+def emulate(settings: Mapping[str, Any], now_s: Callable[[], float]) -> ByteEmulator | None:
+    """Return the emulator for `eal plugin check`: a Roomba on an endless floor, behind motes if its link is `mote`."""
+    if settings.get("link") == "sim":
+        return None
+    roomba, _ = _free_roomba(settings["protocol"], now_s)
+    if settings.get("link") != "mote":
+        return roomba
+    packets = {key: value for key, value in settings.get("mote", {}).items() if key not in _NOT_OF_PACKETS}
+    return MotePair(roomba, TinyosFraming(**{**packets, "header": Header(packets.get("header", Header.TINYOS_2))}))
+
+
+def _free_roomba(protocol: str, now_s: Callable[[], float]) -> tuple[EmulatedRoomba, FreeRoombaBody]:
+    body = FreeRoombaBody(now_s, _WHEELBASE_M[protocol])
+    return make_emulator(protocol, body, _WHEELBASE_M[protocol]), body
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run an emulator until it is interrupted."""
+    parser = serving.parser("plugins.roomba.emulator", "A Roomba on an endless floor.")
+    parser.add_argument("--protocol", choices=sorted(_BAUD_RATE), required=True, help="oi: a Create 2; sci: a 4xx")
+    parser.add_argument("--mote", action="store_true", help="behind a pair of motes")
+    parser.add_argument("--loss", type=float, default=0.0, help="share of the radio packets that are lost, 0..1")
+    parser.add_argument("--radio-tries", type=int, default=1, help="how often a radio packet is sent until it arrives")
+    parser.add_argument("--seed", type=int, default=0, help="of the losses")
+    wanted = parser.parse_args(arguments)
+
+    def make(now_s: Callable[[], float]) -> tuple[ByteEmulator, FreeRoombaBody]:
+        roomba, body = _free_roomba(wanted.protocol, now_s)
+        if not wanted.mote:
+            return roomba, body
+        motes = partial(MotePair, loss=wanted.loss, radio_tries=wanted.radio_tries, seed=wanted.seed)
+        return motes(roomba, TinyosFraming()), body
+
+    baud_rate = _MOTE_BAUD_RATE if wanted.mote else _BAUD_RATE[wanted.protocol]
+    serving.run(make, baud_rate if wanted.pace else None)
+
+
+if __name__ == "__main__":
+    main()

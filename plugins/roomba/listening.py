@@ -1,0 +1,176 @@
+"""What is known of a Roomba by listening to it: the latest reading, how old it is, and the travel in all."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Final
+
+from eal_actors.plugin import Activity, Clock, NotReadyError, UnavailableError, WheelCalibration, get_logger
+
+from .link import RoombaLink
+from .odometry import DeadReckoning
+from .reading import RoombaReading
+
+POLLS_A_READING_LASTS: Final = 3
+"""How many polls old a reading may become before it is no answer any more."""
+LOOK_S: Final = 0.004  # how often to look whether a reply is complete; 26 bytes take 5 ms at 57600 baud
+
+_SILENCE_S: Final = 1.0  # after which it may have been switched off and on, and is started anew
+_ROUNDING_S: Final = 1e-6
+
+
+def until(step: Callable[[], float | None]) -> Activity:
+    """Repeat a step that returns how long to wait for the next one, until it returns None."""
+    while (delay_s := step()) is not None:
+        yield delay_s
+
+
+class Listener(ABC):
+    """Readings over a link, for several resources in threads of their own. Exactly one of them polls.
+
+    Args:
+        link: the way to the Roomba.
+        clock: the fleet's clock.
+        poll_hz: readings a second.
+        name: the robot's name, for frames.
+        wheelbase_m: nominal distance of its wheels.
+
+    Attributes:
+        calibration: what is known of its wheels.
+
+    Thread: any; one lock, which is never held during a wait.
+    """
+
+    def __init__(self, link: RoombaLink, clock: Clock, poll_hz: float, name: str, wheelbase_m: float) -> None:
+        self.clock: Final = clock
+        self.name: Final = name
+        self.period_s: Final = 1.0 / poll_hz
+        self.wheelbase_m: Final = wheelbase_m
+        self.calibration = WheelCalibration()
+        self._link = link
+        self._lock = threading.Lock()
+        self._reading: RoombaReading | None = None
+        self._odometry = DeadReckoning(wheelbase_m)
+        self._left_m = self._right_m = 0.0
+        self._trouble: str | None = None
+        self._log = get_logger(robot=name)
+
+    def is_due(self, time_s: float) -> bool:
+        """Return whether a time has come, to a microsecond: a clock that steps may end a wait a rounding too early."""
+        return self.clock.now() >= time_s - _ROUNDING_S
+
+    def unreachable(self) -> str | None:
+        """Return why the way to it is broken at present; None if it is not."""
+        return self._link.why_not_ready()
+
+    def silence(self) -> str | None:
+        """Return why it cannot be heard at present; None if it can, or if it has fallen silent a moment ago."""
+        if (reason := self._link.why_not_ready()) is not None:
+            return reason
+        reading = self._reading
+        if reading is None:
+            why = f" ({self._trouble})" if self._trouble else ""
+            hint = "is the Roomba on and connected, and is the baud rate right?"
+            return f"nothing answers on {self._link.name}{why}: {hint}"
+        return self._too_old(reading) if self.clock.now() - reading.stamp_s > self._silence_s else None
+
+    def latest(self) -> RoombaReading:
+        """Return the latest reading.
+
+        Raises:
+            UnavailableError: it is too old.
+        """
+        reading = self._reading
+        if reading is None:
+            raise NotReadyError(self.silence() or f"the Roomba on {self._link.name} has not been read yet")
+        if self.clock.now() - reading.stamp_s > self._lasts_s:
+            if (reason := self._link.why_not_ready()) is not None:
+                raise NotReadyError(reason)
+            raise UnavailableError(self._too_old(reading))
+        return reading
+
+    @property
+    def _lasts_s(self) -> float:
+        return max(POLLS_A_READING_LASTS * self.period_s, self._link.reading_lasts_s)
+
+    @property
+    def _silence_s(self) -> float:
+        """After this time without a reading, it is started anew; from then on no command comes between."""
+        return max(_SILENCE_S, self._lasts_s)
+
+    def _too_old(self, reading: RoombaReading) -> str:
+        age_s, why = self.clock.now() - reading.stamp_s, f" ({self._trouble})" if self._trouble else ""
+        return (
+            f"the Roomba on {self._link.name} does not answer{why}: its last reading is {age_s:.2f} s old, "
+            f"and counts for {self._lasts_s:.2f} s"
+        )
+
+    def next_look_s(self) -> float:
+        """Return how long to wait for the reading after the latest one, more than 0."""
+        reading = self._reading
+        due_s = self.period_s - (self.clock.now() - reading.stamp_s) if reading is not None else 0.0
+        return max(due_s + LOOK_S / 2, LOOK_S)
+
+    def located(self) -> tuple[float, tuple[float, float, float]]:
+        """Return the latest reading's time, and the pose by dead reckoning then: x in m, y in m, yaw in rad.
+
+        Raises:
+            UnavailableError: see `latest`.
+        """
+        with self._lock:
+            return self.latest().stamp_s, self._odometry.pose
+
+    def place(self, x_m: float, y_m: float, yaw_rad: float) -> None:
+        """Say where it is."""
+        with self._lock:
+            self._odometry.place(x_m, y_m, yaw_rad)
+
+    def poll(self) -> Activity:
+        """Read it again and again, for ever, whatever becomes of the link. Only one may do so."""
+        while True:
+            due_s = self.clock.now() + self.period_s
+            try:
+                yield from self._poll_turn()
+            except UnavailableError as error:  # it is tried again, and who calls meanwhile hears of it
+                self._note_trouble(error.message)
+            is_over = False
+            while not is_over:
+                left_s = max(0.0, due_s - self.clock.now())
+                yield min(left_s, LOOK_S) if self._link.is_busy else left_s
+                self._see_to_link()
+                is_over = self.is_due(due_s)
+
+    def _see_to_link(self) -> None:
+        """Let the link go on with what it has to send."""
+        if self._link.is_busy:
+            with self._lock:
+                try:
+                    self._take_bytes(self._link.receive())
+                except UnavailableError as error:
+                    self._trouble = error.message
+
+    @abstractmethod
+    def _take_bytes(self, data: bytes) -> object:
+        """Take what came between two polls. Thread: holds the lock."""
+
+    @abstractmethod
+    def _poll_turn(self) -> Activity:
+        """Read it once, and do whatever else is due.
+
+        Raises:
+            UnavailableError: the link is broken.
+        """
+
+    def _add_travel(self, left_m: float, right_m: float) -> None:
+        """Go on by what the encoders counted. Thread: holds the lock."""
+        self._left_m += left_m
+        self._right_m += right_m
+        ahead_m, arc_m = self.calibration.travelled(left_m, right_m)
+        self._odometry.add(ahead_m - arc_m, ahead_m + arc_m)
+
+    def _note_trouble(self, trouble: str) -> None:
+        if trouble != self._trouble:
+            self._log.warning("the Roomba cannot be reached", reason=trouble)
+        self._trouble = trouble

@@ -1,1 +1,0 @@
-"""Later Roombas and the Create 2, driven over their Open Interface."""
