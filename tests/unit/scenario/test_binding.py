@@ -1,4 +1,4 @@
-"""The binding of roles to robots, and the spares."""
+"""Participants, spares, and robots that lack a role's requirements."""
 
 from __future__ import annotations
 
