@@ -7,8 +7,7 @@ from functools import partial
 from eal_actors import Fleet, RobotHandle
 from eal_actors.device.world.formation import Formation
 from eal_actors.lab.choreography.aiming import drive_to, turn_command
-from eal_actors.lab.choreography.shapes import plan_shape
-from eal_actors.lab.choreography.step import clearance_m
+from eal_actors.lab.choreography.step import clearance_m, plan_shape
 
 
 def form(fleet: Fleet, shape: str, spacing_m: float, radius_m: float = 0.2) -> float:

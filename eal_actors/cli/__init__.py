@@ -1,4 +1,4 @@
-"""The command line, `eal`: one module for each command."""
+"""The program `eal`: one module for each command."""
 
 from eal_actors.cli.app import app, main
 

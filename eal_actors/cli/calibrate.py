@@ -1,53 +1,57 @@
-"""`eal calibrate`: squares both ways, what they say of a robot's wheels, and the proof by squares anew (UMBmark)."""
+"""`eal calibrate`: calibrate robots by the square test (UMBmark)."""
 
 from __future__ import annotations
 
+import math
+import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 from rich.console import Console
 from rich.text import Text
+from typing_extensions import override
 
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.opening import advice_on_plugins, find_resource, read_fleet
+from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption
-from eal_actors.cli.output import counted, new_table, short_path, stderr, stdout, write_json
-from eal_actors.cli.tape_measure import Person
+from eal_actors.cli.output import counted, new_table, print_line, short_path, stderr, stdout, write_json
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.kernel.lock_step import MAX
-from eal_actors.lab.calibration.calibration_file import Written, require_own, write_calibration
+from eal_actors.lab.calibration.calibration_file import WrittenCalibration, require_own, write_calibration
 from eal_actors.lab.calibration.drive import (
     GroundTruth,
-    Measurer,
+    SquareMeasurement,
     calibrate_base,
     calibration_of_base,
     drive_squares,
     has_ground_truth,
     wheelbase_of,
 )
-from eal_actors.lab.calibration.ends_file import read_ends
 from eal_actors.lab.calibration.fit import Fit, fit_squares
 from eal_actors.lab.calibration.square import WAYS, Way
-from eal_actors.lab.calibration.umbmark import Point, SquareEnds
+from eal_actors.lab.calibration.square_ends import Point, SquareEnds, read_square_ends
 from eal_actors.managers.fleet_model import FleetConfig
+
+_WAYS: Final[dict[Way, str]] = {"cw": "clockwise", "ccw": "counter-clockwise"}
 
 
 @dataclass(frozen=True, slots=True)
-class _Test:
-    """How robots are tested.
+class _SquareTest:
+    """Settings of the square test.
 
     Attributes:
-        side_m: of the squares.
-        squares: each way.
-        wheelbase_m: nominal; None for what the base tells.
-        ends: measured already; None to drive.
-        console: where progress is told.
+        side_m: length of a side.
+        squares: number of squares each way.
+        wheelbase_m: nominal distance of the wheels; None for that of the base.
+        ends: ends measured earlier; None to drive squares.
+        console: shows the progress.
     """
 
     side_m: float
@@ -58,16 +62,16 @@ class _Test:
 
 
 @dataclass(frozen=True, slots=True)
-class _Outcome:
-    """What came of one robot.
+class _CalibrationResult:
+    """The calibration of one robot.
 
     Attributes:
         robot: its name.
-        wheelbase_m: nominal.
-        known: what its base knew of its wheels; None if it cannot know anything.
-        before: the ends with that.
-        fit: what they say.
-        after: the ends with what was fitted; None where nothing was driven again.
+        wheelbase_m: nominal distance of its wheels.
+        known: the calibration that its base used before; None if the base cannot be calibrated.
+        before: ends of the squares with that calibration.
+        fit: the calibration fitted to them.
+        after: ends of the squares with the fitted calibration; None if there was no second run.
     """
 
     robot: str
@@ -79,174 +83,216 @@ class _Outcome:
 
     @property
     def is_better(self) -> bool:
-        """Whether the second run has a smaller error than the first, or there was none."""
+        """Whether the second run has a smaller error than the first; true without a second run."""
         return self.after is None or self.after.error_m < self.before.error_m
+
+
+class ManualMeasurement(SquareMeasurement):
+    """Measurement by a person with a tape measure, who also puts the robot back on its mark.
+
+    Args:
+        robot: the robot's name.
+        clock: the fleet's clock, which does not wait for the person.
+
+    Raises:
+        ArgumentError: stdin is at its end, so that nobody can answer; raised by its methods.
+    """
+
+    def __init__(self, robot: str, clock: Clock) -> None:
+        self._robot = robot
+        self._clock = clock
+
+    @override
+    def prepare(self, way: Way, number: int) -> None:
+        self._ask(f"{self._robot}, square {number} {_WAYS[way]}: put it on its mark, clear the floor, press Enter:")
+
+    @override
+    def measure(self, way: Way, number: int) -> Point:
+        while True:
+            text = self._ask(f"{self._robot}, square {number} {_WAYS[way]}: mm ahead and mm left of the mark?")
+            try:
+                x_mm, y_mm = map(float, text.replace(",", " ").split())
+            except ValueError:
+                x_mm = y_mm = math.nan
+            if math.isfinite(x_mm) and math.isfinite(y_mm):
+                return x_mm / 1000, y_mm / 1000
+            typer.echo("Enter two numbers, such as: -12 35", err=True)
+
+    def _ask(self, question: str) -> str:
+        typer.echo(f"{question} ", nl=False, err=True)
+        with self._clock.outside():
+            answer = sys.stdin.readline()
+        if not answer:
+            raise ArgumentError(
+                f"no answer where {self._robot} ended: run the command on a terminal, or name a file with --ends"
+            )
+        return answer.strip()
 
 
 def calibrate_robots(
     fleet: FleetOption,
     robot: Annotated[
         list[str] | None,
-        typer.Option("--robot", "-r", show_default="all of the fleet", help="A robot's name; may be repeated."),
+        typer.Option("--robot", "-r", show_default="all of the fleet", help="Name of a robot; repeatable."),
     ] = None,
     side: Annotated[float, typer.Option(min=0.2, max=20, help="Length of a side, in metres.")] = 1.0,
     runs: Annotated[int, typer.Option(min=1, max=100, help="Squares each way.")] = 5,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of all randomness, in place of the fleet file's.")
+        int | None, typer.Option(min=0, help="Seed of all randomness, instead of the fleet file's.")
     ] = None,
-    fast: Annotated[bool, typer.Option("--fast", help="As fast as it goes, where all is simulated.")] = False,
+    fast: Annotated[bool, typer.Option("--fast", help="As fast as possible, if all robots are simulated.")] = False,
     ends: Annotated[
         Path | None,
-        typer.Option(metavar="CSV", show_default=False, help="Drive nothing: where squares ended, in a file."),
+        typer.Option(metavar="CSV", show_default=False, help="Do not drive: read the ends of squares from this file."),
     ] = None,
     wheelbase: Annotated[
         float | None,
-        typer.Option(
-            min=0.01, max=10, show_default="what the base tells", help="Nominal distance of the wheels, in m."
-        ),
+        typer.Option(min=0.01, max=10, show_default="that of the base", help="Nominal distance of the wheels, in m."),
     ] = None,
     write: Annotated[
-        bool, typer.Option("--write", help="Write what was found beside the fleet file, and have that include it.")
+        bool, typer.Option("--write", help="Write the calibration beside the fleet file, and include it there.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Find out how a robot's wheels differ from their nominal sizes, and make up for it (UMBmark).
+    """Measure how a robot's wheels differ from their nominal sizes, and calibrate its base (UMBmark).
 
-    Each robot drives squares clockwise and the other way round, E_b and E_d are fitted to where they end, and a second
-    run with both applied proves them. Simulated robots are measured and carried back by themselves; for real ones a
-    person is asked, or --ends names a file with the columns way (cw or ccw), x_m (ahead) and y_m (to the left).
+    Each robot drives squares clockwise and counter-clockwise. E_b and E_d are fitted to the ends of the squares, and a
+    second run with the fitted values verifies them. Simulated robots are measured automatically. For a real robot the
+    command asks a person to measure, or --ends names a file with the columns way (cw or ccw), x_m (ahead) and y_m (to
+    the left).
 
-    Ends with 1, and writes nothing, if the second run is no better than the first.
+    The exit code is 1, and nothing is written, if the second run is not better than the first.
     """
     config = read_fleet(fleet, seed=seed, rate=MAX if fast else None)
     if write:
-        require_own(config)  # before anything drives
+        require_own(config)  # fails before a robot drives
     names = robot or list(config.robots)
     if ends is not None and len(names) != 1:
-        raise typer.BadParameter("the ends are of one robot: name it with --robot", param_hint="'--ends'")
-    measured = None if ends is None else read_ends(ends)
+        raise typer.BadParameter("needs one robot: name it with --robot", param_hint="'--ends'")
     console = stderr() if as_json else stdout()
-    test = _Test(side, runs, wheelbase, measured, console)
-    with Fleet(config).connect(dict.fromkeys(names)) as opened, advice_on_plugins(opened):
-        outcomes = [_tested(opened, name, test) for name in dict.fromkeys(names)]
-    written = {done.robot: _write(config, done, side) for done in outcomes if write and done.is_better}
+    test = _SquareTest(side, runs, wheelbase, None if ends is None else read_square_ends(ends), console)
+    with Fleet(config).connect(dict.fromkeys(names)) as opened, plugin_advice(opened):
+        results = [_calibrate(opened, name, test) for name in dict.fromkeys(names)]
+    written = {result.robot: _write_result(config, result, side) for result in results if write and result.is_better}
     if as_json:
-        write_json({"side_m": side, "robots": {done.robot: _described(done, written) for done in outcomes}})
+        write_json({"side_m": side, "robots": {result.robot: _result_as_json(result, written) for result in results}})
     else:
-        _print(console, outcomes)
-    _advise(console, outcomes, written, write=write)
-    if not all(done.is_better for done in outcomes):
+        _print_results(console, results)
+    _print_notes(console, results, written, write=write)
+    if not all(result.is_better for result in results):
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _tested(fleet: Fleet, name: str, test: _Test) -> _Outcome:
+def _calibrate(fleet: Fleet, name: str, test: _SquareTest) -> _CalibrationResult:
     find_resource(fleet, name, "Base")
     robot = fleet[name]
     wheelbase_m = test.wheelbase_m or wheelbase_of(robot)
     if wheelbase_m is None:
-        raise ArgumentError("does not tell its wheelbase_m: give it with --wheelbase").at(name, "Base")
+        raise ArgumentError("has no wheelbase_m: give it with --wheelbase").at(name, "Base")
     known = calibration_of_base(robot)
     if test.ends is not None:
         fit = fit_squares(test.ends, test.side_m, wheelbase_m, known or NOMINAL)
-        return _Outcome(name, wheelbase_m, known, test.ends, fit, None)
-    measurer: Measurer = GroundTruth(robot) if has_ground_truth(robot) else Person(name, fleet.clock)
-    before = _driven(robot, measurer, test, "before")
+        return _CalibrationResult(name, wheelbase_m, known, test.ends, fit, None)
+    measurement = GroundTruth(robot) if has_ground_truth(robot) else ManualMeasurement(name, fleet.clock)
+    before = _drive(robot, measurement, test, "before")
     fit = fit_squares(before, test.side_m, wheelbase_m, known or NOMINAL)
     if known is None:
-        return _Outcome(name, wheelbase_m, known, before, fit, None)
+        return _CalibrationResult(name, wheelbase_m, known, before, fit, None)
     calibrate_base(robot, fit.calibration)
-    return _Outcome(name, wheelbase_m, known, before, fit, _driven(robot, measurer, test, "after"))
+    return _CalibrationResult(name, wheelbase_m, known, before, fit, _drive(robot, measurement, test, "after"))
 
 
-def _driven(robot: RobotHandle, measurer: Measurer, test: _Test, when: str) -> SquareEnds:
-    """Drive the squares of one run, and tell how far it is where somebody looks."""
+def _drive(robot: RobotHandle, measurement: SquareMeasurement, test: _SquareTest, when: str) -> SquareEnds:
+    """Drive the squares of one run, and show the progress on a terminal."""
     total = len(WAYS) * test.squares
     with ExitStack() as stack:
         status = None
-        if test.console.is_terminal and isinstance(measurer, GroundTruth):  # a person is asked on the same lines
+        if test.console.is_terminal and isinstance(measurement, GroundTruth):  # a status line would hide questions
             status = stack.enter_context(test.console.status(f"{robot.name} {when}"))
 
-        def tell(way: Way, number: int, end: Point) -> None:
+        def update_status(way: Way, number: int, end: Point) -> None:
             done = number + (test.squares if way == WAYS[1] else 0)
             if status is not None:
                 off_mm = [round(part * 1000) for part in end]
                 status.update(f"{robot.name} {when}: {done} of {total} squares; {way} ended at {off_mm} mm")
 
-        return drive_squares(robot, measurer, test.side_m, test.squares, tell)
+        return drive_squares(robot, measurement, test.side_m, test.squares, update_status)
 
 
-def _write(config: FleetConfig, done: _Outcome, side_m: float) -> Written:
-    """Write what was found of one robot."""
-    number = len(done.before.cw)
-    proof = "" if done.after is None else f", and {_mm(done.after.error_m)} mm with this"
+def _write_result(config: FleetConfig, result: _CalibrationResult, side_m: float) -> WrittenCalibration:
+    """Write the calibration of one robot."""
+    number = len(result.before.cw)
+    proof = "" if result.after is None else f", and {_mm(result.after.error_m)} mm with it"
     comment = (
-        f"How the wheels of {done.robot} differ from nominal ones, found by `eal calibrate`:\n"
-        f"{counted(number, 'square')} each way of {side_m:g} m were off by {_mm(done.before.error_m)} mm before{proof}."
+        f"Calibration of the wheels of {result.robot}, found by `eal calibrate`:\n"
+        f"{counted(number, 'square')} each way of {side_m:g} m had an error of {_mm(result.before.error_m)} mm "
+        f"before{proof}."
     )
-    return write_calibration(config, done.robot, done.fit.calibration, comment)
+    return write_calibration(config, result.robot, result.fit.calibration, comment)
 
 
-def _print(console: Console, outcomes: list[_Outcome]) -> None:
-    table = new_table("robot", "error before", "E_b", "E_d", "left over", "error after", "factor")
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for done in outcomes:
-        after = "" if done.after is None else f"{_mm(done.after.error_m)} mm"
-        factor = "" if done.after is None else f"{done.before.error_m / done.after.error_m:.1f}"
+def _print_results(console: Console, results: list[_CalibrationResult]) -> None:
+    numbers = ("error before", "E_b", "E_d", "remaining", "error after", "factor")
+    table = new_table("robot", *numbers, right=numbers)
+    for result in results:
+        after = "" if result.after is None else f"{_mm(result.after.error_m)} mm"
+        factor = "" if result.after is None else f"{result.before.error_m / result.after.error_m:.1f}"
         table.add_row(
-            Text(done.robot, style="cyan"),
-            f"{_mm(done.before.error_m)} mm",
-            f"{done.fit.calibration.track_factor:.4f}",
-            f"{done.fit.calibration.wheel_ratio:.4f}",
-            f"{_mm(done.fit.left_over_m)} mm",
+            Text(result.robot, style="cyan"),
+            f"{_mm(result.before.error_m)} mm",
+            f"{result.fit.calibration.track_factor:.4f}",
+            f"{result.fit.calibration.wheel_ratio:.4f}",
+            f"{_mm(result.fit.left_over_m)} mm",
             after,
-            Text(factor, style="green" if done.is_better else "red"),
+            Text(factor, style="green" if result.is_better else "red"),
         )
     console.print(table)
 
 
-def _advise(console: Console, outcomes: list[_Outcome], written: dict[str, Written], *, write: bool) -> None:
-    """Tell what was written, and what to look at."""
-    for done in outcomes:
+def _print_notes(
+    console: Console, results: list[_CalibrationResult], written: dict[str, WrittenCalibration], *, write: bool
+) -> None:
+    """Print warnings and the written files."""
+    for result in results:
         lines = []
-        if done.fit.is_doubtful:
-            lines.append("more is left over than chance explains: was it blocked, or does it slip?")
-        if not done.is_better:
-            lines.append("the second run is no better: nothing is gained by a calibration, or more squares are needed")
-        if done.known is None:
-            lines.append("its Base cannot be calibrated: no track_factor and wheel_ratio among its configuration")
+        if result.fit.is_doubtful:
+            lines.append("the remaining error is larger than chance explains: was the robot blocked, or does it slip?")
+        if not result.is_better:
+            lines.append("the second run is not better: the robot needs no calibration, or more squares are needed")
+        if result.known is None:
+            lines.append("its Base cannot be calibrated: it has no configuration track_factor and wheel_ratio")
         for line in lines:
-            console.print(Text(f"{done.robot}: {line}", style="yellow"), soft_wrap=True)
-        if (files := written.get(done.robot)) is not None:
-            how = ", which the fleet file now includes" if files.includes else ""
-            console.print(Text(f"{done.robot}: {short_path(files.file)}{how}", style="dim"), soft_wrap=True)
+            print_line(console, f"{result.robot}: {line}", "yellow")
+        if (files := written.get(result.robot)) is not None:
+            how = ", now included by the fleet file" if files.includes else ""
+            print_line(console, f"{result.robot}: {short_path(files.file)}{how}", "dim")
     if not write:
-        console.print(Text("Nothing was written; --write keeps what was found.", style="dim"), soft_wrap=True)
+        print_line(console, "Nothing was written; --write saves the calibration.", "dim")
 
 
 def _mm(length_m: float) -> str:
     return f"{length_m * 1000:.1f}" if length_m < 0.01 else f"{length_m * 1000:.0f}"
 
 
-def _described(done: _Outcome, written: dict[str, Written]) -> dict[str, Any]:
-    files = written.get(done.robot)
+def _result_as_json(result: _CalibrationResult, written: dict[str, WrittenCalibration]) -> dict[str, Any]:
+    files = written.get(result.robot)
     return {
-        "wheelbase_m": done.wheelbase_m,
-        "known": None if done.known is None else done.known.model_dump(),
-        "before": _ends(done.before),
+        "wheelbase_m": result.wheelbase_m,
+        "known": None if result.known is None else result.known.model_dump(),
+        "before": _ends_as_json(result.before),
         "fit": {
-            **done.fit.calibration.model_dump(),
-            "left_over_m": done.fit.left_over_m,
-            "steps": done.fit.steps,
-            "is_doubtful": done.fit.is_doubtful,
+            **result.fit.calibration.model_dump(),
+            "left_over_m": result.fit.left_over_m,
+            "steps": result.fit.steps,
+            "is_doubtful": result.fit.is_doubtful,
         },
-        "after": None if done.after is None else _ends(done.after),
-        "factor": None if done.after is None else done.before.error_m / done.after.error_m,
+        "after": None if result.after is None else _ends_as_json(result.after),
+        "factor": None if result.after is None else result.before.error_m / result.after.error_m,
         "file": None if files is None else str(files.file),
     }
 
 
-def _ends(ends: SquareEnds) -> dict[str, Any]:
+def _ends_as_json(ends: SquareEnds) -> dict[str, Any]:
     return {
         "error_m": ends.error_m,
         "scatter_m": ends.scatter_m,

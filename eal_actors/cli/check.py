@@ -1,37 +1,37 @@
-"""`eal check`: what is wrong with fleet, scenario and world files, without touching a robot."""
+"""`eal check`: check fleet, scenario and world files without a robot. `eal schema`: print their JSON Schemas."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 import typer
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.opening import check_plugins
+from eal_actors.cli.fleets import check_plugins
 from eal_actors.cli.options import JsonOption
-from eal_actors.cli.output import counted, stderr, stdout, write_json
-from eal_actors.cli.world import contents
+from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
+from eal_actors.cli.world import summarize_world
 from eal_actors.device.world import load_world
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.yaml_source import load_yaml
-from eal_actors.managers.config import EALConfigManager
-from eal_actors.scenario import load_scenario
+from eal_actors.managers.config import EALConfigManager, fleet_schema, manifest_schema, world_schema
+from eal_actors.scenario import load_scenario, scenario_schema
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
-    """What came of a file.
+class FileCheck:
+    """The result of checking a file.
 
     Attributes:
-        file: the file, as it was named.
-        kind: `fleet`, `scenario`, `world` or `plugin`; `unknown` where the content does not tell.
-        summary: what a good file holds, in few words.
-        problems: what is wrong.
-        warnings: what may be wrong only on this machine, such as a module that a plugin needs.
+        file: the file, as the user named it.
+        kind: `fleet`, `scenario`, `world` or `plugin`; `unknown` if its content matches none of them.
+        summary: a short description of a valid file.
+        problems: the errors in the file.
+        warnings: problems that depend on this machine, such as a missing module of a plugin.
     """
 
     file: str
@@ -39,6 +39,16 @@ class Checked:
     summary: str = ""
     problems: tuple[Problem, ...] = ()
     warnings: tuple[str, ...] = ()
+
+
+def print_schema(
+    kind: Annotated[
+        Literal["fleet", "scenario", "world", "plugin"], typer.Argument(help="Kind of file.", show_default=False)
+    ],
+) -> None:
+    """Print the JSON Schema of a kind of file, for editors that complete and check it."""
+    makers = {"fleet": fleet_schema, "scenario": scenario_schema, "world": world_schema, "plugin": manifest_schema}
+    write_json(makers[kind]())
 
 
 def check_files(
@@ -49,75 +59,74 @@ def check_files(
 ) -> None:
     """Check files, and print each problem as `file:line:column: path: message`.
 
-    Their content tells what they are. Of a fleet the plugins' settings are checked too, for which the plugins are
-    imported, but nothing is connected. Ends with 2 if there are problems.
+    The content of a file determines its kind. The plugins of a fleet are imported to check their settings, but no
+    device is connected. The exit code is 2 if there are problems.
     """
     results = [check_file(file) for file in files]
     problems = sorted({problem for result in results for problem in result.problems})
     if as_json:
         write_json({"files": [asdict(result) for result in results]})
     else:
-        _print(results, problems)
+        _print_results(results, problems)
     if problems:
         raise typer.Exit(ExitCode.BAD_INPUT)
 
 
-def _print(results: list[Checked], problems: list[Problem]) -> None:
+def _print_results(results: list[FileCheck], problems: list[Problem]) -> None:
     out, err = stdout(), stderr()
     for warning in dict.fromkeys(warning for result in results for warning in result.warnings):
-        err.print(Text.assemble(("warning: ", "yellow"), warning), soft_wrap=True)
+        print_line(err, Text.assemble(("warning: ", "yellow"), warning))
     for result in results:
         if not result.problems:
-            out.print(Text.assemble(f"{result.file}: ", ("ok", "green"), f" ({result.summary})"), soft_wrap=True)
+            print_line(out, Text.assemble(f"{result.file}: ", ("ok", "green"), f" ({result.summary})"))
     for problem in problems:
-        out.print(Text(str(problem)), soft_wrap=True)
+        print_line(out, str(problem))
     if problems:
         files = {problem.file for problem in problems}
         err.print(f"{counted(len(problems), 'problem')} in {counted(len(files), 'file')}", style="bold red")
 
 
-def check_file(file: Path) -> Checked:
-    """Check one file, of whatever kind it is."""
+def check_file(file: Path) -> FileCheck:
+    """Check one file of any kind."""
     name = str(file)
     try:
         keys = set(load_yaml(file).root)
     except ConfigError as error:
-        return Checked(name, "unknown", problems=error.problems)
-    for kind, tell_tale, check in _KINDS:
-        if keys & tell_tale:
+        return FileCheck(name, "unknown", problems=error.problems)
+    for kind, own_keys, check in _KINDS:
+        if keys & own_keys:
             try:
                 return check(name)
             except ConfigError as error:
-                return Checked(name, kind, problems=error.problems)
+                return FileCheck(name, kind, problems=error.problems)
     hint = "a fleet has robots, a scenario has steps, a world has size_m"
-    return Checked(name, "unknown", problems=(Problem(name, 0, 0, "", f"cannot tell what it is: {hint}"),))
+    return FileCheck(name, "unknown", problems=(Problem(name, 0, 0, "", f"unknown kind of file: {hint}"),))
 
 
-def _check_fleet(name: str) -> Checked:
+def _check_fleet(name: str) -> FileCheck:
     config = EALConfigManager.load(name).fleet
     problems, warnings = check_plugins(config)
     summary = f"fleet, {counted(len(config.robots), 'robot')}"
-    return Checked(name, "fleet", summary, tuple(sorted(problems)), tuple(warnings))
+    return FileCheck(name, "fleet", summary, tuple(sorted(problems)), tuple(warnings))
 
 
-def _check_scenario(name: str) -> Checked:
+def _check_scenario(name: str) -> FileCheck:
     file = load_scenario(name).file
-    return Checked(
-        name, "scenario", f"scenario, {counted(len(file.roles), 'role')}, {counted(len(file.steps), 'step')}"
-    )
+    summary = f"scenario, {counted(len(file.roles), 'role')}, {counted(len(file.steps), 'step')}"
+    return FileCheck(name, "scenario", summary)
 
 
-def _check_world(name: str) -> Checked:
-    return Checked(name, "world", f"world, {contents(load_world(name))}")
+def _check_world(name: str) -> FileCheck:
+    return FileCheck(name, "world", f"world, {summarize_world(load_world(name))}")
 
 
-def _refuse_plugin(name: str) -> Checked:
+def _refuse_plugin(name: str) -> FileCheck:
     advice = f"a plugin: use `eal plugin check {Path(name).parent}`"
-    return Checked(name, "plugin", problems=(Problem(name, 0, 0, "", advice),))
+    return FileCheck(name, "plugin", problems=(Problem(name, 0, 0, "", advice),))
 
 
 # Kind, the keys that only files of that kind have, and the check.
-_KINDS: Final[tuple[tuple[str, frozenset[str], Callable[[str], Checked]], ...]] = (
+_KINDS: Final[tuple[tuple[str, frozenset[str], Callable[[str], FileCheck]], ...]] = (
     ("scenario", frozenset({"steps", "roles"}), _check_scenario),
     ("world", frozenset({"size_m"}), _check_world),
     ("plugin", frozenset({"plugin_version", "resources"}), _refuse_plugin),

@@ -10,8 +10,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from eal_actors.cli.interrupts import heed_signals
-from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.fleets import read_fleet
+from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import stderr, stdout
 from eal_actors.facade.fleet import Fleet
@@ -55,7 +55,7 @@ def show_dashboard(
         raise UnsupportedError(
             f"the dashboard needs {error.name}, which is not installed: pip install 'eal-actors[dashboard]'"
         ) from error
-    heed_signals()
+    handle_signals()
     config = _in_real_time(read_fleet(fleet))
     access = Access(host, new_token() if token else None)
     with Fleet(config).connect() as opened:

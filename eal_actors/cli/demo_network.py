@@ -1,4 +1,4 @@
-"""`make demo-network`: every robot of a fleet served by a process of its own on this machine, and one scenario."""
+"""`make demo-network`: serve each robot of a fleet from its own process on this machine, and run a scenario."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
-from rich.text import Text
 
-from eal_actors.cli.opening import read_fleet
-from eal_actors.cli.output import stderr
+from eal_actors.cli.fleets import read_fleet
+from eal_actors.cli.output import print_line, stderr
 from eal_actors.kernel.errors import UnavailableError
 
 _STOP_S: Final = 5.0
-"""Real seconds that a server has to end by itself."""
+"""Real seconds after which a server that has not ended is killed."""
 _PROGRAM: Final = (sys.executable, "-m", "eal_actors")
 
 
@@ -26,7 +25,7 @@ def demo_network(
     fleet: Annotated[Path, typer.Option("--fleet", "-f")] = Path("loopback"),
     runs_dir: Annotated[Path, typer.Option()] = Path("runs"),
 ) -> None:
-    """Serve each robot of a fleet by a process of its own, run a scenario over the network, and stop the servers."""
+    """Serve each robot of a fleet from its own process, run a scenario over the network, and stop the servers."""
     served = [name for name, robot in read_fleet(fleet).robots.items() if robot.address is not None]
     with _serving(fleet, served):
         run = ("run", scenario, "--fleet", fleet, "--runs-dir", runs_dir, "--show")
@@ -40,7 +39,7 @@ def _serving(fleet: Path, robots: Sequence[str]) -> Iterator[None]:
     with ExitStack() as stack:
         servers = [(robot, stack.enter_context(_server(fleet, robot))) for robot in robots]
         for robot, server in servers:
-            stderr().print(Text(_last_line(robot, server), style="dim"), soft_wrap=True)
+            print_line(stderr(), _wait_until_listening(robot, server), "dim")
         yield
 
 
@@ -59,13 +58,13 @@ def _server(fleet: Path, robot: str) -> Iterator[subprocess.Popen[str]]:
             server.communicate()
 
 
-def _last_line(robot: str, server: subprocess.Popen[str]) -> str:
-    """Return what a server says when it listens.
+def _wait_until_listening(robot: str, server: subprocess.Popen[str]) -> str:
+    """Return the line that a server prints when it listens.
 
     Raises:
-        UnavailableError: it has ended instead; it has said why on stderr.
+        UnavailableError: the server has ended instead; its stderr says why.
     """
     for line in server.stdout or ():
         if line.startswith("listening"):
             return f"{robot}: {line.rstrip()}"
-    raise UnavailableError("its server has ended; see above", robot=robot)
+    raise UnavailableError("its server has ended; see its message above", robot=robot)

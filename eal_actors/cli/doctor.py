@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.options import JsonOption, RobotsArgument
 from eal_actors.cli.output import counted, new_table, stdout, write_json
 from eal_actors.facade.connections import FLEET_VARIABLE

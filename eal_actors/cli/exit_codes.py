@@ -1,4 +1,4 @@
-"""Exit codes, and how an error is told: the one table of both."""
+"""Exit codes and error messages: the only place that maps errors to either."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 from rich.text import Text
 
 from eal_actors.cli.options import GlobalOptions
-from eal_actors.cli.output import stderr
+from eal_actors.cli.output import counted, stderr
 from eal_actors.kernel.errors import (
     ArgumentError,
     BusyError,
@@ -29,7 +29,7 @@ from eal_actors.kernel.log import get_logger
 
 
 class ExitCode(enum.IntEnum):
-    """What `eal` tells the shell."""
+    """An exit code of `eal`."""
 
     DONE = 0
     FAILED = 1
@@ -43,14 +43,14 @@ EPILOG: Final = (
     "3 a robot could not be reached; 130 interrupted."
 )
 
-SEE_DEVICE: Final = "See that it is switched on and connected, then try again."
-"""Advice where a device may be the cause."""
-SEE_BLOCKING: Final = "Something blocks its actor: `eal plugin check FOLDER` tells which command."
-"""Advice where more time would not help."""
-SEE_PORT: Final = "`ss -ltnp` tells which program that is: end it, or name another port."
-"""Advice where another program has the port."""
+SEE_DEVICE: Final = "Check that it is switched on and connected, then try again."
+"""Advice if a device may be the cause."""
+SEE_BLOCKING: Final = "A command blocks its actor: `eal plugin check FOLDER` names the command."
+"""Advice if more time would not help."""
+SEE_PORT: Final = "`ss -ltnp` shows the program: stop it, or choose another port."
+"""Advice if another program uses the port."""
 
-_RESOURCES: Final = "`eal resources --fleet FLEET --robot ROBOT` shows what there is."
+_RESOURCES: Final = "`eal resources --fleet FLEET --robot ROBOT` lists resources and their commands."
 _TABLE: Final[tuple[tuple[type[EALError], ExitCode, str], ...]] = (
     (ConfigError, ExitCode.BAD_INPUT, ""),
     (RobotNotFoundError, ExitCode.BAD_INPUT, "`eal resources --fleet FLEET` lists the robots."),
@@ -61,13 +61,9 @@ _TABLE: Final[tuple[tuple[type[EALError], ExitCode, str], ...]] = (
     (RobotFailedError, ExitCode.UNREACHABLE, SEE_DEVICE),
     (UnavailableError, ExitCode.UNREACHABLE, SEE_DEVICE),
     (RemoteError, ExitCode.UNREACHABLE, ""),
-    (PluginError, ExitCode.UNREACHABLE, "`eal plugin check FOLDER` tells more."),
-    (
-        DeadlineError,
-        ExitCode.FAILED,
-        "If it just takes long, give it more time: --timeout-s, or timeout_s in the file.",
-    ),
-    (BusyError, ExitCode.FAILED, "Wait until the robot has caught up, then try again."),
+    (PluginError, ExitCode.UNREACHABLE, "Details: `eal plugin check FOLDER`"),
+    (DeadlineError, ExitCode.FAILED, "If it needs more time, raise --timeout-s, or timeout_s in the file."),
+    (BusyError, ExitCode.FAILED, "Wait until the robot has worked off its queue, then try again."),
     (EALError, ExitCode.FAILED, ""),
 )
 
@@ -77,10 +73,10 @@ def exit_code(error: EALError) -> ExitCode:
     return _row(error)[1]
 
 
-def report(error: EALError, options: GlobalOptions) -> ExitCode:
-    """Tell an error on stderr, with what to do next, and return its exit code.
+def report_error(error: EALError, options: GlobalOptions) -> ExitCode:
+    """Print an error and what to do next on stderr; return its exit code.
 
-    With `--log-format json` it is a log line; with `--log-level debug` it comes with its traceback.
+    `--log-format json` makes it a log line; `--log-level debug` adds the traceback.
     """
     code, advice = exit_code(error), _advice(error)
     if options.log_format == "json":
@@ -92,7 +88,7 @@ def report(error: EALError, options: GlobalOptions) -> ExitCode:
     if isinstance(error, ConfigError):
         for problem in error.problems:
             console.print(str(problem), soft_wrap=True)
-        advice = f"{len(error.problems)} problem{'s' * (len(error.problems) != 1)}; nothing was done."
+        advice = f"{counted(len(error.problems), 'problem')}; nothing was done."
     else:
         console.print(Text.assemble(("Error: ", "bold red"), str(error)), soft_wrap=True)
     if advice:
@@ -101,22 +97,15 @@ def report(error: EALError, options: GlobalOptions) -> ExitCode:
 
 
 def _advice(error: EALError) -> str:
-    """Return what to do about an error: as its notes say, who know more of it, or as the table says."""
-    notes = getattr(error, "__notes__", ())
-    if notes:
+    """Return what to do about an error: its notes, which are more specific, or the advice of the table."""
+    if notes := getattr(error, "__notes__", ()):
         return "\n".join(notes)
-    if _found_no_port(error):
+    in_use = ("the port is in use", "Address already in use")
+    if isinstance(error, UnavailableError) and any(words in error.message for words in in_use):
         return SEE_PORT
-    return SEE_BLOCKING if _was_stuck(error) else _row(error)[2]
-
-
-def _was_stuck(error: EALError) -> bool:
-    return isinstance(error, RobotFailedError | UnavailableError) and "abandoned" in error.message
-
-
-def _found_no_port(error: EALError) -> bool:
-    taken = ("the port is in use", "Address already in use")
-    return isinstance(error, UnavailableError) and any(words in error.message for words in taken)
+    if isinstance(error, RobotFailedError | UnavailableError) and "abandoned" in error.message:
+        return SEE_BLOCKING
+    return _row(error)[2]
 
 
 def _row(error: EALError) -> tuple[type[EALError], ExitCode, str]:

@@ -1,9 +1,13 @@
-"""Signals that end the program; of a run, the first stops it in good order, the second hurries, the third leaves."""
+"""Signals that end the program.
+
+During a run, the first signal stops the run and still executes `finally`; the second skips `finally`; the third ends
+the program at once.
+"""
 
 from __future__ import annotations
 
 import signal
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Final, NoReturn, Self, TypeVar
 
 from eal_actors.actors.future import Future
@@ -12,44 +16,44 @@ from eal_actors.scenario import Run
 
 T = TypeVar("T")
 
-_SAID: Final = (
-    "Stopping: the robots halt, then the steps of `finally` follow; Ctrl-C skips those.",
-    "Stopping at once; Ctrl-C again leaves everything as it is.",
+_MESSAGES: Final = (
+    "Stopping: the robots halt, then the steps of `finally` run; Ctrl-C skips them.",
+    "Stopping now, without `finally`; Ctrl-C again ends the program at once.",
 )
 _HANGUPS: Final = tuple(number for number in signal.valid_signals() if getattr(number, "name", "") == "SIGHUP")
-"""The terminal was closed: one signal, or none where the system has no such thing."""
+"""SIGHUP, sent when the terminal closes; empty on a system without it."""
 
 
-def heed_signals() -> None:
-    """Have SIGTERM and a closed terminal count as Ctrl-C, so that every `finally` stops its motors."""
-    for number in (signal.SIGTERM, *_heeded_hangups()):
+def handle_signals() -> None:
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt, so that every `finally` stops its motors."""
+    for number in (signal.SIGTERM, *_handled_hangups()):
         signal.signal(number, _interrupt)
 
 
-def _heeded_hangups() -> list[int]:
-    return [number for number in _HANGUPS if signal.getsignal(number) is not signal.SIG_IGN]  # as `nohup` sets it
+def _handled_hangups() -> list[int]:
+    return [number for number in _HANGUPS if signal.getsignal(number) is not signal.SIG_IGN]  # `nohup` ignores it
 
 
-def _ignore_further(number: int) -> None:
-    """Take a closed terminal for one signal: the kernel and the shell both tell of it, and nobody is in a hurry."""
+def _ignore_repeated_hangups(number: int) -> None:
+    """Ignore further hang-ups after the first: the kernel and the shell both send one when a terminal closes."""
     if number in _HANGUPS:
         signal.signal(number, signal.SIG_IGN)
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
-    _ignore_further(number)
+    _ignore_repeated_hangups(number)
     raise KeyboardInterrupt
 
 
-class Interrupts:
-    """Handles the signals for the length of a `with` block, in the main thread.
+class RunInterrupts:
+    """Signal handlers during a run, set for the length of a `with` block in the main thread.
 
     Args:
-        run: the run that is aborted: the first signal halts the robots and lets `finally` go on, the second skips
-            that. A third raises KeyboardInterrupt, which leaves the block.
+        run: the run to abort. The first signal halts the robots and lets `finally` run, the second skips `finally`,
+            a third raises KeyboardInterrupt in the block.
 
     Attributes:
-        count: how many signals came.
+        count: number of signals received.
     """
 
     def __init__(self, run: Run) -> None:
@@ -58,29 +62,27 @@ class Interrupts:
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
-        for number in (signal.SIGINT, signal.SIGTERM, *_heeded_hangups()):
+        for number in (signal.SIGINT, signal.SIGTERM, *_handled_hangups()):
             self._before[number] = signal.signal(number, self._handle)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_exc_info: object) -> None:
         for number, handler in self._before.items():
             if signal.getsignal(number) == self._handle:  # further hang-ups stay ignored
                 signal.signal(number, handler)
 
     def _handle(self, number: int, _frame: FrameType | None) -> None:
-        _ignore_further(number)
-        if self.count and number in _HANGUPS:  # stopping already; nobody asked to skip `finally`
+        _ignore_repeated_hangups(number)
+        if self.count and number in _HANGUPS:  # already stopping, and a hang-up is no request to skip `finally`
             return
         self.count += 1
         if self.count > 2:
             raise KeyboardInterrupt
-        self._run.abort(f"interrupted by {signal.Signals(number).name}")  # first: what follows may fail
-        stderr().print(_SAID[self.count - 1], style="yellow")
+        self._run.abort(f"interrupted by {signal.Signals(number).name}")  # first: the message may fail
+        stderr().print(_MESSAGES[self.count - 1], style="yellow")
 
     def wait(self, future: Future[T]) -> T:
-        """Return what the run comes to.
+        """Return the result of the run.
 
         Raises:
             KeyboardInterrupt: at the third signal.

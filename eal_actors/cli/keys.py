@@ -1,18 +1,18 @@
-"""`eal keys`: the certificates of a fleet, and the part of its file that makes use of them."""
+"""`eal keys`: make and list the certificates of a fleet, and write the security section of its file."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 from rich.text import Text
 
-from eal_actors.cli.help import Command, Group
-from eal_actors.cli.options import FleetOption, JsonOption
-from eal_actors.cli.output import new_table, short_path, stderr, stdout, write_json
+from eal_actors.cli.options import EalCommand, EalCommandGroup, FleetOption, JsonOption
+from eal_actors.cli.output import new_table, print_line, short_path, stderr, stdout, write_json
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
 from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
@@ -30,7 +30,9 @@ from eal_actors.net.security.certificates import (
     make_certificate,
 )
 
-app = typer.Typer(cls=Group, help="Make the certificates that secure a fleet's network.", no_args_is_help=True)
+app = typer.Typer(
+    cls=EalCommandGroup, help="Make the certificates that secure a fleet's network.", no_args_is_help=True
+)
 
 DEFAULT_FOLDER: Final = "keys"
 _SECTION: Final = """\
@@ -44,32 +46,30 @@ network:
       routers: [{routers}]
 """
 
-ForceOption = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
 HostOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--host", show_default=False, help="A further name or address at which it is reached; may be repeated."
-    ),
+    typer.Option("--host", show_default=False, help="Additional host name or address of the certificate; repeatable."),
 ]
 DirOption = Annotated[
     Path | None,
-    typer.Option("--dir", show_default="as the fleet file says, or keys beside it", help="The folder of keys."),
+    typer.Option("--dir", show_default="from the fleet file, or keys beside it", help="Folder of keys."),
 ]
 
 
-@app.command("init", cls=Command)
+@app.command("init", cls=EalCommand)
 def init_keys(
     fleet: FleetOption,
     directory: DirOption = None,
     write: Annotated[
-        bool, typer.Option("--write", help="Append the section to the fleet file, which must not have one yet.")
+        bool, typer.Option("--write", help="Append the section to the fleet file, which must have no network section.")
     ] = False,
     force: ForceOption = False,
 ) -> None:
-    """Make the fleet's authority, and print the section of the fleet file that turns security on.
+    """Make the fleet's certificate authority, and print the fleet file's section that turns security on.
 
-    Addresses in the file must begin with tls/ or quic/ then. A file that is written to is changed only if it is
-    valid afterwards; what is in it stays as it is.
+    With security, addresses in the file must begin with tls/ or quic/. --write changes the file only if the result is
+    valid, and keeps its content.
     """
     root = load_yaml(fleet).root
     network = root.get("network")
@@ -77,19 +77,19 @@ def init_keys(
     folder = directory or fleet.parent / _named_folder(network)
     keys = Path(os.path.relpath(folder, fleet.parent)).as_posix()
     section = _SECTION.format(keys=keys, routers="router" if network.get("routers") else "")
-    new = _appended(fleet, section) if write else None  # before anything is made
+    new = _append_section(fleet, section) if write else None  # fails before a file is made
     made = make_authority(folder, str(root.get("name", fleet.stem)), force=force)
     _keep_out_of_git(folder)
     if new is not None:
-        _replace(fleet, new)
+        _replace_file(fleet, new)
     else:
         stdout().print(Text(section), end="", soft_wrap=True)
-    _tell_made(made)
-    _advise(f"{short_path(key_file(folder, AUTHORITY))} makes certificates: keep it here, and secret.")
+    _print_made(made)
+    _advise(f"{short_path(key_file(folder, AUTHORITY))} signs certificates: keep it secret, and on this machine.")
     _advise(f"Next: eal keys controller controller --fleet {fleet}, and eal keys robot ROBOT for each robot.")
 
 
-@app.command("robot", cls=Command)
+@app.command("robot", cls=EalCommand)
 def robot_keys(
     names: Annotated[list[str], typer.Argument(metavar="ROBOT...", show_default=False, help="Names of robots.")],
     fleet: FleetOption,
@@ -97,41 +97,41 @@ def robot_keys(
     directory: DirOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Make certificates for robots, good for the hosts in their addresses."""
+    """Make certificates for robots, valid for the hosts in their addresses."""
     config = EALConfigManager.load(fleet).fleet
     folder = directory or _folder(config)
-    hosts = {name: [*_hosts_of(config, name), *(host or [])] for name in names}  # before anything is made
+    hosts = {name: [*_robot_hosts(config, name), *(host or [])] for name in names}  # fails before a file is made
     for name in names:
         made = make_certificate(folder, name, hosts[name], force=force)
-        _tell_made(made)
+        _print_made(made)
         _advise_to_copy(folder, name)
 
 
-@app.command("controller", cls=Command)
+@app.command("controller", cls=EalCommand)
 def controller_keys(
     name: Annotated[str, typer.Argument(metavar="NAME", show_default=False, help="Name of a person or program.")],
     fleet: FleetOption,
-    observer: Annotated[bool, typer.Option("--observer", help="It shall read only.")] = False,
+    observer: Annotated[bool, typer.Option("--observer", help="Allow reading only.")] = False,
     directory: DirOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Make a certificate for whoever commands the robots, or observes them.
+    """Make a certificate for a controller or an observer of the robots.
 
-    The roles in the fleet file say what it may do, on every robot and router; what to add there is printed.
+    The roles in the fleet file grant its rights, on every robot and router. The command prints what to add there.
     """
     config = EALConfigManager.load(fleet).fleet
     _require_no_robot(config, name)
     folder = directory or _folder(config)
-    _tell_made(make_certificate(folder, name, force=force))
+    _print_made(make_certificate(folder, name, force=force))
     _advise_to_copy(folder, name)
     security = config.network.security
     role = "observer" if observer else "controller"
     if security is None or not any((grant.name, grant.role) == (name, role) for grant in security.grants):
         _advise(f"Next: add {name} to network.security.roles.{role}s in the fleet file, here and on the robots.")
-    _advise(f"Programs dial with it where the fleet file says network.security.controller: {name}")
+    _advise(f"Programs use it if the fleet file has network.security.controller: {name}")
 
 
-@app.command("router", cls=Command)
+@app.command("router", cls=EalCommand)
 def router_keys(
     fleet: FleetOption,
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the router.")] = "router",
@@ -139,25 +139,27 @@ def router_keys(
     directory: DirOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Make a certificate for a router, good for the hosts in the fleet file's list of routers."""
+    """Make a certificate for a router, valid for the hosts in network.routers of the fleet file."""
     config = EALConfigManager.load(fleet).fleet
     _require_no_robot(config, name)
     folder = directory or _folder(config)
     hosts = [*(parse_endpoint(endpoint).host for endpoint in config.network.routers), *(host or [])]
     if not hosts:
-        raise typer.BadParameter("the fleet file names no routers; say where this one is reached", param_hint="--host")
-    _tell_made(make_certificate(folder, name, hosts, force=force))
+        raise typer.BadParameter(
+            "network.routers of the fleet file is empty: name the router's host", param_hint="--host"
+        )
+    _print_made(make_certificate(folder, name, hosts, force=force))
     _advise_to_copy(folder, name)
     if config.network.security is None or name not in config.network.security.routers:
         _advise(f"Next: add {name} to network.security.roles.routers in the fleet file, here and on the robots.")
 
 
-@app.command("list", cls=Command)
+@app.command("list", cls=EalCommand)
 def show_keys(fleet: FleetOption, directory: DirOption = None, as_json: JsonOption = False) -> None:
-    """List the certificates, what their owners may do, and when they expire."""
+    """List the certificates with their rights and expiry dates."""
     config = EALConfigManager.load(fleet).fleet
     found = [
-        {**_described(certificate), "may": _may(config, certificate.name)}
+        {**_certificate_as_json(certificate), "may": _rights(config, certificate.name)}
         for certificate in list_certificates(directory or _folder(config))
     ]
     if as_json:
@@ -166,9 +168,11 @@ def show_keys(fleet: FleetOption, directory: DirOption = None, as_json: JsonOpti
     table = new_table("name", "hosts", "may", "expires", "file")
     for entry in found:
         left = entry["days_left"]
-        ends = Text(f"{entry['expires'][:10]}, in {left} days" if left >= 0 else f"{entry['expires'][:10]}, expired")
-        ends.style = "red" if left < 0 else "yellow" if left < 30 else ""
-        table.add_row(Text(entry["name"], style="cyan"), "\n".join(entry["hosts"]), entry["may"], ends, entry["file"])
+        expires = Text(entry["expires"][:10] + (f", in {left} days" if left >= 0 else ", expired"))
+        expires.style = "red" if left < 0 else "yellow" if left < 30 else ""
+        table.add_row(
+            Text(entry["name"], style="cyan"), "\n".join(entry["hosts"]), entry["may"], expires, entry["file"]
+        )
     stdout().print(table)
 
 
@@ -178,11 +182,13 @@ def _named_folder(network: dict[str, Any]) -> str:
     return named if isinstance(named, str) and named else DEFAULT_FOLDER
 
 
-def _appended(fleet: Path, section: str) -> str:
-    """Return the fleet file with the section at its end, if it is valid then; else raise ConfigError."""
+def _append_section(fleet: Path, section: str) -> str:
+    """Return the fleet file's text with the section appended; raise ConfigError if the result is not valid."""
     root = load_yaml(fleet).root
     if "network" in root:
-        raise ConfigError([_problem(fleet, "there is a network section already: leave out --write, and add by hand")])
+        raise ConfigError(
+            [_problem(fleet, "has a network section already: omit --write, and add the printed lines by hand")]
+        )
     text = fleet.read_text(encoding="utf-8")
     new = f"{text}{'' if text.endswith(chr(10)) else chr(10)}\n{section}"
     trial = fleet.with_name(f".{fleet.name}.new")
@@ -191,8 +197,7 @@ def _appended(fleet: Path, section: str) -> str:
         load_fleet(trial, os.environ)
     except ConfigError as error:
         problems = [
-            Problem(str(fleet) if problem.file == str(trial) else problem.file, *_after_file(problem))
-            for problem in error.problems
+            replace(problem, file=str(fleet)) if problem.file == str(trial) else problem for problem in error.problems
         ]
         raise ConfigError(problems) from None
     except OSError as error:
@@ -202,12 +207,8 @@ def _appended(fleet: Path, section: str) -> str:
     return new
 
 
-def _after_file(problem: Problem) -> tuple[int, int, str, str]:
-    return problem.line, problem.column, problem.path, problem.message
-
-
-def _replace(file: Path, text: str) -> None:
-    """Write a file as a whole or not at all, with the permissions it has."""
+def _replace_file(file: Path, text: str) -> None:
+    """Replace a file atomically, keeping its permissions."""
     trial = file.with_name(f".{file.name}.new")
     try:
         trial.write_text(text, encoding="utf-8")
@@ -215,7 +216,7 @@ def _replace(file: Path, text: str) -> None:
         trial.replace(file.resolve())
     except OSError as error:
         raise ConfigError([_problem(file, f"cannot be written: {error.strerror}")]) from error
-    _advise(f"{file}: the network section was added at the end")
+    _advise(f"{file}: network section appended")
 
 
 def _keep_out_of_git(folder: Path) -> None:
@@ -229,23 +230,23 @@ def _folder(fleet: FleetConfig) -> Path:
     return fleet.source.parent / DEFAULT_FOLDER if security is None else security.keys
 
 
-def _hosts_of(fleet: FleetConfig, name: str) -> Sequence[str]:
+def _robot_hosts(fleet: FleetConfig, name: str) -> Sequence[str]:
     robot = fleet.robots.get(name)
     if robot is None:
         raise RobotNotFoundError(f"the fleet has no robot '{name}'{did_you_mean(name, fleet.robots)}")
     if robot.address is None:
-        why = f"{name} has no address: it lives in the controller's process and needs no keys"
+        why = f"{name} has no address: it runs in the controller's process and needs no keys"
         raise typer.BadParameter(why, param_hint="ROBOT")
     return [] if robot.address == BEHIND_ROUTER else [parse_endpoint(robot.address).host]
 
 
 def _require_no_robot(fleet: FleetConfig, name: str) -> None:
     if name in fleet.robots:
-        why = f"{name} is a robot, whose certificate has no other role; choose another name"
+        why = f"{name} is a robot, and a robot's certificate has no other role; choose another name"
         raise typer.BadParameter(why, param_hint="NAME")
 
 
-def _may(fleet: FleetConfig, name: str) -> str:
+def _rights(fleet: FleetConfig, name: str) -> str:
     security = fleet.network.security
     if name in fleet.robots:
         return "be the robot"
@@ -253,15 +254,15 @@ def _may(fleet: FleetConfig, name: str) -> str:
         return ""
     if name in security.routers:
         return "route"
-    words = {"controller": "command", "observer": "read"}
+    rights = {"controller": "command", "observer": "read"}
     return "; ".join(
-        " ".join([words[grant.role], *(grant.robots or ()), *(grant.resources or ())])
+        " ".join([rights[grant.role], *(grant.robots or ()), *(grant.resources or ())])
         for grant in security.grants
         if grant.name == name
     )
 
 
-def _described(certificate: Certificate) -> dict[str, Any]:
+def _certificate_as_json(certificate: Certificate) -> dict[str, Any]:
     return {
         "name": certificate.name,
         "hosts": list(certificate.hosts),
@@ -271,10 +272,10 @@ def _described(certificate: Certificate) -> dict[str, Any]:
     }
 
 
-def _tell_made(certificate: Certificate) -> None:
-    where = f" for {', '.join(certificate.hosts)}" if certificate.hosts else ""
-    text = f"{short_path(certificate.file)}: made{where}, good until {certificate.expires:%Y-%m-%d}"
-    stderr().print(Text(text), soft_wrap=True)
+def _print_made(certificate: Certificate) -> None:
+    hosts = f" for {', '.join(certificate.hosts)}" if certificate.hosts else ""
+    text = f"{short_path(certificate.file)}: made{hosts}, valid until {certificate.expires:%Y-%m-%d}"
+    print_line(stderr(), text)
 
 
 def _advise_to_copy(folder: Path, name: str) -> None:
@@ -283,7 +284,7 @@ def _advise_to_copy(folder: Path, name: str) -> None:
 
 
 def _advise(text: str) -> None:
-    stderr().print(Text(text, style="dim"), soft_wrap=True)
+    print_line(stderr(), text, "dim")
 
 
 def _problem(file: Path, message: str) -> Problem:

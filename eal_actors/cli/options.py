@@ -1,12 +1,13 @@
-"""Options that several commands share."""
+"""Options that several commands share, and the command classes that show them in `--help`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from eal_actors.facade.connections import FLEET_VARIABLE
 from eal_actors.kernel.log import LogFormat
@@ -16,24 +17,66 @@ LogLevel = Literal["debug", "info", "warning", "error"]
 FleetOption = Annotated[
     Path,
     typer.Option(
-        "--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="The fleet file, or a shipped one by name."
+        "--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="Fleet file, or the name of a bundled one."
     ),
+]
+ScenarioArgument: TypeAlias = Annotated[
+    Path,
+    typer.Argument(metavar="SCENARIO", help="Scenario file, or the name of a bundled one.", show_default=False),
 ]
 RobotsArgument = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[ROBOT]...", show_default=False, help="Names of robots; all if none is given."),
+    typer.Argument(metavar="[ROBOT]...", show_default=False, help="Names of robots; default: all robots."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
+SettingsOption: TypeAlias = Annotated[
+    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Value of a parameter; repeatable.")
+]
+BindingsOption: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option("--bind", metavar="ROLE=ROBOT,...", help="Robots of a role, instead of the scenario's; repeatable."),
+]
+KeepOption: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--keep",
+        metavar="PLUGIN",
+        help="Use this plugin itself, not a simulated one: it must not move anything real; repeatable.",
+    ),
+]
 
 
 @dataclass(frozen=True, slots=True)
 class GlobalOptions:
-    """What stands before the command's name.
+    """The options before the command's name.
 
     Attributes:
-        log_format: how log lines look.
-        log_level: the least level shown.
+        log_format: format of log lines.
+        log_level: lowest level shown.
     """
 
     log_format: LogFormat = "human"
     log_level: LogLevel = "warning"
+
+
+class EalCommand(TyperCommand):
+    """A command whose help shows flags without a type, because a flag takes no value."""
+
+    def get_params(self, ctx: Any) -> Any:
+        """Return the command's parameters."""
+        return _hide_flag_types(super().get_params(ctx))
+
+
+class EalCommandGroup(TyperGroup):
+    """A group of commands whose help shows flags without a type."""
+
+    def get_params(self, ctx: Any) -> Any:
+        """Return the group's own parameters."""
+        return _hide_flag_types(super().get_params(ctx))
+
+
+def _hide_flag_types(params: list[Any]) -> list[Any]:
+    for param in params:
+        if getattr(param, "is_flag", False):
+            param.metavar = ""
+    return params

@@ -1,8 +1,9 @@
-"""Writing to the terminal: the two consoles, tables, JSON, and values in few words."""
+"""Terminal output: the two consoles, tables, JSON, and short texts of values."""
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import reprlib
 import sys
@@ -12,23 +13,24 @@ from typing import Any, Final, TextIO
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from eal_actors.device.data import DataType, EALData
 from eal_actors.scenario.report.records import as_json
 
 _PIPE_WIDTH: Final = 160
-"""Columns where nobody looks at them: wide, so that lines stay whole for grep."""
-_WHOLE_ARRAY: Final = 32
-"""Arrays of up to so many elements are printed whole."""
+"""Columns of a table in a pipe or a file: wide, so that lines stay whole for grep."""
+_MOST_ELEMENTS: Final = 32
+"""Larger arrays are not printed in full."""
 
 
 def stdout() -> Console:
-    """Return a console on stdout: the results."""
+    """Return a console on stdout, for results."""
     return _console(sys.stdout)
 
 
 def stderr() -> Console:
-    """Return a console on stderr: everything that is not a result."""
+    """Return a console on stderr, for everything that is not a result."""
     return _console(sys.stderr)
 
 
@@ -37,32 +39,38 @@ def _console(file: TextIO) -> Console:
     return Console(file=file, width=_PIPE_WIDTH if piped else None, highlight=False, markup=False, emoji=False)
 
 
-def new_table(*columns: str) -> Table:
-    """Return an empty table in the house's style."""
+def new_table(*columns: str, right: tuple[str, ...] = ()) -> Table:
+    """Return an empty table; the columns named in `right` are right-aligned."""
     table = Table(*columns, box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold")
     for column in table.columns:
         column.overflow = "fold"
+        column.justify = "right" if column.header in right else "left"
     return table
 
 
+def print_line(console: Console, text: str | Text, style: str = "") -> None:
+    """Print a line that the console does not wrap: terminals wrap it, and pipes and files keep it whole."""
+    console.print(Text(text) if isinstance(text, str) else text, style=style, soft_wrap=True)
+
+
 def write_json(value: Any) -> None:
-    """Write a value to stdout as strict JSON, and nothing else: see `as_json` for numbers that are none."""
+    """Write a value to stdout as strict JSON; `as_json` replaces numbers that JSON cannot hold."""
     sys.stdout.write(as_json(value, indent=2, ensure_ascii=False) + "\n")
 
 
-def counted(number: int, what: str) -> str:
-    """Return `1 robot`, `3 robots`."""
-    return f"{number} {what}{'' if number == 1 else 's'}"
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun: `1 robot`, `3 robots`."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def short_path(path: Path) -> Path:
-    """Return a path as it is from here, where it lies below."""
+    """Return a path relative to the working directory if it is inside it."""
     here = Path.cwd()
     return path.relative_to(here) if path.is_relative_to(here) else path
 
 
-def shown_value(answer: EALData | int) -> str:
-    """Return a value as people and shell scripts want it: numbers and text bare, large arrays in few words."""
+def format_answer(answer: EALData | int) -> str:
+    """Return a value for people and shell scripts: bare numbers and text, a summary of large arrays."""
     if not isinstance(answer, EALData):
         return str(answer)
     value, unit = answer.value, f" {answer.unit}" if answer.unit else ""
@@ -77,18 +85,13 @@ def shown_value(answer: EALData | int) -> str:
     if not answer.is_ptr:
         return f"{value}{unit}"
     shape = answer.shape or (len(value),)
-    count = 1
-    for size in shape:
-        count *= size
-    if count <= _WHOLE_ARRAY:
-        numbers = plain(answer)
-        return f"{json.dumps(numbers)}{unit}"
-    sizes = " x ".join(map(str, shape))
-    return f"{sizes} {answer.type.value}{unit}; --json prints every element"
+    if math.prod(shape) <= _MOST_ELEMENTS:
+        return f"{json.dumps(to_json(answer))}{unit}"
+    return f"{' x '.join(map(str, shape))} {answer.type.value}{unit}; --json prints every element"
 
 
-def plain(answer: EALData) -> Any:
-    """Return an EALData's value as JSON can hold it: arrays as lists, bytes as a list of ints."""
+def to_json(answer: EALData) -> Any:
+    """Return an EALData's value for JSON: arrays as lists, bytes as a list of integers."""
     value = answer.value
     if answer.type is DataType.VOID:
         return None if value is None else list(value)

@@ -1,4 +1,4 @@
-"""`eal ping`: how far each robot of a fleet is, and how it is."""
+"""`eal ping`: measure the round trip to each robot of a fleet, and show its state."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState, RunningCommand
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption, RobotsArgument
-from eal_actors.cli.output import new_table, stdout, write_json
+from eal_actors.cli.output import new_table, print_line, stdout, write_json
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError
 
 
 @dataclass
-class _Findings:
-    """What is known of one robot.
+class _PingResults:
+    """The ping results of one robot.
 
     Attributes:
         name: the robot's name.
-        address: where it is; None for one that would live in this process.
+        address: its address; None for a robot that runs in its controller's process.
         pings: its answers.
-        error: why it did not answer, the last time that it did not.
-        problems: what it says of itself.
+        error: why the last ping had no answer; None if it had one.
+        problems: problems that the robot reports.
     """
 
     name: str
@@ -41,44 +41,44 @@ class _Findings:
 
     @property
     def last(self) -> Ping | None:
-        """The last answer, if the last ping had one."""
+        """The answer to the last ping; None if it had none."""
         return self.pings[-1] if self.pings and self.error is None else None
 
     @property
     def is_ready(self) -> bool:
-        """Whether it can be commanded, were it not for an emergency stop; what lives in no other process is."""
+        """Whether it accepts commands, apart from an emergency stop; a robot without an address counts as ready."""
         return self.address is None or (self.last is not None and self.last.state is RobotState.READY)
 
 
 def ping_robots(
     fleet: FleetOption,
     robots: RobotsArgument = None,
-    count: Annotated[int, typer.Option(min=1, max=10_000, help="How many pings each robot gets.")] = 10,
+    count: Annotated[int, typer.Option(min=1, max=10_000, help="Number of pings for each robot.")] = 10,
     as_json: JsonOption = False,
 ) -> None:
-    """Ask each robot how it is, and measure the way to it and the offset of its clock.
+    """Ping each robot: show its state, the round-trip time and the offset of its clock.
 
-    Robots without an address are not touched: they live in the process of each controller. Ends with 1 if a robot is
-    not ready.
+    Robots without an address are not pinged: they run in the process of each controller. The exit code is 1 if a
+    robot is not ready.
     """
     config = read_fleet(fleet, robots or ())
-    findings = [_Findings(robot.name, robot.address) for robot in config.robots.values()]
-    remote = [entry for entry in findings if entry.address is not None]
+    results = [_PingResults(robot.name, robot.address) for robot in config.robots.values()]
+    remote = [entry for entry in results if entry.address is not None]
     if remote:
         with Fleet(config).connect([entry.name for entry in remote]) as opened:
             for _ in range(count):
                 _ping_once(opened, remote)
     if as_json:
-        write_json({"fleet": config.name, "robots": [_described(entry) for entry in findings]})
+        write_json({"fleet": config.name, "robots": [_results_as_json(entry) for entry in results]})
     else:
-        _print_table(findings)
-    if not all(entry.is_ready for entry in findings):
+        _print_table(results)
+    if not all(entry.is_ready for entry in results):
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _ping_once(fleet: Fleet, findings: list[_Findings]) -> None:
-    """Ping all robots at once; those that cannot be reached are not waited for."""
-    reached = [entry for entry in findings if _is_reached(fleet[entry.name], entry)]
+def _ping_once(fleet: Fleet, results: list[_PingResults]) -> None:
+    """Ping all robots at once, except those that are known to be unreachable."""
+    reached = [entry for entry in results if _is_reached(fleet[entry.name], entry)]
     answers = gather([fleet[entry.name].ping() for entry in reached], return_exceptions=True).get()
     for entry, answer in zip(reached, answers, strict=True):
         if isinstance(answer, Ping):
@@ -89,7 +89,7 @@ def _ping_once(fleet: Fleet, findings: list[_Findings]) -> None:
         entry.problems = [problem.message for problem in fleet[entry.name].problems]
 
 
-def _is_reached(robot: RobotHandle, entry: _Findings) -> bool:
+def _is_reached(robot: RobotHandle, entry: _PingResults) -> bool:
     try:
         robot.require_started()
     except EALError as error:
@@ -98,7 +98,7 @@ def _is_reached(robot: RobotHandle, entry: _Findings) -> bool:
     return True
 
 
-def _described(entry: _Findings) -> dict[str, Any]:
+def _results_as_json(entry: _PingResults) -> dict[str, Any]:
     last = entry.last
     trips = [ping.round_trip_s for ping in entry.pings]
     return {
@@ -122,24 +122,24 @@ def _described(entry: _Findings) -> dict[str, Any]:
     }
 
 
-def _state(entry: _Findings) -> str:
+def _state(entry: _PingResults) -> str:
     if entry.address is None:
         return "local"
     return RobotState.LOST.value if entry.last is None else entry.last.state.value
 
 
-def _print_table(findings: list[_Findings]) -> None:
+def _print_table(results: list[_PingResults]) -> None:
     table = new_table("robot", "state", "min / median", "clock offset", "release", "resources")
-    for entry in findings:
-        table.add_row(Text(entry.name, style="cyan"), _shown_state(entry), *_figures(entry))
+    for entry in results:
+        table.add_row(Text(entry.name, style="cyan"), _styled_state(entry), *_figures(entry))
     console = stdout()
     console.print(table)
-    for entry in findings:
+    for entry in results:
         for note in _notes(entry):
-            console.print(Text.assemble((entry.name, "cyan"), ": ", note), soft_wrap=True)
+            print_line(console, Text.assemble((entry.name, "cyan"), ": ", note))
 
 
-def _shown_state(entry: _Findings) -> Text:
+def _styled_state(entry: _PingResults) -> Text:
     if entry.address is None:
         return Text("local", style="dim")
     if not entry.is_ready:
@@ -149,7 +149,7 @@ def _shown_state(entry: _Findings) -> Text:
     return Text(_state(entry), style="green")
 
 
-def _figures(entry: _Findings) -> tuple[str, str, str, str]:
+def _figures(entry: _PingResults) -> tuple[str, str, str, str]:
     last = entry.last
     if last is None:
         return "", "", "", ""
@@ -162,10 +162,10 @@ def _figures(entry: _Findings) -> tuple[str, str, str, str]:
     )
 
 
-def _notes(entry: _Findings) -> Iterator[Text]:
-    """Yield what else there is to say: why it is not there, what is wrong with it, who holds what."""
+def _notes(entry: _PingResults) -> Iterator[Text]:
+    """Yield the notes below the table: errors, problems, resources that are not ready, leases and activities."""
     if entry.address is None:
-        yield Text("lives in the controller's process", style="dim")
+        yield Text("runs in the controller's process", style="dim")
     if entry.error is not None:
         yield Text(entry.error.message, style="red")
     if entry.last is not None:
@@ -178,15 +178,14 @@ def _notes(entry: _Findings) -> Iterator[Text]:
         for resource, holder in entry.last.holders.items():
             yield Text(f"{resource} is held by controller {holder}")
         for running in entry.last.running:
-            yield Text(f"{running.resource} carries out {running.command} for {running.by}{_shown_progress(running)}")
+            yield Text(f"{running.resource} runs {running.command} for {running.by}{_format_progress(running)}")
 
 
-def _shown_progress(running: RunningCommand) -> str:
-    told = running.progress
-    if told is None:
+def _format_progress(running: RunningCommand) -> str:
+    if (progress := running.progress) is None:
         return ""
-    parts = [f"{told.fraction:.0%}"] if told.fraction is not None else []
-    return ": " + ", ".join([*parts, *([told.text] if told.text else [])])
+    parts = [f"{progress.fraction:.0%}"] if progress.fraction is not None else []
+    return ": " + ", ".join([*parts, *([progress.text] if progress.text else [])])
 
 
 def _ms(duration_s: float) -> str:

@@ -1,37 +1,41 @@
-"""`eal plugin`: list, begin and check plugins."""
+"""`eal plugin`: list, create and check plugins."""
 
 from __future__ import annotations
 
+import keyword
+import re
 from collections.abc import Sequence
 from pathlib import Path
+from string import Template
 from typing import Annotated, Any, Final
 
 import typer
 from rich.text import Text
 
+from eal_actors import plugin as plugin_api
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.help import Command, Group
-from eal_actors.cli.new_plugin import write_plugin
-from eal_actors.cli.options import JsonOption
-from eal_actors.cli.output import counted, new_table, short_path, stderr, stdout, write_json
-from eal_actors.kernel.errors import ConfigError
+from eal_actors.cli.options import EalCommand, EalCommandGroup, JsonOption
+from eal_actors.cli.output import counted, new_table, print_line, short_path, stderr, stdout, write_json
+from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.testing.conformance import Bench, CheckResult, run_checks, settings_of
 
-app = typer.Typer(cls=Group, help="List, begin and check plugins.", no_args_is_help=True)
+app = typer.Typer(cls=EalCommandGroup, help="List, create and check plugins.", no_args_is_help=True)
 
+_TEMPLATES: Final = Path(__file__).with_name("plugin_template")
+_NAME: Final = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 _STYLES: Final = {"ok": ("ok", "green"), "failed": ("FAILED", "bold red"), "skipped": ("skipped", "dim")}
 
 
-@app.command("list", cls=Command)
+@app.command("list", cls=EalCommand)
 def list_plugins(
     directories: Annotated[
-        list[Path] | None, typer.Option("--dir", show_default=False, help="Search this folder too; may be repeated.")
+        list[Path] | None, typer.Option("--dir", show_default=False, help="Search this folder too; repeatable.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the plugins that are found: in the given folders, bundled, and of installed packages. None is imported."""
+    """List the plugins of the given folders, the bundled ones, and those of installed packages. None is imported."""
     manager = EALPluginManager(directories or ())
     found = [
         {
@@ -49,7 +53,7 @@ def list_plugins(
         return
     _print_list(found)
     for error in manager.errors:
-        stderr().print(Text.assemble(("broken: ", "yellow"), str(error)), soft_wrap=True)
+        print_line(stderr(), Text.assemble(("broken: ", "yellow"), str(error)))
 
 
 def _print_list(found: Sequence[dict[str, Any]]) -> None:
@@ -63,72 +67,106 @@ def _print_list(found: Sequence[dict[str, Any]]) -> None:
     stdout().print(table)
 
 
-@app.command("new", cls=Command)
+@app.command("new", cls=EalCommand)
 def new_plugin(
     name: Annotated[
         str, typer.Argument(metavar="NAME", help="Lower-case letters, digits and '_'.", show_default=False)
     ],
-    directory: Annotated[Path, typer.Option("--dir", help="Where the plugin's folder is made.")] = Path("plugins"),
+    directory: Annotated[Path, typer.Option("--dir", help="Parent of the plugin's folder.")] = Path("plugins"),
 ) -> None:
-    """Write a plugin that works, with its test, to begin from."""
+    """Write a working plugin with its test, as a start for your own."""
     folder = write_plugin(name, directory)
     console = stdout()
     for file in sorted(folder.iterdir()):
-        console.print(Text(str(file)), soft_wrap=True)
-    console.print(Text(f"\nNext: eal plugin check {folder}", style="dim"), soft_wrap=True)
+        print_line(console, str(file))
+    print_line(console, f"\nNext: eal plugin check {folder}", "dim")
 
 
-@app.command("check", cls=Command)
+def write_plugin(name: str, directory: Path) -> Path:
+    """Write a plugin's folder from the templates, and return it.
+
+    Args:
+        name: the name of the plugin and of its folder.
+        directory: the parent folder; made if it does not exist.
+
+    Raises:
+        ConfigError: the name cannot be used, or the folder exists or cannot be written.
+    """
+    resource = "".join(part.capitalize() for part in name.split("_"))
+    folder = directory / name
+    if not _NAME.fullmatch(name):
+        raise _refused(name, "a plugin's name is a lower-case letter, then lower-case letters, digits and single '_'")
+    if keyword.iskeyword(name) or keyword.iskeyword(resource) or resource in plugin_api.__all__:
+        raise _refused(name, f"its resource would be {resource!r}, a reserved name; choose another")
+    try:
+        folder.mkdir(parents=True)
+        for template in sorted(_TEMPLATES.iterdir()):
+            file = folder / template.name.removesuffix(".txt").replace("NAME", name)
+            text = Template(template.read_text(encoding="utf-8")).substitute(name=name, resource=resource)
+            file.write_text(text, encoding="utf-8")
+    except FileExistsError:
+        raise _refused(str(folder), "exists already; nothing was written") from None
+    except OSError as error:
+        raise _refused(str(folder), f"cannot be written: {error.strerror}") from error
+    return folder
+
+
+def _refused(path: str, reason: str) -> ConfigError:
+    return ConfigError([Problem(path, 0, 0, "", reason)])
+
+
+@app.command("check", cls=EalCommand)
 def check_plugin(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The plugin's folder.", show_default=False)],
     setting: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE", show_default=False, help="A setting, as YAML; may be repeated."),
+        typer.Option(metavar="KEY=VALUE", show_default=False, help="A setting, as YAML; repeatable."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check that a plugin does what every plugin must do.
+    """Check that a plugin meets the contract of all plugins.
 
-    Its robot is connected for it, and what can move will move for a moment. Ends with 1 if a check failed.
+    The check connects a robot with this plugin, and moves its actuators for a moment. The exit code is 1 if a check
+    failed.
     """
     results = []
-    for result in run_checks(Bench(folder, settings_of(_settings(setting or [])))):
+    for result in run_checks(Bench(folder, settings_of(_parse_settings(setting or [])))):
         results.append(result)
         if not as_json:
             _print_result(result)
     failed = sum(result.outcome == "failed" for result in results)
     if as_json:
-        write_json({"folder": str(folder), "checks": [_described(result) for result in results]})
+        write_json({"folder": str(folder), "checks": [_check_as_json(result) for result in results]})
     else:
         stderr().print(f"{counted(failed, 'check')} failed" if failed else f"{folder}: conforms")
     if failed:
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _settings(texts: Sequence[str]) -> dict[str, Any]:
+def _parse_settings(texts: Sequence[str]) -> dict[str, Any]:
     settings: dict[str, Any] = {}
     for text in texts:
         key, equals, value = text.partition("=")
         if not equals or not key:
-            raise typer.BadParameter(f"a setting is KEY=VALUE, not {text!r}", param_hint="--setting")
+            raise typer.BadParameter(f"must be KEY=VALUE, not {text!r}", param_hint="--setting")
         try:
             settings[key] = parse_yaml(f"value: {value}", f"--setting {key}").root["value"]
         except ConfigError as error:
-            why = "; ".join(problem.message for problem in error.problems)
-            raise typer.BadParameter(f"{text!r}: {why}", param_hint="--setting") from None
+            reasons = "; ".join(problem.message for problem in error.problems)
+            raise typer.BadParameter(f"{text!r}: {reasons}", param_hint="--setting") from None
     return settings
 
 
 def _print_result(result: CheckResult) -> None:
-    why = f"  {'; '.join(result.problems)}" if result.outcome != "failed" and result.problems else ""
+    reasons = f"  {'; '.join(result.problems)}" if result.outcome != "failed" and result.problems else ""
     console = stdout()
-    console.print(Text.assemble(f"{result.check.name:<24}", _STYLES[result.outcome], (why, "dim")), soft_wrap=True)
+    print_line(console, Text.assemble(f"{result.check.name:<24}", _STYLES[result.outcome], (reasons, "dim")))
     if result.outcome == "failed":
         for problem in result.problems:
-            console.print(Text(f"    {problem}"), soft_wrap=True)
+            print_line(console, f"    {problem}")
 
 
-def _described(result: CheckResult) -> dict[str, Any]:
+def _check_as_json(result: CheckResult) -> dict[str, Any]:
     return {
         "check": result.check.name,
         "description": result.check.description,

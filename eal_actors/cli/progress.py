@@ -1,12 +1,11 @@
-"""How a run looks while it goes on: a live table on a terminal, a line for each event elsewhere."""
+"""Progress of a run: a live table on a terminal, one line for each event elsewhere."""
 
 from __future__ import annotations
 
 import threading
 from collections import Counter
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Self, TypeAlias
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -15,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eal_actors.cli.options import GlobalOptions
-from eal_actors.cli.output import counted, new_table
+from eal_actors.cli.output import counted, new_table, print_line
 from eal_actors.cli.run_keys import LEGEND, keys_work
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
@@ -45,38 +44,17 @@ STYLES = {
     "running": "cyan",
     "paused": "magenta",
 }
-"""How outcomes and states look."""
+"""Rich styles of outcomes and states."""
 
-_TOLD = (LogLine, RobotDropped, RobotReplaced, RunContinued)
-"""What scrolls by above the live table."""
+_PRINTED = (LogLine, RobotDropped, RobotReplaced, RunContinued)
+"""Events whose lines scroll above the live table."""
 _MOST_NAMES = 6
-_LINES_AROUND = 6  # of the terminal's height, for what is not a robot's row
+_OTHER_LINES = 6  # lines of the terminal that hold no robot's row
 _REFRESHES_PER_S = 8
 
 
-class Progress(Protocol):
-    """Shows a run, between `with` and its end."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None: ...
-
-    def hear(self, event: RunEvent) -> None:
-        """Take notice of an event. Thread: the run's."""
-        ...
-
-
-def new_progress(console: Console, fleet: Fleet, options: GlobalOptions) -> Progress:
-    """Return what suits the console."""
-    if console.file.isatty() and not console.is_dumb_terminal:
-        return LiveProgress(console, fleet.clock, options)
-    return PlainProgress(console)
-
-
-class PlainProgress:
-    """Writes one line for each event."""
+class LineProgress:
+    """Progress as one line for each event."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -84,38 +62,36 @@ class PlainProgress:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Nothing is left to do: every line is out."""
+    def __exit__(self, *_exc_info: object) -> None:
+        """Do nothing: every line is printed already."""
 
-    def hear(self, event: RunEvent) -> None:
-        """See Progress."""
+    def on_event(self, event: RunEvent) -> None:
+        """Print an event. Thread: the run's."""
         if line := event_line(event):
-            self._console.print(Text(f"{event.time_s:8.2f} s  ").append(line), soft_wrap=True)
+            print_line(self._console, Text(f"{event.time_s:8.2f} s  ").append(line))
 
 
 def event_line(event: RunEvent) -> Text | None:
-    """Return an event in one line, without its time."""
+    """Return the line of an event, without its time; None if it has none."""
     match event:
         case RunStarted():
             names = ", ".join(event.robots[:_MOST_NAMES]) + (", ..." if len(event.robots) > _MOST_NAMES else "")
             return Text(f"{event.scenario} on {event.fleet}: {counted(len(event.robots), 'robot')} ({names})")
         case RunContinued():
-            return Text(f"goes on at steps[{event.first_step}]")
+            return Text(f"continued at steps[{event.first_step}]")
         case RunPaused():
             return Text("paused", style=STYLES["paused"])
         case RunResumed():
-            return Text("one step each" if event.is_single_step else "goes on")
+            return Text("one step for each robot" if event.is_single_step else "resumed")
         case RobotDropped():
             return Text.assemble(f"{event.robot}  ", ("dropped", STYLES["dropped"]), f": {event.error.message}")
         case RobotReplaced():
             words = f" by {event.by}: {event.error.message}"
             return Text.assemble(f"{event.robot}  ", ("replaced", STYLES["replaced"]), words)
         case Signalled():
-            return Text(f"{_who(event.robot)}signal {event.name}")
+            return Text(f"{_robot_prefix(event.robot)}signal {event.name}")
         case LogLine():
-            return Text(f"{_who(event.robot)}{event.text}")
+            return Text(f"{_robot_prefix(event.robot)}{event.text}")
         case RunEnded(report=report):
             return Text.assemble(f"{report.scenario} ", (report.outcome, STYLES[report.outcome]))
     return _step_line(event)
@@ -124,31 +100,31 @@ def event_line(event: RunEvent) -> Text | None:
 def _step_line(event: RunEvent) -> Text | None:
     match event:
         case StepStarted():
-            return Text(f"{_who(event.robot)}{event.label}")
+            return Text(f"{_robot_prefix(event.robot)}{event.label}")
         case StepEnded(record=record):
-            told = ("failed", "skipped") if record.robot is not None else ("failed", "skipped", "aborted")
-            why = f": {record.error.message}" if record.error and record.outcome in told else ""
+            explained = ("failed", "skipped") if record.robot is not None else ("failed", "skipped", "aborted")
+            reason = f": {record.error.message}" if record.error and record.outcome in explained else ""
             return Text.assemble(
-                f"{_who(record.robot)}{record.label}  ",
+                f"{_robot_prefix(record.robot)}{record.label}  ",
                 (record.outcome, STYLES[record.outcome]),
-                f" after {record.end_s - record.start_s:.2f} s{why}",
+                f" after {record.end_s - record.start_s:.2f} s{reason}",
             )
         case StepRetried():
-            what = f"attempt {event.attempt} failed, trying again: {event.error.message}"
-            return Text(f"{_who(event.robot)}{event.label}  {what}", style="yellow")
+            retry = f"attempt {event.attempt} failed, retrying: {event.error.message}"
+            return Text(f"{_robot_prefix(event.robot)}{event.label}  {retry}", style="yellow")
         case StartedTogether(start=start):
-            skew = "not all have begun" if start.skew_s is None else f"skew {start.skew_s * 1000:.1f} ms"
-            return Text(f"{len(start.begins)} robots began together: {skew}")
+            skew = "some did not start" if start.skew_s is None else f"skew {start.skew_s * 1000:.1f} ms"
+            return Text(f"{len(start.begins)} robots started together: {skew}")
     return None
 
 
-def _who(robot: str | None) -> str:
+def _robot_prefix(robot: str | None) -> str:
     return f"{robot}  " if robot is not None else ""
 
 
 @dataclass
-class _Row:
-    """What the live table shows of a robot."""
+class _RobotRow:
+    """A robot's row of the live table."""
 
     state: str = "waiting"
     label: str = ""
@@ -157,9 +133,9 @@ class _Row:
 
 
 class LiveProgress:
-    """Shows a table of the robots that changes in place; what is logged scrolls by above it.
+    """Progress as a table of the robots, updated in place; log lines scroll above it.
 
-    Thread: events come from the run's thread, the picture is drawn by Rich's own.
+    Thread: the run's thread calls `on_event`; Rich's own thread renders the table.
     """
 
     def __init__(self, console: Console, clock: Clock, options: GlobalOptions) -> None:
@@ -167,7 +143,7 @@ class LiveProgress:
         self._clock = clock
         self._options = options
         self._lock = threading.Lock()
-        self._rows: dict[str, _Row] = {}
+        self._rows: dict[str, _RobotRow] = {}
         self._title = ""
         self._calls = 0
         self._is_paused = False
@@ -175,34 +151,32 @@ class LiveProgress:
         self._start_s = clock.now()
         self._end_s: float | None = None
         self._live = Live(
-            console=console, get_renderable=self._picture, refresh_per_second=_REFRESHES_PER_S, transient=True
+            console=console, get_renderable=self._render, refresh_per_second=_REFRESHES_PER_S, transient=True
         )
 
     def __enter__(self) -> Self:
         self._live.start()
-        configure_logging(self._options.log_format, self._options.log_level)  # to the stderr that Live put in place
+        configure_logging(self._options.log_format, self._options.log_level)  # Live replaced stderr
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_exc_info: object) -> None:
         self._live.stop()
         configure_logging(self._options.log_format, self._options.log_level)
 
-    def hear(self, event: RunEvent) -> None:
-        """See Progress."""
+    def on_event(self, event: RunEvent) -> None:
+        """Update the table. Thread: the run's."""
         with self._lock:
-            self._note(event)
-        if isinstance(event, _TOLD) and (line := event_line(event)):
-            self._console.print(line, soft_wrap=True)
+            self._update(event)
+        if isinstance(event, _PRINTED) and (line := event_line(event)):
+            print_line(self._console, line)
 
-    def _note(self, event: RunEvent) -> None:
+    def _update(self, event: RunEvent) -> None:
         match event:
             case RunStarted() | RunContinued():
                 self._start_s = self._clock.now() - event.time_s
                 self._title = f"{event.scenario} on {event.fleet}"
                 self._calls = event.calls
-                self._rows = {name: _Row() for name in event.robots}
+                self._rows = {name: _RobotRow() for name in event.robots}
             case StepStarted(robot=str(who)):
                 row = self._rows[who]
                 row.state, row.label, row.since_s = "running", event.label, event.time_s
@@ -222,7 +196,7 @@ class LiveProgress:
                 for name, robot in report.robots.items():
                     self._rows[name].state, self._rows[name].since_s = robot.outcome, None
 
-    def _picture(self) -> RenderableType:
+    def _render(self) -> RenderableType:
         with self._lock:
             now_s = self._end_s if self._end_s is not None else self._clock.now() - self._start_s
             return Group(self._headline(now_s), "", *self._robots(now_s))
@@ -241,11 +215,13 @@ class LiveProgress:
         return line
 
     def _robots(self, now_s: float) -> list[RenderableType]:
-        """Return the table of the robots, those at work first if not all fit, and a line about the others."""
-        room = max(3, self._console.height - _LINES_AROUND)
+        """Return the table of the robots, busy ones first if not all fit, and a line that counts the others."""
+        room = max(3, self._console.height - _OTHER_LINES)
         names = list(self._rows)
         if len(names) > room:
-            names.sort(key=lambda name: self._rows[name].state != "running")  # stable: else in the fleet's order
+            names.sort(
+                key=lambda name: self._rows[name].state != "running"
+            )  # stable: keeps the fleet's order otherwise
         table = new_table("robot", "state", "calls", "step", "since")
         for column in table.columns:
             column.no_wrap, column.overflow = True, "ellipsis"
@@ -258,3 +234,13 @@ class LiveProgress:
             return [table]
         counts = ", ".join(f"{number} {state}" for state, number in sorted(others.items()))
         return [table, Text(f"and {counted(len(names) - room, 'robot')} more: {counts}", style="dim")]
+
+
+RunProgress: TypeAlias = LiveProgress | LineProgress
+
+
+def new_progress(console: Console, fleet: Fleet, options: GlobalOptions) -> RunProgress:
+    """Return the live table on a terminal, lines elsewhere."""
+    if console.file.isatty() and not console.is_dumb_terminal:
+        return LiveProgress(console, fleet.clock, options)
+    return LineProgress(console)

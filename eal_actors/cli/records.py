@@ -1,4 +1,4 @@
-"""`eal report`, `eal diff` and `eal replay`: look at a run that is over, compare two, and play one again."""
+"""`eal report`, `eal diff` and `eal replay`: describe a finished run, compare two runs, and replay one."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import yaml
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.interrupts import heed_signals
-from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.fleets import read_fleet
+from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import JsonOption
-from eal_actors.cli.output import new_table, stdout, write_json
+from eal_actors.cli.output import new_table, print_line, stdout, write_json
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
@@ -35,32 +35,33 @@ _MOST_SHOWN: Final = 20
 def report_run(
     run: RunArgument,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", show_default=False, help="The page; report.html in the run's folder.")
+        Path | None, typer.Option(metavar="FILE", show_default=False, help="The page; default: RUN/report.html.")
     ] = None,
-    show: Annotated[bool, typer.Option("--show", help="Open it in a browser.")] = False,
+    show: Annotated[bool, typer.Option("--show", help="Open the page in a browser.")] = False,
 ) -> None:
-    """Write one HTML page about a run: paths, a time line of each robot, how long calls took, frames and errors.
+    """Write an HTML page about a run: paths, a time line of each robot, durations of calls, frames and errors.
 
-    It needs nothing else: no server, no network.
+    The page is one file that needs no server and no network.
     """
     with _reading():
         page = render_report(RunFolder.open(run), kept_world(run))
     file = out or run / _REPORT
-    _write(file, page)
-    stdout().print(Text(str(file)), soft_wrap=True)
+    _write_text(file, page)
+    print_line(stdout(), str(file))
     if show:
         typer.launch(str(file))
 
 
 def diff_runs(
     left: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)],
-    right: Annotated[Path, typer.Argument(metavar="RUN", help="Another one's.", show_default=False)],
-    tolerance: Annotated[float, typer.Option(min=0.0, help="How far numbers may be apart, in the unit of each.")] = 0.0,
+    right: Annotated[Path, typer.Argument(metavar="RUN", help="Another run's folder.", show_default=False)],
+    tolerance: Annotated[float, typer.Option(min=0.0, help="Allowed difference of numbers, in their own units.")] = 0.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell what differs between two runs: in their events, in where the robots were, and in what was saved.
+    """List the differences between two runs: in events, poses and saved data.
 
-    Two runs of the same scenario with the same seed at `--rate max` do not differ. What begins with wall_ or host_ may.
+    Two runs of a scenario with the same seed at `--rate max` are equal. Fields that begin with wall_ or host_ are not
+    compared. The exit code is 1 if the runs differ.
     """
     with _reading():
         found = list(compare_runs(RunFolder.open(left), RunFolder.open(right), tolerance))
@@ -82,29 +83,28 @@ def _print_differences(found: list[Difference]) -> None:
         table.add_row(Text(one.where), Text(one.left), Text(one.right))
     out.print(table)
     if len(found) > _MOST_SHOWN:
-        out.print(f"and {len(found) - _MOST_SHOWN} more; --json tells all")
+        out.print(f"and {len(found) - _MOST_SHOWN} more; --json lists all")
 
 
 def replay_run(
     run: RunArgument,
     serve: Annotated[bool, typer.Option("--serve", help="Serve its robots on this machine until Ctrl-C.")] = False,
-    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
-    rate: Annotated[float, typer.Option(min=0.001, help="Seconds of the record in one real second.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
+    rate: Annotated[float, typer.Option(min=0.001, help="Recorded seconds per real second.")] = 1.0,
     port: Annotated[int, typer.Option(min=1, max=65535, help="With --serve: port of the first robot.")] = 50000,
 ) -> None:
-    """Play a recorded run to controllers as if its robots were there.
+    """Replay a recorded run to controllers as if its robots were there.
 
-    It writes replay.yaml into the run's folder: a fleet file that every command and program takes in place of the run's
-    own. Sensors say what they said then; a command takes as long as it took, and fails as it failed, and it must be the
-    one that the record has next.
+    The command writes replay.yaml into the run's folder. Use this fleet file with any command or program in place of
+    the original one. Sensors return the recorded values. Commands must come in the recorded order; each takes as long
+    as recorded, and fails if it failed then.
     """
     with _reading():
         recorded = RecordedRun.open(run / RECORD_FILE)
         fleet = _replay_fleet(recorded, run, rate=rate, loop=loop, port=port if serve else None)
     file = run / _REPLAY
-    _write(file, yaml.safe_dump(fleet, sort_keys=False))
-    out = stdout()
-    out.print(Text(f"{file}: {len(recorded.infos)} robots, {recorded.duration_s:.1f} s"), soft_wrap=True)
+    _write_text(file, yaml.safe_dump(fleet, sort_keys=False))
+    print_line(stdout(), f"{file}: {len(recorded.infos)} robots, {recorded.duration_s:.1f} s")
     if serve:
         _serve(file, list(recorded.infos))
 
@@ -121,13 +121,13 @@ def _replay_fleet(recorded: RecordedRun, run: Path, *, rate: float, loop: bool, 
 
 
 def _serve(file: Path, robots: list[str]) -> None:
-    heed_signals()
+    handle_signals()
     config = read_fleet(file, robots)
     with ExitStack() as stack:
         out = stdout()
         for robot in robots:
             service = stack.enter_context(RobotService(config, robot))
-            out.print(Text(f"{robot}: {', '.join(service.endpoints)}"), soft_wrap=True)
+            print_line(out, f"{robot}: {', '.join(service.endpoints)}")
         try:
             REAL_TIME.wait(new_waiter(), None)
         except KeyboardInterrupt:
@@ -136,10 +136,10 @@ def _serve(file: Path, robots: list[str]) -> None:
 
 @contextmanager
 def _reading() -> Iterator[None]:
-    """Take a run that cannot be read for wrong input.
+    """Convert errors of reading a run.
 
     Raises:
-        BadParameter: it cannot.
+        BadParameter: the run cannot be read.
     """
     try:
         yield
@@ -149,7 +149,7 @@ def _reading() -> Iterator[None]:
         raise typer.BadParameter(f"{error.filename} cannot be read: {error.strerror}", param_hint="'RUN'") from error
 
 
-def _write(file: Path, text: str) -> None:
+def _write_text(file: Path, text: str) -> None:
     try:
         file.write_text(text, encoding="utf-8")
     except OSError as error:

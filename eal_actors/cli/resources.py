@@ -1,4 +1,4 @@
-"""`eal resources`: the robots of a fleet, and what each of them can do."""
+"""`eal resources`: list the robots of a fleet, and their resources."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rich.text import Text
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import counted, new_table, stdout, write_json
 from eal_actors.device.info import METHODS, CommandInfo, ResourceInfo
@@ -25,16 +25,16 @@ _NAMES_SHOWN = 4
 def list_resources(
     fleet: FleetOption,
     robot: Annotated[
-        list[str] | None, typer.Option("--robot", "-r", show_default=False, help="Only this robot; may be repeated.")
+        list[str] | None, typer.Option("--robot", "-r", show_default=False, help="Only this robot; repeatable.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Connect the robots and show their resources, with methods, commands, types, units and ranges.
+    """Connect the robots and list their resources, with methods, commands, types, units and ranges.
 
-    Robots that offer the same are shown together. Ends with 3 if a robot could not be reached.
+    Robots with the same resources are listed together. The exit code is 3 if a robot could not be reached.
     """
     with Fleet(read_fleet(fleet, robot or ())) as opened:
-        robots = [_described(handle) for handle in opened.values()]
+        robots = [_robot_as_json(handle) for handle in opened.values()]
     if as_json:
         write_json({"fleet": opened.name, "robots": robots})
     else:
@@ -43,7 +43,7 @@ def list_resources(
         raise typer.Exit(ExitCode.UNREACHABLE)
 
 
-def _described(robot: RobotHandle) -> dict[str, Any]:
+def _robot_as_json(robot: RobotHandle) -> dict[str, Any]:
     infos = []
     missing = []
     for name, handle in robot.items():
@@ -62,7 +62,7 @@ def _described(robot: RobotHandle) -> dict[str, Any]:
 
 
 def _print_groups(robots: list[dict[str, Any]]) -> None:
-    """Print robots that offer the same, and fare the same, under one heading."""
+    """Print robots with the same resources, state and problems under one heading."""
     groups = _grouped(robots, ("state", "problems", "resources"))
     console = stdout()
     for number, group in enumerate(groups):
@@ -86,8 +86,8 @@ def _grouped(robots: list[dict[str, Any]], keys: tuple[str, ...]) -> list[list[d
 
 def _heading(alike: list[dict[str, Any]]) -> Text:
     robot, names = alike[0], [entry["name"] for entry in alike]
-    few = len(names) <= _NAMES_SHOWN
-    listed = ", ".join(names) if few else f"{names[0]} to {names[-1]} ({counted(len(names), 'robot')})"
+    many = f"{names[0]} to {names[-1]} ({counted(len(names), 'robot')})"
+    listed = ", ".join(names) if len(names) <= _NAMES_SHOWN else many
     state, style = robot["state"], "green" if robot["state"] == RobotState.READY.value else "bold red"
     if state == RobotState.READY.value and robot["problems"]:
         state, style = "incomplete", "yellow"
@@ -97,33 +97,35 @@ def _heading(alike: list[dict[str, Any]]) -> Text:
 
 
 def _table(infos: list[ResourceInfo]) -> Table:
-    table = new_table("resource", "types", "methods", "takes and answers")
+    table = new_table("resource", "types", "methods", "interface")
     for info in infos:
         types = "\n".join(name.lower() for name in info.types.names)
         methods = "\n".join(method for method in METHODS if method in info.methods)
-        table.add_row(Text(info.name, style="cyan"), types, methods, _offers(info))
+        table.add_row(Text(info.name, style="cyan"), types, methods, _interface(info))
         table.add_section()
     return table
 
 
-def _offers(info: ResourceInfo) -> Text:
+def _interface(info: ResourceInfo) -> Text:
     lines = [Text(info.description, style="italic")]
     if info.value is not None:
         note = f", {info.value.description}" if info.value.description else ""
-        lines.append(_offer("value", f"{info.value.describe()}{note}"))
+        lines.append(_interface_line("value", f"{info.value.describe()}{note}"))
     bare = [f"{command.name}{' (stop)' if command.urgent else ''}" for command in info.commands if not command.argument]
     if bare:
-        lines.append(_offer("command", ", ".join(bare)))
-    lines += [_offer("command", command.describe()) for command in info.commands if command.argument]
-    lines += [_offer("request", _request(request)) for request in info.requests]
+        lines.append(_interface_line("command", ", ".join(bare)))
+    lines += [_interface_line("command", command.describe()) for command in info.commands if command.argument]
+    lines += [_interface_line("request", _describe_request(request)) for request in info.requests]
     for key in info.configs:
-        lines.append(_offer("config", f"{key.name} ({key.value.describe()}){'' if key.writable else ' read-only'}"))
+        lines.append(
+            _interface_line("config", f"{key.name} ({key.value.describe()}){'' if key.writable else ' read-only'}")
+        )
     return Text("\n").join(lines)
 
 
-def _request(request: CommandInfo) -> str:
+def _describe_request(request: CommandInfo) -> str:
     return f"{request.describe()}: {request.returns.describe()}" if request.returns else request.describe()
 
 
-def _offer(kind: str, what: str) -> Text:
-    return Text.assemble((f"{kind} ", "dim"), what)
+def _interface_line(kind: str, text: str) -> Text:
+    return Text.assemble((f"{kind} ", "dim"), text)

@@ -1,4 +1,4 @@
-"""`eal router`: pass on what robots and controllers that cannot reach each other have to say."""
+"""`eal router`: forward messages between robots and controllers that cannot reach each other directly."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
-from rich.text import Text
 
 from eal_actors.cli.options import GlobalOptions
-from eal_actors.cli.output import stderr
+from eal_actors.cli.output import print_line, stderr
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
@@ -28,33 +27,33 @@ def run_router(
         typer.Option(
             metavar="ENDPOINT",
             show_default=f"tcp/0.0.0.0:{DEFAULT_PORT}, or tls/... for a fleet with security",
-            help="Where to listen; may be repeated.",
+            help="Endpoint to listen at; repeatable.",
         ),
     ] = None,
     connect: Annotated[
         list[str] | None,
-        typer.Option(metavar="ENDPOINT", show_default=False, help="Another router to join; may be repeated."),
+        typer.Option(metavar="ENDPOINT", show_default=False, help="Endpoint of another router to join; repeatable."),
     ] = None,
     fleet: Annotated[
         Path | None,
-        typer.Option("--fleet", "-f", show_default=False, help="Keep to the network and security of this fleet file."),
+        typer.Option(
+            "--fleet", "-f", show_default=False, help="Fleet file whose network and security settings to use."
+        ),
     ] = None,
-    name: Annotated[
-        str, typer.Option(help="Name of the router's certificate, where the fleet has security.")
-    ] = "router",
+    name: Annotated[str, typer.Option(help="Name of the router's certificate, for a fleet with security.")] = "router",
 ) -> None:
     """Run a router, to which robots and controllers dial out, until Ctrl-C or SIGTERM.
 
-    Robots reach it whose address is `router` in the fleet file, and whose network.routers names it.
+    It serves robots whose address in the fleet file is `router`; network.routers must list its endpoint.
     """
     config = None if fleet is None else EALConfigManager.load(fleet).fleet
-    places = listen or [_default_endpoint(config)]
-    settings = router_config(_checked(places, "--listen"), _checked(connect or [], "--connect"), config, name)
+    endpoints = listen or [_default_endpoint(config)]
+    settings = router_config(_validate(endpoints, "--listen"), _validate(connect or [], "--connect"), config, name)
     with open_session(settings):
         try:
-            _tell(places, context.find_object(GlobalOptions) or GlobalOptions())
+            _announce(endpoints, context.find_object(GlobalOptions) or GlobalOptions())
             REAL_TIME.wait(new_waiter(), None)
-        except KeyboardInterrupt:  # as SIGTERM counts too
+        except KeyboardInterrupt:  # SIGTERM raises it too
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
             get_logger().info("the router stops")
 
@@ -64,7 +63,7 @@ def _default_endpoint(fleet: FleetConfig | None) -> str:
     return f"{SECURE_PROTOCOLS[0] if is_secure else 'tcp'}/0.0.0.0:{DEFAULT_PORT}"
 
 
-def _checked(endpoints: list[str], option: str) -> list[str]:
+def _validate(endpoints: list[str], option: str) -> list[str]:
     for endpoint in endpoints:
         try:
             parse_endpoint(endpoint)
@@ -73,9 +72,9 @@ def _checked(endpoints: list[str], option: str) -> list[str]:
     return endpoints
 
 
-def _tell(places: list[str], options: GlobalOptions) -> None:
-    """Say that it listens: a log line for programs, whatever the level, or a line for people."""
+def _announce(endpoints: list[str], options: GlobalOptions) -> None:
+    """Report that the router listens: as a log line of a visible level for programs, or as a line for people."""
     if options.log_format == "json":
-        get_logger().warning("the router listens", endpoints=places)
+        get_logger().warning("the router listens", endpoints=endpoints)
     else:
-        stderr().print(Text(f"The router listens at {', '.join(places)}; Ctrl-C ends it."), soft_wrap=True)
+        print_line(stderr(), f"The router listens at {', '.join(endpoints)}; Ctrl-C stops it.")

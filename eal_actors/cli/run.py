@@ -1,4 +1,4 @@
-"""`eal run`: carry out a scenario on a fleet."""
+"""`eal run`: run a scenario on a fleet."""
 
 from __future__ import annotations
 
@@ -11,35 +11,33 @@ from typing import Final
 
 import typer
 from rich.console import Console
-from rich.text import Text
 
-from eal_actors.cli.event_stream import STDOUT, event_stream
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.interrupts import Interrupts
+from eal_actors.cli.fleets import plugin_advice
+from eal_actors.cli.interrupts import RunInterrupts
 from eal_actors.cli.metrics import MetricsPortOption, metrics_at
-from eal_actors.cli.opening import advice_on_plugins
-from eal_actors.cli.options import GlobalOptions, JsonOption
-from eal_actors.cli.output import stderr, stdout, write_json
+from eal_actors.cli.options import BindingsOption, GlobalOptions, JsonOption, SettingsOption
+from eal_actors.cli.output import print_line, stderr, stdout, write_json
 from eal_actors.cli.progress import new_progress
-from eal_actors.cli.run_arguments import (
-    BindingsOption,
+from eal_actors.cli.run_keys import RunKeys
+from eal_actors.cli.run_options import (
     DryRunOption,
     EventsOption,
-    FleetOption,
     NoPlotOption,
+    OptionalFleetOption,
+    OptionalScenarioArgument,
     RateOption,
     RecordOption,
     ResumeOption,
+    RunOptions,
+    RunRequest,
     RunsDirOption,
-    ScenarioArgument,
     SeedOption,
-    SettingsOption,
     ShowOption,
+    read_request,
 )
-from eal_actors.cli.run_keys import RunKeys
-from eal_actors.cli.run_options import Order, Wanted, read_order
-from eal_actors.cli.run_plan import plan_as_json, print_plan
-from eal_actors.cli.run_summary import print_summary
+from eal_actors.cli.run_output import plan_as_json, print_plan, print_summary
+from eal_actors.cli.streams import STDOUT, event_stream
 from eal_actors.cli.trace import TraceOption, traces_to
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, PluginError
@@ -59,13 +57,13 @@ from eal_actors.scenario import Listener, Plan, Report, Run, make_plan
 from eal_actors.scenario.language.binding import find_candidates
 
 _DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
-"""One of these is set where windows can be opened."""
+"""Environment variables, one of which is set if there is a desktop."""
 
 
 def run_scenario(
     context: typer.Context,
-    scenario: ScenarioArgument = None,
-    fleet: FleetOption = None,
+    scenario: OptionalScenarioArgument = None,
+    fleet: OptionalFleetOption = None,
     settings: SettingsOption = None,
     bindings: BindingsOption = None,
     dry_run: DryRunOption = False,
@@ -83,68 +81,35 @@ def run_scenario(
 ) -> None:
     """Run a scenario on a fleet.
 
-    Everything is checked before anything moves. On a terminal, the space bar pauses and goes on, s lets each robot
-    take one step, and q stops. Ctrl-C stops the run: the scenario's `finally` is carried out and
-    every robot is halted; a second Ctrl-C skips what is left of `finally`.
-    The run's folder keeps summary.json, events.jsonl, trajectory.csv, trajectory.png and run.mcap; `eal report` makes a
-    page of it.
+    Everything is checked before a robot moves. On a terminal, the space bar pauses and resumes the run, s lets each
+    robot do one step, q stops the run. Ctrl-C stops the run too: its `finally` steps run, then every robot halts.
+    A second Ctrl-C skips the rest of `finally`.
+    The run's folder gets summary.json, events.jsonl, trajectory.csv, trajectory.png and run.mcap; `eal report` makes
+    an HTML page of them.
     """
-    _require_one_on_stdout(events, as_json=as_json)
-    order = read_order(Wanted(scenario, fleet, settings or (), bindings or (), rate, seed, resume))
+    if as_json and events == STDOUT:
+        raise typer.BadParameter("--events - and --json cannot both write to stdout", param_hint="'--events'")
+    request = read_request(RunOptions(scenario, fleet, settings or (), bindings or (), rate, seed, resume))
     console = stderr() if as_json or events == STDOUT else stdout()
     if dry_run:
-        _tell_plan(order, console, as_json=as_json)
+        _print_dry_run(request, console, as_json=as_json)
         return
     with event_stream(events) as listeners, traces_to(trace, "eal run", console):
         options = context.find_object(GlobalOptions) or GlobalOptions()
-        done = _carry_out(order, runs_dir, console, options, listeners, record, metrics_port)
-    _show(done, order.config, console, as_json=as_json, draw=not no_plot, open_picture=show)
-    if done.interrupts or done.report.outcome != "done":
-        raise typer.Exit(ExitCode.INTERRUPTED if done.interrupts else ExitCode.FAILED)
-
-
-def _require_one_on_stdout(events: str | None, *, as_json: bool) -> None:
-    if as_json and events == STDOUT:
-        raise typer.BadParameter("stdout takes the events or the summary of --json, not both", param_hint="'--events'")
-
-
-def _show(done: _Done, config: FleetConfig, console: Console, *, as_json: bool, draw: bool, open_picture: bool) -> None:
-    """Tell what came of a run, draw its paths, and say where it all is."""
-    if as_json:
-        write_json(done.report.model_dump(mode="json"))
-    else:
-        print_summary(console, done.report)
-    _tell_where(console, "run", done.directory)
-    kept = _draw_paths(done, config, draw=draw and done.interrupts < 2)
-    for file in kept:
-        _tell_where(console, file.suffix[1:], file)
-    if open_picture and kept and kept[-1].suffix == ".png" and any(map(os.environ.get, _DESKTOPS)):
-        typer.launch(str(kept[-1]))
-
-
-def _tell_where(console: Console, what: str, path: Path) -> None:
-    console.print(Text(f"{what}: {path}", style="dim"), soft_wrap=True)
-
-
-def _tell_plan(order: Order, console: Console, *, as_json: bool) -> None:
-    """Make the plan on the connected robots, and print it."""
-    with Fleet(order.config).connect(_bound(order)) as opened:
-        with advice_on_plugins(opened):
-            plan = _plan(order, opened)
-        if as_json:
-            write_json(plan_as_json(plan, opened.name))
-        else:
-            print_plan(console, plan, opened.name)
+        finished = _execute(request, runs_dir, console, options, listeners, record, metrics_port)
+    _show(finished, request.config, console, as_json=as_json, draw=not no_plot, open_drawing=show)
+    if finished.interrupts or finished.report.outcome != "done":
+        raise typer.Exit(ExitCode.INTERRUPTED if finished.interrupts else ExitCode.FAILED)
 
 
 @dataclass(frozen=True, slots=True)
-class _Done:
-    """A run that is over.
+class _FinishedRun:
+    """A run that has ended.
 
     Attributes:
-        report: what came of it.
+        report: its report.
         directory: its folder.
-        interrupts: how many signals came.
+        interrupts: number of signals received.
     """
 
     report: Report
@@ -152,66 +117,94 @@ class _Done:
     interrupts: int
 
 
-def _bound(order: Order) -> set[str]:
-    return {name for names in find_candidates(order.scenario, order.config, order.binding).values() for name in names}
+def _show(
+    finished: _FinishedRun, config: FleetConfig, console: Console, *, as_json: bool, draw: bool, open_drawing: bool
+) -> None:
+    """Print the summary of a run, draw its paths, and name its files."""
+    if as_json:
+        write_json(finished.report.model_dump(mode="json"))
+    else:
+        print_summary(console, finished.report)
+    print_line(console, f"run: {finished.directory}", "dim")
+    files = _draw_paths(finished, config, draw=draw and finished.interrupts < 2)
+    for file in files:
+        print_line(console, f"{file.suffix[1:]}: {file}", "dim")
+    if open_drawing and files and files[-1].suffix == ".png" and any(map(os.environ.get, _DESKTOPS)):
+        typer.launch(str(files[-1]))
 
 
-def _carry_out(
-    order: Order,
+def _print_dry_run(request: RunRequest, console: Console, *, as_json: bool) -> None:
+    """Make the plan on the connected robots, and print it."""
+    with Fleet(request.config).connect(_bound_robots(request)) as opened:
+        with plugin_advice(opened):
+            plan = _plan(request, opened)
+        if as_json:
+            write_json(plan_as_json(plan, opened.name))
+        else:
+            print_plan(console, plan, opened.name)
+
+
+def _bound_robots(request: RunRequest) -> set[str]:
+    roles = find_candidates(request.scenario, request.config, request.binding)
+    return {name for names in roles.values() for name in names}
+
+
+def _execute(
+    request: RunRequest,
     runs_dir: Path,
     console: Console,
     options: GlobalOptions,
     listeners: Sequence[Listener],
     extent: Extent,
     metrics_port: int | None,
-) -> _Done:
-    """Connect the robots that the scenario means, show and record the run, and disconnect them."""
+) -> _FinishedRun:
+    """Connect the robots of the scenario, show and record the run, and disconnect them."""
     with (
-        Fleet(order.config).connect(_bound(order)) as opened,
+        Fleet(request.config).connect(_bound_robots(request)) as opened,
         metrics_at(metrics_port, opened, opened.clock, console),
     ):
-        with advice_on_plugins(opened):
-            plan = _plan(order, opened)
-        resumption = order.resumption
+        with plugin_advice(opened):
+            plan = _plan(request, opened)
+        resumption = request.resumption
         directory = resumption.directory if resumption is not None else new_run_folder(runs_dir, plan.scenario.name)
         progress = new_progress(console, opened, options)
         with folder_errors(directory):
             if resumption is not None:
                 resumption = replace(resumption, time_s=repair_record(directory))
-            _keep_provenance(directory, order, plan)
+            _keep_provenance(directory, request, plan)
             recorder = RunRecorder(opened, [name for name in plan.robots if name not in plan.lost], directory, extent)
-        run = Run(plan, opened, directory, [progress.hear, recorder.hear, *listeners], resumption)
+        run = Run(plan, opened, directory, [progress.on_event, recorder.hear, *listeners], resumption)
         with ExitStack() as stack:
             stack.enter_context(progress)
             stack.enter_context(recorder)
-            interrupts = stack.enter_context(Interrupts(run))
+            interrupts = stack.enter_context(RunInterrupts(run))
             stack.enter_context(RunKeys(run))
             report = interrupts.wait(run.start())
-    return _Done(report, directory, interrupts.count)
+    return _FinishedRun(report, directory, interrupts.count)
 
 
-def _plan(order: Order, fleet: Fleet) -> Plan:
-    """Make the plan; what the robots lack because a plugin did not connect is that plugin's fault, not the file's."""
+def _plan(request: RunRequest, fleet: Fleet) -> Plan:
+    """Make the plan; if it fails while a plugin is not connected, name that plugin as the cause, not the file."""
     try:
-        return make_plan(order.scenario, fleet, binding=order.binding)
+        return make_plan(request.scenario, fleet, binding=request.binding)
     except ConfigError as error:
         if not fleet.problems:
             raise
         raise PluginError(f"{'; '.join(map(str, fleet.problems))}. So the scenario cannot run:\n{error}") from error
 
 
-def _keep_provenance(directory: Path, order: Order, plan: Plan) -> None:
-    """Write what is run into its folder; what a run goes on with, whose controller died, stands beside that."""
-    if order.resumption is not None:
-        directory = directory / f"continued-{len(order.resumption.continued_s) + 1}"
+def _keep_provenance(directory: Path, request: RunRequest, plan: Plan) -> None:
+    """Copy the inputs of a run into its folder; those of a continued run into a folder of their own in it."""
+    if request.resumption is not None:
+        directory = directory / f"continued-{len(request.resumption.continued_s) + 1}"
         directory.mkdir(exist_ok=True)
-    keep_provenance(directory, order.config, plan.scenario)
+    keep_provenance(directory, request.config, plan.scenario)
 
 
-def _draw_paths(done: _Done, config: FleetConfig, *, draw: bool) -> list[Path]:
-    """Draw where the robots were, if any of them knew; return the files."""
-    run = RunFolder.open(done.directory)
+def _draw_paths(finished: _FinishedRun, config: FleetConfig, *, draw: bool) -> list[Path]:
+    """Draw the paths of the robots, if any pose was recorded; return the files."""
+    run = RunFolder.open(finished.directory)
     if not run.paths:
         return []
-    picture = draw_run(run, done.report, config.world) if draw else None
-    return [done.directory / TRAJECTORY, *([picture] if picture is not None else [])]
+    drawing = draw_run(run, finished.report, config.world) if draw else None
+    return [finished.directory / TRAJECTORY, *([drawing] if drawing is not None else [])]

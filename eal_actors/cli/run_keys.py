@@ -7,10 +7,11 @@ import os
 import select
 import sys
 import threading
-from types import ModuleType, TracebackType
-from typing import Any, Final, Protocol, Self
+from types import ModuleType
+from typing import Any, Final, Self
 
 from eal_actors.kernel.log import get_logger
+from eal_actors.scenario import Run
 
 termios: ModuleType | None
 tty: ModuleType | None
@@ -24,29 +25,8 @@ LEGEND: Final = "space: pause   s: step   q: stop"
 _JOIN_S: Final = 2.0
 
 
-class Controlled(Protocol):
-    """What the keys control: a run."""
-
-    @property
-    def is_paused(self) -> bool:
-        """Whether it is paused."""
-        ...
-
-    def pause(self) -> None:
-        """Begin nothing new."""
-
-    def resume(self) -> None:
-        """Go on."""
-
-    def step(self) -> None:
-        """Begin one step each."""
-
-    def abort(self, reason: str) -> None:
-        """Stop."""
-
-
 def keys_work() -> bool:
-    """Return whether somebody at a terminal can press keys: not if input comes from elsewhere, or in the background."""
+    """Return whether the program reads keys: stdin is a terminal, and the program is in its foreground."""
     if termios is None or not sys.stdin.isatty():
         return False
     try:
@@ -56,15 +36,15 @@ def keys_work() -> bool:
 
 
 class RunKeys:
-    """Heeds keys for the length of a `with` block; the terminal is as it was after it, whatever happens.
+    """Key handling for the length of a `with` block; the terminal's settings are restored in every case.
 
-    Where nobody can press keys it does nothing.
+    It does nothing where the program cannot read keys.
 
     Args:
-        run: the run.
+        run: the run to control.
     """
 
-    def __init__(self, run: Controlled) -> None:
+    def __init__(self, run: Run) -> None:
         self._run = run
         self._fd = -1
         self._before: Any = None
@@ -78,7 +58,7 @@ class RunKeys:
         try:
             self._before = termios.tcgetattr(self._fd)
             atexit.register(self._restore)
-            tty.setcbreak(self._fd)  # Ctrl-C stays what it is
+            tty.setcbreak(self._fd)  # keeps Ctrl-C
         except termios.error as error:
             get_logger().debug("keys do not work on this terminal", reason=str(error))
             self._restore()
@@ -88,9 +68,7 @@ class RunKeys:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_exc_info: object) -> None:
         if self._wake is not None and self._thread is not None:
             os.write(self._wake[1], b".")
             self._thread.join(_JOIN_S)
@@ -115,14 +93,14 @@ class RunKeys:
             if wake in ready:
                 return
             try:
-                pressed = os.read(self._fd, 1)
+                key = os.read(self._fd, 1)
             except OSError:  # the terminal was closed
                 return
-            if not pressed:
+            if not key:
                 return
-            self._heed(pressed)
+            self._handle_key(key)
 
-    def _heed(self, key: bytes) -> None:
+    def _handle_key(self, key: bytes) -> None:
         if key == b" ":
             (self._run.resume if self._run.is_paused else self._run.pause)()
         elif key in b"sS":

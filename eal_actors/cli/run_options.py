@@ -1,35 +1,75 @@
-"""What `eal run` is told on its command line: values, robots, rates, and runs to go on with."""
+"""Arguments and options of `eal run`: their declarations for Typer, and the run that they request."""
 
 from __future__ import annotations
 
 import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 import typer
 
-from eal_actors.cli.opening import check_plugins, read_fleet
+from eal_actors.cli.fleets import check_plugins, read_fleet
+from eal_actors.facade.connections import FLEET_VARIABLE
 from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
 from eal_actors.kernel.lock_step import MAX, Rate
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.recording import Extent
 from eal_actors.scenario import Resumption, Scenario, load_scenario, read_run
 from eal_actors.scenario.language.parameters import read_settings, with_parameters
 
 T = TypeVar("T")
 
+# Optional here, unlike in other commands: --resume takes both files from the run.
+OptionalScenarioArgument: TypeAlias = Annotated[
+    Path | None,
+    typer.Argument(metavar="SCENARIO", help="Scenario file, or the name of a bundled one.", show_default=False),
+]
+OptionalFleetOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="Fleet file, or the name of a bundled one."
+    ),
+]
+DryRunOption: TypeAlias = Annotated[
+    bool, typer.Option("--dry-run", help="Check everything and print the plan; nothing moves.")
+]
+ResumeOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(metavar="RUN", help="Continue the run of this folder after its controller died.", show_default=False),
+]
+EventsOption: TypeAlias = Annotated[
+    str | None, typer.Option(metavar="FILE|-", help="Write the run's events as JSON lines; - is stdout.")
+]
+RecordOption: TypeAlias = Annotated[
+    Extent, typer.Option(help="Content of run.mcap: poses; poses and sensor values; or camera frames as well.")
+]
+RunsDirOption: TypeAlias = Annotated[Path, typer.Option(help="Parent of the run's folder.")]
+SeedOption: TypeAlias = Annotated[
+    int | None, typer.Option(min=0, help="Seed of all randomness, instead of the fleet file's.")
+]
+RateOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBER|max",
+        help="Fleet seconds per real second, instead of the fleet file's; max is as fast as possible.",
+    ),
+]
+NoPlotOption: TypeAlias = Annotated[bool, typer.Option("--no-plot", help="Do not draw the paths.")]
+ShowOption: TypeAlias = Annotated[bool, typer.Option("--show", help="Open the drawing, if there is a desktop.")]
+
 
 @dataclass(frozen=True, slots=True)
-class Order:
-    """What is to be run, on what.
+class RunRequest:
+    """A scenario to run on a fleet.
 
     Attributes:
         scenario: the scenario, with the values of its parameters.
         config: the fleet.
-        binding: robots by role that were bound by hand; None for none.
-        resumption: where a run that was cut off goes on.
+        binding: robots by role, as the user bound them; None if the scenario binds them.
+        resumption: the point at which an interrupted run continues.
     """
 
     scenario: Scenario
@@ -39,17 +79,17 @@ class Order:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """The options as they were given.
+class RunOptions:
+    """The options as the user gave them.
 
     Attributes:
-        scenario: the scenario file; None to take that of the run to go on with.
-        fleet: the fleet file; likewise.
+        scenario: the scenario file; None for that of the resumed run.
+        fleet: the fleet file; None for that of the resumed run.
         settings: `name=value` for each parameter.
         bindings: `role=robot,robot` for each role.
         rate: a number or `max`.
-        seed: of all randomness.
-        resume: the folder of a run to go on with.
+        seed: seed of all randomness.
+        resume: the folder of the run to continue.
     """
 
     scenario: Path | None
@@ -58,54 +98,54 @@ class Wanted:
     bindings: Sequence[str] = ()
     rate: str | None = None
     seed: int | None = None
-    resume: Path | None = field(default=None)
+    resume: Path | None = None
 
 
-def read_order(wanted: Wanted) -> Order:
+def read_request(options: RunOptions) -> RunRequest:
     """Read the files that the options name.
 
     Raises:
-        ConfigError: with the problems of both files.
-        ScenarioError: the run cannot go on with this scenario.
-        BadParameter: an option does not say what it should, or names no run that can go on.
+        ConfigError: a file is wrong; names the problems of both files.
+        ScenarioError: the run cannot continue with this scenario.
+        BadParameter: an option is wrong, or names no run that can continue.
     """
-    rate, binding = _rate(wanted.rate), _binding(wanted.bindings)
-    if wanted.resume is not None:
-        return _resumed(wanted, wanted.resume, rate)
-    if wanted.scenario is None:
+    rate, binding = _parse_rate(options.rate), _parse_bindings(options.bindings)
+    if options.resume is not None:
+        return _resumed_request(options, options.resume, rate)
+    if options.scenario is None:
         raise typer.BadParameter("is missing", param_hint="'SCENARIO'")
-    if wanted.fleet is None:
+    if options.fleet is None:
         raise typer.BadParameter("is missing", param_hint="'--fleet' / '-f'")
-    scenario, config = _read_both(wanted.scenario, wanted.fleet, rate, wanted.seed)
+    scenario, config = _read_both(options.scenario, options.fleet, rate, options.seed)
     try:
-        given = read_settings(scenario.file, wanted.settings)
+        given = read_settings(scenario.file, options.settings)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="'--set'") from error
-    return Order(with_parameters(scenario, given), config, binding)
+    return RunRequest(with_parameters(scenario, given), config, binding)
 
 
-def _resumed(wanted: Wanted, directory: Path, rate: Rate | None) -> Order:
-    for hint, given in (("--set", wanted.settings), ("--bind", wanted.bindings), ("--seed", wanted.seed)):
+def _resumed_request(options: RunOptions, directory: Path, rate: Rate | None) -> RunRequest:
+    for hint, given in (("--set", options.settings), ("--bind", options.bindings), ("--seed", options.seed)):
         if given not in ((), [], None):
-            raise typer.BadParameter("a run goes on with what it began with", param_hint=f"'{hint}'")
+            raise typer.BadParameter("not with --resume: the run keeps its values", param_hint=f"'{hint}'")
     try:
         resumption = read_run(directory)
     except ScenarioError as error:
         raise typer.BadParameter(str(error), param_hint="'--resume'") from error
     started: Mapping[str, Any] = resumption.started
     scenario, config = _read_both(
-        wanted.scenario or Path(started["scenario_file"]),
-        wanted.fleet or Path(started["fleet_file"]),
+        options.scenario or Path(started["scenario_file"]),
+        options.fleet or Path(started["fleet_file"]),
         rate if rate is not None else started["rate"],
         started["seed"],
     )
     scenario = with_parameters(scenario, started["parameters"])
     binding = {role: [*names, *started["spares"].get(role, ())] for role, names in started["roles"].items()}
     resumption.require_safe(scenario)
-    return Order(scenario, config, binding, resumption)
+    return RunRequest(scenario, config, binding, resumption)
 
 
-def _rate(text: str | None) -> Rate | None:
+def _parse_rate(text: str | None) -> Rate | None:
     if text is None:
         return None
     if text == MAX:
@@ -116,7 +156,7 @@ def _rate(text: str | None) -> Rate | None:
     raise typer.BadParameter(f"must be a number of at least 0.001, or {MAX}, not {text!r}", param_hint="'--rate'")
 
 
-def _binding(texts: Sequence[str]) -> dict[str, list[str]] | None:
+def _parse_bindings(texts: Sequence[str]) -> dict[str, list[str]] | None:
     found: dict[str, list[str]] = {}
     for text in texts:
         role, equals, names = text.partition("=")
@@ -130,18 +170,18 @@ def _binding(texts: Sequence[str]) -> dict[str, list[str]] | None:
 
 
 def _read_both(scenario: Path, fleet: Path, rate: Rate | None, seed: int | None) -> tuple[Scenario, FleetConfig]:
-    """Read both files, and raise ConfigError with the problems of both."""
+    """Read both files; raise ConfigError with the problems of both."""
     problems: list[Problem] = []
-    wanted = _noting(problems, lambda: load_scenario(scenario))
-    config = _noting(problems, lambda: read_fleet(fleet, rate=rate, seed=seed))
-    if wanted is None or config is None:
+    loaded = _collect_problems(problems, lambda: load_scenario(scenario))
+    config = _collect_problems(problems, lambda: read_fleet(fleet, rate=rate, seed=seed))
+    if loaded is None or config is None:
         if config is not None:
-            problems += check_plugins(config)[0]  # else found while it connects
+            problems += check_plugins(config)[0]  # otherwise the fleet's connection finds them
         raise ConfigError(problems)
-    return wanted, config
+    return loaded, config
 
 
-def _noting(problems: list[Problem], read: Callable[[], T]) -> T | None:
+def _collect_problems(problems: list[Problem], read: Callable[[], T]) -> T | None:
     try:
         return read()
     except ConfigError as error:

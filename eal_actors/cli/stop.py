@@ -1,67 +1,67 @@
-"""`eal stop` and `eal resume`: the emergency stop of robots that are served, whoever commands them."""
+"""`eal stop` and `eal resume`: the emergency stop of served robots, whoever holds their leases."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Final
 
 import typer
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption, RobotsArgument
-from eal_actors.cli.output import stdout, write_json
+from eal_actors.cli.output import print_line, stdout, write_json
 from eal_actors.kernel.errors import EALError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.controller.broadcast import ask_robots
 from eal_actors.net.wire import keys
 
-_LOCAL = "lives in its controller's process, which alone can stop it"
+_LOCAL: Final = "runs in its controller's process: only that process can stop it"
 
 
 def stop_robots(
     fleet: FleetOption,
     robots: RobotsArgument = None,
-    reason: Annotated[str, typer.Option(help="Told to those whose commands are refused from now on.")] = "",
+    reason: Annotated[str, typer.Option(help="Reason, shown to controllers whose commands are refused.")] = "",
     as_json: JsonOption = False,
 ) -> None:
-    """Stop robots at once: what moves is halted, and no motion begins until `eal resume`.
+    """Stop robots at once: everything halts, and no motion starts until `eal resume`.
 
-    Each robot is told as soon as it can be reached, and shown as it confirms; absent ones are given up after 3 s. Ends
-    with 1 if a robot did not confirm.
+    Each robot gets the stop as soon as it can be reached, and is shown when it confirms. Unreachable robots are given
+    up after 3 s. The exit code is 1 if a robot did not confirm.
     """
-    _tell_all(read_fleet(fleet, robots or ()), keys.STOP, (reason,), "stopped", as_json=as_json)
+    _send_to_all(read_fleet(fleet, robots or ()), keys.STOP, (reason,), "stopped", as_json=as_json)
 
 
 def resume_robots(fleet: FleetOption, robots: RobotsArgument = None, as_json: JsonOption = False) -> None:
-    """End the emergency stop of robots: motions are possible again, and none starts by itself.
+    """End the emergency stop of robots: motions are allowed again, and none starts by itself.
 
-    Ends with 1 if a robot did not confirm.
+    The exit code is 1 if a robot did not confirm.
     """
-    _tell_all(read_fleet(fleet, robots or ()), keys.RESUME, (), "resumed", as_json=as_json)
+    _send_to_all(read_fleet(fleet, robots or ()), keys.RESUME, (), "resumed", as_json=as_json)
 
 
-def _tell_all(config: FleetConfig, method: str, arguments: tuple[str, ...], done: str, *, as_json: bool) -> None:
+def _send_to_all(config: FleetConfig, method: str, arguments: tuple[str, ...], done: str, *, as_json: bool) -> None:
     outcomes: dict[str, EALError | None] = {}
     out = stdout()
 
-    def tell(robot: str, error: EALError | None) -> None:
+    def record(robot: str, error: EALError | None) -> None:
         outcomes[robot] = error
         if not as_json:
-            what = (done, "green") if error is None else (f"not {done}: {error.message}", "bold red")
-            out.print(Text.assemble((robot, "cyan"), "  ", what), soft_wrap=True)
+            result = (done, "green") if error is None else (f"not {done}: {error.message}", "bold red")
+            print_line(out, Text.assemble((robot, "cyan"), "  ", result))
 
     remote = [name for name, robot in config.robots.items() if robot.address is not None]
     if remote:
-        ask_robots(config, remote, method, arguments, on_result=tell)
+        ask_robots(config, remote, method, arguments, on_result=record)
     for name, robot in config.robots.items():
         if robot.address is None:
-            tell(name, UnavailableError(_LOCAL, robot=name))
+            record(name, UnavailableError(_LOCAL, robot=name))
     if as_json:
-        write_json({"fleet": config.name, "robots": [_described(name, outcomes[name]) for name in config.robots]})
+        entries = [
+            {"name": name, "confirmed": error is None, "reason": None if error is None else error.message}
+            for name, error in ((name, outcomes[name]) for name in config.robots)
+        ]
+        write_json({"fleet": config.name, "robots": entries})
     if any(outcomes.values()):
         raise typer.Exit(ExitCode.FAILED)
-
-
-def _described(robot: str, error: EALError | None) -> dict[str, Any]:
-    return {"name": robot, "confirmed": error is None, "reason": None if error is None else error.message}

@@ -1,4 +1,4 @@
-"""`eal sweep`: a scenario over ranges of its parameters and over seeds."""
+"""`eal sweep`: run a scenario over ranges of its parameters and over seeds."""
 
 from __future__ import annotations
 
@@ -14,17 +14,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.options import FleetOption, JsonOption
-from eal_actors.cli.output import counted, short_path, stderr, stdout, write_json
+from eal_actors.cli.options import FleetOption, JsonOption, KeepOption, ScenarioArgument, SettingsOption
+from eal_actors.cli.output import counted, print_line, short_path, stderr, stdout, write_json
 from eal_actors.cli.progress import STYLES
-from eal_actors.cli.rehearse import KeepOption
-from eal_actors.cli.run_options import Wanted, read_order
+from eal_actors.cli.run_options import RunOptions, read_request
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.lab.sweeping import (
-    Job,
-    Result,
     Sweep,
     SweepFolder,
+    SweepJob,
+    SweepResult,
     read_seeds,
     read_variations,
     run_all,
@@ -32,9 +31,9 @@ from eal_actors.lab.sweeping import (
     write_junit,
 )
 from eal_actors.lab.sweeping.folder import LOG
-from eal_actors.lab.sweeping.picture import draw_sweep
+from eal_actors.lab.sweeping.plot import draw_sweep
 from eal_actors.lab.sweeping.results import CRASHED, REFUSED
-from eal_actors.lab.sweeping.worker import Task, Workplace
+from eal_actors.lab.sweeping.worker import SweepTask, WorkerSettings
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario.language.binding import find_candidates
 from eal_actors.scenario.language.parameters import missing_parameters
@@ -42,80 +41,73 @@ from eal_actors.scenario.language.parameters import missing_parameters
 T = TypeVar("T")
 _LIMIT = 1000
 _SHOWN_FAILURES = 10
-Tell = Callable[[Result], None]
+OnResult = Callable[[SweepResult], None]
 
 
 def sweep_scenario(
-    scenario: Annotated[
-        Path,
-        typer.Argument(metavar="SCENARIO", help="The scenario file, or a shipped one by name.", show_default=False),
-    ],
+    scenario: ScenarioArgument,
     fleet: FleetOption,
     vary: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=FROM:TO:STEP",
-            help="A parameter and its values, as a range with both ends or as a list, NAME=1,2,5; may be repeated.",
+            help="A parameter with a range of values that includes both ends, or a list: NAME=1,2,5; repeatable.",
         ),
     ] = None,
     seeds: Annotated[
         str | None, typer.Option(metavar="1:20", show_default="the fleet file's", help="Seeds, such as 1:20 or 1,5,9.")
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="A parameter that stays the same; may be repeated."),
-    ] = None,
+    settings: SettingsOption = None,
     jobs: Annotated[
         int | None,
         typer.Option("--jobs", "-j", min=1, max=256, show_default="one for each processor", help="Processes."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(show_default="sweeps/<scenario>", help="The sweep's folder.")] = None,
-    repeat: Annotated[bool, typer.Option("--repeat", help="Run those again too that are finished.")] = False,
-    limit: Annotated[int, typer.Option(min=1, help="More runs than this are refused.")] = _LIMIT,
+    out: Annotated[Path | None, typer.Option(show_default="sweeps/<scenario>", help="Folder of the sweep.")] = None,
+    repeat: Annotated[bool, typer.Option("--repeat", help="Run finished runs again too.")] = False,
+    limit: Annotated[int, typer.Option(min=1, help="Largest number of runs.")] = _LIMIT,
     keep: KeepOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run a scenario in simulation with every combination of values and every seed, in several processes.
 
-    Every run goes as fast as the machine, and its folder is kept. A sweep that was cut off goes on when the same
-    command is given again: runs that are finished are not run again. Then the folder holds table.csv, junit.xml and
-    table.png.
+    Every run is as fast as possible, and its folder is kept. To resume an interrupted sweep, run the same command
+    again: finished runs are skipped. At the end the folder contains table.csv, junit.xml and table.png.
 
-    Ends with 1 if a run is not done, or an expectation of its failed.
+    The exit code is 1 if a run is not done, or if one of its expectations failed.
     """
-    order = read_order(Wanted(scenario, fleet, settings or ()))
-    variations = _reading("--vary", lambda: read_variations(order.scenario, vary or (), limit))
-    chosen = (order.config.seed,) if seeds is None else _reading("--seeds", lambda: read_seeds(seeds, limit))
-    sweep = Sweep(order.scenario, order.config, tuple(keep or ()), variations, chosen)
-    _require_sound(sweep, limit)
-    folder = SweepFolder(out or Path("sweeps") / order.scenario.name)
+    request = read_request(RunOptions(scenario, fleet, settings or ()))
+    variations = _parse_option("--vary", lambda: read_variations(request.scenario, vary or (), limit))
+    chosen = (request.config.seed,) if seeds is None else _parse_option("--seeds", lambda: read_seeds(seeds, limit))
+    sweep = Sweep(request.scenario, request.config, tuple(keep or ()), variations, chosen)
+    _validate(sweep, limit)
+    folder = SweepFolder(out or Path("sweeps") / request.scenario.name)
     console = stderr() if as_json else stdout()
     with folder.open(sweep, repeat=repeat):
         logged_before = folder.logged_bytes
-        results = _carry_out(console, folder, sweep, jobs or os.cpu_count() or 1)
-        files = _write(folder, sweep, results)
+        results = _run_sweep(console, folder, sweep, jobs or os.cpu_count() or 1)
+        files = _write_results(folder, sweep, results)
     if as_json:
-        write_json(_as_json(folder, sweep, results, files))
+        write_json(_sweep_as_json(folder, sweep, results, files))
     else:
-        _print(console, folder, sweep, results, files)
+        _print_sweep(console, folder, sweep, results, files)
     if folder.logged_bytes > logged_before:
-        console.print(Text(f"log: {folder.path / LOG}: the processes had something to say", "yellow"), soft_wrap=True)
+        print_line(console, f"log: {folder.path / LOG}: workers logged warnings", "yellow")
     if not all(result.is_good for result in results):
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _reading(option: str, read: Callable[[], T]) -> T:
-    """Return what an option means; what cannot be understood is the user's mistake, not a file's."""
+def _parse_option(option: str, parse: Callable[[], T]) -> T:
+    """Return the value of an option; a malformed option is an error of the command line, not of a file."""
     try:
-        return read()
+        return parse()
     except ConfigError:
         raise
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint=f"'{option}'") from error
 
 
-def _require_sound(sweep: Sweep, limit: int) -> None:
-    """Refuse what no run of the sweep could begin with."""
+def _validate(sweep: Sweep, limit: int) -> None:
+    """Raise an error if no run of the sweep could start."""
     if sweep.count > limit:
         sizes = [f"{len(variation.values)} values of {variation.name}" for variation in sweep.variations]
         product = " times ".join([*sizes, counted(len(sweep.seeds), "seed")])
@@ -131,17 +123,17 @@ def _require_sound(sweep: Sweep, limit: int) -> None:
     simulated(sweep.fleet, {name for names in bound.values() for name in names}, sweep.keep)
 
 
-def _carry_out(console: Console, folder: SweepFolder, sweep: Sweep, processes: int) -> list[Result]:
-    """Carry out the runs that are not finished; return the results of all, in the order of the sweep."""
+def _run_sweep(console: Console, folder: SweepFolder, sweep: Sweep, processes: int) -> list[SweepResult]:
+    """Perform the runs that are not finished; return the results of all runs, in the order of the sweep."""
     jobs = list(sweep.jobs())
-    failures: dict[str, Result] = {}
+    failures: dict[str, SweepResult] = {}
     waiting = [job for job in jobs if not folder.is_finished(job)]
     finished = len(jobs) - len(waiting)
     if finished:
         console.print(Text(f"{counted(finished, 'run')} of {len(jobs)} finished before", style="dim"))
     by_folder = {folder.directory_of(job): job for job in waiting}
-    tasks = (Task(folder.clear(job), job.parameters, job.seed) for job in waiting)
-    workplace = Workplace(
+    tasks = (SweepTask(folder.clear(job), job.parameters, job.seed) for job in waiting)
+    settings = WorkerSettings(
         sweep.scenario.source,
         sweep.scenario_hash,
         sweep.fleet.source,
@@ -150,84 +142,86 @@ def _carry_out(console: Console, folder: SweepFolder, sweep: Sweep, processes: i
         (folder.path / LOG).resolve(),
     )
     try:
-        with _telling(console, finished, len(jobs)) as tell:
-            for answer in run_all(tasks, workplace, min(processes, max(1, len(waiting)))):
-                job = by_folder[answer.task.directory]
-                if answer.error is not None:
-                    outcome = CRASHED if answer.has_crashed else REFUSED
-                    failures[job.name] = Result(job, outcome, error=answer.error)
-                tell(failures.get(job.name) or folder.result(job, sweep.scenario))
+        with _progress(console, finished, len(jobs)) as on_result:
+            for ended in run_all(tasks, settings, min(processes, max(1, len(waiting)))):
+                job = by_folder[ended.task.directory]
+                if ended.error is not None:
+                    outcome = CRASHED if ended.has_crashed else REFUSED
+                    failures[job.name] = SweepResult(job, outcome, error=ended.error)
+                on_result(failures.get(job.name) or folder.result(job, sweep.scenario))
     except KeyboardInterrupt:
         done = sum(folder.is_finished(job) for job in jobs)
-        stderr().print(f"Stopped: {done} of {len(jobs)} runs are finished; the same command goes on.", style="yellow")
+        stderr().print(
+            f"Stopped: {done} of {len(jobs)} runs are finished; run the same command to resume.", style="yellow"
+        )
         raise
     return [failures.get(job.name) or folder.result(job, sweep.scenario) for job in jobs]
 
 
 @contextmanager
-def _telling(console: Console, finished: int, total: int) -> Iterator[Tell]:
-    """Show progress: a bar on a terminal, a line for each run elsewhere. What fails is told at once on both."""
+def _progress(console: Console, finished: int, total: int) -> Iterator[OnResult]:
+    """Show a bar on a terminal, or a line for each run elsewhere. Failed runs get a line at once on both."""
     if not console.is_terminal:
         number = finished
 
-        def tell_line(result: Result) -> None:
+        def print_result(result: SweepResult) -> None:
             nonlocal number
             number += 1
-            console.print(Text(f"{number}/{total}  ").append_text(_line(result)), soft_wrap=True)
+            print_line(console, Text(f"{number}/{total}  ").append_text(_result_line(result)))
 
-        yield tell_line
+        yield print_result
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("runs", total=total, completed=finished)
 
-        def tell_bar(result: Result) -> None:
+        def advance(result: SweepResult) -> None:
             bar.advance(task)
             if not result.is_good:
-                bar.console.print(_line(result), soft_wrap=True)
+                print_line(bar.console, _result_line(result))
 
-        yield tell_bar
+        yield advance
 
 
-def _line(result: Result) -> Text:
+def _result_line(result: SweepResult) -> Text:
     outcome = result.outcome if result.outcome != "done" or result.is_good else "failed"
     text = Text.assemble(f"{result.job.label}  ", (outcome, STYLES.get(outcome, STYLES["failed"])))
     if result.duration_s is not None:
         text.append(f" after {result.duration_s:.2f} s")
-    why = result.error or ", ".join(path for path, held in result.expected.items() if not held)
-    return text.append(f": {why}") if why else text
+    reason = result.error or ", ".join(path for path, held in result.expected.items() if not held)
+    return text.append(f": {reason}") if reason else text
 
 
-def _write(folder: SweepFolder, sweep: Sweep, results: Sequence[Result]) -> list[Path]:
-    """Write the table, the test cases and the picture; return the files."""
+def _write_results(folder: SweepFolder, sweep: Sweep, results: Sequence[SweepResult]) -> list[Path]:
+    """Write the table, the test cases and the plot; return the files."""
     table, junit = folder.path / "table.csv", folder.path / "junit.xml"
     write_csv(results, sweep.scenario, table)
     write_junit(results, f"sweep.{sweep.scenario.name}", junit)
-    picture = draw_sweep(results, sweep.scenario, folder.path / "table.png") if sweep.variations else None
-    return [table, junit, *([picture] if picture is not None else [])]
+    plot = draw_sweep(results, sweep.scenario, folder.path / "table.png") if sweep.variations else None
+    return [table, junit, *([plot] if plot is not None else [])]
 
 
-def _print(
-    console: Console, folder: SweepFolder, sweep: Sweep, results: Sequence[Result], files: Sequence[Path]
+def _print_sweep(
+    console: Console, folder: SweepFolder, sweep: Sweep, results: Sequence[SweepResult], files: Sequence[Path]
 ) -> None:
     bad = [result for result in results if not result.is_good]
-    if bad and console.is_terminal:  # elsewhere every run has its line
+    if bad and console.is_terminal:  # elsewhere every run has its line already
         console.print()
     verdict = (f"{len(bad)} of {counted(len(results), 'run')} failed", "bold red") if bad else ("all done", "green")
-    console.print(
-        Text.assemble(f"{sweep.scenario.name} on {sweep.fleet.name}, {counted(len(results), 'run')}: ", verdict),
-        soft_wrap=True,
-    )
+    title = f"{sweep.scenario.name} on {sweep.fleet.name}, {counted(len(results), 'run')}: "
+    print_line(console, Text.assemble(title, verdict))
     for result in bad[:_SHOWN_FAILURES]:
-        line = Text("  ").append_text(_line(result)).append(f"  ({short_path(folder.directory_of(result.job))})", "dim")
-        console.print(line, soft_wrap=True)
+        directory = short_path(folder.directory_of(result.job))
+        print_line(console, Text("  ").append_text(_result_line(result)).append(f"  ({directory})", "dim"))
     if len(bad) > _SHOWN_FAILURES:
-        console.print(Text(f"  and {len(bad) - _SHOWN_FAILURES} more; the table has all of them", style="dim"))
+        console.print(Text(f"  and {len(bad) - _SHOWN_FAILURES} more; the table lists all of them", style="dim"))
     for file in files:
-        console.print(Text(f"{file.suffix[1:]}: {file}", style="dim"), soft_wrap=True)
+        print_line(console, f"{file.suffix[1:]}: {file}", "dim")
 
 
-def _as_json(folder: SweepFolder, sweep: Sweep, results: Sequence[Result], files: Sequence[Path]) -> dict[str, Any]:
+def _sweep_as_json(
+    folder: SweepFolder, sweep: Sweep, results: Sequence[SweepResult], files: Sequence[Path]
+) -> dict[str, Any]:
     return {
         "scenario": sweep.scenario.name,
         "fleet": sweep.fleet.name,
@@ -243,12 +237,12 @@ def _as_json(folder: SweepFolder, sweep: Sweep, results: Sequence[Result], files
                 "expected": dict(result.expected),
                 "variables": dict(result.variables),
                 "error": result.error or None,
-                "run": _run_of(folder, result.job),
+                "run": _finished_directory(folder, result.job),
             }
             for result in results
         ],
     }
 
 
-def _run_of(folder: SweepFolder, job: Job) -> str | None:
+def _finished_directory(folder: SweepFolder, job: SweepJob) -> str | None:
     return str(folder.directory_of(job)) if folder.is_finished(job) else None

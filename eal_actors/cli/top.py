@@ -8,8 +8,8 @@ from typing import Annotated, TextIO, cast
 
 import typer
 
-from eal_actors.cli.interrupts import heed_signals
-from eal_actors.cli.opening import read_fleet
+from eal_actors.cli.fleets import read_fleet
+from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import FleetOption, GlobalOptions, RobotsArgument
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import UnsupportedError
@@ -38,7 +38,7 @@ def show_top(
         ) from error
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UnsupportedError("eal top needs a terminal; programs can use `eal ping --json`")
-    heed_signals()
+    handle_signals()
     config = read_fleet(fleet, robots or ())
     if config.rate == MAX:
         config = read_fleet(fleet, robots or (), rate=1.0)  # people cannot follow rate max

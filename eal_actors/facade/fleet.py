@@ -19,8 +19,8 @@ from eal_actors.actors.supervision import Restart
 from eal_actors.device.info import unknown_name
 from eal_actors.device.plugin_context import FleetServices
 from eal_actors.facade.shutdown import close_on_exit, forget
+from eal_actors.facade.synchronized_start import Command, SynchronizedCommands, send_synchronized
 from eal_actors.facade.tasks import TaskGroup
-from eal_actors.facade.together import Command, Together, start_together
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     ArgumentError,
@@ -305,7 +305,7 @@ class Fleet(Mapping[str, RobotHandle]):
 
     def together(
         self, commands: Mapping[ResourceHandle, Command], *, lead_s: float = 0.1, timeout_s: float | None = None
-    ) -> Together:
+    ) -> SynchronizedCommands:
         """Send commands to many resources that begin at the same time, whatever the delay of each link.
 
             start = fleet.together({robot["Base"]: "r45" for robot in fleet.values()})
@@ -326,7 +326,7 @@ class Fleet(Mapping[str, RobotHandle]):
         Thread: blocks the caller for a few round trips where robots are on the network, at most 0.5 s of real time.
         """
         robots = [self[name] for name in dict.fromkeys(handle.robot for handle in commands)]
-        return start_together(commands, robots, self.clock, lead_s, timeout_s)
+        return send_synchronized(commands, robots, self.clock, lead_s, timeout_s)
 
     def stop(self, reason: str = "") -> Future[list[None]]:
         """Stop every robot in an emergency: halt all motion and refuse new motion until `resume`; see RobotHandle.stop.

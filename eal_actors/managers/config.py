@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from eal_actors.device.world import WorldModel
-from eal_actors.device.world.contradictions import contradictions
+from eal_actors.device.world.validation import validate
 from eal_actors.kernel.errors import ConfigError, RobotNotFoundError
 from eal_actors.kernel.strict_model import StrictModel, did_you_mean, problems_from
 from eal_actors.managers.fleet_loader import fleet_of, load_fleet
@@ -129,7 +129,7 @@ def world_of(content: WorldModel | Mapping[str, object], *, name: str = "world")
         world = content if isinstance(content, WorldModel) else WorldModel.model_validate(tree.root)
     except ValidationError as error:
         raise ConfigError(problems_from(error, tree, WorldModel)) from None
-    if problems := [tree.problem(path, message) for path, message in contradictions(world)]:
+    if problems := [tree.problem(path, message) for path, message in validate(world)]:
         raise ConfigError(problems)
     return world
 

@@ -15,7 +15,7 @@ import structlog
 from typer.testing import CliRunner, Result
 
 from eal_actors.cli import app
-from eal_actors.cli.new_plugin import write_plugin
+from eal_actors.cli.plugin import write_plugin
 from eal_actors.kernel.bundled import bundled_path
 
 Program = Callable[..., Result]

@@ -10,9 +10,8 @@ from typer.testing import CliRunner
 
 from eal_actors.cli import app
 from eal_actors.device.differential_base import WheelCalibration
-from eal_actors.lab.calibration.ends_file import write_ends
 from eal_actors.lab.calibration.square import square_end
-from eal_actors.lab.calibration.umbmark import SquareEnds
+from eal_actors.lab.calibration.square_ends import SquareEnds, write_square_ends
 from eal_actors.managers.config import EALConfigManager
 from tests.cli.conftest import Program, Write
 
@@ -36,7 +35,7 @@ def lab(write: Write) -> Path:
 def ends(tmp_path: Path) -> Path:
     """Where a Roomba's squares of 1 m end without noise."""
     cw, ccw = (square_end(way, 1.0, 0.258, TRUTH)[:2] for way in ("cw", "ccw"))
-    write_ends(SquareEnds([cw] * 2, [ccw] * 2), tmp_path / "ends.csv")
+    write_square_ends(SquareEnds([cw] * 2, [ccw] * 2), tmp_path / "ends.csv")
     return tmp_path / "ends.csv"
 
 
@@ -73,7 +72,7 @@ def test_where_nothing_is_gained_nothing_is_written(eal: Program, write: Write) 
     codes = [result.exit_code for result in results]
     assert set(codes) == {0, 1}
     first = next(result for result in results if result.exit_code)
-    assert "mate: the second run is no better" in first.stdout
+    assert "mate: the second run is not better" in first.stdout
 
 
 def test_ends_from_a_file(eal: Program, lab: Path, ends: Path) -> None:
@@ -92,20 +91,20 @@ def test_a_robot_that_is_measured_by_a_person(eal: Program, write: Write) -> Non
     arguments = ["calibrate", "--fleet", str(lab), "--robot", "rob", "--runs", "1", "--side", "0.3", "--fast", "--json"]
     result = CliRunner().invoke(app, arguments, input="\n".join(answers) + "\n")
     assert result.exit_code == 0, result.output
-    assert "Two numbers, such as" in result.stderr
+    assert "Enter two numbers, such as" in result.stderr
     found = json.loads(result.stdout)["robots"]["rob"]
     assert found["before"]["cw"][0] == pytest.approx([-0.02, 0.011], abs=0.01)  # less what the odometry believed
     assert found["before"]["ccw"][0] == pytest.approx([-0.003, 0.04], abs=0.01)
     cut = CliRunner().invoke(app, arguments, input="\n")
     assert cut.exit_code == 2
-    assert "nobody says where rob came to stand" in cut.stderr
+    assert "no answer where rob ended" in cut.stderr
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
         (["--robot", "bob"], "no robot 'bob'; did you mean 'rob'?"),
-        (["--ends", "none.csv"], "the ends are of one robot"),
+        (["--ends", "none.csv"], "needs one robot: name it with --robot"),
         (["--robot", "rob", "--ends", "none.csv"], "none.csv: cannot be read"),
         (["--robot", "rob", "--side", "0.01"], "--side"),
     ],

@@ -65,7 +65,7 @@ def test_arrays_are_printed_whole_while_they_are_short(eal: Any) -> None:
     ("call", "code", "words"),
     [
         (["one", "Slide", "get_vaule"], 2, "did you mean 'get_value'"),
-        (["one", "Slide", "send_cmd"], 2, "send_cmd takes COMMAND [DATA], but was given none"),
+        (["one", "Slide", "send_cmd"], 2, "send_cmd takes COMMAND [DATA], not none"),
         (["one", "Slide", "get_value", "5"], 2, "get_value takes no argument"),
         (["one", "Slide", "set_config", "speed_m_s"], 2, "set_config takes KEY VALUE"),
         (["one", "Slide", "get_value", "--timout-s"], 2, "no such option: --timout-s"),

@@ -77,7 +77,7 @@ def test_problems_are_sorted_and_good_files_are_still_told(eal: Any, write: Any,
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("version: 1\nname: what\n", "cannot tell what it is: a fleet has robots"),
+        ("version: 1\nname: what\n", "unknown kind of file: a fleet has robots"),
         ("- a\n- b\n", "the top level must be a mapping"),
         ("robots: {a: {plugins: {}}\n", ":"),
     ],

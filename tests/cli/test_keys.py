@@ -65,7 +65,7 @@ def test_init_adds_to_no_section_that_is_there(eal: Any, lab: Path) -> None:
     done = eal("keys", "init", "--fleet", lab, "--write")
 
     assert (done.exit_code, lab.read_text(), Path("keys").exists()) == (2, ROUTED, False)
-    assert "there is a network section already" in done.stderr
+    assert "has a network section already" in done.stderr
     assert "routers: [router]" in eal("keys", "init", "--fleet", lab).stdout
 
 
@@ -109,16 +109,16 @@ def test_a_router_is_reached_where_the_fleet_file_says(eal: Any, lab: Path) -> N
     eal("keys", "init", "--fleet", lab)
 
     assert "made for gate.local" in eal("keys", "router", "--fleet", lab).stderr
-    assert "r1.pem: made, good until" in eal("keys", "robot", "r1", "--fleet", lab).stderr
+    assert "r1.pem: made, valid until" in eal("keys", "robot", "r1", "--fleet", lab).stderr
 
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
         (("robot", "r2"), "the fleet has no robot 'r2'; known: here, r1"),
-        (("robot", "here"), "here has no address: it lives in the controller's process and needs no keys"),
-        (("controller", "r1"), "r1 is a robot, whose certificate has no other role; choose another name"),
-        (("router",), "the fleet file names no routers; say where this one is reached"),
+        (("robot", "here"), "here has no address: it runs in the controller's process and needs no keys"),
+        (("controller", "r1"), "r1 is a robot, and a robot's certificate has no other role; choose another name"),
+        (("router",), "network.routers of the fleet file is empty: name the router's host"),
         (("controller", "1st"), "1st: cannot be the name of a certificate"),
         (("init",), "keys/ca.key: is there already; --force replaces it"),
     ],

@@ -92,7 +92,7 @@ class TestPing:
         result = eal("ping", "--fleet", fleet, "here")
         assert result.exit_code == 0
         assert row(result.stdout, "here").split()[1] == "local"
-        assert "here: lives in the controller's process\n" in result.stdout
+        assert "here: runs in the controller's process\n" in result.stdout
 
     def test_an_unknown_robot_is_wrong_input(self, eal: Any, fleet: Path) -> None:
         assert eal("ping", "--fleet", fleet, "onee").exit_code == 2
@@ -134,7 +134,7 @@ class TestStop:
         lines = result.stdout.splitlines()
         assert lines[0] == "two  stopped"
         assert lines[1].startswith("one  not stopped: did not answer within 3 s at tcp/127.0.0.1:")
-        assert lines[2] == "here  not stopped: lives in its controller's process, which alone can stop it"
+        assert lines[2] == "here  not stopped: runs in its controller's process: only that process can stop it"
 
     def test_in_json_too(self, eal: Any, fleet: Path) -> None:
         result = eal("stop", "--fleet", fleet, "--json", "here")

@@ -77,7 +77,7 @@ def test_new_overwrites_nothing(eal: Any, slides: Path) -> None:
     (folder / "plugin.py").write_text("mine", encoding="utf-8")
     result = eal("plugin", "new", "slide", "--dir", folder.parent)
     assert result.exit_code == 2
-    assert f"{folder}: is there already; nothing was written" in result.stderr
+    assert f"{folder}: exists already; nothing was written" in result.stderr
     assert (folder / "plugin.py").read_text(encoding="utf-8") == "mine"
 
 
@@ -117,8 +117,8 @@ def test_check_takes_settings_as_yaml(eal: Any) -> None:
     [
         ([], "settings: model: is missing"),
         (["model=car"], "settings: model: must be 'evbot2'"),
-        (["model"], "a setting is KEY=VALUE, not 'model'"),
-        (["=roomba"], "a setting is KEY=VALUE"),
+        (["model"], "must be KEY=VALUE, not 'model'"),
+        (["=roomba"], "must be KEY=VALUE"),
         (["model={a"], "'model={a'"),
     ],
 )

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import eal_actors
-from eal_actors.cli.exit_codes import ExitCode, exit_code, report
+from eal_actors.cli.exit_codes import ExitCode, exit_code, report_error
 from eal_actors.cli.options import GlobalOptions
 from eal_actors.kernel import errors
 from eal_actors.kernel.errors import ConfigError, EALError, Problem
@@ -63,7 +63,7 @@ def test_an_error_goes_to_stderr_with_what_to_do_next_and_no_traceback(eal: Any,
     assert result.stdout == ""
     assert result.stderr.splitlines() == [
         "Error: one: unknown resource 'Slid'; did you mean 'Slide'?",
-        "`eal resources --fleet FLEET --robot ROBOT` shows what there is.",
+        "`eal resources --fleet FLEET --robot ROBOT` lists resources and their commands.",
     ]
 
 
@@ -103,7 +103,7 @@ def test_flags_stand_in_the_help_without_a_type(eal: Any) -> None:
 
 
 def test_the_help_says_where_global_options_go(eal: Any) -> None:
-    assert "--log-format and --log-level go before the command" in " ".join(eal("--help").stdout.split())
+    assert "Put --log-format and --log-level before the command" in " ".join(eal("--help").stdout.split())
 
 
 def last_lines(result: Any) -> list[str]:
@@ -111,14 +111,14 @@ def last_lines(result: Any) -> list[str]:
     return lines[next(at for at, line in enumerate(lines) if line.startswith("Error: ")) + 1 :]
 
 
-SEE_DEVICE = "See that it is switched on and connected, then try again."
+SEE_DEVICE = "Check that it is switched on and connected, then try again."
 
 
 def test_what_to_do_about_a_device(eal: Any, half_dead: Path, move: Path) -> None:
     folder = half_dead.parent / "plugins" / "dead"
     for command in (["call", "lost", "Slide", "get_value"], ["run", move]):
         advice = last_lines(eal(*command, "--fleet", half_dead))
-        assert advice == [SEE_DEVICE, f"`eal plugin check {folder}` tells more."]
+        assert advice == [SEE_DEVICE, f"Details: `eal plugin check {folder}`"]
 
 
 def test_what_to_do_about_a_plugin(eal: Any, slides: Path, move: Path) -> None:
@@ -126,7 +126,7 @@ def test_what_to_do_about_a_plugin(eal: Any, slides: Path, move: Path) -> None:
     plugin.write_text("1 / 0\n", encoding="utf-8")
     for command in (["call", "one", "Slide", "get_value"], ["run", move]):
         advice = last_lines(eal(*command, "--fleet", slides))
-        assert advice == [f"`eal plugin check {plugin.parent}` tells more."]
+        assert advice == [f"Details: `eal plugin check {plugin.parent}`"]
 
 
 def test_what_to_do_about_missing_modules(eal: Any, slides: Path) -> None:
@@ -145,15 +145,15 @@ def test_what_to_do_about_missing_modules(eal: Any, slides: Path) -> None:
     ],
 )
 def test_what_to_do_about_a_port_that_is_taken(capsys: pytest.CaptureFixture[str], message: str) -> None:
-    report(errors.UnavailableError(message), GlobalOptions())
-    assert capsys.readouterr().err.splitlines()[-1].startswith("`ss -ltnp` tells which program that is")
+    report_error(errors.UnavailableError(message), GlobalOptions())
+    assert capsys.readouterr().err.splitlines()[-1].startswith("`ss -ltnp` shows the program")
 
 
 LATE = ["call", "one", "Slide", "send_cmd", "to1", "--timeout-s", "0.05", "--fleet"]
 
 
 def test_more_time_is_advised_where_it_may_help(eal: Any, slides: Path) -> None:
-    advice = "If it just takes long, give it more time: --timeout-s, or timeout_s in the file."
+    advice = "If it needs more time, raise --timeout-s, or timeout_s in the file."
     assert last_lines(eal(*LATE, slides)) == [advice]
 
 
@@ -162,13 +162,13 @@ def test_more_time_is_not_advised_where_the_actor_is_blocked(eal: Any, slides: P
     text = plugin.read_text(encoding="utf-8").replace("yield _STEP_S  #", "threading.Event().wait(0.01)  #")
     text = text.replace("1\n        finally:", "1\n            yield\n        finally:")
     plugin.write_text(text.replace("\nfrom eal", "\nimport threading\n\nfrom eal", 1), encoding="utf-8")
-    advice = "Something blocks its actor: `eal plugin check FOLDER` tells which command."
+    advice = "A command blocks its actor: `eal plugin check FOLDER` names the command."
     assert last_lines(eal(*LATE, slides)) == [advice]
 
 
 @pytest.mark.parametrize("kind", [errors.UnavailableError, errors.RobotFailedError])
 def test_what_was_stuck_is_no_matter_of_a_cable(capsys: pytest.CaptureFixture[str], kind: type[EALError]) -> None:
-    report(kind("was stuck for 1.0 s beyond its deadline; it has been abandoned"), GlobalOptions())
+    report_error(kind("was stuck for 1.0 s beyond its deadline; it has been abandoned"), GlobalOptions())
     assert "eal plugin check" in capsys.readouterr().err
-    report(kind("is restarting: it crashed with OSError: no such port"), GlobalOptions())
+    report_error(kind("is restarting: it crashed with OSError: no such port"), GlobalOptions())
     assert SEE_DEVICE in capsys.readouterr().err

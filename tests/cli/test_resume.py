@@ -157,8 +157,8 @@ def test_the_live_table_knows_the_robots_of_a_run_that_goes_on() -> None:
     out = io.StringIO()
     progress = LiveProgress(Console(file=out, force_terminal=True, width=120), ManualClock(), GlobalOptions())
     with progress:
-        progress.hear(RunContinued(30.0, 1, "", "legs", "sim", ("roomba-1", "evbot3-1"), 4))
-        progress.hear(StepStarted(30.0, "roomba-1", "steps[1].do[0]", "send_cmd Base f0.3"))
-    assert "goes on at steps[1]" in out.getvalue()
+        progress.on_event(RunContinued(30.0, 1, "", "legs", "sim", ("roomba-1", "evbot3-1"), 4))
+        progress.on_event(StepStarted(30.0, "roomba-1", "steps[1].do[0]", "send_cmd Base f0.3"))
+    assert "continued at steps[1]" in out.getvalue()
     assert "legs on sim" in out.getvalue()
     assert "send_cmd Base f0.3" in out.getvalue()

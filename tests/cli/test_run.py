@@ -178,7 +178,7 @@ def test_a_run_goes_on_where_its_stream_of_events_cannot_be_written(
     runs = tmp_path / "runs"
     result = eal("run", move, "--fleet", slides, "--runs-dir", runs, "--rate", 10, "--events", "/dev/full")
     assert result.exit_code == 0
-    assert "the stream of events ends here" in result.stderr
+    assert "no further events are written" in result.stderr
     assert json.loads((the_run(runs) / "summary.json").read_text(encoding="utf-8"))["outcome"] == "done"
 
 

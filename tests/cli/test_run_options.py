@@ -61,7 +61,7 @@ def test_a_look_ahead_shows_who_does_what_and_moves_nothing(
         "            └── log ${seen}  needs seen",
         "",
         (
-            "at least 6 calls by 2 robots. Every value that is known beforehand was checked against these robots. "
+            "at least 6 calls by 2 robots. All values that are known before the run were checked against these robots. "
             "Nothing has moved."
         ),
     ]
@@ -101,7 +101,7 @@ def test_parameters_and_robots_of_the_command_line(eal: Any, slides: Path, trial
         (["--events", "-", "--json"], "not both"),
         (["--events", "/nowhere/x"], "/nowhere/x cannot be written: No such file or directory"),
         (["--resume", "none"], "none holds no record of a run: No such file or directory"),
-        (["--resume", "none", "--set", "to=1"], "a run goes on with what it began with"),
+        (["--resume", "none", "--set", "to=1"], "not with --resume: the run keeps its values"),
     ],
 )
 def test_what_the_command_line_may_not_say(

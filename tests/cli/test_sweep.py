@@ -169,7 +169,7 @@ def test_ctrl_c_ends_it_at_once_and_says_how_it_goes_on(start: Start, fleet: Pat
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "of 12 runs are finished; the same command goes on." in err
+    assert "of 12 runs are finished; run the same command to resume." in err
     assert len(summaries(tmp_path / "out")) >= 1
 
 
@@ -179,7 +179,7 @@ def test_a_process_that_dies_costs_its_run_alone(eal: Any, fleet: Path, ways: Pa
     result = eal("sweep", ways, "-f", fleet, "--vary", "way_m=0.2,0.3,0.4", "--jobs", 1, "--out", out)
     assert result.exit_code == 1
     assert [row["outcome"] for row in rows(out)] == ["done", "crashed", "done"]
-    assert rows(out)[1]["error"] == "its process died, with exit code 7"
+    assert rows(out)[1]["error"] == "its process died with exit code 7"
     assert suite(out).attrib["errors"] == "1"
 
 
@@ -213,14 +213,14 @@ def test_finished_runs_are_kept_for_the_same_files_only(eal: Any, fleet: Path, w
     ways.write_text(ways.read_text().replace("off_m < most_m", "off_m <= most_m"))
     changed = sweep()
     assert changed.exit_code == 1
-    assert f"{ways} has changed since the runs in {out} were made: --repeat" in changed.stderr
+    assert f"{ways} has changed since the runs in {out}: run all of them again with --repeat" in changed.stderr
     assert sweep("--repeat").exit_code == 0
     assert set(summaries(out)) == set(first)
     assert not set(summaries(out).items()) & set(first.items())
 
     with (out / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        assert "another sweep is at work" in sweep().stderr
+        assert "another sweep uses" in sweep().stderr
     (out / "sweep.json").unlink()
     assert "is no folder of a sweep" in sweep().stderr
 
@@ -234,15 +234,15 @@ def test_finished_runs_are_kept_for_the_same_files_only(eal: Any, fleet: Path, w
         ),
         (
             ["--vary", "way_m=1:3:1"],
-            "{ways}:4:3: parameters.way_m: must be double 0.1..2 m, not 3.0, which --vary gives",
+            "{ways}:4:3: parameters.way_m: must be double 0.1..2 m, not 3.0; --vary sets",
         ),
-        (["--vary", "back=1,true"], "{ways}:5:3: parameters.back: must be bool, not '1', which --vary gives it"),
+        (["--vary", "back=1,true"], "{ways}:5:3: parameters.back: must be bool, not '1'; --vary sets it"),
         (["--vary", "way_m"], "must be NAME=FROM:TO:STEP or NAME=VALUE,VALUE, not 'way_m'"),
-        (["--vary", "way_m=1:2"], "'way_m' must go FROM:TO:STEP in numbers, not '1:2'"),
+        (["--vary", "way_m=1:2"], "'way_m' must be FROM:TO:STEP in numbers, not '1:2'"),
         (["--vary", "way_m=2:1:0.1"], "'way_m' must go up from FROM to TO by a STEP over 0"),
         (["--vary", "way_m=1,1"], "gives the value of 'way_m' 1.0 twice"),
         (["--vary", "way_m=1", "--vary", "way_m=2"], "varies 'way_m' twice"),
-        (["--vary", "way_m=0.1:2:0.0001"], "'way_m' takes 19001 values, more than 1000 runs; --limit allows more"),
+        (["--vary", "way_m=0.1:2:0.0001"], "'way_m' has 19001 values, more than 1000 runs; --limit allows more"),
         (["--vary", "way_m=0.1:2:0.1", "--seeds", "1:100"], "20 values of way_m times 100 seeds make 2000 runs, more"),
         (["--seeds", "3:1"], "must be seeds such as 1:20 or 1,5,9"),
         (["--seeds", "1,1"], "gives the seed 1 twice"),

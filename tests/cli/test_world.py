@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from eal_actors.cli.world import contents
+from eal_actors.cli.world import summarize_world
 from eal_actors.device.world import load_world
 from eal_actors.kernel.bundled import bundled_path
 
@@ -50,7 +50,7 @@ def test_it_shows_what_is_where(eal: Any, write: Any) -> None:
     ],
 )
 def test_contents_in_few_words(name: str, expected: str) -> None:
-    assert contents(load_world(bundled_path(f"fleets/worlds/{name}.yaml"))) == expected
+    assert summarize_world(load_world(bundled_path(f"fleets/worlds/{name}.yaml"))) == expected
 
 
 def test_json_has_every_default_and_every_pose(eal: Any, write: Any) -> None:

@@ -42,18 +42,6 @@ Ask = Callable[[RobotHandle], Future[Any]]
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
-
-
-@pytest.fixture
-def remote(rig: Rig) -> Iterator[RobotHandle]:
-    """A robot served in this process, through the network."""
-    with rig.served_here() as fleet:
-        yield fleet["r1"]
-
-
-@pytest.fixture
 def pair(rig: Rig) -> Iterator[tuple[RobotHandle, RobotHandle]]:
     """The same robot twice: in this process, and through the network."""
     with Fleet(rig.local()) as local, rig.served_here() as fleet:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -30,19 +29,6 @@ from eal_actors.net.controller.call_queue import MAX_PENDING_CALLS
 from eal_actors.net.server.host import RobotHost
 from tests.net.links import eventually
 from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, becomes, failure, ready
-
-
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
-
-
-@pytest.fixture
-def remote(rig: Rig) -> Iterator[RobotHandle]:
-    """A robot served in this process, through the network."""
-    with rig.served_here() as fleet:
-        yield fleet["r1"]
-
 
 # Stops.
 

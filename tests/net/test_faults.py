@@ -35,11 +35,6 @@ with Fleet.load(sys.argv[1]) as fleet:
 """
 
 
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
-
-
 def controller_of(rig: Rig, command: str = "move60") -> Any:
     """Run a controller in a process of its own that commands the arm."""
     return process(["-c", CONTROLLER, str(rig.file), command], rig.folder)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,18 +20,6 @@ from eal_actors.net.controller.controller import RobotListener
 from eal_actors.net.wire.messages import RobotEvent
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served
-
-
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
-
-
-@pytest.fixture
-def fleet(rig: Rig) -> Iterator[Fleet]:
-    """A robot served in this process, through the network."""
-    with rig.served_here() as fleet:
-        yield fleet
 
 
 def test_progress_comes_through_the_network_now_and_again(fleet: Fleet) -> None:

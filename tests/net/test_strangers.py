@@ -39,11 +39,6 @@ from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served, servers
 CLIENT = "ab" * 8
 
 
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
-
-
 # Peers that make no sense.
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,17 +53,6 @@ def watching(rig: Rig) -> Iterator[Watcher]:
         handler = zenoh.handlers.Callback(watcher.take, indirect=False)
         with session.declare_subscriber("eal/f/@streams/r1/**", handler):
             yield watcher
-
-
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
-
-
-@pytest.fixture
-def fleet(rig: Rig) -> Iterator[Fleet]:
-    with rig.served_here() as fleet:
-        yield fleet
 
 
 @pytest.mark.parametrize("encoding", ["raw", "png", "jpeg"])

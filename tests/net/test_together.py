@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from eal_actors import Fleet
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.facade.together import Begin
+from eal_actors.facade.synchronized_start import CommandBegin
 from eal_actors.kernel.errors import ArgumentError, DeadlineError, PreemptedError, RobotNotFoundError, StoppedError
 from tests.net.rig import WAIT_S, Rig, failure
 
@@ -25,12 +25,6 @@ FAR_S = 0.3
 @pytest.fixture
 def rig(tmp_path: Path) -> Rig:
     return Rig(tmp_path, ("r1", "r2"))
-
-
-@pytest.fixture
-def fleet(rig: Rig) -> Iterator[Fleet]:
-    with rig.served_here() as fleet:
-        yield fleet
 
 
 def timed(fleet: Fleet, command: str, in_s: float, **options: Any) -> Call[int]:
@@ -128,7 +122,7 @@ def test_what_is_not_of_this_fleet(fleet: Fleet, tmp_path: Path) -> None:
     other = Rig(tmp_path, ("r7",))
     with Fleet(other.local()) as strangers, pytest.raises(RobotNotFoundError, match="r7"):
         fleet.together({strangers["r7"]["Arm"]: "step1"})
-    with pytest.raises(ArgumentError, match="lead_s must be seconds from 0, not -1"):
+    with pytest.raises(ArgumentError, match="lead_s must be seconds, at least 0, not -1"):
         fleet.together({}, lead_s=-1)
     assert fleet.together({}).record.get().begins == ()
 
@@ -139,5 +133,7 @@ def test_within_a_process_at_rate_max_the_start_is_exact(rig: Rig) -> None:
         start = fleet.together({robot["Arm"]: f"step{n}" for n, robot in enumerate(fleet.values())}, lead_s=0.5)
         record = start.record.get()
         assert start.start_s == 0.5 + FAR_S
-        assert record.begins == tuple(Begin(f"r{n + 1}", "Arm", f"step{n}", start.start_s, 0.0) for n in range(2))
+        assert record.begins == tuple(
+            CommandBegin(f"r{n + 1}", "Arm", f"step{n}", start.start_s, 0.0) for n in range(2)
+        )
         assert (record.skew_s, record.skew_error_s) == (0.0, 0.0)

@@ -32,11 +32,6 @@ steps:
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
-
-
-@pytest.fixture
 def served(rig: Rig) -> Iterator[Fleet]:
     """The robot behind a real server and a real link; both ends are in this process, for one tracer."""
     with rig.served_here() as fleet:

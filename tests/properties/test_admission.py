@@ -40,12 +40,12 @@ class Letter:
 
 @dataclass
 class Answerable:
-    """Who set a resource off, and when the robot heard of him last without a gap."""
+    """The controller that started a resource, and its last heartbeat without a gap."""
 
     client: str
     heard_s: float
 
-    def is_forsaken(self, now_s: float) -> bool:
+    def is_overdue(self, now_s: float) -> bool:
         return now_s >= self.heard_s + DEAD_MAN_S
 
 
@@ -106,14 +106,14 @@ class AdmissionMachine(RuleBasedStateMachine):
     def look(self) -> None:
         """The host's look, which comes often, unless the robot is frozen."""
         now_s = self.clock.now()
-        forsaken = [name for name, last in sorted(self.moving.items()) if last.is_forsaken(now_s)]
+        overdue = [name for name, last in sorted(self.moving.items()) if last.is_overdue(now_s)]
         silences = self.admission.silences()
         assert [(silence.resource, silence.client) for silence in silences] == [
-            (name, self.moving.pop(name).client) for name in forsaken
+            (name, self.moving.pop(name).client) for name in overdue
         ]
 
     def deliver(self, letter: Letter) -> None:
-        """As RobotServer does: halt what is forsaken first, then let the command pass or not."""
+        """As RobotServer does: halt what is overdue first, then let the command pass or not."""
         self.look()
         now_s = self.clock.now()
         client, call = letter.header.client, letter.header.call_id
@@ -184,12 +184,12 @@ class AdmissionMachine(RuleBasedStateMachine):
     def hear(self, client: str) -> None:
         now_s = self.clock.now()
         for last in [*self.moving.values(), *self.held.values()]:
-            if last.client == client and not last.is_forsaken(now_s):
+            if last.client == client and not last.is_overdue(now_s):
                 last.heard_s = now_s
 
     def holder(self, resource: str) -> str | None:
         last = self.held.get(resource)
-        return None if last is None or last.is_forsaken(self.clock.now()) else last.client
+        return None if last is None or last.is_overdue(self.clock.now()) else last.client
 
     @invariant()
     def tells_who_holds_what(self) -> None:

@@ -135,7 +135,7 @@ def test_a_shape_that_is_too_narrow_is_refused_before_a_robot_moves() -> None:
         report, _ = run(simulation, "formation", spacing_m=0.5)
         assert {name: simulation.pose(name) for name in simulation.fleet} == before
     assert report.outcome == "failed"
-    assert "two places are 0.50 m apart, and 0.60 m from middle to middle are needed" in message(report)
+    assert "two places are 0.50 m apart; the margin needs 0.60 m between centres" in message(report)
 
 
 def test_a_robot_that_cannot_reach_its_place_fails_the_formation() -> None:

@@ -18,7 +18,7 @@ from eal_actors.device.proximity import ProximityObserver
 from eal_actors.device.world import load_world
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.lab.rehearsal import Approaches, Rehearsal, rehearse
+from eal_actors.lab.rehearsal import ProximityRecorder, Rehearsal, rehearse
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
@@ -185,7 +185,7 @@ def test_coming_near_twice_is_told_twice(fleet: Callable[..., Path]) -> None:
 def test_nothing_is_missed_between_two_looks() -> None:
     """The same drives with a look at every robot at every tick come to the same approaches, to the last bit."""
 
-    class Unresting(Approaches):
+    class Unresting(ProximityRecorder):
         looks = 0
 
         def observe(self, *arguments: Any) -> float:
@@ -196,7 +196,7 @@ def test_nothing_is_missed_between_two_looks() -> None:
     class Counting(Unresting):
         def observe(self, *arguments: Any) -> float:
             self.looks += 1
-            return Approaches.observe(self, *arguments)
+            return ProximityRecorder.observe(self, *arguments)
 
     world = load_world(bundled_path("fleets/worlds/lab.yaml"))
     seen: list[Unresting] = []
@@ -222,9 +222,9 @@ def test_nothing_is_missed_between_two_looks() -> None:
                 base.halt()
         seen.append(approaches)
     every, some = seen
-    assert every.found == some.found
+    assert every.events == some.events
     assert every.nearest == some.nearest
-    assert every.found
+    assert every.events
     assert some.looks < every.looks
 
 

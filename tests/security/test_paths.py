@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from eal_actors.cli.new_plugin import write_plugin
+from eal_actors.cli.plugin import write_plugin
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, ScenarioError
 from eal_actors.lab.calibration.step import fit_umbmark

@@ -1,8 +1,6 @@
-"""The square test (UMBmark): how a base's wheels differ from their nominal sizes, found out and made up for.
+"""Calibration of a differential base by the square test (UMBmark).
 
-`square` is where a robot's square ends, `umbmark` what the ends of many squares say at a glance, `fit` what they say
-exactly: all pure. `drive` has a robot drive squares and measures them; `ends_file` and `step` read them from the
-records of a run, `calibration_file` writes what was found where the fleet file finds it.
+`square` computes where a square ends, `fit` computes the calibration from the ends of measured squares; both are pure.
+`drive` drives and measures squares, `square_ends` holds and stores the ends, `calibration_file` adds the result to a
+fleet, and `step` is the scenario step `fit_umbmark`.
 """
-
-from __future__ import annotations

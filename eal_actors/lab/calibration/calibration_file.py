@@ -1,4 +1,7 @@
-"""Calibrations where the fleet file finds them: a file for each robot, beside the fleet file, which includes it."""
+"""Calibration files: one for each robot, beside the fleet file, which includes it.
+
+The fleet file belongs to its author, so it is edited as text: one include is added, and everything else stays the same.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.plugins import EALPluginManager
 
 KEY: Final = "calibration"
-"""The setting of a plugin with a base that can be calibrated."""
+"""Setting of a plugin whose base can be calibrated."""
 
 _TEXT: Final = """\
 {comment}
@@ -33,71 +36,73 @@ robots:
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
-    """What was written.
+class WrittenCalibration:
+    """A written calibration file.
 
     Attributes:
-        file: the robot's calibration.
-        includes: whether the fleet file was changed, to include it; otherwise it did already.
+        file: the robot's calibration file.
+        includes: whether an include was added to the fleet file; otherwise it had one already.
     """
 
     file: Path
     includes: bool
 
 
-def write_calibration(fleet: FleetConfig, robot: str, calibration: WheelCalibration, comment: str) -> Written:
-    """Write a robot's calibration beside the fleet file, and have that include it; its own text stays as it is.
+def write_calibration(
+    fleet: FleetConfig, robot: str, calibration: WheelCalibration, comment: str
+) -> WrittenCalibration:
+    """Write a robot's calibration file beside the fleet file, and include it there.
 
     Args:
-        fleet: as it was read from its file.
+        fleet: the fleet, as read from its file.
         robot: the robot's name.
-        calibration: what was found.
-        comment: told at the file's head.
+        calibration: the calibration.
+        comment: comment at the head of the file.
 
     Raises:
-        ConfigError: a file cannot be written or is the framework's, or the fleet would not be valid with it, or would
-            not heed it. Both files are as before then.
+        ConfigError: a file cannot be written or is bundled with the framework, or the changed fleet would be invalid or
+            would not use the calibration. Both files are unchanged then.
     """
     require_own(fleet)
     instance = _instance(fleet.robots[robot], fleet)
     file = fleet.source.with_name(f"{fleet.source.stem}-{robot}.calibration.yaml")
     lines = "\n".join(f"# {line}".rstrip() for line in comment.splitlines())
     text = _TEXT.format(comment=lines, robot=robot, instance=instance, key=KEY, calibration=calibration)
-    before, fleet_before = _text_of(file), _text_of(fleet.source) or ""
+    before, fleet_before = _read_text(file), _read_text(fleet.source) or ""
     included = with_include(fleet_before, str(fleet.source), file.name)
     try:
-        _write(file, text)
+        _replace_file(file, text)
         if included != fleet_before:
-            _write(fleet.source, included)
-        _require_heeded(fleet.source, robot, instance, text, file)
+            _replace_file(fleet.source, included)
+        _require_used(fleet.source, robot, instance, text, file)
     except BaseException:
         _restore(file, before)
         _restore(fleet.source, fleet_before)
         raise
-    return Written(file, includes=included != fleet_before)
+    return WrittenCalibration(file, includes=included != fleet_before)
 
 
 def require_own(fleet: FleetConfig) -> None:
-    """Raise ConfigError if the fleet file came with the installed framework."""
+    """Raise ConfigError if the fleet file is part of the installed framework."""
     if is_installed(fleet.source):
         name = fleet.source.stem
         message = (
-            "comes with the framework and stays as it is: write a fleet file of your own "
-            f"that builds on it, with `include: [{name}]` below `version: 1`, and calibrate with that"
+            "is part of the framework and is not changed: write your own fleet file "
+            f"with `include: [{name}]` below `version: 1`, and calibrate with that"
         )
         raise ConfigError([Problem(str(fleet.source), 0, 0, "", message)])
 
 
 def with_include(text: str, name: str, include: str) -> str:
-    """Return a fleet file's text that includes a further file after all others, with all else as it was.
+    """Return a fleet file's text with one more include after all others, otherwise unchanged.
 
     Args:
-        text: of the fleet file, which is sound.
-        name: what problems call it.
+        text: text of a valid fleet file.
+        name: name of the file in error messages.
         include: the file to include.
 
     Raises:
-        ConfigError: it is written in a way that only a person can change.
+        ConfigError: the layout of the file allows no automatic change.
     """
     root = parse_yaml(text, name).root
     known = root.get("include")
@@ -124,19 +129,19 @@ def with_include(text: str, name: str, include: str) -> str:
 
 
 def _require_only_included(before: MarkedDict, new: str, name: str, include: str) -> None:
-    """Raise ConfigError unless a text says what it said before, and includes one file more."""
+    """Raise ConfigError unless a text has the former content and one include more."""
     wanted: dict[str, Any] = {**before, "include": [*(before.get("include") or ()), include]}
     try:
         is_so = parse_yaml(new, name).root == wanted
     except ConfigError:
         is_so = False
     if not is_so:
-        message = f"add {include} to the end of its list by hand, so that the file keeps its form, then try again"
+        message = f"cannot be changed automatically: add {include} to the end of its list, then try again"
         raise ConfigError([Problem(name, 0, 0, "include", message)])
 
 
 def _instance(robot: RobotConfig, fleet: FleetConfig) -> str:
-    """Return the name of the robot's plugin that has its base."""
+    """Return the instance name of the plugin that provides the robot's base."""
     manifests = EALPluginManager(fleet.plugin_dirs).manifests
     for name, settings in robot.plugins.items():
         if settings.plugin in manifests and "Base" in manifests[settings.plugin].file.resources:
@@ -148,14 +153,14 @@ def _instance(robot: RobotConfig, fleet: FleetConfig) -> str:
                 0,
                 0,
                 f"robots.{robot.name}.plugins",
-                f"no plugin with a Base is named for it here: put '{KEY}' into the file that it is served with",
+                f"has no plugin with a Base: put '{KEY}' into the fleet file that serves the robot",
             )
         ]
     )
 
 
-def _require_heeded(source: Path, robot: str, instance: str, text: str, file: Path) -> None:
-    """Raise ConfigError unless the fleet file can be read, and gives the robot the calibration of the file."""
+def _require_used(source: Path, robot: str, instance: str, text: str, file: Path) -> None:
+    """Raise ConfigError unless the fleet file is valid and gives the robot the calibration of the file."""
     manager = EALConfigManager.load(source)
     config = manager.robot(robot)
     problems, _ = EALPluginManager(manager.fleet.plugin_dirs).check(config)
@@ -164,11 +169,11 @@ def _require_heeded(source: Path, robot: str, instance: str, text: str, file: Pa
     wanted = parse_yaml(text, str(file)).root["robots"][robot]["plugins"][instance][KEY]
     settings: Mapping[str, Any] = config.plugins[instance].settings
     if settings[KEY] != wanted:
-        message = "stands here already and would override what was measured: remove it, then try again"
+        message = "is set here and would override the measured calibration: remove it, then try again"
         raise ConfigError([config.plugins[instance].problem((KEY,), message)])
 
 
-def _text_of(file: Path) -> str | None:
+def _read_text(file: Path) -> str | None:
     try:
         return file.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -180,12 +185,12 @@ def _text_of(file: Path) -> str | None:
 def _restore(file: Path, text: str | None) -> None:
     if text is None:
         file.unlink(missing_ok=True)
-    elif _text_of(file) != text:
-        _write(file, text)
+    elif _read_text(file) != text:
+        _replace_file(file, text)
 
 
-def _write(file: Path, text: str) -> None:
-    """Write a file as a whole or not at all, with the permissions it has."""
+def _replace_file(file: Path, text: str) -> None:
+    """Replace a file atomically, keeping its permissions."""
     trial = file.with_name(f".{file.name}.new")
     try:
         trial.write_text(text, encoding="utf-8")

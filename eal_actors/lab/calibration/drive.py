@@ -1,83 +1,86 @@
-"""Squares driven and measured: a robot's base is commanded, and somebody who knows says where it came to stand."""
+"""Driving and measuring squares with a robot's base."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from typing import Any, Final
+
+from typing_extensions import override
 
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData
 from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.kernel.errors import ResourceFaultError, UnsupportedError
 from eal_actors.lab.calibration.square import LEGS, START, WAYS, Pose, Way, seen_from
-from eal_actors.lab.calibration.umbmark import Point, SquareEnds
+from eal_actors.lab.calibration.square_ends import Point, SquareEnds
 
 BASE: Final = "Base"
 _TRUTH: Final = "Pose"
 _ODOMETRY: Final = "Odometry"
 _BUMP: Final = "Bump"
 _SLOWEST_M_S: Final = 0.05
-"""A base that drives a side slower than this has missed its deadline."""
+"""Slowest speed of a side; the deadline of a side follows from it."""
 _TURN_S: Final = 60.0
 """Deadline of a quarter turn."""
 _QUARTERS: Final[dict[Way, str]] = {"cw": "r90", "ccw": "l90"}
 
 
-class Measurer(Protocol):
-    """Who sees where a robot stands."""
+class SquareMeasurement(ABC):
+    """Measurement of where a robot ends its squares."""
 
-    def begin(self, way: Way, number: int) -> None:
-        """See that the robot stands at its start, the first side ahead; `number` counts a way's squares from 1."""
-        ...
+    @abstractmethod
+    def prepare(self, way: Way, number: int) -> None:
+        """Place the robot at its start, the first side ahead; `number` counts the squares of a way from 1."""
 
-    def end(self, way: Way, number: int) -> Point:
-        """Return where it stands after a square, from its start: x ahead and y to the left, in metres."""
-        ...
+    @abstractmethod
+    def measure(self, way: Way, number: int) -> Point:
+        """Return the robot's position after a square, relative to its start: x ahead and y to the left, in metres."""
 
 
-class GroundTruth:
-    """Measures a simulated robot, and carries it back to where it stood at first, by its resource Pose."""
+class GroundTruth(SquareMeasurement):
+    """Measurement of a simulated robot, which its resource Pose also puts back to the start."""
 
     def __init__(self, robot: RobotHandle) -> None:
         self._pose = robot[_TRUTH]
         self._start = _pose_of(self._pose)
 
-    def begin(self, way: Way, number: int) -> None:  # noqa: ARG002  # every square starts at the same place
-        """See Measurer."""
+    @override
+    def prepare(self, way: Way, number: int) -> None:
         self._pose.set_value(list(self._start)).get()
 
-    def end(self, way: Way, number: int) -> Point:  # noqa: ARG002
-        """See Measurer."""
+    @override
+    def measure(self, way: Way, number: int) -> Point:
         return seen_from(self._start, _pose_of(self._pose))[:2]
 
 
 def has_ground_truth(robot: RobotHandle) -> bool:
-    """Return whether a robot knows where it truly is, and can be put elsewhere: whether it is simulated."""
+    """Return whether a robot is simulated: its resource Pose gives its true pose and can change it."""
     return _TRUTH in robot
 
 
 def drive_squares(
     robot: RobotHandle,
-    measurer: Measurer,
+    measurement: SquareMeasurement,
     side_m: float,
     count: int,
-    tell: Callable[[Way, int, Point], None] = lambda *_: None,
+    on_end: Callable[[Way, int, Point], None] = lambda *_: None,
 ) -> SquareEnds:
-    """Have a robot drive squares from one start, first clockwise, then the other way round, and measure their ends.
+    """Drive squares from one start, first clockwise, then counter-clockwise, and measure their ends.
 
-    What counts is where it stands less where its odometry believes that it does, if it has one: a motion that stops a
-    little early is no error of the wheels.
+    The position by odometry, if the robot has it, is subtracted from each end: a motion that stops a little early is
+    not an error of the wheels.
 
     Args:
-        robot: it has a resource Base with the commands f<metres>, l<degrees> and r<degrees>.
-        measurer: who says where it stands.
+        robot: a robot whose resource Base has the commands f<metres>, l<degrees> and r<degrees>.
+        measurement: measures the ends.
         side_m: length of a side.
         count: squares each way.
-        tell: is told each end, in metres.
+        on_end: called with each end, in metres.
 
     Raises:
-        ResourceFaultError: it touches something.
-        EALError: a call failed; the base is halted whatever happens.
+        ResourceFaultError: the robot touches something.
+        EALError: a call failed; the base is halted in every case.
 
     Thread: blocks the caller.
     """
@@ -85,18 +88,18 @@ def drive_squares(
     try:
         for way in WAYS:
             for number in range(1, count + 1):
-                measurer.begin(way, number)
-                believed = _driven(robot, base, side_m, way)
-                x_m, y_m = measurer.end(way, number)
+                measurement.prepare(way, number)
+                believed = _drive_square(robot, base, side_m, way)
+                x_m, y_m = measurement.measure(way, number)
                 ends[way].append((x_m - believed[0], y_m - believed[1]))
-                tell(way, number, ends[way][-1])
+                on_end(way, number, ends[way][-1])
     finally:
         base.halt().get()
     return SquareEnds(ends["cw"], ends["ccw"])
 
 
-def _driven(robot: RobotHandle, base: ResourceHandle, side_m: float, way: Way) -> Pose:
-    """Drive one square; return where the robot believes that it ended, from its start."""
+def _drive_square(robot: RobotHandle, base: ResourceHandle, side_m: float, way: Way) -> Pose:
+    """Drive one square; return its end by odometry, relative to its start."""
     odometry = robot.get(_ODOMETRY)
     if odometry is not None:
         odometry.set_value(list(START)).get()
@@ -115,18 +118,18 @@ def _pose_of(resource: ResourceHandle) -> Pose:
 
 
 def wheelbase_of(robot: RobotHandle) -> float | None:
-    """Return the nominal distance of a robot's wheels, in metres; None if its base does not tell."""
+    """Return the nominal distance of a robot's wheels, in metres; None if its base has no `wheelbase_m`."""
     return _config(robot, "wheelbase_m")
 
 
 def calibration_of_base(robot: RobotHandle) -> WheelCalibration | None:
-    """Return what a robot's base knows of its wheels; None if it cannot know anything."""
+    """Return the calibration that a robot's base uses; None if the base cannot be calibrated."""
     known = {name: _config(robot, name) for name in WheelCalibration.model_fields}
     return None if None in known.values() else WheelCalibration.model_validate(known)
 
 
 def calibrate_base(robot: RobotHandle, calibration: WheelCalibration) -> None:
-    """Tell a robot's base how its wheels are, until it is started anew.
+    """Set the calibration of a robot's base, until the base restarts.
 
     Raises:
         UnsupportedError: the base has no such configuration.

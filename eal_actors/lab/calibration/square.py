@@ -1,4 +1,4 @@
-"""Where a robot ends that was told to drive a square, by the kinematics of two wheels alone. Everything is pure."""
+"""Kinematics of a differential base that drives a square. All functions are pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 Pose: TypeAlias = tuple[float, float, float]
 """x and y in metres, yaw in radians, counter-clockwise and unwrapped."""
 Way: TypeAlias = Literal["cw", "ccw"]
-"""Whether a square is driven with turns to the right, clockwise, or to the left."""
+"""Direction of a square: clockwise, with turns to the right, or counter-clockwise."""
 
 WAYS: Final[tuple[Way, Way]] = ("cw", "ccw")
 LEGS: Final = 4
@@ -20,14 +20,14 @@ START: Final[Pose] = (0.0, 0.0, 0.0)
 def square_end(
     way: Way, side_m: float, wheelbase_m: float, truth: WheelCalibration, applied: WheelCalibration = NOMINAL
 ) -> Pose:
-    """Return the pose after four sides and four turns of a quarter, from (0, 0, 0), the first side along x.
+    """Return the pose after four sides and four quarter turns from (0, 0, 0), the first side along x.
 
     Args:
-        way: which way round.
+        way: direction of the square.
         side_m: length of a side.
-        wheelbase_m: the nominal distance of the wheels.
-        truth: how the wheels are.
-        applied: how the base believes that they are.
+        wheelbase_m: nominal distance of the wheels.
+        truth: the true calibration of the wheels.
+        applied: the calibration that the base uses.
     """
     arm_m = wheelbase_m / 2
     quarter_m = math.pi / 2 * arm_m * (1.0 if way == "ccw" else -1.0)
@@ -41,7 +41,7 @@ def square_end(
 
 
 def along_arc(pose: Pose, ahead_m: float, turn_rad: float) -> Pose:
-    """Return a pose after an arc: so far ahead along it, while turning evenly by an angle."""
+    """Return the pose after an arc of a length and a turn at constant curvature."""
     x_m, y_m, yaw_rad = pose
     half_rad = turn_rad / 2
     chord_m = ahead_m * math.sin(half_rad) / half_rad if half_rad else ahead_m
@@ -50,7 +50,7 @@ def along_arc(pose: Pose, ahead_m: float, turn_rad: float) -> Pose:
 
 
 def seen_from(start: Pose, pose: Pose) -> Pose:
-    """Return a pose in the frame of another one; yaw in (-pi, pi]."""
+    """Return a pose in the frame of `start`; yaw in (-pi, pi]."""
     east_m, north_m = pose[0] - start[0], pose[1] - start[1]
     cosine, sine = math.cos(start[2]), math.sin(start[2])
     yaw_rad = math.pi - (math.pi - (pose[2] - start[2])) % math.tau

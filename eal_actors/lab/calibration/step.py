@@ -1,52 +1,28 @@
-"""The scenario step `fit_umbmark`: what the squares that a scenario drove say of its robot."""
+"""The scenario step `fit_umbmark`: fit a robot's calibration to the squares that a scenario drove."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.differential_base import NOMINAL
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.calibration.drive import calibration_of_base, wheelbase_of
-from eal_actors.lab.calibration.ends_file import read_ends, write_ends
 from eal_actors.lab.calibration.fit import Fit, fit_squares
 from eal_actors.lab.calibration.square import START, WAYS, Pose, seen_from
-from eal_actors.lab.calibration.umbmark import Point, SquareEnds
+from eal_actors.lab.calibration.square_ends import Point, SquareEnds, read_square_ends, write_square_ends
 from eal_actors.scenario.report.files import check_file_name
+from eal_actors.scenario.steps.python import StepContext
 
 NAME: Final = "umbmark"
-"""Of the files that the step leaves in the robot's folder, unless it is told another one."""
-
-
-class Context(Protocol):
-    """What the step uses of its scenario."""
-
-    @property
-    def robots(self) -> Mapping[str, RobotHandle]:
-        """The robots that it may use, by name."""
-        ...
-
-    @property
-    def robot(self) -> str | None:
-        """The robot of the `on` around it."""
-        ...
-
-    @property
-    def directory(self) -> Path | None:
-        """The run's folder."""
-        ...
-
-    @property
-    def log(self) -> Callable[[str], None]:
-        """Tells those who watch."""
-        ...
+"""Default name of the files that the step writes into the robot's folder."""
 
 
 def fit_umbmark(
-    context: Context,
+    context: StepContext,
     *,
     side_m: float,
     ends: Sequence[Sequence[Any]] | None = None,
@@ -55,36 +31,36 @@ def fit_umbmark(
     wheelbase_m: float | None = None,
     name: str = NAME,
 ) -> dict[str, float]:
-    """Fit E_b and E_d to where a robot's squares ended; stands inside an `on`.
+    """Fit E_b and E_d to the ends of a robot's squares; the step belongs inside an `on`.
 
     Args:
         context: of the step.
         side_m: length of a side.
-        ends: of each square, the way (cw or ccw), the pose in which the robot ended, as it was measured, and, if it has
-            odometry that was set to 0 before, the pose in which it believed to be.
-        start: the pose from which every square began, as it was measured.
-        file: a CSV file with the columns way, x_m and y_m, in place of `ends`.
-        wheelbase_m: the nominal distance of the wheels; what the base tells, if left out.
-        name: of the files that it leaves in the robot's folder: `<name>.csv` with the ends, and `<name>.json`.
+        ends: for each square, the way (cw or ccw), the measured end pose and, if odometry was set to 0 before the
+            square, the end pose by odometry.
+        start: the measured start pose of all squares.
+        file: a CSV file with the columns way, x_m and y_m, instead of `ends`.
+        wheelbase_m: nominal distance of the wheels; default: that of the base.
+        name: name of the files that the step writes into the robot's folder: `<name>.csv` with the ends, `<name>.json`.
 
     Returns:
         track_factor (E_b), wheel_ratio (E_d), error_m (E_max,syst of these squares) and left_over_m.
 
     Raises:
-        ScenarioError: it stands outside an `on`, the name leads out of the folder, or `ends` or the robot lack
-            something.
-        ArgumentError: no base makes squares end so.
+        ScenarioError: the step is outside an `on`, the name leads out of the folder, or `ends` are wrong, or there is
+            no wheelbase.
+        ArgumentError: no base can produce these ends.
         ConfigError: the file is wrong.
     """
     if context.robot is None:
-        raise ScenarioError("fit_umbmark is of one robot: it must stand inside an `on`")
+        raise ScenarioError("fit_umbmark works on one robot: put it inside an `on`")
     check_file_name(f"{name}.csv")
     robot = context.robots[context.robot]
     if (ends is None) == (file is None):
         raise ScenarioError("fit_umbmark needs either `ends` or `file`")
-    measured = read_ends(Path(file)) if file is not None else _measured(ends or (), start)
+    measured = read_square_ends(Path(file)) if file is not None else _measured(ends or (), start)
     fit = _fit(robot, measured, side_m, wheelbase_m)
-    context.log(_told(measured, fit))
+    context.log(_summarize(measured, fit))
     found = {**fit.calibration.model_dump(), "error_m": measured.error_m, "left_over_m": fit.left_over_m}
     if context.directory is not None:
         _keep(context.directory / robot.name, name, measured, found)
@@ -92,30 +68,30 @@ def fit_umbmark(
 
 
 def _fit(robot: RobotHandle, measured: SquareEnds, side_m: float, wheelbase_m: float | None) -> Fit:
-    """Fit what the base is told now, so that what is found takes its place."""
+    """Fit from the calibration that the base uses now, which the result replaces."""
     base_m = wheelbase_m or wheelbase_of(robot)
     if base_m is None:
-        raise ScenarioError("fit_umbmark needs `wheelbase_m`: the Base does not tell").at(robot.name)
+        raise ScenarioError("fit_umbmark needs `wheelbase_m`: the Base has none").at(robot.name)
     return fit_squares(measured, side_m, base_m, calibration_of_base(robot) or NOMINAL)
 
 
-def _told(measured: SquareEnds, fit: Fit) -> str:
-    doubt = "; more is left over than chance explains" if fit.is_doubtful else ""
+def _summarize(measured: SquareEnds, fit: Fit) -> str:
+    doubt = "; more than chance explains" if fit.is_doubtful else ""
     return (
         f"off by {measured.error_m * 1000:.0f} mm: E_b {fit.calibration.track_factor:.4f}, "
-        f"E_d {fit.calibration.wheel_ratio:.4f}, {fit.left_over_m * 1000:.0f} mm left over{doubt}"
+        f"E_d {fit.calibration.wheel_ratio:.4f}, {fit.left_over_m * 1000:.0f} mm remain{doubt}"
     )
 
 
 def _keep(folder: Path, name: str, measured: SquareEnds, found: Mapping[str, float]) -> None:
-    """Leave the ends and what was found from them in the robot's folder."""
+    """Write the ends and the result into the robot's folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_ends(measured, folder / f"{name}.csv")
+    write_square_ends(measured, folder / f"{name}.csv")
     (folder / f"{name}.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
 
 
 def _measured(ends: Sequence[Sequence[Any]], start: Sequence[float]) -> SquareEnds:
-    """Return ends as they are seen from the start, less where the robot believed to be."""
+    """Return the ends relative to the start, minus the ends by odometry."""
     points: dict[str, list[Point]] = {way: [] for way in WAYS}
     for number, end in enumerate(ends, start=1):
         try:

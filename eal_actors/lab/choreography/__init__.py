@@ -1,4 +1,4 @@
-"""Choreography: where the robots of a group go and in which order, and what has changed where they look.
+"""Choreography: formations of a group of robots, and detection of changes in their camera pictures.
 
-All of it is pure but the two scenario steps, `plan_formation` and `compare_views`.
+Everything is pure except for the scenario steps `plan_formation` and `compare_views`.
 """

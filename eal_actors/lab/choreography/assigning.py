@@ -1,4 +1,4 @@
-"""Who goes to which place: the assignment of the least sum of squared ways."""
+"""Assignment of robots to places with the least sum of squared distances."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ Point: TypeAlias = tuple[float, float]
 
 
 def assign_places(starts: Sequence[Point], places: Sequence[Point]) -> list[int]:
-    """Return for each start the number of its place, so that the sum of the squared ways is least.
+    """Return for each start the number of its place, minimising the sum of squared distances.
 
-    Squares, not lengths: then no two robots want to change sides, `(s_i - s_j) · (p_i - p_j) >= 0` for all i, j, and
-    nobody's whole way lies on the way of another.
+    Squares, because then no two robots swap sides: `(s_i - s_j) · (p_i - p_j) >= 0` for all i, j; and no robot's path
+    lies completely on another's.
 
     Args:
-        starts: where the robots stand.
-        places: where they are wanted; as many.
+        starts: positions of the robots.
+        places: target positions, one for each robot.
 
     Raises:
-        ArgumentError: there are more or fewer places than robots.
+        ArgumentError: the numbers of places and robots differ.
     """
     if len(starts) != len(places):
         raise ArgumentError(f"{len(starts)} robots need as many places, not {len(places)}")
@@ -32,21 +32,21 @@ def assign_places(starts: Sequence[Point], places: Sequence[Point]) -> list[int]
 
 
 def least_assignment(costs: Sequence[Sequence[float]]) -> list[int]:
-    """Return for each row the column that it is given, each column once, so that the sum of the costs is least.
+    """Return for each row its column, each column once, minimising the sum of the costs.
 
-    The Hungarian method with potentials: O(n³), a tenth of a second for 100 rows.
+    Hungarian method with potentials: O(n³), 0.1 s for 100 rows.
 
     Args:
         costs: shape (n, n), finite.
     """
     size = len(costs)
     row_potential, column_potential = [0.0] * (size + 1), [0.0] * (size + 1)
-    row_of = [0] * (size + 1)  # of each column, counted from 1; column 0 holds the row that is being placed
+    row_of = [0] * (size + 1)  # row of each column, counted from 1; column 0 holds the row to place
     for row in range(1, size + 1):
         row_of[0] = row
         before = _cheapest_chain(costs, row_of, row_potential, column_potential)
         column = before.pop()
-        while column:  # along the chain each row moves on to the next column
+        while column:  # each row of the chain moves to the next column
             row_of[column] = row_of[before[column]]
             column = before[column]
     columns = [0] * size
@@ -58,9 +58,9 @@ def least_assignment(costs: Sequence[Sequence[float]]) -> list[int]:
 def _cheapest_chain(
     costs: Sequence[Sequence[float]], row_of: list[int], row_potential: list[float], column_potential: list[float]
 ) -> list[int]:
-    """Return for each column the one before it in the chain of moves that frees a column, and at last that column.
+    """Return the predecessor of each column in the augmenting path, then the free column at its end.
 
-    Updates the potentials on the way.
+    Updates the potentials.
     """
     size = len(costs)
     slack = [math.inf] * (size + 1)

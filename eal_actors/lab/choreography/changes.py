@@ -1,7 +1,8 @@
-"""What has changed between two pictures that were taken from nearly the same place.
+"""Detection of changes between two pictures from nearly the same place.
 
-A robot never comes back to a place exactly: pictures are shifted, and near things more than far ones. So each spot of
-one picture is looked for round the same spot of the other. What is found nowhere near has come or gone.
+A robot never returns to a place exactly: pictures are shifted, and near objects more than far ones. So each spot of one
+picture is searched for near the same spot of the other. A spot without a match belongs to an object that appeared or
+disappeared.
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ Image = NDArray[np.uint8]
 _Floats = NDArray[np.floating[Any]]
 
 _WIDTH_PX: Final = 160
-"""Pictures are compared at this width: the mean of many pixels has little noise left."""
+"""Width of the compared pictures: averaging many pixels removes noise."""
 _SPOT_PX: Final = 7
-"""Side of the spots that are looked for, in pixels of that width."""
+"""Side of a spot, in pixels of that width."""
 _MAD_TO_SIGMA: Final = 1.4826
 _LEAST_GREY: Final = 9.0
-"""Grey levels by which a spot must at least differ, noise or not: what light and rounding do."""
+"""Smallest difference of a spot in grey levels: smaller ones come from light and rounding."""
 _SIGMAS: Final = 6.0
 
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """What has changed in a picture.
+    """Changes of a picture.
 
     Attributes:
-        share: how much of the picture has, 0 to 1.
-        boxes: round each thing that has come or gone, the largest first: x, y, width, height in pixels of the picture.
+        share: changed share of the picture, 0 to 1.
+        boxes: bounding box of each changed object, largest first: x, y, width, height in pixels of the picture.
     """
 
     share: float
@@ -43,13 +44,13 @@ class Changes:
 
 
 def find_changes(before: Image, after: Image, *, slack_share: float = 0.04, least_share: float = 0.006) -> Changes:
-    """Return what has come or gone from one picture to another.
+    """Return the objects that appeared or disappeared between two pictures.
 
     Args:
         before: RGB, (h, w, 3), at least 64 pixels wide and high.
-        after: the same place later; of the same shape. It may be brighter or darker as a whole.
-        slack_share: how far things may be elsewhere without having moved, as a share of the width.
-        least_share: share of the picture that a change takes at least; what is smaller is passed over.
+        after: the same place later, of the same shape. Its overall brightness may differ.
+        slack_share: tolerated shift of unmoved objects, as a share of the width.
+        least_share: smallest share of the picture of a reported change.
 
     Raises:
         ArgumentError: the pictures differ in shape, or are too small.
@@ -59,41 +60,42 @@ def find_changes(before: Image, after: Image, *, slack_share: float = 0.04, leas
     if before.ndim != 3 or before.shape[2] != 3 or min(before.shape[:2]) < 64:
         raise ArgumentError(f"a picture must be (h, w, 3) and at least 64 pixels wide and high, not {before.shape}")
     scale = before.shape[1] / _WIDTH_PX
-    one, other = _small(before, scale), _small(after, scale)
-    one = _as_bright_as(one, other)
+    one, other = _shrink(before, scale), _shrink(after, scale)
+    one = _match_brightness(one, other)
     slack_px = max(1, math.ceil(slack_share * _WIDTH_PX))
-    unlike = np.maximum(_unlike(one, other, slack_px), _unlike(other, one, slack_px))
+    unlike = np.maximum(_dissimilarity(one, other, slack_px), _dissimilarity(other, one, slack_px))
     typical = float(np.median(unlike))
     spread = _MAD_TO_SIGMA * float(np.median(np.abs(unlike - typical)))
     mask = (unlike > typical + max(_LEAST_GREY, _SIGMAS * spread)).astype(np.uint8)
-    for edge in (np.s_[:slack_px], np.s_[-slack_px:]):  # where the other picture may not show the place
+    for edge in (np.s_[:slack_px], np.s_[-slack_px:]):  # the other picture may not show the edges
         mask[edge, :] = mask[:, edge] = 0
-    return _boxes(mask, scale, before.shape[1], before.shape[0], least_share)
+    return _find_boxes(mask, scale, before.shape[1], before.shape[0], least_share)
 
 
-def _small(image: Image, scale: float) -> _Floats:
+def _shrink(image: Image, scale: float) -> _Floats:
     size = (_WIDTH_PX, max(1, round(image.shape[0] / scale)))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale > 1 else cv2.INTER_LINEAR)
     return np.asarray(small, np.float32)
 
 
-def _as_bright_as(one: _Floats, other: _Floats) -> _Floats:
-    """Return a picture with the factor on it that makes it as bright as another, whatever has come or gone."""
+def _match_brightness(one: _Floats, other: _Floats) -> _Floats:
+    """Return a picture with the brightness of another; the median makes it robust against changed objects."""
     gain = float(np.median((other.mean(axis=2) + 1) / (one.mean(axis=2) + 1)))
     return np.asarray(np.minimum(one * gain, 255.0), np.float32)
 
 
-def _unlike(one: _Floats, other: _Floats, slack_px: int) -> _Floats:
-    """Return for each spot of a picture by how many grey levels it differs from the most alike spot near it.
+def _dissimilarity(one: _Floats, other: _Floats, slack_px: int) -> _Floats:
+    """Return for each spot of a picture its difference, in grey levels, from the most similar spot near it.
 
-    What lies between a pixel's darkest and brightest neighbour is alike: an edge is never shifted by whole pixels.
+    A level between a pixel's darkest and brightest neighbours counts as equal, because edges shift by fractions of a
+    pixel.
     """
     height, width, _ = one.shape
     edge = cv2.copyMakeBorder(other, *(slack_px,) * 4, cv2.BORDER_REPLICATE)
     around = np.ones((3, 3), np.uint8)
     darkest, brightest = cv2.erode(edge, around), cv2.dilate(edge, around)
     best = np.full((height, width), np.inf, np.float32)
-    for down in range(0, 2 * slack_px + 1, 2):  # the neighbours make up for what is left out
+    for down in range(0, 2 * slack_px + 1, 2):  # the neighbours cover the skipped shifts
         for right in range(0, 2 * slack_px + 1, 2):
             here = np.s_[down : down + height, right : right + width]
             beyond = np.maximum(one - brightest[here], darkest[here] - one).max(axis=2)
@@ -101,8 +103,8 @@ def _unlike(one: _Floats, other: _Floats, slack_px: int) -> _Floats:
     return best
 
 
-def _boxes(mask: NDArray[np.uint8], scale: float, width: int, height: int, least_share: float) -> Changes:
-    """Return the boxes round what is marked, in pixels of the whole picture."""
+def _find_boxes(mask: NDArray[np.uint8], scale: float, width: int, height: int, least_share: float) -> Changes:
+    """Return the boxes of the marked areas, in pixels of the original picture."""
     number, _, figures, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     found = sorted((tuple(map(int, figures[label])) for label in range(1, number)), key=lambda figure: -figure[4])
     large = [figure for figure in found if figure[4] >= least_share * mask.size]

@@ -1,4 +1,4 @@
-"""Who goes when: phases in which nobody comes near anybody, whatever the speeds."""
+"""Order of the robots' movements: phases without close approaches, whatever the robots' speeds."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _ROUNDING_M: Final = 1e-9
 
 
 class Phases(NamedTuple):
-    """Who goes when.
+    """A plan of movements.
 
     Attributes:
-        steps: for each phase, the number of the place where each robot is in the end of it; -1 is where it first stood.
-        place_of: the number of each robot's place in the end.
+        steps: for each phase, the number of each robot's place at its end; -1 is the robot's start.
+        place_of: number of each robot's final place.
     """
 
     steps: list[list[int]]
@@ -25,23 +25,23 @@ class Phases(NamedTuple):
 
 
 def plan_phases(starts: Sequence[Point], places: Sequence[Point], clearance_m: float) -> Phases:
-    """Plan who goes when.
+    """Plan the phases.
 
-    In a phase several robots go at once, each straight to a place. Each keeps the clearance from whoever stands
-    meanwhile, and from the whole ways of the others, so that it does not matter who is fast or slow, or when each
-    begins. A phase is over when its last robot has arrived.
+    In a phase several robots move at once, each straight to a place. Each keeps the clearance from the standing robots
+    and from the complete paths of the other moving ones, so that speeds and start times do not matter. A phase ends
+    when its last robot has arrived.
 
-    Robots go early whose places bar nobody's way later. Where somebody is in the way all the same, the places are given
-    anew: he goes on to the place behind him, and leaves his own to the one who comes.
+    Robots whose places block no other path move first. If a robot still blocks a path, the places are assigned again
+    from the current positions: the blocking robot moves on to the place behind it, and the other one takes its place.
 
     Args:
-        starts: where the robots stand.
-        places: where they are wanted; as many.
-        clearance_m: from the middle of a robot to the middle of any other.
+        starts: positions of the robots.
+        places: target positions, one for each robot.
+        clearance_m: smallest distance between the centres of two robots.
 
     Raises:
-        ArgumentError: there are more or fewer places than robots, two starts or two places are nearer than the
-            clearance, or no order lets everybody through.
+        ArgumentError: the numbers of places and robots differ, two starts or two places are closer than the clearance,
+            or every order leaves a path blocked.
     """
     _check_apart(starts, "robots", "stand", clearance_m)
     _check_apart(places, "places", "are", clearance_m)
@@ -54,7 +54,7 @@ def plan_phases(starts: Sequence[Point], places: Sequence[Point], clearance_m: f
         goals = [places[number] for number in place_of]
         going = _next_phase(waiting, at, goals, clearance_m)
         if not going:
-            place_of = _given_anew(at, places, goals, clearance_m, len(waiting))
+            place_of = _reassign(at, places, goals, clearance_m, len(waiting))
             continue
         for robot in going:
             at[robot], place_at[robot] = goals[robot], place_of[robot]
@@ -63,35 +63,35 @@ def plan_phases(starts: Sequence[Point], places: Sequence[Point], clearance_m: f
 
 
 def _next_phase(waiting: Sequence[int], at: Sequence[Point], goals: Sequence[Point], clearance_m: float) -> list[int]:
-    """Return the robots that can go at once; none if everybody is in somebody's way."""
-    ways = {robot: (at[robot], goals[robot]) for robot in waiting}
-    free = [robot for robot in waiting if _is_clear(ways[robot], _without(at, robot), clearance_m)]
+    """Return the robots that can move now; none if all block each other."""
+    paths = {robot: (at[robot], goals[robot]) for robot in waiting}
+    free = [robot for robot in waiting if _is_clear(paths[robot], _without(at, robot), clearance_m)]
     harmless = [
         robot
         for robot in free
-        if all(_is_clear(way, [goals[robot]], clearance_m) for other, way in ways.items() if other != robot)
+        if all(_is_clear(path, [goals[robot]], clearance_m) for other, path in paths.items() if other != robot)
     ]
     going: list[int] = []
     for robot in harmless or free[:1]:
-        if all(ways_apart_m(ways[robot], ways[other]) >= clearance_m for other in going):
+        if all(path_distance_m(paths[robot], paths[other]) >= clearance_m for other in going):
             going.append(robot)
     return going
 
 
-def _given_anew(
+def _reassign(
     at: Sequence[Point], places: Sequence[Point], goals: Sequence[Point], clearance_m: float, stuck: int
 ) -> list[int]:
-    """Return who gets which place from where they stand now: a smaller sum of squared ways, so it comes to an end.
+    """Assign the places again from the current positions; the sum of squared distances falls, so planning terminates.
 
     Raises:
-        ArgumentError: the sum does not become smaller.
+        ArgumentError: the sum does not fall.
     """
     place_of = assign_places(at, places)
     new_m2 = sum(math.dist(point, places[number]) ** 2 for point, number in zip(at, place_of, strict=True))
     if new_m2 >= sum(math.dist(point, goal) ** 2 for point, goal in zip(at, goals, strict=True)) - _ROUNDING_M:
         raise ArgumentError(
-            f"{stuck} of {len(at)} robots stand in each other's way; a greater spacing, "
-            f"or a smaller margin than {clearance_m:g} m from middle to middle, lets them by"
+            f"{stuck} of {len(at)} robots block each other: increase the spacing, "
+            f"or use a smaller margin than {clearance_m:g} m between centres"
         )
     return place_of
 
@@ -101,8 +101,8 @@ def _check_apart(points: Sequence[Point], what: str, verb: str, clearance_m: flo
         for other in points[:number]:
             if math.dist(point, other) < clearance_m - _ROUNDING_M:
                 raise ArgumentError(
-                    f"two {what} {verb} {math.dist(point, other):.2f} m apart, and {clearance_m:.2f} m "
-                    "from middle to middle are needed to keep the margin"
+                    f"two {what} {verb} {math.dist(point, other):.2f} m apart; the margin needs {clearance_m:.2f} m "
+                    "between centres"
                 )
 
 
@@ -110,13 +110,13 @@ def _without(points: Sequence[Point], robot: int) -> list[Point]:
     return [point for other, point in enumerate(points) if other != robot]
 
 
-def _is_clear(way: tuple[Point, Point], standing: Iterable[Point], clearance_m: float) -> bool:
-    return all(distance_to_way_m(point, way) >= clearance_m - _ROUNDING_M for point in standing)
+def _is_clear(path: tuple[Point, Point], standing: Iterable[Point], clearance_m: float) -> bool:
+    return all(distance_to_path_m(point, path) >= clearance_m - _ROUNDING_M for point in standing)
 
 
-def distance_to_way_m(point: Point, way: tuple[Point, Point]) -> float:
-    """Return the distance from a point to the nearest point of a straight way."""
-    (x_m, y_m), (to_x_m, to_y_m) = way
+def distance_to_path_m(point: Point, path: tuple[Point, Point]) -> float:
+    """Return the distance from a point to the nearest point of a straight path."""
+    (x_m, y_m), (to_x_m, to_y_m) = path
     dx_m, dy_m = to_x_m - x_m, to_y_m - y_m
     square_m2 = dx_m * dx_m + dy_m * dy_m
     along = ((point[0] - x_m) * dx_m + (point[1] - y_m) * dy_m) / square_m2 if square_m2 else 0.0
@@ -124,17 +124,17 @@ def distance_to_way_m(point: Point, way: tuple[Point, Point]) -> float:
     return math.dist(point, (x_m + along * dx_m, y_m + along * dy_m))
 
 
-def ways_apart_m(way: tuple[Point, Point], other: tuple[Point, Point]) -> float:
-    """Return how near two straight ways come to each other; 0 where they cross."""
-    if _sides(way, other[0]) * _sides(way, other[1]) < 0 and _sides(other, way[0]) * _sides(other, way[1]) < 0:
+def path_distance_m(path: tuple[Point, Point], other: tuple[Point, Point]) -> float:
+    """Return the smallest distance between two straight paths; 0 if they cross."""
+    if _side(path, other[0]) * _side(path, other[1]) < 0 and _side(other, path[0]) * _side(other, path[1]) < 0:
         return 0.0
     return min(
-        *(distance_to_way_m(point, other) for point in way),
-        *(distance_to_way_m(point, way) for point in other),
+        *(distance_to_path_m(point, other) for point in path),
+        *(distance_to_path_m(point, path) for point in other),
     )
 
 
-def _sides(way: tuple[Point, Point], point: Point) -> float:
-    """Return over 0 left of a way, under 0 right of it."""
-    (x_m, y_m), (to_x_m, to_y_m) = way
+def _side(path: tuple[Point, Point], point: Point) -> float:
+    """Return a positive number for a point left of a path, a negative one for a point right of it."""
+    (x_m, y_m), (to_x_m, to_y_m) = path
     return (to_x_m - x_m) * (point[1] - y_m) - (to_y_m - y_m) * (point[0] - x_m)

@@ -1,49 +1,75 @@
-"""The scenario step `plan_formation`: which robot goes to which place of a shape, and in which phase."""
+"""Plans of formations, and the scenario step `plan_formation`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Final, Protocol
+from collections.abc import Mapping
+from typing import Final, TypedDict
 
 from pydantic import ValidationError
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.device.world.formation import Formation
+from eal_actors.device.world.formation import Formation, formation_poses
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.choreography.assigning import Point
-from eal_actors.lab.choreography.shapes import FormationPlan, plan_shape
+from eal_actors.lab.choreography.phasing import plan_phases
+from eal_actors.scenario.steps.python import StepContext
 
 STRAY_M: Final = 0.05
-"""How far a robot may be from where it is planned to be: off its way, or off its place."""
+"""Tolerated distance of a robot from its planned path or place."""
 
 
-class Context(Protocol):
-    """What the step uses of its scenario."""
+class FormationPlan(TypedDict):
+    """A plan to form a shape.
 
-    @property
-    def robots(self) -> Mapping[str, RobotHandle]:
-        """The robots that take part, by name."""
-        ...
+    Attributes:
+        phases: for each phase, each robot's position at its end, by name: [x_m, y_m].
+        places: each robot's final pose, by name: [x_m, y_m, yaw_deg].
+    """
 
-    @property
-    def log(self) -> Callable[[str], None]:
-        """Tells those who watch."""
-        ...
+    phases: list[dict[str, list[float]]]
+    places: dict[str, list[float]]
+
+
+def plan_shape(starts: Mapping[str, Point], rule: Formation, clearance_m: float) -> FormationPlan:
+    """Plan how robots form a shape; each moves on straight paths.
+
+    Args:
+        starts: position of each robot, by name.
+        rule: the shape, with one place for each robot.
+        clearance_m: smallest distance between the centres of two robots at any time.
+
+    Raises:
+        ArgumentError: starts or places are closer than the clearance, or the robots block each other.
+    """
+    poses = formation_poses(rule)
+    places = [(pose.x_m, pose.y_m) for pose in poses]
+    names, points = list(starts), list(starts.values())
+    steps, place_of = plan_phases(points, places, clearance_m)
+    return {
+        "phases": [
+            {names[robot]: list(places[number] if number >= 0 else points[robot]) for robot, number in enumerate(phase)}
+            for phase in steps
+        ],
+        "places": {
+            name: [poses[number].x_m, poses[number].y_m, poses[number].yaw_deg]
+            for name, number in zip(names, place_of, strict=True)
+        },
+    }
 
 
 def clearance_m(radius_m: float, margin_m: float) -> float:
-    """Return how far apart the middles of two robots are planned to be, so that the margin is left if both stray.
+    """Return the planned distance between the centres of two robots that keeps the margin if both stray.
 
     Args:
-        radius_m: of the largest robot.
-        margin_m: wanted between the hulls.
+        radius_m: radius of the largest robot.
+        margin_m: smallest distance between the hulls.
     """
     return 2 * (radius_m + STRAY_M) + margin_m
 
 
 def plan_formation(
-    context: Context,
+    context: StepContext,
     *,
     shape: str,
     spacing_m: float,
@@ -53,26 +79,26 @@ def plan_formation(
     radius_m: float = 0.2,
     margin_m: float = 0.1,
 ) -> FormationPlan:
-    """Plan how the robots that take part form a shape; stands outside an `on`.
+    """Plan how the robots of the scenario form a shape; the step belongs outside of `on`.
 
     Args:
-        context: of the step. Where the robots stand is asked of their Pose.
+        context: of the step. The robots' resource Pose gives their positions.
         shape: line, column, grid, circle or wedge.
-        spacing_m: from each robot to its neighbours.
-        x_m: middle of the shape, in the frame of Pose.
-        y_m: middle of the shape, in the frame of Pose.
-        yaw_deg: the way the shape faces.
-        radius_m: of the largest robot.
-        margin_m: least distance between any two hulls at any time, if nobody strays more than `STRAY_M`.
+        spacing_m: distance between neighbours.
+        x_m: centre of the shape, in the frame of Pose.
+        y_m: centre of the shape, in the frame of Pose.
+        yaw_deg: direction that the shape faces.
+        radius_m: radius of the largest robot.
+        margin_m: smallest distance between any two hulls, if no robot strays more than `STRAY_M`.
 
     Raises:
-        ScenarioError: there is no such shape, or the robots cannot form it so.
-        EALError: a robot does not tell where it is.
+        ScenarioError: the shape is invalid, or the robots cannot form it.
+        EALError: a robot's pose cannot be read.
 
-    Thread: blocks the caller until every robot has told where it is.
+    Thread: blocks the caller until the pose of every robot is known.
     """
     rule = _rule(shape=shape, count=len(context.robots), spacing_m=spacing_m, x_m=x_m, y_m=y_m, yaw_deg=yaw_deg)
-    plan = _plan(_places(context.robots), rule, clearance_m(radius_m, margin_m))
+    plan = _plan(_positions(context.robots), rule, clearance_m(radius_m, margin_m))
     number = len(plan["phases"])
     context.log(f"{rule.count} robots form a {shape} in {number} phase{'s' * (number != 1)}")
     return plan
@@ -83,11 +109,11 @@ def _rule(**wanted: object) -> Formation:
         return Formation.model_validate(wanted)
     except ValidationError as error:
         first = error.errors()[0]
-        raise ScenarioError(f"there is no such formation: {first['loc'][0]}: {first['msg']}") from None
+        raise ScenarioError(f"invalid formation: {first['loc'][0]}: {first['msg']}") from None
 
 
-def _places(robots: Mapping[str, RobotHandle]) -> dict[str, Point]:
-    """Ask every robot at once where it is."""
+def _positions(robots: Mapping[str, RobotHandle]) -> dict[str, Point]:
+    """Return the position of every robot, read from all at once."""
     poses = gather([robot["Pose"].get_value() for robot in robots.values()]).get()
     return {name: (float(pose.value[0]), float(pose.value[1])) for name, pose in zip(robots, poses, strict=True)}
 

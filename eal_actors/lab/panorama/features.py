@@ -1,4 +1,4 @@
-"""Pairs of SIFT features, of which many agree on how far two frames are apart."""
+"""Offset of two frames by the vote of matching SIFT features."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.lab.panorama.cylinder import Patch
-from eal_actors.lab.panorama.shift import TILT_RAD, WINDOW_RAD, Shift
+from eal_actors.lab.panorama.cylinder import TILT_RAD, WINDOW_RAD, Patch, Shift
 
 _MOST: Final = 1500
-_CONTRAST: Final = 0.02  # half of what SIFT usually wants: walls of rooms are pale
+_CONTRAST: Final = 0.02  # half of the usual threshold of SIFT: walls of rooms have little contrast
 _RATIO: Final = 0.85
 _SAME_RAD: Final = 0.003
-"""Pairs agree that differ by no more than this."""
+"""Largest difference between pairs that agree."""
 _FEWEST: Final = 8
 _LEAST_SHARE: Final = 0.2
 _RIVAL_SHARE: Final = 0.6
-"""Two shifts of which one has this share of the other's pairs are both believable: a pattern that repeats."""
+"""A second shift with more than this share of the votes makes the result ambiguous: a repeating pattern."""
 _EDGE_PX: Final = 6
 
 Array = NDArray[Any]
@@ -28,10 +27,10 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """What is easily recognised in a frame.
+    """Features of a frame.
 
     Attributes:
-        places: how far to the right of the axis and how far below it, in pixels of the cylinder, (n, 2).
+        places: offsets from the axis to the right and down, in pixels of the cylinder, (n, 2).
         looks: descriptors of unit length, (n, 128).
     """
 
@@ -56,18 +55,18 @@ def find_features(patch: Patch) -> Features:
 def shift_by_features(
     first: Features, second: Features, expected_px: float, px_per_rad: float, *, window_rad: float = WINDOW_RAD
 ) -> Shift | None:
-    """Return how far two frames are apart, or None if too few pairs agree, or two shifts are as likely.
+    """Return the offset of two frames, or None if too few pairs agree or the result is ambiguous.
 
     Args:
-        first: of one frame.
-        second: of another frame.
-        expected_px: how far odometry has the second to the right of the first.
-        px_per_rad: pixels of the cylinder in a radian.
-        window_rad: how far odometry may be wrong.
+        first: features of the first frame.
+        second: features of the second frame.
+        expected_px: offset of the second frame to the right of the first by odometry.
+        px_per_rad: pixels of the cylinder per radian.
+        window_rad: largest error of odometry.
     """
     window_px = window_rad * px_per_rad
-    first = _within(first, second, expected_px, window_px)
-    second = _within(second, first, -expected_px, window_px)
+    first = _within_reach(first, second, expected_px, window_px)
+    second = _within_reach(second, first, -expected_px, window_px)
     pairs = _pairs(first, second, expected_px, window_px, TILT_RAD * px_per_rad)
     if len(pairs) < _FEWEST:
         return None
@@ -84,8 +83,8 @@ def shift_by_features(
     return Shift(float(right_px), float(down_px), "features", 1.0 / len(agreeing) ** 0.5)
 
 
-def _within(features: Features, others: Features, expected_px: float, window_px: float) -> Features:
-    """Return the features that some other one may be, if the others' axis is about so far to the right."""
+def _within_reach(features: Features, others: Features, expected_px: float, window_px: float) -> Features:
+    """Return the features within reach of some other one, whose axis is expected at an offset to the right."""
     if not len(features.places) or not len(others.places):
         return features
     right_px, others_px = features.places[:, 0], others.places[:, 0] + expected_px
@@ -94,9 +93,9 @@ def _within(features: Features, others: Features, expected_px: float, window_px:
 
 
 def _pairs(first: Features, second: Features, expected_px: float, window_px: float, tilt_px: float) -> Array:
-    """Return the shift that each pair of features tells which look alike, (n, 2).
+    """Return the shift of each matching pair of features, (n, 2).
 
-    Only pairs are looked at that odometry allows; so the same tile a metre away does no harm.
+    Only pairs that odometry allows are compared, so that an identical tile a metre away does no harm.
     """
     if not len(first.places) or not len(second.places):
         return np.empty((0, 2))
@@ -111,7 +110,7 @@ def _pairs(first: Features, second: Features, expected_px: float, window_px: flo
     is_mutual = unlike.argmin(axis=0)[partner] == row
     others = unlike.copy()
     is_near = np.linalg.norm(second.places[partner][:, np.newaxis] - second.places, axis=2) < _EDGE_PX / 2
-    others[is_near] = np.inf  # one place may have several features, which turn differently
+    others[is_near] = np.inf  # one place may have several features of different orientation
     is_clear = nearest < _RATIO * np.minimum(others.min(axis=1), 1.2)
     kept = np.flatnonzero(is_mutual & is_clear & np.isfinite(nearest))
     return np.column_stack((right_px[kept, partner[kept]], down_px[kept, partner[kept]]))

@@ -1,54 +1,34 @@
-"""The Python step `stitch_panorama`: at the end of a scenario, each robot's frames become its panorama."""
+"""The scenario step `stitch_panorama`: stitch the frames that each robot saved into its panorama."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
-from eal_actors.lab.panorama.folder import PANORAMA, describe, read_shots, save_panorama
+from eal_actors.lab.panorama.folder import PANORAMA, describe, read_frames, save_panorama
 from eal_actors.lab.panorama.stitching import stitch
+from eal_actors.scenario.steps.python import StepContext
 
 _REPORT: Final = "panorama.json"
 
 
-class Context(Protocol):
-    """What the step needs of the run that it is a step of."""
-
-    @property
-    def robots(self) -> Mapping[str, Any]:
-        """The robots that take part, by name."""
-
-    @property
-    def directory(self) -> Path | None:
-        """The run's folder, in which each robot has one for what it saved; None if nothing is kept."""
-
-    @property
-    def is_cancelled(self) -> Callable[[], bool]:
-        """Tells whether the run is being ended."""
-
-    @property
-    def log(self) -> Callable[[str], None]:
-        """Tells those who watch."""
-
-
-def stitch_run(context: Context, field_of_view_deg: float = 60.0, step_deg: float | None = None) -> dict[str, Any]:
-    """Stitch what each robot of a run saved into `panorama.png`, with `panorama.json` beside it.
+def stitch_run(context: StepContext, field_of_view_deg: float = 60.0, step_deg: float | None = None) -> dict[str, Any]:
+    """Stitch the pictures of each robot of a run into `panorama.png`, with a report in `panorama.json`.
 
     Args:
-        context: the run. Robots without pictures are passed over.
-        field_of_view_deg: angle between the left and the right edge of a frame.
-        step_deg: how far a robot turned right from each frame to the next; what stands beside the frames if left out.
+        context: of the step. Robots without pictures are skipped.
+        field_of_view_deg: angle between the left and right edges of a frame.
+        step_deg: turn to the right from each frame to the next; default: from the files beside the frames.
 
     Returns:
-        For each robot what `panorama.json` says.
+        The content of `panorama.json` for each robot.
 
     Raises:
-        ScenarioError: there is nothing to stitch, or a frame could not be placed; every robot's panorama that could be
-            made has been kept.
+        ScenarioError: there is nothing to stitch, or a frame could not be placed; finished panoramas are kept.
 
     Thread: any that may be blocked for seconds.
     """
@@ -69,7 +49,7 @@ def stitch_run(context: Context, field_of_view_deg: float = 60.0, step_deg: floa
                 left_out = _left_out(reports[name])
                 number = len(reports[name]["frames"])
                 context.log(f"{name}: {number - len(left_out)} of {number} frames stitched into {PANORAMA}")
-                problems += [f"{name}: {said}" for said in left_out]
+                problems += [f"{name}: {reason}" for reason in left_out]
     if problems:
         raise ScenarioError("\n".join(problems))
     if not reports and not context.is_cancelled():
@@ -78,10 +58,10 @@ def stitch_run(context: Context, field_of_view_deg: float = 60.0, step_deg: floa
 
 
 def _stitch_folder(folder: Path, field_of_view_deg: float, step_deg: float | None) -> dict[str, Any]:
-    shots = read_shots(folder, None if step_deg is None else math.radians(step_deg))
-    panorama = stitch(shots.frames, shots.yaws_rad, math.radians(field_of_view_deg), names=shots.names)
+    frames = read_frames(folder, None if step_deg is None else math.radians(step_deg))
+    panorama = stitch(frames.images, frames.yaws_rad, math.radians(field_of_view_deg), names=frames.names)
     save_panorama(panorama, folder / PANORAMA)
-    report = describe(panorama, shots)
+    report = describe(panorama, frames)
     (folder / _REPORT).write_text(json.dumps(report, indent=2), encoding="utf-8")
     return report
 

@@ -1,4 +1,4 @@
-"""`stitch`: frames that a camera took while it turned in place become one seamless picture."""
+"""Stitching of frames, taken while the camera turned in place, into a panorama."""
 
 from __future__ import annotations
 
@@ -12,41 +12,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.lab.panorama.blending import Canvas, View, blend, common_rows, owners_of
-from eal_actors.lab.panorama.cylinder import Image, Lens
-from eal_actors.lab.panorama.gains import gains_of
-from eal_actors.lab.panorama.placing import Placing, place
+from eal_actors.lab.panorama.blending import PanoramaCanvas, PlacedFrame, blend, common_rows, owners_of
+from eal_actors.lab.panorama.cylinder import CameraLens, Image, PlacedBy
+from eal_actors.lab.panorama.placement import FramePlacement, gains_of, place_frames
 from eal_actors.lab.panorama.ring import ring_of
-from eal_actors.lab.panorama.shift import How
 
 _LEAST_OVERLAP_DEG: Final = 10.0
-_ALLOWANCE_DEG: Final = 2.0
-"""Odometry may have the steps so much wider than they were."""
+_TOLERANCE_DEG: Final = 2.0
+"""Tolerance for steps that odometry overestimates."""
 _VIEW_DEG: Final = (10.0, 150.0)
 _LEAST_SIDE_PX: Final = 32
 _WIDEST_PX: Final = 16384
-"""A full ring gets no wider: larger frames are made smaller."""
+"""Largest width of a full ring; larger frames are scaled down."""
 _LEAST_ROWS: Final = 16
 _SAME_ASPECT: Final = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panorama:
-    """Frames in one picture, on a cylinder: columns are equally far apart in yaw, from left to right clockwise.
+    """A cylindrical panorama: its columns are equidistant in yaw, clockwise from left to right.
 
     Attributes:
-        image: shape (height, width, 3), red, green and blue, rows from the top; black where no frame reaches.
-        left_yaw_rad: yaw of the image's left edge, in the frame of the yaws that were given.
-        px_per_rad: columns in a radian; the rows are as large where they meet the horizon.
-        horizon_px: how far the horizon is below the image's upper edge.
-        is_full: whether the image goes all the way round, so that its right edge joins its left one.
-        missing_rad: how much of the way from left to right no frame shows.
-        yaws_rad: where each frame looks, in the order given; None for those that could not be placed.
-        placed: what each placed frame was placed by, by its number from 0.
-        unplaced: why the other frames could not be placed, by their numbers.
-        gains: the factor that each placed frame's brightness was corrected by.
-        closing_error_rad: how much more than a full turn the pictures alone told, before it was spread round the ring;
-            much of it means that the field of view is another. None where that is not known, as where the ring is open.
+        image: shape (height, width, 3), red, green and blue, rows from the top; black outside of all frames.
+        left_yaw_rad: yaw of the image's left edge, in the frame of the given yaws.
+        px_per_rad: columns per radian; rows have the same scale at the horizon.
+        horizon_px: distance of the horizon from the image's upper edge.
+        is_full: whether the image covers a full turn, so that its right edge joins its left edge.
+        missing_rad: angle between left and right edge that no frame shows.
+        yaws_rad: yaw of each frame, in the given order; None for frames that were not placed.
+        placed: source of each placed frame's direction, by its number from 0.
+        unplaced: why the other frames were not placed, by number.
+        gains: brightness gain of each placed frame.
+        closing_error_rad: sum of the turns by pictures minus a full turn, before its distribution round the ring; a
+            large value means a wrong field of view. None if unknown, for example for an open ring.
     """
 
     image: Image
@@ -56,7 +54,7 @@ class Panorama:
     is_full: bool
     missing_rad: float
     yaws_rad: tuple[float | None, ...]
-    placed: Mapping[int, How]
+    placed: Mapping[int, PlacedBy]
     unplaced: Mapping[int, str]
     gains: Mapping[int, float]
     closing_error_rad: float | None
@@ -71,35 +69,34 @@ def stitch(
 ) -> Panorama:
     """Stitch frames of a level camera that turned in place.
 
-    The order of the frames does not matter, and neither does where the ring begins. The same arguments give the same
-    picture.
+    The order of the frames and the start of the ring do not matter. The result is deterministic.
 
     Args:
         frames: at least two of shape (height, width, 3), unsigned bytes: red, green and blue, rows from the top. Sizes
-            may differ if their proportions do not; the largest one's detail is kept.
-        yaws_rad: where odometry has the camera looking at each frame, counter-clockwise, from anywhere; it may be
-            wrong by 12 degrees from one frame to the next.
-        field_of_view_rad: angle between the left and the right edge of a frame: 10 degrees more than the steps.
-        names: what messages call the frames; `frame 0` and so on if left out.
+            may differ, but not proportions; the resolution of the largest frame is kept.
+        yaws_rad: yaw of the camera at each frame by odometry, counter-clockwise, from any origin; it may be wrong by
+            12 degrees between consecutive frames.
+        field_of_view_rad: angle between the left and right edges of a frame: at least 10 degrees more than the steps.
+        names: names of the frames in messages; default: `frame 0` and so on.
 
     Raises:
-        ArgumentError: frames that are none, too few, or too far apart; or no two of them fit.
+        ArgumentError: a frame is not an image, there are too few frames, they are too far apart, or no two of them fit.
 
     Thread: any; it may take seconds.
     """
     names = names or [f"frame {number}" for number in range(len(frames))]
-    _check(frames, yaws_rad, field_of_view_rad, names)
-    usable, odd = _of_one_shape(frames, field_of_view_rad)
+    _validate(frames, yaws_rad, field_of_view_rad, names)
+    usable, odd = _equalise_sizes(frames, field_of_view_rad)
     _check_steps({number: yaws_rad[number] for number in usable}, field_of_view_rad)
-    placing = place(usable, yaws_rad, field_of_view_rad, names)
-    unplaced = dict(sorted({**odd, **placing.unplaced}.items()))
-    if len(placing.places) < 2:
+    placement = place_frames(usable, yaws_rad, field_of_view_rad, names)
+    unplaced = dict(sorted({**odd, **placement.unplaced}.items()))
+    if len(placement.places) < 2:
         reasons = "".join(f"\n  {names[number]} {reason}" for number, reason in unplaced.items())
         raise ArgumentError(f"no two of the {len(frames)} frames fit together:{reasons}")
-    return _painted(usable, placing, unplaced, len(frames), field_of_view_rad)
+    return _render(usable, placement, unplaced, len(frames), field_of_view_rad)
 
 
-def _check(
+def _validate(
     frames: Sequence[NDArray[Any]], yaws_rad: Sequence[float], field_of_view_rad: float, names: Sequence[str]
 ) -> None:
     least_deg, most_deg = _VIEW_DEG
@@ -114,18 +111,20 @@ def _check(
         raise ArgumentError(f"each frame needs its yaw: there are {len(frames)} frames and {len(yaws_rad)} yaws")
     for name, frame, yaw_rad in zip(names, frames, yaws_rad, strict=True):
         if not math.isfinite(yaw_rad):
-            raise ArgumentError(f"the yaw of {name} is {yaw_rad}, which is no angle")
+            raise ArgumentError(f"the yaw of {name} is {yaw_rad}: not an angle")
         if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
             raise ArgumentError(
                 f"{name} must be of shape (height, width, 3) and type uint8, not {frame.shape} and {frame.dtype}"
             )
         if min(frame.shape[:2]) < _LEAST_SIDE_PX:
             height, width = frame.shape[:2]
-            raise ArgumentError(f"{name} is only {width} x {height} px; {_LEAST_SIDE_PX} px a side are needed")
+            raise ArgumentError(f"{name} is {width} x {height} px; each side needs at least {_LEAST_SIDE_PX} px")
 
 
-def _of_one_shape(frames: Sequence[NDArray[Any]], field_of_view_rad: float) -> tuple[dict[int, Image], dict[int, str]]:
-    """Return the frames as large as the largest one, and why some cannot be made so: their proportions are others."""
+def _equalise_sizes(
+    frames: Sequence[NDArray[Any]], field_of_view_rad: float
+) -> tuple[dict[int, Image], dict[int, str]]:
+    """Return the frames scaled to the largest one, and why frames of other proportions are left out."""
     aspects = [frame.shape[1] / frame.shape[0] for frame in frames]
     usual = sorted(aspects)[len(aspects) // 2]
     fits = [abs(aspect / usual - 1) <= _SAME_ASPECT for aspect in aspects]
@@ -135,14 +134,14 @@ def _of_one_shape(frames: Sequence[NDArray[Any]], field_of_view_rad: float) -> t
     usable, odd = {}, {}
     for number, (frame, fit) in enumerate(zip(frames, fits, strict=True)):
         if fit:
-            usable[number] = _resized(np.ascontiguousarray(frame), width, height)
+            usable[number] = _resize(np.ascontiguousarray(frame), width, height)
         else:
             size = f"{frame.shape[1]} x {frame.shape[0]} px"
-            odd[number] = f"is {size}, and the others are {width} x {height} px: the same lens cannot have taken it"
+            odd[number] = f"is {size}, and the others are {width} x {height} px: it is from another camera"
     return usable, odd
 
 
-def _resized(frame: Image, width: int, height: int) -> Image:
+def _resize(frame: Image, width: int, height: int) -> Image:
     if frame.shape[:2] == (height, width):
         return frame
     way = cv2.INTER_AREA if frame.shape[1] > width else cv2.INTER_CUBIC
@@ -150,25 +149,29 @@ def _resized(frame: Image, width: int, height: int) -> Image:
 
 
 def _check_steps(yaws_rad: Mapping[int, float], field_of_view_rad: float) -> None:
-    """Refuse steps that are too wide for the frames to overlap; a few gaps are no reason to."""
+    """Raise ArgumentError if the frames typically do not overlap; a few gaps are allowed."""
     turns_deg = [math.degrees(turn_rad) for _, _, turn_rad in ring_of(yaws_rad, field_of_view_rad).neighbours()]
-    steps_deg = sorted(turn_deg for turn_deg in turns_deg if turn_deg > _ALLOWANCE_DEG)
+    steps_deg = sorted(turn_deg for turn_deg in turns_deg if turn_deg > _TOLERANCE_DEG)
     step_deg = steps_deg[len(steps_deg) // 2] if steps_deg else 0.0
-    if step_deg + _LEAST_OVERLAP_DEG > math.degrees(field_of_view_rad) + _ALLOWANCE_DEG:
+    if step_deg + _LEAST_OVERLAP_DEG > math.degrees(field_of_view_rad) + _TOLERANCE_DEG:
         raise ArgumentError(
             f"the frames are about {step_deg:.0f} degrees apart, which needs a field of view of "
             f"{step_deg + _LEAST_OVERLAP_DEG:.0f} degrees; it is {math.degrees(field_of_view_rad):g}"
         )
 
 
-def _painted(
-    frames: Mapping[int, Image], placing: Placing, unplaced: Mapping[int, str], count: int, field_of_view_rad: float
+def _render(
+    frames: Mapping[int, Image],
+    placement: FramePlacement,
+    unplaced: Mapping[int, str],
+    count: int,
+    field_of_view_rad: float,
 ) -> Panorama:
-    gains = gains_of(placing)
+    gains = gains_of(placement)
     views = {}
-    for number, (yaw_rad, down_rad) in placing.places.items():
-        lens = Lens.of(frames[number], field_of_view_rad)
-        views[number] = View(frames[number], lens, yaw_rad, down_rad, gains[number])
+    for number, (yaw_rad, down_rad) in placement.places.items():
+        lens = CameraLens.of(frames[number], field_of_view_rad)
+        views[number] = PlacedFrame(frames[number], lens, yaw_rad, down_rad, gains[number])
     canvas, owners = _canvas(views, field_of_view_rad)
     return Panorama(
         image=blend(views, owners, canvas),
@@ -177,16 +180,16 @@ def _painted(
         horizon_px=-float(canvas.top_px),
         is_full=canvas.is_closed,
         missing_rad=float((owners < 0).sum()) / canvas.px_per_rad,
-        yaws_rad=tuple(placing.places[number][0] if number in placing.places else None for number in range(count)),
-        placed=placing.how,
+        yaws_rad=tuple(placement.places[number][0] if number in placement.places else None for number in range(count)),
+        placed=placement.how,
         unplaced=unplaced,
         gains=gains,
-        closing_error_rad=placing.closing_error_rad,
+        closing_error_rad=placement.closing_error_rad,
     )
 
 
-def _canvas(views: Mapping[int, View], field_of_view_rad: float) -> tuple[Canvas, NDArray[np.int64]]:
-    """Return what to paint, and which frame each column of it is taken from."""
+def _canvas(views: Mapping[int, PlacedFrame], field_of_view_rad: float) -> tuple[PanoramaCanvas, NDArray[np.int64]]:
+    """Return the canvas, and the frame that provides each of its columns."""
     ring = ring_of({number: view.yaw_rad for number, view in views.items()}, field_of_view_rad)
     focal_px = views[ring.order[0]].lens.focal_px
     if ring.is_closed:
@@ -201,5 +204,5 @@ def _canvas(views: Mapping[int, View], field_of_view_rad: float) -> tuple[Canvas
     owners = owners_of(views, columns_rad)
     top_px, bottom_px = common_rows(views, columns_rad, owners, px_per_rad)
     if bottom_px - top_px < _LEAST_ROWS:
-        raise ArgumentError(f"the frames have only {max(bottom_px - top_px, 0)} rows in common all the way round")
-    return Canvas(left_rad, width, top_px, bottom_px, px_per_rad, ring.is_closed), owners
+        raise ArgumentError(f"the frames have only {max(bottom_px - top_px, 0)} rows in common")
+    return PanoramaCanvas(left_rad, width, top_px, bottom_px, px_per_rad, ring.is_closed), owners

@@ -1,17 +1,17 @@
-"""Rehearsals: a scenario in simulation before it is run for good, and who comes too near to what.
+"""Rehearsals: run a scenario in simulation, and report where robots come too close to anything.
 
-config = simulated(EALConfigManager.load("fleets/sim.yaml").fleet).config
-rehearsal = rehearse(load_scenario("scenarios/dance.yaml"), config, margin_m=0.1)
+twins = simulated(EALConfigManager.load("fleets/sim.yaml").fleet, ["roomba-1"])
+rehearsal = rehearse(load_scenario("scenarios/dance.yaml"), twins, margin_m=0.1, seed=1)
 """
 
-from eal_actors.lab.rehearsal.approaches import Approach, Approaches, Nearest
+from eal_actors.lab.rehearsal.proximity import ClosestApproach, ProximityEvent, ProximityRecorder
 from eal_actors.lab.rehearsal.rehearse import Incident, Rehearsal, rehearse
 
 __all__ = [
-    "Approach",
-    "Approaches",
+    "ClosestApproach",
     "Incident",
-    "Nearest",
+    "ProximityEvent",
+    "ProximityRecorder",
     "Rehearsal",
     "rehearse",
 ]

@@ -1,19 +1,19 @@
-"""Sweeps: a scenario over ranges of its parameters and over seeds, in several processes, and one table of it all.
+"""Parameter sweeps: runs of a scenario over ranges of its parameters and seeds, in several processes, in one table.
 
-sweep = Sweep.of(scenario, fleet, read_variations(scenario, ["side=0.5:1.5:0.5"], 1000), seeds=(1, 2, 3))
+sweep = Sweep(scenario, fleet, (), read_variations(scenario, ["side=0.5:1.5:0.5"], 1000), seeds=(1, 2, 3))
 """
 
 from eal_actors.lab.sweeping.folder import SweepFolder
 from eal_actors.lab.sweeping.pool import run_all
-from eal_actors.lab.sweeping.results import Result, write_csv, write_junit
-from eal_actors.lab.sweeping.sweep import Job, Sweep
+from eal_actors.lab.sweeping.results import SweepResult, write_csv, write_junit
+from eal_actors.lab.sweeping.sweep import Sweep, SweepJob
 from eal_actors.lab.sweeping.variations import Variation, read_seeds, read_variations
 
 __all__ = [
-    "Job",
-    "Result",
     "Sweep",
     "SweepFolder",
+    "SweepJob",
+    "SweepResult",
     "Variation",
     "read_seeds",
     "read_variations",

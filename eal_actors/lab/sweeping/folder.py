@@ -1,4 +1,4 @@
-"""The folder of a sweep: the runs that are finished, and what they were made of."""
+"""Folder of a sweep: its finished runs, and the inputs that they were made from."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.lab.sweeping.results import Result, read_result
-from eal_actors.lab.sweeping.sweep import Job, Sweep
+from eal_actors.lab.sweeping.results import SweepResult, read_result
+from eal_actors.lab.sweeping.sweep import Sweep, SweepJob
 from eal_actors.recording import RunFolder, keep_provenance
 from eal_actors.scenario import Scenario
 from eal_actors.scenario.report.journal import SUMMARY
 
-ORDER: Final = "sweep.json"
+SETTINGS: Final = "sweep.json"
 LOG: Final = "workers.log"
 _RUNS: Final = "runs"
 _LOCK: Final = ".lock"
 
 
 class SweepFolder:
-    """What a sweep leaves behind.
+    """The folder of a sweep.
 
     Args:
         path: the folder.
@@ -35,18 +35,18 @@ class SweepFolder:
 
     @contextmanager
     def open(self, sweep: Sweep, *, repeat: bool) -> Iterator[None]:
-        """Take the folder for a sweep; nobody else can until the end of the `with` block.
+        """Lock the folder for a sweep during the `with` block.
 
         Args:
             sweep: the sweep.
-            repeat: forget the runs that are finished.
+            repeat: remove the finished runs.
 
         Raises:
-            ScenarioError: it is another's folder, or of another scenario or fleet, or another process is at work in it.
+            ScenarioError: the folder is not a sweep's, or its scenario or fleet differs, or another process uses it.
         """
-        order = self.path / ORDER
-        if self.path.exists() and not order.is_file() and any(self.path.iterdir()):
-            raise ScenarioError(f"{self.path} is no folder of a sweep; --out names another one")
+        settings = self.path / SETTINGS
+        if self.path.exists() and not settings.is_file() and any(self.path.iterdir()):
+            raise ScenarioError(f"{self.path} is not the folder of a sweep; choose another one with --out")
         try:
             (self.path / _RUNS).mkdir(parents=True, exist_ok=True)
             lock = (self.path / _LOCK).open("w")
@@ -56,41 +56,41 @@ class SweepFolder:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise ScenarioError(f"another sweep is at work in {self.path}; --out names another folder") from None
+                raise ScenarioError(f"another sweep uses {self.path}; choose another folder with --out") from None
             if repeat:
                 shutil.rmtree(self.path / _RUNS)
                 (self.path / _RUNS).mkdir()
-            elif order.is_file():
-                self._require_same(sweep, json.loads(order.read_text(encoding="utf-8")))
-            self._write_order(sweep)
+            elif settings.is_file():
+                self._require_same(sweep, json.loads(settings.read_text(encoding="utf-8")))
+            self._write_settings(sweep)
             yield
 
     @property
     def logged_bytes(self) -> int:
-        """How much the processes have logged so far."""
+        """Size of the workers' log."""
         log = self.path / LOG
         return log.stat().st_size if log.is_file() else 0
 
-    def directory_of(self, job: Job) -> Path:
+    def directory_of(self, job: SweepJob) -> Path:
         """Return the folder of a run."""
         return self.path / _RUNS / job.name
 
-    def is_finished(self, job: Job) -> bool:
-        """Return whether a run has come to its end."""
+    def is_finished(self, job: SweepJob) -> bool:
+        """Return whether a run is finished."""
         return (self.directory_of(job) / SUMMARY).is_file()
 
-    def clear(self, job: Job) -> Path:
-        """Remove what a run that was cut off has left behind; return its folder."""
+    def clear(self, job: SweepJob) -> Path:
+        """Remove the files of an interrupted run; return its folder."""
         directory = self.directory_of(job)
         if directory.exists():
             shutil.rmtree(directory)
         return directory
 
-    def result(self, job: Job, scenario: Scenario) -> Result:
-        """Return what came of a finished run.
+    def result(self, job: SweepJob, scenario: Scenario) -> SweepResult:
+        """Return the result of a finished run.
 
         Raises:
-            ScenarioError: its record is broken.
+            ScenarioError: the run's record is broken.
         """
         return read_result(job, RunFolder.open(self.directory_of(job)), scenario)
 
@@ -105,12 +105,12 @@ class SweepFolder:
         ]
         if changed:
             raise ScenarioError(
-                f"{' and '.join(changed)} has changed since the runs in {self.path} were made: --repeat runs all of "
-                "them again, and --out names another folder"
+                f"{' and '.join(changed)} has changed since the runs in {self.path}: "
+                "run all of them again with --repeat, or choose another folder with --out"
             )
 
-    def _write_order(self, sweep: Sweep) -> None:
-        order = {
+    def _write_settings(self, sweep: Sweep) -> None:
+        settings = {
             "version": 1,
             "scenario": str(sweep.scenario.source),
             "scenario_hash": sweep.scenario_hash,
@@ -120,6 +120,6 @@ class SweepFolder:
             "seeds": list(sweep.seeds),
         }
         keep_provenance(self.path, sweep.fleet, sweep.scenario)
-        unfinished = self.path / f"{ORDER}.tmp"
-        unfinished.write_text(json.dumps(order, indent=2) + "\n", encoding="utf-8")
-        unfinished.replace(self.path / ORDER)
+        unfinished = self.path / f"{SETTINGS}.tmp"
+        unfinished.write_text(json.dumps(settings, indent=2) + "\n", encoding="utf-8")
+        unfinished.replace(self.path / SETTINGS)

@@ -1,4 +1,4 @@
-"""What came of the runs of a sweep: a row for each, as a table (CSV) and for tools that show tests (JUnit XML)."""
+"""Results of the runs of a sweep, as a table (CSV) and as test cases (JUnit XML)."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 from xml.etree import ElementTree as Xml
 
-from eal_actors.lab.sweeping.sweep import Job
+from eal_actors.lab.sweeping.sweep import SweepJob
 from eal_actors.recording import RunFolder
 from eal_actors.scenario import Report, Scenario
 
 Scalar: TypeAlias = bool | int | float | str
 
 REFUSED: Final = "refused"
-"""The run did not begin: the robots cannot do what it asks with these values."""
+"""The run did not start: the robots cannot perform it with these values."""
 CRASHED: Final = "crashed"
-"""The process died that carried it out."""
+"""The worker process of the run died."""
 _HELD: Final = {True: "passed", False: "failed", None: ""}
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
-    """One row.
+class SweepResult:
+    """The result of one run.
 
     Attributes:
         job: the run.
-        outcome: `done`, `failed` or `aborted`; REFUSED or CRASHED where there was no end.
-        duration_s: seconds of the fleet's clock; None where there was no end.
-        error: what went wrong; empty if nothing did.
-        expected: by the path of each `expect` that was reached, whether it held every time.
-        variables: numbers, texts and truth values as they stood last: of the run by name, of robots by `robot.name`.
+        outcome: `done`, `failed` or `aborted`; REFUSED or CRASHED if the run did not end.
+        duration_s: fleet seconds; None if the run did not end.
+        error: error message; empty if there is none.
+        expected: whether each reached `expect` held every time, by its path.
+        variables: last values of numbers, texts and booleans: variables of the run by name, of robots by `robot.name`.
     """
 
-    job: Job
+    job: SweepJob
     outcome: str
     duration_s: float | None = None
     error: str = ""
@@ -45,26 +45,26 @@ class Result:
 
     @property
     def is_good(self) -> bool:
-        """Whether it is done, and every expectation held."""
+        """Whether the run is done and every expectation held."""
         return self.outcome == "done" and all(self.expected.values())
 
 
-def read_result(job: Job, folder: RunFolder, scenario: Scenario) -> Result:
-    """Return what came of a run that has ended.
+def read_result(job: SweepJob, folder: RunFolder, scenario: Scenario) -> SweepResult:
+    """Return the result of a run that has ended.
 
     Raises:
-        ScenarioError: its record is broken.
+        ScenarioError: the run's record is broken.
     """
     report = folder.summary
     if report is None:
-        return Result(job, CRASHED, error="it has no summary")
+        return SweepResult(job, CRASHED, error="has no summary")
     error = report.error.message if report.error is not None else ""
     known = set(scenario.expectations())
     expected: dict[str, bool] = {}
     for step in report.steps:
         if step.step in known and step.outcome not in ("aborted", "stopped"):
             expected[step.step] = expected.get(step.step, True) and step.error is None
-    return Result(job, report.outcome, report.duration_s, error, expected, _variables(folder, report))
+    return SweepResult(job, report.outcome, report.duration_s, error, expected, _variables(folder, report))
 
 
 def _variables(folder: RunFolder, report: Report) -> dict[str, Scalar]:
@@ -77,19 +77,19 @@ def _variables(folder: RunFolder, report: Report) -> dict[str, Scalar]:
             for name, value in seat["variables"].items():
                 key = f"{seat['robot']}.{name}"
                 found[f"{role}.{key}" if key in found else key] = value
-    plain = {name: _plain(value) for name, value in found.items()}
-    return {name: value for name, value in plain.items() if isinstance(value, bool | int | float | str)}
+    values = {name: _unwrap_reading(value) for name, value in found.items()}
+    return {name: value for name, value in values.items() if isinstance(value, bool | int | float | str)}
 
 
-def _plain(value: Any) -> Any:
-    """Return what a variable holds; a reading is kept as a mapping with one key."""
+def _unwrap_reading(value: Any) -> Any:
+    """Return the value of a variable; a reading is recorded as a mapping with one key."""
     return next(iter(value.values())) if isinstance(value, dict) and len(value) == 1 else value
 
 
-def write_csv(results: Sequence[Result], scenario: Scenario, file: Path) -> None:
+def write_csv(results: Sequence[SweepResult], scenario: Scenario, file: Path) -> None:
     """Write the table: varied parameters, seed, outcome, duration_s, each `expect`, variables, error, folder.
 
-    An `expect` that held every time is `passed`, else `failed`; it is empty where it was never reached.
+    An `expect` is `passed` if it held every time, else `failed`; its cell is empty if it was never reached.
 
     Raises:
         OSError: the file cannot be written.
@@ -114,18 +114,18 @@ def _cell(value: object) -> str:
         return ""
     if isinstance(value, bool):
         return str(value).lower()
-    return (
-        json.dumps(list(value)) if isinstance(value, tuple) else repr(value) if isinstance(value, float) else str(value)
-    )
+    if isinstance(value, tuple):
+        return json.dumps(list(value))
+    return repr(value) if isinstance(value, float) else str(value)
 
 
-def write_junit(results: Iterable[Result], name: str, file: Path) -> None:
-    """Write a test case for each run: what is not good is a failure, what never ended an error.
+def write_junit(results: Iterable[SweepResult], name: str, file: Path) -> None:
+    """Write a test case for each run: a failure if it is not good, an error if it did not end.
 
     Args:
-        results: the runs.
-        name: of the suite.
-        file: where to.
+        results: the results of the runs.
+        name: name of the suite.
+        file: the file to write.
 
     Raises:
         OSError: the file cannot be written.
@@ -138,19 +138,16 @@ def write_junit(results: Iterable[Result], name: str, file: Path) -> None:
     attributes = {"name": name, **{key: str(count) for key, count in counts.items()}, "time": f"{total_s:.3f}"}
     suite = Xml.SubElement(suites, "testsuite", attributes)
     for row in rows:
-        case = Xml.SubElement(
-            suite,
-            "testcase",
-            {"classname": name, "name": row.job.label, "time": f"{row.duration_s or 0.0:.3f}"},
-        )
+        attributes = {"classname": name, "name": row.job.label, "time": f"{row.duration_s or 0.0:.3f}"}
+        case = Xml.SubElement(suite, "testcase", attributes)
         if not row.is_good:
             kind = "error" if row.outcome in (REFUSED, CRASHED) else "failure"
-            told = {"type": row.outcome, "message": row.error or _broken(row)}
-            Xml.SubElement(case, kind, told).text = f"{_broken(row)}\nrun: {row.job.name}"
+            attributes = {"type": row.outcome, "message": row.error or _failed_expectations(row)}
+            Xml.SubElement(case, kind, attributes).text = f"{_failed_expectations(row)}\nrun: {row.job.name}"
     Xml.indent(suites)
     Xml.ElementTree(suites).write(file, encoding="utf-8", xml_declaration=True)
 
 
-def _broken(result: Result) -> str:
+def _failed_expectations(result: SweepResult) -> str:
     failed = [path for path, held in result.expected.items() if not held]
     return f"expect {', '.join(failed)}: failed" if failed else result.error

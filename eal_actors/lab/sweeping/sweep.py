@@ -1,4 +1,4 @@
-"""All runs of a sweep: every combination of the parameters' values with every seed."""
+"""Runs of a sweep: every combination of the parameters' values with every seed."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _LONGEST_NAME: Final = 80
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class SweepJob:
     """One run of a sweep.
 
     Attributes:
-        name: of its folder; the same values and the same seed have the same name in every sweep.
-        varied: the values of the parameters that are varied, by name.
-        parameters: the values of all parameters, by name.
-        seed: where all randomness starts from.
+        name: name of its folder; the same values and seed have the same name in every sweep.
+        varied: values of the varied parameters, by name.
+        parameters: values of all parameters, by name.
+        seed: seed of all randomness.
     """
 
     name: str
@@ -40,20 +40,22 @@ class Job:
 
     @property
     def label(self) -> str:
-        """Its values and its seed, for people."""
-        return " ".join([*(f"{name}={_text(value)}" for name, value in self.varied.items()), f"seed={self.seed}"])
+        """Its varied values and its seed, as text."""
+        return " ".join(
+            [*(f"{name}={_format_value(value)}" for name, value in self.varied.items()), f"seed={self.seed}"]
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """What is to be run.
+    """A parameter sweep.
 
     Attributes:
-        scenario: the scenario, with the values of the parameters that stay the same.
-        fleet: the fleet as its file says.
-        keep: plugins that move nothing real, and run as they are.
-        variations: what is varied.
-        seeds: where each combination starts from, one run for each.
+        scenario: the scenario, with the values of its constant parameters.
+        fleet: the fleet, as read from its file.
+        keep: plugins that move nothing real and are not replaced by simulated ones.
+        variations: the varied parameters.
+        seeds: the seeds; each combination runs once with each.
     """
 
     scenario: Scenario
@@ -64,55 +66,51 @@ class Sweep:
 
     @property
     def count(self) -> int:
-        """How many runs there are."""
+        """Number of runs."""
         return math.prod(len(variation.values) for variation in self.variations) * len(self.seeds)
 
-    def jobs(self) -> Iterator[Job]:
-        """Yield all runs: the last parameter changes fastest, and seeds faster still.
+    def jobs(self) -> Iterator[SweepJob]:
+        """Yield all runs; seeds change fastest, then the last parameter.
 
         Raises:
-            ConfigError: a parameter may not have a value.
+            ConfigError: a value is not valid for its parameter.
         """
         names = [variation.name for variation in self.variations]
         for values in itertools.product(*(variation.values for variation in self.variations)):
             varied = dict(zip(names, values, strict=True))
             parameters = with_parameters(self.scenario, varied).parameters
             for seed in self.seeds:
-                yield Job(_name(parameters, seed), varied, parameters, seed)
+                yield SweepJob(_run_name(parameters, seed), varied, parameters, seed)
 
     @property
     def scenario_hash(self) -> str:
-        """What the scenario says, in short."""
+        """Hash of the scenario."""
         return scenario_hash(self.scenario)
 
     @property
     def fleet_hash(self) -> str:
-        """What the fleet, its world and this release say, in short."""
+        """Hash of the fleet, its world and this release."""
         return fleet_hash(self.fleet, self.keep)
 
 
 def fleet_hash(fleet: FleetConfig, keep: Iterable[str]) -> str:
-    """Return the SHA-256 of what decides about runs on a fleet but for the seed, in hexadecimal."""
+    """Return the SHA-256, in hexadecimal, of everything but the seed that runs on a fleet depend on."""
     world = fleet.world.model_dump_json() if fleet.world is not None else ""
     folders = [str(Path(folder).resolve()) for folder in fleet.plugin_dirs]
-    said = {key: value for key, value in fleet.content.items() if key not in ("clock", "seed")}
-    text = json.dumps([__version__, sorted(keep), world, folders, said], sort_keys=True, default=str)
+    content = {key: value for key, value in fleet.content.items() if key not in ("clock", "seed")}
+    text = json.dumps([__version__, sorted(keep), world, folders, content], sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _name(parameters: Mapping[str, Any], seed: int) -> str:
-    """Return a name that people can read and that no other run has."""
+def _run_name(parameters: Mapping[str, Any], seed: int) -> str:
+    """Return a readable and unique name of a run."""
     digest = hashlib.sha256(json.dumps([sorted(parameters.items()), seed], default=str).encode()).hexdigest()[:8]
-    shown = ",".join(f"{name}={_text(value)}" for name, value in parameters.items())
-    shown = re.sub(r"[^A-Za-z0-9=.,_+-]", "_", shown)[:_LONGEST_NAME]
-    return "-".join(part for part in (shown, f"seed={seed}", digest) if part)
+    readable = ",".join(f"{name}={_format_value(value)}" for name, value in parameters.items())
+    readable = re.sub(r"[^A-Za-z0-9=.,_+-]", "_", readable)[:_LONGEST_NAME]
+    return "-".join(part for part in (readable, f"seed={seed}", digest) if part)
 
 
-def _text(value: object) -> str:
-    return (
-        json.dumps(list(value))
-        if isinstance(value, tuple)
-        else f"{value:g}"
-        if isinstance(value, float)
-        else str(value)
-    )
+def _format_value(value: object) -> str:
+    if isinstance(value, tuple):
+        return json.dumps(list(value))
+    return f"{value:g}" if isinstance(value, float) else str(value)

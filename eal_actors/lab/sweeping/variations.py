@@ -1,4 +1,4 @@
-"""What is varied: ranges and lists of values as a command line has them, held against the scenario's parameters."""
+"""Varied parameters of a sweep: ranges and lists of values, parsed from the command line and checked."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from eal_actors.scenario.language.scenario import ParameterSection
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """A parameter, and the values that it takes.
+    """A varied parameter.
 
     Attributes:
-        name: of the parameter.
-        values: each once, in the order given.
+        name: the parameter's name.
+        values: its distinct values, in the given order.
     """
 
     name: str
@@ -29,16 +29,16 @@ class Variation:
 
 
 def read_variations(scenario: Scenario, texts: Sequence[str], most: int) -> tuple[Variation, ...]:
-    """Read `name=1,2,3`, or `name=0.1:0.5:0.1` with both ends, of which the step may be left out for whole numbers.
+    """Parse `name=1,2,3` and `name=0.1:0.5:0.1`; a range includes both ends, and integers need no step.
 
     Args:
-        scenario: the scenario that has the parameters.
-        texts: as given.
-        most: a range of more values than this is refused.
+        scenario: the scenario with the parameters.
+        texts: the options.
+        most: largest number of values of a range.
 
     Raises:
-        ValueError: a text says nothing that can be understood; the message names it.
-        ConfigError: a parameter that the scenario does not have, or values that it may not have.
+        ValueError: a text is malformed; the message quotes it.
+        ConfigError: the scenario has no such parameter, or a value is not valid for it.
     """
     variations: list[Variation] = []
     problems: list[Problem] = []
@@ -50,13 +50,14 @@ def read_variations(scenario: Scenario, texts: Sequence[str], most: int) -> tupl
             raise ValueError(f"varies '{name}' twice")
         section = scenario.file.parameters.get(name)
         if section is None:
-            known_names = did_you_mean(name, scenario.file.parameters) or "; the scenario has none"
-            problems.append(_lacks(scenario, f"there is no parameter '{name}' to vary{known_names}"))
+            hint = did_you_mean(name, scenario.file.parameters) or "; the scenario has none"
+            path = ("parameters",) if scenario.file.parameters else ()
+            problems.append(scenario.problem(path, f"there is no parameter '{name}' to vary{hint}", key=True))
             continue
-        values = _values(scenario, name, section, values_text, most)
+        values = _parse_values(scenario, name, section, values_text, most)
         variations.append(Variation(name, values))
         problems += [
-            scenario.problem(("parameters", name), f"{wrong}, which --vary gives it", key=True)
+            scenario.problem(("parameters", name), f"{wrong}; --vary sets it", key=True)
             for value in values
             if (wrong := parameter_problem(section, value)) is not None
         ]
@@ -66,10 +67,10 @@ def read_variations(scenario: Scenario, texts: Sequence[str], most: int) -> tupl
 
 
 def read_seeds(text: str, most: int) -> tuple[int, ...]:
-    """Read `1:20`, `1,5,9` or `7`, or ranges among others: `1:5,9`.
+    """Parse seeds such as `1:20`, `1,5,9`, `7` or `1:5,9`.
 
     Raises:
-        ValueError: it is none of these; or more seeds than `most`.
+        ValueError: the text is malformed, or has more seeds than `most`.
     """
     seeds: list[int] = []
     for part in text.split(","):
@@ -79,49 +80,50 @@ def read_seeds(text: str, most: int) -> tuple[int, ...]:
         if int(last or first) - int(first) >= most:
             raise ValueError(f"{part.strip()!r} is more than {most} seeds; --limit allows more")
         seeds += range(int(first), int(last or first) + 1)
-    return tuple(_each_once(seeds, "seed"))
+    return tuple(_require_distinct(seeds, "seed"))
 
 
-def _lacks(scenario: Scenario, message: str) -> Problem:
-    return scenario.problem(("parameters",) if scenario.file.parameters else (), message, key=True)
-
-
-def _values(scenario: Scenario, name: str, section: ParameterSection, text: str, most: int) -> tuple[Any, ...]:
+def _parse_values(scenario: Scenario, name: str, section: ParameterSection, text: str, most: int) -> tuple[Any, ...]:
     if section.type in ("int", "double") and ":" in text:
-        values: list[Any] = _range(name, section, text, most)
+        values: list[Any] = _parse_range(name, section.type, text, most)
     elif section.type == "list":
-        values = _lists(name, text)
+        values = _parse_lists(name, text)
     else:
         given = [read_settings(scenario.file, [f"{name}={part.strip()}"])[name] for part in text.split(",")]
-        is_whole = section.type == "double"
-        values = [float(value) if is_whole and isinstance(value, int) else value for value in given]
-    return tuple(_each_once(values, f"value of '{name}'"))
+        is_double = section.type == "double"
+        values = [float(value) if is_double and isinstance(value, int) else value for value in given]
+    return tuple(_require_distinct(values, f"value of '{name}'"))
 
 
-def _range(name: str, section: ParameterSection, text: str, most: int) -> list[Any]:
-    parts = text.split(":")
-    try:
-        numbers = [Decimal(part.strip()) for part in parts]
-    except InvalidOperation:
-        numbers = []
-    if len(numbers) == 2 and section.type == "int":
+def _parse_range(name: str, kind: str, text: str, most: int) -> list[Any]:
+    numbers = _parse_numbers(text)
+    if len(numbers) == 2 and kind == "int":
         numbers.append(Decimal(1))
-    if len(numbers) != 3 or not all(number.is_finite() for number in numbers):
-        step = "" if section.type == "int" else ":STEP"
-        raise ValueError(f"'{name}' must go FROM:TO{step} in numbers, not {text!r}")
+    if len(numbers) != 3:
+        step = "" if kind == "int" else ":STEP"
+        raise ValueError(f"'{name}' must be FROM:TO{step} in numbers, not {text!r}")
     first, last, step_by = numbers
     if step_by <= 0 or last < first:
         raise ValueError(f"'{name}' must go up from FROM to TO by a STEP over 0, not {text!r}")
-    if section.type == "int" and any(number % 1 for number in numbers):
+    if kind == "int" and any(number % 1 for number in numbers):
         raise ValueError(f"'{name}' is a whole number, and so are the parts of its range, not {text!r}")
     count = int((last - first) / step_by) + 1
     if count > most:
-        raise ValueError(f"'{name}' takes {count} values, more than {most} runs; --limit allows more")
-    kind = int if section.type == "int" else float
-    return [kind(first + number * step_by) for number in range(count)]
+        raise ValueError(f"'{name}' has {count} values, more than {most} runs; --limit allows more")
+    make = int if kind == "int" else float
+    return [make(first + number * step_by) for number in range(count)]
 
 
-def _lists(name: str, text: str) -> list[Any]:
+def _parse_numbers(text: str) -> list[Decimal]:
+    """Return the finite numbers of a range; none if one of its parts is not a finite number."""
+    try:
+        numbers = [Decimal(part.strip()) for part in text.split(":")]
+    except InvalidOperation:
+        return []
+    return numbers if all(number.is_finite() for number in numbers) else []
+
+
+def _parse_lists(name: str, text: str) -> list[Any]:
     try:
         values = json.loads(text)
     except ValueError:
@@ -131,7 +133,7 @@ def _lists(name: str, text: str) -> list[Any]:
     return [tuple(value) for value in values]
 
 
-def _each_once(values: Sequence[Any], what: str) -> Sequence[Any]:
+def _require_distinct(values: Sequence[Any], what: str) -> Sequence[Any]:
     for index, value in enumerate(values):
         if value in values[:index]:
             raise ValueError(f"gives the {what} {value!r} twice")

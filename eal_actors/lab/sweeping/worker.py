@@ -1,4 +1,4 @@
-"""A process that carries out runs, one after the other, as it is told."""
+"""Worker process of a sweep: performs runs one after the other."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from eal_actors.kernel.errors import EALError, ScenarioError, error_text
 from eal_actors.kernel.log import configure_logging
 from eal_actors.lab.sweeping.sweep import fleet_hash
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Scenario, load_scenario, run_scenario
 from eal_actors.scenario.language.binding import find_candidates
@@ -27,13 +26,13 @@ from eal_actors.scenario.language.scenario import scenario_hash
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
-    """One run, as it is told to a worker.
+class SweepTask:
+    """A run for a worker.
 
     Attributes:
-        directory: the run's folder, which does not exist.
-        parameters: the values of all parameters.
-        seed: where all randomness starts from.
+        directory: the run's folder, which does not exist yet.
+        parameters: values of all parameters.
+        seed: seed of all randomness.
     """
 
     directory: Path
@@ -42,16 +41,16 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True)
-class Workplace:
-    """What is the same for all runs of a sweep.
+class WorkerSettings:
+    """Settings of all workers of a sweep.
 
     Attributes:
         scenario: the scenario file.
-        scenario_hash: what it said when the sweep began.
+        scenario_hash: its hash at the start of the sweep.
         fleet: the fleet file.
-        fleet_hash: what it said then.
-        keep: plugins that move nothing real, and run as they are.
-        log: the file for log lines.
+        fleet_hash: its hash at the start of the sweep.
+        keep: plugins that move nothing real and are not replaced by simulated ones.
+        log: the log file.
     """
 
     scenario: Path
@@ -62,61 +61,57 @@ class Workplace:
     log: Path
 
 
-def serve(tasks: Connection, workplace: Workplace) -> None:
-    """Carry out runs until there are no more; the answer to each is None, or why it could not be carried out.
+def serve(tasks: Connection, settings: WorkerSettings) -> None:
+    """Perform runs until the connection closes; the answer to each is None, or the reason why it could not run.
 
-    Thread: the main thread of a process of its own, which ends when its parent does.
+    Thread: the main thread of a worker process, which ends with its parent.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent has got it too, and ends this process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent receives it too, and kills this process
     _die_with_parent()
-    with workplace.log.open("a", encoding="utf-8", buffering=1) as log:
+    with settings.log.open("a", encoding="utf-8", buffering=1) as log:
         os.dup2(log.fileno(), 2)
         sys.stderr = log
         configure_logging("human", "warning")
-        crew: _Crew | None = None
+        executor: _RunExecutor | None = None
         while True:
             try:
-                task: Task = tasks.recv()
+                task: SweepTask = tasks.recv()
             except EOFError:
                 return
             try:
-                crew = crew or _Crew(workplace)
-                crew.carry_out(task)
+                executor = executor or _RunExecutor(settings)
+                executor.run(task)
             except Exception as error:  # noqa: BLE001  # it becomes a row of the table
                 tasks.send(str(error) if isinstance(error, EALError) else error_text(error))
             else:
                 tasks.send(None)
 
 
-class _Crew:
-    """Carries out runs on what the files say."""
+class _RunExecutor:
+    """The loaded scenario and fleet of a worker."""
 
-    def __init__(self, workplace: Workplace) -> None:
-        self._scenario = load_scenario(workplace.scenario)
-        self._config = EALConfigManager.load(workplace.fleet).fleet
-        if scenario_hash(self._scenario) != workplace.scenario_hash:
-            raise ScenarioError(f"{workplace.scenario} has changed since the sweep began")
-        if fleet_hash(self._config, workplace.keep) != workplace.fleet_hash:
-            raise ScenarioError(f"{workplace.fleet}, or its world, has changed since the sweep began")
-        self._keep = workplace.keep
+    def __init__(self, settings: WorkerSettings) -> None:
+        self._scenario = load_scenario(settings.scenario)
+        self._config = EALConfigManager.load(settings.fleet).fleet
+        if scenario_hash(self._scenario) != settings.scenario_hash:
+            raise ScenarioError(f"{settings.scenario} has changed since the sweep began")
+        if fleet_hash(self._config, settings.keep) != settings.fleet_hash:
+            raise ScenarioError(f"{settings.fleet}, or its world, has changed since the sweep began")
+        self._keep = settings.keep
 
-    def carry_out(self, task: Task) -> None:
+    def run(self, task: SweepTask) -> None:
         """Run the scenario once."""
         scenario = with_parameters(self._scenario, task.parameters)
         bound = {name for names in find_candidates(scenario, self._config).values() for name in names}
         config = replace(simulated(self._config, bound, self._keep).config, seed=task.seed)
-        _run(scenario, config, bound, task.directory)
-
-
-def _run(scenario: Scenario, config: FleetConfig, robots: set[str], directory: Path) -> None:
-    with Fleet(config).connect(robots) as fleet:
-        for problem in fleet.problems:
-            raise problem
-        run_scenario(_with_checkpoints(scenario), fleet, directory=directory)
+        with Fleet(config).connect(bound) as fleet:
+            for problem in fleet.problems:
+                raise problem
+            run_scenario(_with_checkpoints(scenario), fleet, directory=task.directory)
 
 
 def _with_checkpoints(scenario: Scenario) -> Scenario:
-    """Return a scenario whose runs write down their variables after each step of the top level."""
+    """Return the scenario with checkpoints: its runs record their variables after each step of the top level."""
     return replace(scenario, file=scenario.file.model_copy(update={"safe_to_repeat": True}))
 
 

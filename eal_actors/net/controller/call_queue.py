@@ -54,9 +54,6 @@ _BATCH_BYTES: Final = 32 * 1024
 class CallQueue(UrgentMessage):
     """Outgoing calls to one robot. It takes the place of the resources' actors and is its own mailbox.
 
-    Args:
-        channel: the connection to the robot.
-
     Attributes:
         tracker: our commands whose outcome has not arrived.
         window: calls in flight to all robots.

@@ -101,11 +101,6 @@ class PendingCalls:
 class Channel:
     """Connection to one robot.
 
-    Args:
-        actor: the actor of the connection.
-        view: public state of the robot.
-        controller: the fleet's network.
-
     Attributes:
         name: the robot's name.
         clock: the fleet's clock.

@@ -136,9 +136,6 @@ def _localized(running: RunningCommand, to_local: Callable[[float], float]) -> R
 class CommandTracker:
     """Our commands to one robot that were sent and whose outcome has not arrived.
 
-    Args:
-        channel: the robot's channel.
-
     Attributes:
         commands: the commands by their identifiers.
 

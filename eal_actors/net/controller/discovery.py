@@ -92,10 +92,7 @@ def _robots_of(tokens: Iterable[zenoh.Sample], endpoint: str) -> set[FoundRobot]
 
 
 def discover(timeout_s: float) -> Discovery:
-    """Scout by multicast, then probe each endpoint for its robots.
-
-    Args:
-        timeout_s: real seconds to wait for answers to the multicast.
+    """Scout by multicast for some real seconds, then probe each endpoint for its robots.
 
     Thread: blocks the caller, for that time and a few seconds more if many answer.
     """

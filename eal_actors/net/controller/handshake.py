@@ -39,10 +39,6 @@ class Handshake:
     def decode(cls, answer: Answer, certificate: str | None) -> Self:
         """Decode an answer.
 
-        Args:
-            answer: the answer.
-            certificate: name of our certificate; None without one.
-
         Raises:
             ProtocolError: the answer is malformed, or the robot refuses; the message continues the robot's name.
         """

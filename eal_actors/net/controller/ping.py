@@ -88,9 +88,7 @@ class ClockTracker:
     def sent_s(self, time: RobotTime, arrived_s: float) -> tuple[float, float]:
         """Return our real time at which the robot sent a message, and the greatest error of that (infinity if unknown).
 
-        Args:
-            time: the robot's clock in the message.
-            arrived_s: our real time of its arrival, which is the result while the offset is unknown.
+        While the offset is unknown, the result is the time of arrival.
         """
         known = self.latest
         if known is None or time.era not in ("", known.era):
@@ -99,13 +97,7 @@ class ClockTracker:
         return min(arrived_s, time.time_s - known.offset.offset_s), error_s
 
     def localize(self, data: EALData, time: RobotTime, clock: Clock) -> tuple[EALData, float]:
-        """Return a robot's stamped value with its stamp by our fleet's clock, and the greatest error of that stamp.
-
-        Args:
-            data: a value with a stamp.
-            time: the robot's clock when the value was sent.
-            clock: our fleet's.
-        """
+        """Return a robot's stamped value with its stamp by our fleet's clock, and the greatest error of that stamp."""
         sent_s, error_s = self.sent_s(time, REAL_TIME.now())
         age_s = time.time_s - (data.stamp_s or 0.0)
         return data.with_meta(stamp_s=fleet_time_of(clock, sent_s - age_s)), clock.of_real(error_s)

@@ -61,11 +61,6 @@ class RemoteSpec:
 class RemoteRobot(EALActor):
     """Connection to one remote robot; implements RobotConnection.
 
-    Args:
-        spec: the robot.
-        view: public state of the robot.
-        controller: the fleet's network.
-
     Thread: an actor; zenoh's threads only queue actions in its mailbox.
     """
 

@@ -28,9 +28,6 @@ _RENEWALS: Final = 3
 class RemoteFeeds:
     """Feeds of one robot's resources; feeds with the same spec share one subscription.
 
-    Args:
-        channel: the connection to the robot.
-
     Thread: the connection's, except `open`, `leave` and `read`.
     """
 

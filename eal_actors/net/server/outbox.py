@@ -28,10 +28,6 @@ _BATCH_S: Final = 0.003
 class Outbox(Sender):
     """Sends replies and events; those that wait together are sent as a batch.
 
-    Args:
-        name: name of its thread.
-        session: an open session, which outlives it.
-
     Thread: an actor.
     """
 

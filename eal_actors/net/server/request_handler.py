@@ -21,14 +21,6 @@ from eal_actors.net.wire.messages import Answer, CallHeader, CallId, RobotEvent
 class RequestHandler:
     """Answers for one robot.
 
-    Args:
-        robot: the robot.
-        admission: its admission control.
-        running: its running commands.
-        publisher: its streams.
-        publish: publishes an event.
-        security: the fleet's grants; None if everybody may do everything.
-
     Thread: the host's, except `ping` and `release`.
     """
 

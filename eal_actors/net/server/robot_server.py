@@ -313,14 +313,7 @@ class RobotServer:
         began_s: float | None = None,
         send: Callable[..., None] | None = None,
     ) -> None:
-        """Reply to a call.
-
-        Args:
-            reply_to: address of the reply.
-            answer: the answer.
-            began_s: real time at which a command with a start time began.
-            send: method of the outbox; None for the one that does not block.
-        """
+        """Reply to a call."""
         time = RobotTime(self._era, REAL_TIME.now(), began_s)
         try:
             envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time))

@@ -37,12 +37,6 @@ class StreamPublisher(EALActor):
     the threads of resources and commands; a frame that is not yet encoded when the next one arrives is skipped. A full
     link drops frames.
 
-    Args:
-        fleet: the fleet's name.
-        robot: the robot.
-        session: an open session.
-        era: the run of the robot's server.
-
     Thread: an actor, which starts with the first stream.
     """
 

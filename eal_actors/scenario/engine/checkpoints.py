@@ -15,7 +15,7 @@ from eal_actors.scenario.engine.frames import Participant, RoleSlot
 from eal_actors.scenario.engine.plan import Plan
 from eal_actors.scenario.language.scenario import scenario_hash
 from eal_actors.scenario.language.values import final_action
-from eal_actors.scenario.report.events import Checkpoint, RobotReplaced, RunStarted
+from eal_actors.scenario.report.events import Checkpoint, RobotReplaced, RunContinued, RunStarted
 from eal_actors.scenario.report.records import from_record, is_recordable, to_record, to_view
 from eal_actors.scenario.report.resuming import Resumption
 from eal_actors.scenario.report.summary import ErrorReport, Report, RobotReport, RunOutcome
@@ -163,6 +163,12 @@ def run_started(plan: Plan, fleet: Fleet, time_s: float) -> RunStarted:
         robots=plan.robots,
         calls=plan.calls,
     )
+
+
+def run_continued(plan: Plan, fleet: Fleet, first_step: int, wall_continued: str, time_s: float) -> RunContinued:
+    """Return the first event of a resumed run."""
+    name, config = plan.scenario.name, fleet.config
+    return RunContinued(time_s, first_step, wall_continued, name, config.name, plan.robots, plan.calls)
 
 
 def make_report(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 
 from eal_actors.actors.handles import RobotHandle
@@ -68,11 +69,10 @@ def make_plan(
     if missing := missing_parameters(scenario.file, scenario.parameters, scenario.tree):
         raise ConfigError(missing)
     candidates = find_candidates(scenario, fleet.config, binding)
-    names = {name for role in candidates.values() for name in role}
-    lost = {name: error for name in names if (error := _start_error(fleet[name])) is not None}
-    facts = {name: _facts(fleet[name]) for name in fleet.config.robots if name in names and name not in lost}
+    errors, facts = _inspect(fleet, {name for names in candidates.values() for name in names})
     bound = bind(scenario, fleet.config, candidates, facts, binding)
-    lost = {name: lost[name] for name in fleet.config.robots if name in bound.robots and name in lost}
+    robots = tuple(name for name in fleet.config.robots if name in bound.robots)
+    lost = {name: errors[name] for name in robots if name in errors}
     _check_lost(scenario, bound, lost)
     python = PythonFunctions.of(scenario, fleet.config)
     if problems := [
@@ -81,10 +81,16 @@ def make_plan(
         *check_on_robots(scenario, bound.roles, facts, spares=bound.spares, seed=fleet.config.seed),
     ]:
         raise ConfigError(problems)
-    robots = tuple(name for name in fleet.config.robots if name in bound.robots)
     live = {role: sum(robot not in lost for robot in names) for role, names in bound.roles.items()}
     calls = count_calls(scenario, scenario.file.steps, ("steps",), None, live)
     return Plan(scenario, bound.roles, robots, lost, calls, bound.spares, python)
+
+
+def _inspect(fleet: Fleet, names: AbstractSet[str]) -> tuple[dict[str, EALError], dict[str, RobotFacts]]:
+    """Return the errors of robots that did not start, and the abilities of all others, by name."""
+    errors = {name: error for name in names if (error := _start_error(fleet[name])) is not None}
+    facts = {name: _facts(fleet[name]) for name in fleet.config.robots if name in names and name not in errors}
+    return errors, facts
 
 
 def _start_error(robot: RobotHandle) -> EALError | None:

@@ -17,7 +17,7 @@ from typing_extensions import override
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel import spans
-from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter, wall_time
+from eal_actors.kernel.clock import Clock, new_waiter, wall_time
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine import checkpoints
@@ -30,16 +30,15 @@ from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.binding import Wishes
 from eal_actors.scenario.language.loading import load_scenario
 from eal_actors.scenario.language.scenario import Scenario
-from eal_actors.scenario.report.events import RunContinued, RunEnded, RunEvent
+from eal_actors.scenario.report.events import RunEnded, RunEvent
 from eal_actors.scenario.report.files import image_writer
 from eal_actors.scenario.report.journal import Journal, Listener
 from eal_actors.scenario.report.resuming import Resumption
 from eal_actors.scenario.report.summary import Report, RunOutcome
 from eal_actors.scenario.steps.base import roles_at_work
+from eal_actors.scenario.steps.python import join_threads
 
 INTERRUPTED: Final = "interrupted from the keyboard"
-_THREADS_END_S: Final = 0.5
-"""Real seconds that the functions of Python steps have to return after the run."""
 
 
 class _Phase(enum.Enum):
@@ -167,7 +166,7 @@ class Run:
         self._loop.post(lambda: self._control(self._run.pauses.resume))
 
     def step(self) -> None:
-        """Let every waiting robot begin one step; a run that is not paused is paused. Thread: any; never blocks."""
+        """Let every waiting robot begin one step; pause a run that is not paused. Thread: any; never blocks."""
         self._loop.post(lambda: self._control(self._run.pauses.step))
 
     @property
@@ -187,7 +186,9 @@ class Run:
     # The run's own thread.
 
     def _main(self) -> None:
-        span = self._new_span()
+        scenario = self._plan.scenario.name
+        about = {"eal.scenario": scenario, "eal.fleet": self._fleet.name}
+        span = spans.tracer.begin_trace(f"scenario {scenario}", about) if spans.tracer is not None else None
         try:
             with span.current() if span is not None else nullcontext():
                 self._loop.run(self._phases())
@@ -199,13 +200,6 @@ class Run:
             self._future.set(self._conclude())
         except BaseException as error:  # noqa: BLE001  # the caller waits for an answer
             self._future.set_exception(error)
-
-    def _new_span(self) -> spans.Span | None:
-        if spans.tracer is None:
-            return None
-        scenario = self._plan.scenario.name
-        about = {"eal.scenario": scenario, "eal.fleet": self._fleet.name}
-        return spans.tracer.begin_trace(f"scenario {scenario}", about)
 
     def _phases(self) -> Coroutine:
         run, everyone = self._run, list(self._robots.values())
@@ -234,7 +228,10 @@ class Run:
     def _prepare(self) -> Coroutine:
         run = self._run
         if self._resumption is not None:
-            self._emit(partial(self._run_continued, self._resumption))
+            started = self._started.isoformat() if self._started is not None else ""
+            self._emit(
+                partial(checkpoints.run_continued, self._plan, self._fleet, self._resumption.first_step, started)
+            )
             checkpoints.fill_slots(run)
             checkpoints.restore(run, self._resumption)
         else:
@@ -291,11 +288,6 @@ class Run:
         self._journal.write(make_event(time_s))
         return time_s
 
-    def _run_continued(self, resumption: Resumption, time_s: float) -> RunContinued:
-        plan, started = self._plan, self._started.isoformat() if self._started is not None else ""
-        name, fleet = plan.scenario.name, self._fleet.config.name
-        return RunContinued(time_s, resumption.first_step, started, name, fleet, plan.robots, plan.calls)
-
     def _fail(self, error: BaseException) -> None:
         """Record an error of the engine itself: it stops the steps, but never what makes the robots safe."""
         logger = get_logger(scenario=self._plan.scenario.name)
@@ -312,7 +304,7 @@ class Run:
 
     def _conclude(self) -> Report:
         """Write and return the report."""
-        self._join_threads()
+        join_threads(self._run.threads, self._fleet.clock)
         duration_s = self._run.now_s()
         try:
             self._emit(lambda time_s: RunEnded(time_s, self._report(duration_s)))
@@ -326,19 +318,6 @@ class Run:
             report = self._report(duration_s)
         self._journal.close()
         return report
-
-    def _join_threads(self) -> None:
-        """Wait a little for the functions of Python steps; log those that do not return."""
-        alive = [thread for thread in self._run.threads if thread.is_alive()]
-        if not alive:
-            return
-        end_s = REAL_TIME.now() + _THREADS_END_S
-        with self._fleet.clock.outside():
-            for thread in alive:
-                thread.join(max(0.0, end_s - REAL_TIME.now()))
-        for thread in alive:
-            if thread.is_alive():
-                get_logger(thread=thread.name).error("does not end though nobody waits for it; it was left behind")
 
     def _report(self, duration_s: float) -> Report:
         before = self._resumption

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
-from eal_actors.facade.together import DelayMeter, skew
+from eal_actors.facade.synchronized_start import DelayMeter, skew
 from eal_actors.kernel.errors import CallCancelledError
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask

@@ -134,18 +134,22 @@ def save_answer(value: object, folder: Path, name: str, time_s: float) -> str | 
 def _misfit(suffix: str, value: object, plain: object) -> str | None:
     """Return why a file of a suffix cannot hold a value, or None."""
     shape = value.shape if isinstance(value, EALData) else None
-    if suffix == ".png":
-        is_image = isinstance(value, EALData) and value.dtype == "|u1" and shape is not None and shape[2:] == (3,)
-        return None if is_image else _NO_IMAGE
-    if suffix == ".npy":
-        return None if shape is not None or isinstance(plain, list) else "no array"
-    if suffix == ".txt":
-        return None if isinstance(plain, str | bytes) else "no text"
-    if suffix == ".csv":
-        count = len(plain) if isinstance(plain, list | tuple) else math.prod(shape or (1,))
-        fits = len(shape or ()) <= 1 and count <= MAX_COLUMNS and not isinstance(plain, bytes)
-        return None if fits else _NO_ROW
+    match suffix:
+        case ".png":
+            is_image = isinstance(value, EALData) and value.dtype == "|u1" and shape is not None and shape[2:] == (3,)
+            return None if is_image else _NO_IMAGE
+        case ".npy":
+            return None if shape is not None or isinstance(plain, list) else "no array"
+        case ".txt":
+            return None if isinstance(plain, str | bytes) else "no text"
+        case ".csv":
+            return None if _is_row(plain, shape or ()) else _NO_ROW
     return "bytes, which JSON has no form for; save them as .txt" if isinstance(plain, bytes) else None
+
+
+def _is_row(plain: object, shape: tuple[int, ...]) -> bool:
+    count = len(plain) if isinstance(plain, list | tuple) else math.prod(shape or (1,))
+    return len(shape) <= 1 and count <= MAX_COLUMNS and not isinstance(plain, bytes)
 
 
 @cache

@@ -64,18 +64,20 @@ def _to_json(value: Any) -> Any:
         return _to_json(value.tolist()) if getattr(value, "size", 1) <= MAX_ELEMENTS else None
     if isinstance(value, float):
         return value if math.isfinite(value) else {_FLOAT: plain_json(value)}
-    if isinstance(value, str):
-        return value
     if isinstance(value, int):
         return value if value.bit_length() <= MAX_BITS else None
     if isinstance(value, tuple | list):
         items = [_to_json(item) for item in value[: MAX_ELEMENTS + 1]]
         return None if len(items) > MAX_ELEMENTS or any(item is None for item in items) else items
     if isinstance(value, Mapping):
-        entries = {key: _to_json(item) for key, item in value.items() if isinstance(key, str)}
-        is_whole = len(entries) == len(value) <= MAX_ELEMENTS and set(entries) not in _TAGS
-        return entries if is_whole and all(value[key] is None or entries[key] is not None for key in entries) else None
-    return None
+        return _mapping_to_json(value)
+    return value if isinstance(value, str) else None
+
+
+def _mapping_to_json(value: Mapping[Any, Any]) -> dict[str, Any] | None:
+    entries = {key: _to_json(item) for key, item in value.items() if isinstance(key, str)}
+    is_whole = len(entries) == len(value) <= MAX_ELEMENTS and set(entries) not in _TAGS
+    return entries if is_whole and all(value[key] is None or entries[key] is not None for key in entries) else None
 
 
 # Strict JSON.

@@ -37,11 +37,6 @@ class BarrierStep(WaitingStep):
     def words(self, show: Show) -> str:
         return f"meet at barrier {self.barrier}, within {show(self.timeout_s)} s"
 
-    @property
-    @override
-    def label(self) -> str:
-        return f"barrier {self.barrier}"
-
     @override
     def attempt(self, action: Action) -> Coroutine:
         run, context = action.run, action.context

@@ -17,8 +17,8 @@ from typing_extensions import override
 
 from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.strict_model import DeferredType, StrictModel
-from eal_actors.kernel.yaml_tree import YamlPath, format_path
-from eal_actors.scenario.engine.executor import Action, perform_step, perform_steps, perform_within
+from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.executor import Action, perform_step, perform_within
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.expressions import LocatedExpression, Namespace, locate_expressions, render
@@ -31,14 +31,14 @@ from eal_actors.scenario.language.values import (
     checked_number,
     final_action,
 )
-from eal_actors.scenario.steps.wording import show_value
+from eal_actors.scenario.steps.wording import short_number, show_value
 
 if TYPE_CHECKING:  # the scenario's model consists of steps
     from eal_actors.scenario.engine.context import RunContext
     from eal_actors.scenario.engine.frames import ExecutionContext, Frame
     from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
     from eal_actors.scenario.language.scenario import Scenario
-    from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
+    from eal_actors.scenario.language.scope import Scope, ScopeCheck
     from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
 
 Keys: TypeAlias = tuple[str | int, ...]
@@ -279,8 +279,8 @@ class FallibleStep(Step):
 
     @property
     def label(self) -> str:
-        """The step in records, for people."""
-        return self.kind
+        """The step in records, for people: its kind, and the value under the key of the kind."""
+        return f"{self.kind} {short_number(getattr(self, self.kind))}"
 
     def attempt(self, action: Action) -> Coroutine:
         """Perform the step once.
@@ -347,6 +347,11 @@ class BlockStep(LimitedStep):
     each robot. Then the steps under way are stopped, and the block fails."""
 
     @override
+    def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
+        do: tuple[Step, ...] = getattr(self, "do", ())
+        return ((("do",), do),)
+
+    @override
     def words(self, show: Show) -> str:
         limit = f", within {show(self.timeout_s)} s" if self.timeout_s is not None else ""
         return self.block_words(show) + limit
@@ -363,30 +368,6 @@ class BlockStep(LimitedStep):
     def perform_inside(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
         """Perform the steps inside; the time limit is already handled."""
         raise NotImplementedError
-
-
-class LoopStep(BlockStep):
-    """A step that performs steps several times."""
-
-    def loop_variable(self, check: ScopeCheck, scope: Scope) -> LoopVariable:
-        """Return the variable of the loop, for the checks of its steps."""
-        raise NotImplementedError
-
-    @override
-    def scope_inside(self, check: ScopeCheck, scope: Scope) -> Scope:
-        return scope.within(self.loop_variable(check, scope))
-
-    def perform_passes(
-        self, run: RunContext, context: ExecutionContext, path: str, name: str, values: Iterable[object]
-    ) -> Coroutine:
-        """Perform the steps inside once for each value of the variable."""
-        inside = context.inside(self.on_failure)
-        for value in values:
-            if not run.may_begin(context):
-                return
-            yield from run.next_pass()
-            for keys, steps in self.children():
-                yield from perform_steps(run, steps, f"{path}.{format_path(keys)}", inside.in_loop(name, value))
 
 
 def roles_at_work(scenario: Scenario, steps: Sequence[Step], path: YamlPath, first: int = 0) -> Iterator[str]:

@@ -62,11 +62,6 @@ class ExpectStep(FallibleStep):
         equals = f" to be {show(self.equals)}{tolerance}" if self.equals is not None else ""
         return f"expect {self.expect}{equals}"
 
-    @property
-    @override
-    def label(self) -> str:
-        return f"expect {self.expect}"
-
     @override
     def attempt(self, action: Action) -> Coroutine:
         expression, _ = parse_bare(self.expect)

@@ -29,7 +29,8 @@ from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
 from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Value, VariableName, WholeExpression
-from eal_actors.scenario.steps.base import Keys, LoopStep, Show, Step, Steps
+from eal_actors.scenario.steps.base import Keys, Show, Steps
+from eal_actors.scenario.steps.loop import LoopStep
 from eal_actors.scenario.steps.wording import short_value
 
 
@@ -68,10 +69,6 @@ class ForStep(LoopStep):
     def values(self) -> tuple[object, ...] | str:
         """The values of the variable."""
         return next(iter(self.for_.values()))
-
-    @override
-    def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
-        return ((("do",), self.do),)
 
     @override
     def templates(self) -> Iterable[tuple[Keys, object]]:

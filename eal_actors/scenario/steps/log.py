@@ -24,6 +24,11 @@ class LogStep(FallibleStep):
     def templates(self) -> Iterable[tuple[Keys, object]]:
         return ((("log",), self.log),)
 
+    @property
+    @override
+    def label(self) -> str:
+        return self.kind  # the text is in an event of its own
+
     @override
     def words(self, show: Show) -> str:
         return f"log {show(self.log)}"

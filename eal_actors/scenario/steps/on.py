@@ -21,7 +21,7 @@ from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Text
 from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
-from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step, Steps, count_calls
+from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Steps, count_calls
 from eal_actors.scenario.steps.wording import until_words
 
 
@@ -35,10 +35,6 @@ class OnStep(BlockStep):
     until: Text = "all"
     """`all`: over when every robot is through; `first`: when the first is; otherwise the name of a signal. Robots that
     are not through by then are halted."""
-
-    @override
-    def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
-        return ((("do",), self.do),)
 
     @property
     @override

@@ -7,7 +7,7 @@ import importlib
 import importlib.util
 import inspect
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import entry_points
@@ -19,7 +19,7 @@ from typing_extensions import override
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, Problem, ScenarioError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.strict_model import NAMES_ONLY, did_you_mean
@@ -35,6 +35,8 @@ GROUP: Final = "eal_actors.steps"
 """The group of entry points that hold functions for steps."""
 DEFAULT_TIMEOUT_S: Final = 60.0
 """The deadline if neither the step nor the scenario has one, in real seconds."""
+_JOIN_S: Final = 0.5
+"""Real seconds that functions have to return after the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +98,6 @@ class PythonStep(TimedStep):
         given = ", ".join(f"{name}={show(value)}" for name, value in self.with_.items())
         return f"python {self.python}({given})" + (f" -> {self.save_as}" if self.save_as else "")
 
-    @property
-    @override
-    def label(self) -> str:
-        return f"python {self.python}"
-
     @override
     def attempt(self, action: Action) -> Coroutine:
         run, context = action.run, action.context
@@ -160,6 +157,20 @@ def _call(function: StepFunction, context: StepContext, given: dict[str, Any], a
     except BaseException as error:  # noqa: BLE001  # user code may raise anything, and the run waits for the answer
         get_logger(step=threading.current_thread().name).debug("the function raised", exc_info=error)
         answer.set_exception(ScenarioError(f"{answer.describe()} raised {error_text(error)}"))
+
+
+def join_threads(threads: Sequence[threading.Thread], clock: Clock) -> None:
+    """Wait a little for the functions of a run that is over; log those that do not return."""
+    alive = [thread for thread in threads if thread.is_alive()]
+    if not alive:
+        return
+    end_s = REAL_TIME.now() + _JOIN_S
+    with clock.outside():
+        for thread in alive:
+            thread.join(max(0.0, end_s - REAL_TIME.now()))
+    for thread in alive:
+        if thread.is_alive():
+            get_logger(thread=thread.name).error("does not end though nobody waits for it; it was left behind")
 
 
 # The functions of a scenario, found before the run.

@@ -18,7 +18,8 @@ from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
 from eal_actors.scenario.language.values import INDEX, Repeats, Wanted
-from eal_actors.scenario.steps.base import Keys, LoopStep, Show, Step, Steps
+from eal_actors.scenario.steps.base import Keys, Show, Steps
+from eal_actors.scenario.steps.loop import LoopStep
 
 
 class RepeatStep(LoopStep):
@@ -27,10 +28,6 @@ class RepeatStep(LoopStep):
     kind = "repeat"
     repeat: Repeats
     do: Steps
-
-    @override
-    def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
-        return ((("do",), self.do),)
 
     @override
     def templates(self) -> Iterable[tuple[Keys, object]]:

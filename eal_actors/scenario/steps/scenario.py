@@ -26,7 +26,7 @@ from eal_actors.scenario.language.scope import Scope, ScopeCheck, signals_of
 from eal_actors.scenario.language.static_values import StaticValues
 from eal_actors.scenario.language.values import Text, Value, VariableName
 from eal_actors.scenario.report.timeline import TimelineBuilder, TimelineEntry
-from eal_actors.scenario.steps.base import BlockStep, Keys, Show, count_calls, shared_robots
+from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step, count_calls, shared_robots
 
 
 class ScenarioStep(BlockStep):
@@ -49,6 +49,10 @@ class ScenarioStep(BlockStep):
     @override
     def part_file(self) -> str:
         return self.scenario
+
+    @override
+    def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
+        return ()  # they belong to another scenario
 
     @override
     def given_signals(self) -> Iterable[str]:

@@ -38,11 +38,6 @@ class SignalStep(FallibleStep):
     def words(self, show: Show) -> str:
         return f"give signal {self.signal}"
 
-    @property
-    @override
-    def label(self) -> str:
-        return f"signal {self.signal}"
-
     @override
     def attempt(self, action: Action) -> Coroutine:
         robot = action.context.robot_name

@@ -55,11 +55,6 @@ class WaitForStep(WaitingStep):
         default = f", else {show(self.default)}" if self.default is not None else ""
         return f"wait for signal {self.wait_for}{times}, at most {show(self.timeout_s)} s{default}"
 
-    @property
-    @override
-    def label(self) -> str:
-        return f"wait_for {self.wait_for}"
-
     @override
     def attempt(self, action: Action) -> Coroutine:
         run, context = action.run, action.context

@@ -39,11 +39,6 @@ class WaitStep(FallibleStep):
     def words(self, show: Show) -> str:
         return f"wait {show(self.wait_s)} s"
 
-    @property
-    @override
-    def label(self) -> str:
-        return f"wait_s {short_number(self.wait_s)}"
-
     @override
     def attempt(self, action: Action) -> Coroutine:
         duration_s = yield from action.number(self.wait_s, "seconds", "wait_s")

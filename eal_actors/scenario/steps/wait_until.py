@@ -36,11 +36,6 @@ class WaitUntilStep(WaitingStep):
     def words(self, show: Show) -> str:
         return f"wait until {self.wait_until}, at most {show(self.timeout_s)} s"
 
-    @property
-    @override
-    def label(self) -> str:
-        return f"wait_until {self.wait_until}"
-
     @override
     def attempt(self, action: Action) -> Coroutine:
         run, context = action.run, action.context

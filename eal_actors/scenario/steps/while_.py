@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from typing import Literal
@@ -22,7 +22,8 @@ from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
 from eal_actors.scenario.language.static_values import Guard, StaticLoop
 from eal_actors.scenario.language.values import INDEX, ExpressionText, Repeats, Wanted
-from eal_actors.scenario.steps.base import Keys, LoopStep, Show, Step, Steps
+from eal_actors.scenario.steps.base import Keys, Show, Steps
+from eal_actors.scenario.steps.loop import LoopStep
 
 
 class WhileStep(LoopStep):
@@ -36,10 +37,6 @@ class WhileStep(LoopStep):
     at_limit: Literal["fail", "go_on"] = "fail"
     """What happens if the expression is still true after them."""
     do: Steps
-
-    @override
-    def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
-        return ((("do",), self.do),)
 
     @override
     def templates(self) -> Iterable[tuple[Keys, object]]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.cli.new_plugin import write_plugin
+from eal_actors.cli.plugin import write_plugin
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.manifest import read_manifest
 from eal_actors.managers.plugins import import_plugin

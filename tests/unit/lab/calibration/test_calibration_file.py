@@ -85,14 +85,14 @@ def test_an_include_is_added_in_the_form_that_the_file_has(before: str, after: s
     "text", ["{version: 1, name: x}\n", "version: 1\ninclude: []\n", "version: 1\ninclude: ['a]b.yaml']\n"]
 )
 def test_a_form_that_only_people_can_change_is_left_to_them(text: str) -> None:
-    with pytest.raises(ConfigError, match=r"lab\.yaml: include: add c\.yaml to the end of its list by hand"):
+    with pytest.raises(ConfigError, match=r"lab\.yaml: include: cannot be changed automatically: add c\.yaml"):
         with_include(text, "lab.yaml", "c.yaml")
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (FLEET.replace("roomba}", "roomba, calibration: {track_factor: 1.1}}"), "stands here already"),
+        (FLEET.replace("roomba}", "roomba, calibration: {track_factor: 1.1}}"), "is set here and would override"),
         (FLEET.replace("rob:", '"rob{n}": {count: 1, plugins: {sim: {model: roomba}}}\n  x:'), "the robot 'rob1' is"),
         (FLEET.replace("sim: {model: roomba}", "sample: {}"), "no plugin with a Base"),
     ],

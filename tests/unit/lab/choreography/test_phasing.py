@@ -10,8 +10,8 @@ import pytest
 
 from eal_actors.device.world.formation import Formation, formation_poses
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.lab.choreography.phasing import distance_to_way_m, plan_phases, ways_apart_m
-from eal_actors.lab.choreography.shapes import plan_shape
+from eal_actors.lab.choreography.phasing import distance_to_path_m, path_distance_m, plan_phases
+from eal_actors.lab.choreography.step import plan_shape
 
 Point = tuple[float, float]
 CLEARANCE_M = 0.6
@@ -43,7 +43,7 @@ def test_whoever_is_fast_or_slow_the_clearance_is_kept(shape: str, count: int, r
         for phase in plan["phases"]:
             ways = {name: (at[name], (phase[name][0], phase[name][1])) for name in at}
             for one, other in itertools.combinations(ways, 2):
-                assert ways_apart_m(ways[one], ways[other]) >= CLEARANCE_M - 1e-6, f"seed {seed}"
+                assert path_distance_m(ways[one], ways[other]) >= CLEARANCE_M - 1e-6, f"seed {seed}"
             at = {name: way[1] for name, way in ways.items()}
         assert {name: tuple(place[:2]) for name, place in plan["places"].items()} == at
         wanted = sorted((pose.x_m, pose.y_m) for pose in formation_poses(rule))
@@ -57,8 +57,8 @@ def test_ways_apart_is_what_points_along_them_say() -> None:
             ((generator.uniform(-2, 2), generator.uniform(-2, 2)), (generator.uniform(-2, 2), generator.uniform(-2, 2)))
             for _ in range(2)
         )
-        sampled_m = min(distance_to_way_m(point, other) for point in along(one, 2000))
-        assert ways_apart_m(one, other) == pytest.approx(sampled_m, abs=2e-3)
+        sampled_m = min(distance_to_path_m(point, other) for point in along(one, 2000))
+        assert path_distance_m(one, other) == pytest.approx(sampled_m, abs=2e-3)
 
 
 def test_who_bars_the_way_later_goes_later() -> None:
@@ -84,7 +84,7 @@ def grid(count: int) -> list[Point]:
 
 
 def test_places_too_near_each_other_are_refused() -> None:
-    with pytest.raises(ArgumentError, match=r"two places are 0\.50 m apart, and 0\.60 m"):
+    with pytest.raises(ArgumentError, match=r"two places are 0\.50 m apart; the margin needs 0\.60 m"):
         plan_phases([(0.0, 0.0), (1.0, 0.0)], [(5.0, 0.0), (5.5, 0.0)], CLEARANCE_M)
     with pytest.raises(ArgumentError, match=r"two robots stand 0\.30 m apart"):
         plan_phases([(0.0, 0.0), (0.3, 0.0)], [(5.0, 0.0), (6.5, 0.0)], CLEARANCE_M)

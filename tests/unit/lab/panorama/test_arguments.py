@@ -1,4 +1,4 @@
-"""What `stitch` refuses, and what it keeps still about."""
+"""Invalid arguments and warnings of `stitch`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FRAME = np.zeros((48, 64, 3), np.uint8)
         ([FRAME] * 2, [0.0, 0.5], math.nan, "from 10 to 150 degrees, not nan"),
         ([FRAME, FRAME[..., 0]], [0.0, 0.5], 60, r"frame 1 must be of shape \(height, width, 3\).*\(48, 64\)"),
         ([FRAME, FRAME.astype(float)], [0.0, 0.5], 60, "frame 1 must be .* uint8, not .* float64"),
-        ([FRAME, FRAME[:20]], [0.0, 0.5], 60, "frame 1 is only 64 x 20 px; 32 px a side"),
+        ([FRAME, FRAME[:20]], [0.0, 0.5], 60, "frame 1 is 64 x 20 px; each side needs at least 32 px"),
     ],
 )
 def test_what_is_no_ring_of_frames_is_refused(

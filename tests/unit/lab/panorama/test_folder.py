@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,8 +14,9 @@ from typer.testing import CliRunner, Result
 
 from eal_actors.cli import app
 from eal_actors.kernel.errors import ConfigError, ScenarioError
-from eal_actors.lab.panorama.folder import read_shots
+from eal_actors.lab.panorama.folder import read_frames
 from eal_actors.lab.panorama.step import stitch_run
+from tests.unit.lab.contexts import step_context
 from tests.unit.lab.panorama.turning import Image, noisy, shots, steps
 
 TRUE = noisy(steps(3), seed=1)
@@ -58,9 +57,9 @@ def eal(*arguments: object) -> Result:
 def test_frames_come_in_natural_order_as_rgb(tmp_path: Path) -> None:
     frames = tiny(12)
     frames[10][:] = (255, 0, 0)
-    found = read_shots(save(tmp_path, frames), step_rad=0.5)
+    found = read_frames(save(tmp_path, frames), step_rad=0.5)
     assert found.names == tuple(f"frame.{number}.png" for number in range(12))
-    assert tuple(found.frames[10][0, 0]) == (255, 0, 0)
+    assert tuple(found.images[10][0, 0]) == (255, 0, 0)
     assert found.yaws_rad[:3] == (0, -0.5, -1.0)
 
 
@@ -68,7 +67,7 @@ def test_other_files_and_panoramas_are_no_frames(tmp_path: Path) -> None:
     save(tmp_path, tiny(2))
     for name in ("panorama.png", "wide.png", ".hidden.png", "notes.txt"):
         (tmp_path / name).write_bytes(b"x")
-    assert len(read_shots(tmp_path, 0.5, [tmp_path / "wide.png"]).names) == 2
+    assert len(read_frames(tmp_path, 0.5, [tmp_path / "wide.png"]).names) == 2
 
 
 @pytest.mark.parametrize(
@@ -82,29 +81,29 @@ def test_other_files_and_panoramas_are_no_frames(tmp_path: Path) -> None:
 def test_yaws_come_from_a_table(tmp_path: Path, table: str, text: str) -> None:
     save(tmp_path, tiny(2))
     (tmp_path / table).write_text(text)
-    assert read_shots(tmp_path).yaws_rad == pytest.approx((0.5, 0.25))
+    assert read_frames(tmp_path).yaws_rad == pytest.approx((0.5, 0.25))
 
 
 def test_yaws_come_from_the_poses_beside_the_frames(tmp_path: Path) -> None:
     save_poses(save(tmp_path, tiny(2)), [0.5, 0.25])
-    assert read_shots(tmp_path).yaws_rad == (0.5, 0.25)
+    assert read_frames(tmp_path).yaws_rad == (0.5, 0.25)
 
 
 @pytest.mark.parametrize(
     ("files", "message"),
     [
-        ({}, r"there is no yaws.csv, frames.csv or frame.0.json. Give the angle between frames \(--step\)"),
+        ({}, r"no yaws.csv, frames.csv or frame.0.json. Give the angle between frames \(--step\)"),
         ({"yaws.csv": "yaw\n1\n2\n"}, r"yaws.csv:1:1: needs a column yaw_rad or yaw_deg; it has yaw"),
         ({"yaws.csv": ""}, r"needs a column yaw_rad or yaw_deg; it has none"),
         ({"yaws.csv": "yaw_rad\n1\n"}, r"has 1 rows for 2 frames; name them in a column `file`"),
         ({"yaws.csv": "yaw_rad\n1\nleft\n"}, r"yaws.csv:3:1: yaw_rad must be a number, not 'left'"),
         ({"yaws.csv": "yaw_rad\n1\nnan\n"}, r"yaws.csv:3:1: yaw_rad must be a number, not 'nan'"),
         ({"frames.csv": "file,yaw_rad\nframe.0.png,1\n"}, r"has no row for frame.1.png"),
-        ({"frames.csv": "file,yaw_rad\nframe.0,1\nframe.0,2\nframe.1,2\n"}, r"frame.0 stands here a second time"),
+        ({"frames.csv": "file,yaw_rad\nframe.0,1\nframe.0,2\nframe.1,2\n"}, r"frame.0 is repeated"),
         ({"frame.0.json": "[0, 0, 1]"}, r"frame.1.png: has no frame.1.json beside it"),
         ({"frame.0.json": "[0, 0, 1]", "frame.1.json": "[0, 0]"}, r"frame.1.json: must be a pose"),
-        ({"yaws.csv": "yaw_rad\n1\n2\n", "frame.1.png": "no picture"}, r"frame.1.png: is no picture"),
-        ({"yaws.csv": "yaw_rad\n1\n2\n", "frame.1.png": ""}, r"frame.1.png: is no picture"),
+        ({"yaws.csv": "yaw_rad\n1\n2\n", "frame.1.png": "no picture"}, r"frame.1.png: cannot be read as a picture"),
+        ({"yaws.csv": "yaw_rad\n1\n2\n", "frame.1.png": ""}, r"frame.1.png: cannot be read as a picture"),
     ],
 )
 def test_what_is_wrong_with_a_folder_is_told(tmp_path: Path, files: Mapping[str, str], message: str) -> None:
@@ -112,15 +111,15 @@ def test_what_is_wrong_with_a_folder_is_told(tmp_path: Path, files: Mapping[str,
     for name, text in files.items():
         (tmp_path / name).write_text(text)
     with pytest.raises(ConfigError, match=message):
-        read_shots(tmp_path)
+        read_frames(tmp_path)
 
 
 def test_a_folder_of_folders_tells_where_the_frames_are(tmp_path: Path) -> None:
     save(tmp_path / "rover", tiny(2))
-    with pytest.raises(ConfigError, match=r"holds no frames, .*; there are some in its folder rover"):
-        read_shots(tmp_path)
+    with pytest.raises(ConfigError, match=r"holds no frames, .*; found in its folder rover"):
+        read_frames(tmp_path)
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
-        read_shots(tmp_path / "nowhere")
+        read_frames(tmp_path / "nowhere")
 
 
 # The command.
@@ -146,7 +145,7 @@ def test_eal_stitch_names_what_it_leaves_out_and_fails(tmp_path: Path) -> None:
     result = eal("stitch", save(tmp_path, frames, ".jpg"), "--step", "45", "--out", out, "--json")
     assert result.exit_code == 1
     last = json.loads(result.stdout)["frames"][2]
-    assert last["left_out"] == "is blank, but there is something to be seen in frame.1.jpg beside it"
+    assert last["left_out"] == "is blank, but frame.1.jpg beside it is not"
     assert last["yaw_deg"] is None
     load(out)
     assert "left out: is blank" in eal("stitch", tmp_path, "--step", "45", "--out", out).stdout
@@ -155,7 +154,7 @@ def test_eal_stitch_names_what_it_leaves_out_and_fails(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "nothing tells where the camera looked"),
+        ([], "has no yaws"),
         (["--step", "45", "--field-of-view", "50"], "needs a field of view of 55 degrees"),
         (["--step", "45", "--out", "wide.gif"], "must end in .png, .jpg, .jpeg"),
         (["--step", "270"], "equal to 180"),
@@ -171,28 +170,15 @@ def test_eal_stitch_refuses_what_cannot_be(tmp_path: Path, options: list[str], m
 # The step.
 
 
-@dataclass
-class Run:
-    """As much of a run as the step looks at."""
-
-    directory: Path | None
-    robots: Mapping[str, Any] = field(default_factory=lambda: {"rover": None, "blind": None})
-    cancelled: bool = False
-    said: list[str] = field(default_factory=list)
-
-    def is_cancelled(self) -> bool:
-        return self.cancelled
-
-    def log(self, text: str) -> None:
-        self.said.append(text)
+ROBOTS = {"rover": None, "blind": None}
 
 
 def test_the_step_stitches_what_each_robot_saved(tmp_path: Path) -> None:
     save_poses(save(tmp_path / "rover", shots(TRUE)), steps(3))
-    run = Run(tmp_path)
-    reports = stitch_run(run)
+    logged: list[str] = []
+    reports = stitch_run(step_context(tmp_path, robots=ROBOTS, log=logged.append))
     assert list(reports) == ["rover"]
-    assert run.said == ["rover: 3 of 3 frames stitched into panorama.png"]
+    assert logged == ["rover: 3 of 3 frames stitched into panorama.png"]
     assert json.loads((tmp_path / "rover" / "panorama.json").read_text()) == reports["rover"]
     assert load(tmp_path / "rover" / "panorama.png").shape[1] == reports["rover"]["width"]
 
@@ -202,13 +188,13 @@ def test_the_step_fails_with_the_names_of_frames_that_it_left_out_and_keeps_the_
     frames[2] = np.zeros_like(frames[2])
     save_poses(save(tmp_path / "rover", frames), steps(3))
     with pytest.raises(ScenarioError, match=r"rover: frame\.2\.png is blank"):
-        stitch_run(Run(tmp_path))
+        stitch_run(step_context(tmp_path, robots=ROBOTS))
     assert (tmp_path / "rover" / "panorama.png").is_file()
 
 
 def test_the_step_fails_without_frames(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="no robot has saved pictures"):
-        stitch_run(Run(tmp_path))
+        stitch_run(step_context(tmp_path, robots=ROBOTS))
     with pytest.raises(ScenarioError, match="keeps no files"):
-        stitch_run(Run(None))
-    assert stitch_run(Run(tmp_path, cancelled=True)) == {}
+        stitch_run(step_context())
+    assert stitch_run(step_context(tmp_path, robots=ROBOTS, is_cancelled=True)) == {}

@@ -7,11 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from eal_actors.lab.panorama.cylinder import Lens, patch_of, unroll
+from eal_actors.lab.panorama.cylinder import CameraLens, Shift, patch_of, project_frame
 from eal_actors.lab.panorama.features import find_features, shift_by_features
-from eal_actors.lab.panorama.gradients import compare_gradients, slopes_of
-from eal_actors.lab.panorama.ring import closing_error_rad, ring_of, settle
-from eal_actors.lab.panorama.shift import Shift
+from eal_actors.lab.panorama.gradients import compare_gradients, gradients_of
+from eal_actors.lab.panorama.ring import closing_error_rad, ring_of, solve_directions
 from tests.unit.lab.panorama.turning import VIEW_RAD, shots
 
 PX_PER_RAD = 100.0
@@ -26,13 +25,13 @@ def turned_by(degrees_: float, sigma_px: float = 0.5) -> Shift:
 
 
 def test_a_point_is_unrolled_to_its_bearing_and_height() -> None:
-    lens = Lens(321, 241, math.radians(60))
+    lens = CameraLens(321, 241, math.radians(60))
     frame = np.zeros((241, 321, 3), np.uint8)
     frame[170:175, 240:245] = 255  # 80 px to the right of the axis, 52 below it, on the average
     bearing_rad = math.atan2(82, lens.focal_px)
     right_rad = np.arange(-0.5, 0.5, 0.001)
     down_px = np.arange(0, 100.0)
-    image, _ = unroll(frame, lens, right_rad, down_px, lens.focal_px)
+    image, _ = project_frame(frame, lens, right_rad, down_px, lens.focal_px)
     rows, columns = np.nonzero(image[..., 0] > 127)
     assert right_rad[columns].mean() == pytest.approx(bearing_rad, abs=0.002)
     assert down_px[rows].mean() == pytest.approx(52 * math.cos(bearing_rad), abs=0.6)
@@ -47,11 +46,11 @@ def test_a_patch_tells_where_its_frame_reaches() -> None:
 
 def test_features_and_gradients_find_the_turn_between_two_frames() -> None:
     turn_rad = math.radians(41.3)
-    focal_px = Lens(320, 240, VIEW_RAD).focal_px
+    focal_px = CameraLens(320, 240, VIEW_RAD).focal_px
     one, two = (patch_of(frame, VIEW_RAD, focal_px) for frame in shots([0.0, -turn_rad]))
     expected_px = math.radians(45) * focal_px
     by_features = shift_by_features(find_features(one), find_features(two), expected_px, focal_px)
-    by_gradients = compare_gradients(slopes_of(one), slopes_of(two), expected_px, focal_px)
+    by_gradients = compare_gradients(gradients_of(one), gradients_of(two), expected_px, focal_px)
     assert by_features is not None
     assert by_gradients.shift is not None
     for shift in (by_features, by_gradients.shift):
@@ -60,11 +59,11 @@ def test_features_and_gradients_find_the_turn_between_two_frames() -> None:
 
 
 def test_what_odometry_rules_out_is_not_found() -> None:
-    focal_px = Lens(320, 240, VIEW_RAD).focal_px
+    focal_px = CameraLens(320, 240, VIEW_RAD).focal_px
     one, two = (patch_of(frame, VIEW_RAD, focal_px) for frame in shots([0.0, -math.radians(30)]))
     expected_px = math.radians(43) * focal_px
     assert shift_by_features(find_features(one), find_features(two), expected_px, focal_px) is None
-    assert compare_gradients(slopes_of(one), slopes_of(two), expected_px, focal_px).shift is None
+    assert compare_gradients(gradients_of(one), gradients_of(two), expected_px, focal_px).shift is None
 
 
 @pytest.mark.parametrize("period_px", [16, 24])
@@ -72,7 +71,7 @@ def test_a_pattern_that_repeats_is_not_believed(period_px: int) -> None:
     stripes = np.full((240, 320, 3), 80, np.uint8)
     stripes[:, np.arange(320) % period_px < period_px // 2] = 170
     patch = patch_of(stripes, math.radians(20), 900.0)
-    found = compare_gradients(slopes_of(patch), slopes_of(patch), 90.0, 900.0)
+    found = compare_gradients(gradients_of(patch), gradients_of(patch), 90.0, 900.0)
     assert found.shift is None
     assert not found.contradicts
     features = find_features(patch)
@@ -105,7 +104,7 @@ def test_what_does_not_close_is_spread_evenly() -> None:
     error_rad = closing_error_rad(ring, links, PX_PER_RAD)
     assert error_rad is not None
     assert math.degrees(error_rad) == pytest.approx(4)
-    places = settle(yaws_rad, ring, links, PX_PER_RAD)
+    places = solve_directions(yaws_rad, ring, links, PX_PER_RAD)
     assert [places[number][0] for number in range(8)] == pytest.approx([yaws_rad[number] for number in range(8)])
 
 
@@ -113,7 +112,7 @@ def test_a_turn_that_no_picture_tells_takes_what_the_others_leave() -> None:
     yaws_rad = degrees(*range(0, -360, -45))
     ring = ring_of(yaws_rad, VIEW_RAD)
     links = {(number, number + 1): turned_by(44) for number in range(7)}
-    places = settle(yaws_rad, ring, links, PX_PER_RAD)
+    places = solve_directions(yaws_rad, ring, links, PX_PER_RAD)
     turns_deg = [math.degrees(places[number][0] - places[number + 1][0]) for number in range(7)]
     assert turns_deg == pytest.approx([44] * 7, abs=0.1)
     assert math.degrees(places[7][0] - places[0][0]) % 360 == pytest.approx(52, abs=0.7)

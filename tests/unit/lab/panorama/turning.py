@@ -1,4 +1,4 @@
-"""A camera that turns in the laboratory, what a perfect panorama of it looks like, and how alike two pictures are."""
+"""A camera that turns in the laboratory, the ideal panorama of its frames, and a measure of similarity."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from eal_actors.device.world import load_world
 from eal_actors.lab.panorama import Panorama, stitching
-from eal_actors.lab.panorama.placing import place
+from eal_actors.lab.panorama.cylinder import wrapped_rad
+from eal_actors.lab.panorama.placement import place_frames
 from plugins.sim.camera.eye import Eye, PinholeLens
 from plugins.sim.camera.render import render
 from plugins.sim.camera.scene import Scene
@@ -48,21 +49,21 @@ def steps(number: int = 8, step_rad: float = STEP_RAD) -> list[float]:
 
 
 def noisy(yaws_rad: Sequence[float], seed: int, sigma_deg: float = 2.0) -> list[float]:
-    """Return where a robot looks that meant to look there."""
+    """Return the yaws of a robot that meant to turn to these, with random errors."""
     errors = np.random.default_rng(seed).normal(0.0, math.radians(sigma_deg), len(yaws_rad))
     return [yaw_rad + float(error) for yaw_rad, error in zip(yaws_rad, errors, strict=True)]
 
 
 def mean_error_rad(panorama: Panorama, true_rad: Sequence[float]) -> float:
     """Return by how much the whole panorama is turned, which no picture can tell."""
-    return float(np.mean([_wrapped(yaw_rad - true) for yaw_rad, true in _both(panorama, true_rad)]))
+    return float(np.mean([wrapped_rad(yaw_rad - true) for yaw_rad, true in _both(panorama, true_rad)]))
 
 
 def yaw_error_rad(panorama: Panorama, true_rad: Sequence[float]) -> float:
     """Return how wrong the yaws are besides, root mean square."""
     turned_rad = mean_error_rad(panorama, true_rad)
     return math.sqrt(
-        np.mean([_wrapped(yaw_rad - true - turned_rad) ** 2 for yaw_rad, true in _both(panorama, true_rad)])
+        np.mean([wrapped_rad(yaw_rad - true - turned_rad) ** 2 for yaw_rad, true in _both(panorama, true_rad)])
     )
 
 
@@ -104,14 +105,10 @@ def by_odometry_alone(frames: Sequence[Image], yaws_rad: Sequence[float], view_r
     """Return the panorama that needs no look at the frames' contents, but for their brightness."""
     numbered = dict(enumerate(frames))
     names = [f"frame {number}" for number in numbered]
-    placing = place(numbered, yaws_rad, view_rad, names)
+    placement = place_frames(numbered, yaws_rad, view_rad, names)
     places = {number: (yaw_rad, 0.0) for number, yaw_rad in enumerate(yaws_rad)}
-    return stitching._painted(numbered, replace(placing, places=places), {}, len(frames), view_rad)
+    return stitching._render(numbered, replace(placement, places=places), {}, len(frames), view_rad)
 
 
 def _both(panorama: Panorama, true_rad: Sequence[float]) -> list[tuple[float, float]]:
     return [(yaw, true) for yaw, true in zip(panorama.yaws_rad, true_rad, strict=True) if yaw is not None]
-
-
-def _wrapped(angle_rad: float) -> float:
-    return (angle_rad + math.pi) % (2 * math.pi) - math.pi

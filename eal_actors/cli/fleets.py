@@ -1,4 +1,4 @@
-"""Opening a fleet for a command."""
+"""Reading, checking and opening the fleet of a command."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def read_fleet(
 
     Args:
         path: the fleet file.
-        robots: leave out all others; empty for all robots.
+        robots: the robots to keep; empty for all.
         rate: replaces the file's clock rate.
         seed: replaces the file's seed.
 
     Raises:
-        ConfigError: everything that is wrong with the file.
+        ConfigError: the file is wrong; names every problem.
         RobotNotFoundError: the fleet has no robot of one of the names.
     """
     manager = EALConfigManager.load(path)
@@ -39,15 +39,13 @@ def read_fleet(
         config = replace(config, robots={robot.name: robot for robot in manager.select(robots)})
     if rate is not None:
         config = replace(config, rate=rate)
-    if seed is not None:
-        config = replace(config, seed=seed)
-    return config
+    return config if seed is None else replace(config, seed=seed)
 
 
 def check_plugins(config: FleetConfig) -> tuple[set[Problem], list[str]]:
-    """Return what is wrong with the plugins that the file names, and what may be wrong on this machine only.
+    """Return the problems of the plugins that a fleet uses, and warnings.
 
-    That is plugins that cannot be read, which the file need not mean, and modules that are not installed.
+    Warnings depend on this machine: plugins that cannot be read, which the fleet may not use, and missing modules.
     """
     manager = EALPluginManager(config.plugin_dirs)
     problems: set[Problem] = set()
@@ -65,8 +63,8 @@ def check_plugins(config: FleetConfig) -> tuple[set[Problem], list[str]]:
 
 
 @contextmanager
-def advice_on_plugins(fleet: Fleet) -> Iterator[None]:
-    """Note on an error that comes of a plugin that did not connect what to do about that plugin."""
+def plugin_advice(fleet: Fleet) -> Iterator[None]:
+    """Add a note to an error that a plugin caused which did not connect: what to do about that plugin."""
     try:
         yield
     except (PluginError, RobotFailedError) as error:
@@ -88,20 +86,20 @@ def _advice(config: FleetConfig, problem: PluginError) -> Iterator[str]:
         if manifest is not None and f"plugin {manifest.name!r}" in problem.message:
             folder = str(short_path(manifest.folder))
             if manifest.missing_modules():
-                yield "Install what is missing, then try again."  # the error itself says how
+                yield "Install what is missing, then try again."  # the error itself names the modules
                 return
     if isinstance(problem.__cause__, OSError):
         yield SEE_DEVICE
-    yield f"`eal plugin check {folder}` tells more."
+    yield f"Details: `eal plugin check {folder}`"
 
 
 def find_resource(fleet: Fleet, robot: str, resource: str) -> ResourceHandle:
-    """Return a resource of a robot that must be up.
+    """Return a resource of a robot that has started.
 
     Raises:
         RobotFailedError: the robot has failed.
         UnavailableError: the robot did not start in time.
-        PluginError: the resource is not there, and a plugin that might hold it did not connect.
+        PluginError: the robot lacks the resource, and one of its plugins did not connect.
         ResourceNotFoundError: the robot has no such resource.
     """
     handle = fleet[robot]

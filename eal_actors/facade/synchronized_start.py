@@ -1,4 +1,4 @@
-"""Start together: one time for many robots to begin, and how close to it they came."""
+"""Synchronized start: commands of many robots that begin at the same time, and the record of their begins."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _PINGS: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Begin:
-    """When one command began.
+class CommandBegin:
+    """The begin of one command.
 
     Attributes:
         robot: the robot's name.
         resource: the resource's name.
         command: the command's text.
-        began_s: by the fleet's clock of whoever started it; None if it did not begin, or nobody heard of it.
-        error_s: by how many seconds at most `began_s` is wrong, either way; 0 in the same process.
+        began_s: the time of this process's fleet clock; None if the command did not begin, or its begin is unknown.
+        error_s: the maximum error of `began_s` in seconds; 0 for a robot of this process.
     """
 
     robot: str
@@ -43,35 +43,35 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class StartRecord:
-    """How close together commands began.
+    """The begins of commands with a common start.
 
     Attributes:
-        start_s: when they were to begin, by the fleet's clock.
-        begins: when each did, in the order given.
+        start_s: the planned time of the fleet's clock.
+        begins: the begins in the order of the commands.
     """
 
     start_s: float
-    begins: tuple[Begin, ...]
+    begins: tuple[CommandBegin, ...]
 
     @property
     def skew_s(self) -> float | None:
-        """Seconds from the first begin to the last; None where not all have begun."""
+        """Seconds from the first begin to the last; None if a begin is missing."""
         return skew([begin.began_s for begin in self.begins], ())[0]
 
     @property
     def skew_error_s(self) -> float:
-        """By how many seconds at most `skew_s` is wrong, either way."""
+        """The maximum error of `skew_s` in seconds."""
         return skew((), (begin.error_s for begin in self.begins))[1]
 
 
 @dataclass(frozen=True, slots=True)
-class Together:
-    """Commands on their way to a common start.
+class SynchronizedCommands:
+    """Commands with a common start.
 
     Attributes:
-        start_s: when they are to begin, by the fleet's clock.
-        futures: of the commands, in the order given.
-        record: how close together they began; done when the last command is, whether it succeeds or fails.
+        start_s: the planned time of the fleet's clock.
+        futures: the futures of the commands in their order.
+        record: the begins; done when the last command has succeeded or failed.
     """
 
     start_s: float
@@ -79,16 +79,16 @@ class Together:
     record: Future[StartRecord]
 
 
-def start_together(
+def send_synchronized(
     commands: Mapping[ResourceHandle, Command],
     robots: Iterable[RobotHandle],
     clock: Clock,
     lead_s: float,
     timeout_s: float | None,
-) -> Together:
-    """See Fleet.together."""
+) -> SynchronizedCommands:
+    """Send commands to begin at the same time, with the arguments of `Fleet.together`."""
     if not (math.isfinite(lead_s) and lead_s >= 0):
-        raise ArgumentError(f"lead_s must be seconds from 0, not {lead_s!r}")
+        raise ArgumentError(f"lead_s must be seconds, at least 0, not {lead_s!r}")
     delay_s = clock.of_real(_longest_delay_s(robots, clock))
     delay_s += max((handle.link.delay_s for handle in commands), default=0.0)
     start_s = clock.now() + lead_s + delay_s
@@ -99,7 +99,7 @@ def start_together(
     futures = tuple(call for _, _, call in calls)
     ended = gather(futures, return_exceptions=True)
     record = ended.map(lambda _: StartRecord(start_s, tuple(_begin_of(*call) for call in calls)))
-    return Together(start_s, futures, record)
+    return SynchronizedCommands(start_s, futures, record)
 
 
 class DelayMeter:
@@ -152,6 +152,6 @@ def skew(begins: Sequence[float | None], errors: Iterable[float]) -> tuple[float
     return max(times) - min(times) if times and len(times) == len(begins) else None, sum(sorted(errors)[-2:])
 
 
-def _begin_of(handle: ResourceHandle, command: str, future: Future[int]) -> Begin:
+def _begin_of(handle: ResourceHandle, command: str, future: Future[int]) -> CommandBegin:
     began_s, error_s = (future.began_s, future.began_error_s) if isinstance(future, Call) else (None, 0.0)
-    return Begin(handle.robot, handle.name, command, began_s, error_s)
+    return CommandBegin(handle.robot, handle.name, command, began_s, error_s)

@@ -1,0 +1,258 @@
+"""Directions of the frames, by odometry and corrected by their overlaps; and their brightness gains."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from eal_actors.lab.panorama.cylinder import (
+    WINDOW_RAD,
+    CameraLens,
+    Floats,
+    Image,
+    Patch,
+    PlacedBy,
+    patch_of,
+    scaled_down,
+    wrapped_rad,
+)
+from eal_actors.lab.panorama.features import Features, find_features, shift_by_features
+from eal_actors.lab.panorama.gradients import Comparison, Gradients, compare_gradients, gradients_of
+from eal_actors.lab.panorama.ring import Links, Ring, closing_error_rad, ring_of, solve_directions
+
+_COMPARED_WIDTH: Final = 800
+"""Largest width for comparisons, in pixels."""
+_BLANK: Final = 2.0
+"""Standard deviation of grey levels up to which a picture counts as blank."""
+_UNLIKE: Final = 16.0
+"""Difference in grey levels from which a blank frame contradicts its neighbour in their overlap."""
+_DARKEST: Final = 4
+_BRIGHTEST: Final = 250
+"""Pixels outside of these levels are clipped, and say nothing about brightness."""
+_LEVELS_SIGMA: Final = 4.0
+_GAIN_SIGMA: Final = 0.3
+_FEWEST_PX: Final = 200
+
+
+@dataclass(frozen=True, slots=True)
+class FramePlacement:
+    """Directions of the frames.
+
+    Attributes:
+        places: yaw and depression of the axis, in radians, of each placed frame.
+        how: source of each placed frame's direction.
+        unplaced: why the other frames were not placed.
+        closing_error_rad: sum of the turns minus a full turn; None if unknown.
+        patches: the placed frames, projected for comparison.
+    """
+
+    places: Mapping[int, tuple[float, float]]
+    how: Mapping[int, PlacedBy]
+    unplaced: Mapping[int, str]
+    closing_error_rad: float | None
+    patches: Mapping[int, Patch]
+
+
+def place_frames(
+    frames: Mapping[int, Image], yaws_rad: Sequence[float], field_of_view_rad: float, names: Sequence[str]
+) -> FramePlacement:
+    """Determine the direction of each frame.
+
+    A frame keeps its yaw by odometry if its overlaps have no usable structure. A frame that contradicts all of its
+    neighbours is left out.
+
+    Args:
+        frames: frames of one size, by number.
+        yaws_rad: yaw of each frame by odometry, in the order of the numbers.
+        field_of_view_rad: field of view of each frame.
+        names: names of the frames in messages.
+    """
+    views = {number: _ComparedFrame(frame, field_of_view_rad) for number, frame in frames.items()}
+    if all(view.is_blank for view in views.values()):
+        return FramePlacement({}, {}, dict.fromkeys(frames, "is blank, as all frames are"), None, {})
+    unplaced = _frozen(frames, yaws_rad, names)
+    compared: dict[tuple[int, int], Comparison] = {}
+    while left := {number: yaws_rad[number] for number in frames if number not in unplaced}:
+        ring = ring_of(left, field_of_view_rad)
+        pairs = list(ring.pairs(field_of_view_rad))
+        for one, other in pairs:
+            if (one, other) not in compared:
+                expected_rad = wrapped_rad(yaws_rad[one] - yaws_rad[other])
+                compared[one, other] = _compare(views[one], views[other], expected_rad)
+        outliers = _find_outliers(pairs, compared)
+        if not outliers:
+            links = {pair: shift for pair in pairs if (shift := compared[pair].shift) is not None}
+            return _solve(left, ring, links, unplaced, views)
+        unplaced |= {number: _reason(number, outliers[number], views, yaws_rad, names) for number in sorted(outliers)}
+    return FramePlacement({}, {}, unplaced, None, {})
+
+
+class _ComparedFrame:
+    """A frame for comparisons; features and gradients are computed lazily."""
+
+    def __init__(self, frame: Image, field_of_view_rad: float) -> None:
+        small = scaled_down(frame, _COMPARED_WIDTH)
+        self.patch: Final = patch_of(small, field_of_view_rad, CameraLens.of(small, field_of_view_rad).focal_px)
+        self.is_blank: Final = float(self.patch.grey[self.patch.reaches].std()) <= _BLANK
+        self._features: Features | None = None
+        self._gradients: Gradients | None = None
+
+    @property
+    def features(self) -> Features:
+        if self._features is None:
+            self._features = find_features(self.patch)
+        return self._features
+
+    @property
+    def gradients(self) -> Gradients:
+        if self._gradients is None:
+            self._gradients = gradients_of(self.patch)
+        return self._gradients
+
+
+def _frozen(frames: Mapping[int, Image], yaws_rad: Sequence[float], names: Sequence[str]) -> dict[int, str]:
+    """Return the frames that equal an earlier one although the camera had turned, with the reason to leave them out."""
+    seen: dict[bytes, int] = {}
+    copies: dict[int, str] = {}
+    for number, frame in frames.items():
+        earlier = seen.setdefault(hashlib.blake2b(np.ascontiguousarray(frame).data).digest(), number)
+        turned_rad = abs(wrapped_rad(yaws_rad[number] - yaws_rad[earlier]))
+        if turned_rad > WINDOW_RAD and float(frame.std()) > _BLANK:
+            copies[number] = (
+                f"is identical to {names[earlier]}, although the camera had turned by "
+                f"{math.degrees(turned_rad):.0f} degrees: did it freeze?"
+            )
+    return copies
+
+
+def _compare(first: _ComparedFrame, second: _ComparedFrame, expected_rad: float) -> Comparison:
+    px_per_rad = first.patch.px_per_rad
+    expected_px = expected_rad * px_per_rad
+    if first.is_blank or second.is_blank:
+        return Comparison(None, contradicts=_are_unlike(first.patch, second.patch, round(expected_px)))
+    shift = shift_by_features(first.features, second.features, expected_px, px_per_rad)
+    if shift is not None:
+        return Comparison(shift, contradicts=False)
+    return compare_gradients(first.gradients, second.gradients, expected_px, px_per_rad)
+
+
+def _are_unlike(first: Patch, second: Patch, right_px: int) -> bool:
+    """Return whether two frames differ where they overlap if the second's axis is so far to the right."""
+    one, other, common = _overlap(first, second, right_px)
+    if not common.any():
+        return False
+    apart = np.abs(cv2.subtract(one, other, dtype=cv2.CV_32F))[common]
+    return float(apart.mean()) > _UNLIKE
+
+
+def _overlap(first: Patch, second: Patch, right_px: int) -> tuple[Image, Image, np.ndarray]:
+    """Return what two patches show of the same part of the cylinder, and where both reach, (h, w)."""
+    width = first.grey.shape[1]
+    of_first = slice(max(0, right_px), width + min(0, right_px))
+    of_second = slice(max(0, -right_px), width + min(0, -right_px))
+    common = first.reaches[:, of_first] & second.reaches[:, of_second]
+    return first.colours[:, of_first], second.colours[:, of_second], common
+
+
+def _find_outliers(
+    pairs: Sequence[tuple[int, int]], compared: Mapping[tuple[int, int], Comparison]
+) -> dict[int, list[int]]:
+    """Return the frames that fit no other frame, with the frames that they contradict."""
+    fitting = {number for pair in pairs if compared[pair].shift is not None for number in pair}
+    outliers: dict[int, list[int]] = {}
+    for one, other in pairs:
+        if compared[one, other].contradicts:
+            for number, neighbour in ((one, other), (other, one)):
+                if number not in fitting:
+                    outliers.setdefault(number, []).append(neighbour)
+    return outliers
+
+
+def _reason(
+    number: int,
+    neighbours: Sequence[int],
+    views: Mapping[int, _ComparedFrame],
+    yaws_rad: Sequence[float],
+    names: Sequence[str],
+) -> str:
+    """Return why a frame is left out, and which other frame it fits."""
+    beside = _join_names([names[neighbour] for neighbour in sorted(neighbours)])
+    view = views[number]
+    if view.is_blank:
+        return f"is blank, but {beside} beside it is not"
+    reason = f"differs from {beside} in their overlap"
+    for other, candidate in views.items():
+        if other != number and not candidate.is_blank:
+            shift = shift_by_features(candidate.features, view.features, 0.0, view.patch.px_per_rad, window_rad=math.pi)
+            if shift is not None:
+                fitted_deg = -math.degrees(shift.right_px / view.patch.px_per_rad)
+                odometry_deg = math.degrees(wrapped_rad(yaws_rad[number] - yaws_rad[other]))
+                where = f"it fits {fitted_deg:+.0f} degrees from {names[other]}, but its yaw says {odometry_deg:+.0f}"
+                return f"{reason}; {where}"
+    return reason
+
+
+def _join_names(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _solve(
+    yaws_rad: Mapping[int, float],
+    ring: Ring,
+    links: Links,
+    unplaced: Mapping[int, str],
+    views: Mapping[int, _ComparedFrame],
+) -> FramePlacement:
+    px_per_rad = next(iter(views.values())).patch.px_per_rad
+    places = solve_directions(yaws_rad, ring, links, px_per_rad)
+    sources: dict[int, PlacedBy] = dict.fromkeys(sorted(yaws_rad), "odometry only")
+    for method in ("gradients", "features"):
+        sources |= {number: shift.how for pair, shift in links.items() if shift.how == method for number in pair}
+    patches = {number: views[number].patch for number in sources}
+    return FramePlacement(places, sources, unplaced, closing_error_rad(ring, links, px_per_rad), patches)
+
+
+def gains_of(placing: FramePlacement) -> dict[int, float]:
+    """Return the brightness gain of each placed frame that equalises the overlaps by least squares; their mean is 1.
+
+    Cameras adjust their exposure for each frame. A frame without usable overlaps keeps its brightness.
+    """
+    numbers = sorted(placing.places)
+    rows: list[Floats] = []
+    targets: list[float] = []
+    for at, one in enumerate(numbers):
+        row = np.zeros(len(numbers))
+        row[at] = 1 / _GAIN_SIGMA
+        rows.append(row)
+        targets.append(1 / _GAIN_SIGMA)
+        for beyond, other in enumerate(numbers[at + 1 :], at + 1):
+            levels = _mean_levels(placing.patches, placing.places, one, other)
+            if levels is not None:
+                row = np.zeros(len(numbers))
+                row[at], row[beyond] = levels[0] / _LEVELS_SIGMA, -levels[1] / _LEVELS_SIGMA
+                rows.append(row)
+                targets.append(0.0)
+    gains, *_ = np.linalg.lstsq(np.array(rows), np.array(targets), rcond=None)
+    return dict(zip(numbers, (gains / gains.mean()).tolist(), strict=True))
+
+
+def _mean_levels(
+    patches: Mapping[int, Patch], places: Mapping[int, tuple[float, float]], one: int, other: int
+) -> tuple[float, float] | None:
+    """Return the mean grey level of each frame in their overlap; None if the overlap is too small."""
+    first, second = patches[one], patches[other]
+    right_px = round(wrapped_rad(places[one][0] - places[other][0]) * first.px_per_rad)
+    if abs(right_px) >= first.grey.shape[1]:
+        return None
+    of_first, of_second, common = _overlap(first, second, right_px)
+    for colours in (of_first, of_second):
+        common = common & (colours.min(axis=2) > _DARKEST) & (colours.max(axis=2) < _BRIGHTEST)
+    if int(common.sum()) < _FEWEST_PX:
+        return None
+    return float(of_first[common].mean()), float(of_second[common].mean())

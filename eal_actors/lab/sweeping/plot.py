@@ -1,0 +1,111 @@
+"""Plot of a sweep: the median and the spread over the seeds, against the first parameter."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from eal_actors.lab.sweeping.results import SweepResult
+from eal_actors.recording.arena import draw_grid, new_figure
+from eal_actors.scenario import Scenario
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MOST_PANELS: Final = 6
+_MOST_LINES: Final = 10
+_COLUMNS: Final = 3
+_DURATION: Final = "duration_s"
+
+
+def draw_sweep(results: Sequence[SweepResult], scenario: Scenario, file: Path) -> Path | None:
+    """Draw a panel for the duration and for each numeric variable, with a line for each choice of the other parameters.
+
+    With several seeds, the line is their median, and the band spans minimum to maximum. Runs that are not done are left
+    out.
+
+    Args:
+        results: the results of the runs.
+        scenario: the scenario.
+        file: the file to write.
+
+    Returns:
+        The file; None if there is nothing to draw, or if matplotlib is not installed, which is logged.
+    """
+    done = [result for result in results if result.outcome == "done"]
+    measures = _measures(done)
+    if not done or not done[0].job.varied:
+        return None
+    columns, rows = min(_COLUMNS, len(measures)), -(-len(measures) // min(_COLUMNS, len(measures)))
+    figure = new_figure(4.6 * columns, 3.4 * rows + 0.4)
+    if figure is None:
+        return None
+    first = next(iter(done[0].job.varied))
+    unit = scenario.file.parameters[first].unit
+    label = f"{first} [{unit}]" if unit and not first.endswith(f"_{unit}") else first
+    panels = figure.subplots(rows, columns, squeeze=False).flat
+    for axes, (name, values) in zip(panels, measures.items(), strict=False):
+        _draw_panel(axes, done, first, values)
+        axes.set_title(name)
+        axes.set_xlabel(label)
+        draw_grid(axes)
+    for axes in list(panels)[len(measures) :]:
+        axes.set_visible(False)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    if any(labels):
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)), frameon=False)
+    seeds = len({result.job.seed for result in done})
+    spread = f": median of {seeds} seeds, minimum to maximum" if seeds > 1 else ""
+    figure.suptitle(f"{scenario.name}{spread}")
+    figure.savefig(file, metadata={"Software": None})
+    return file
+
+
+def _measures(done: Sequence[SweepResult]) -> dict[str, dict[str, float]]:
+    """Return the measured quantities: for each, its value by the name of the run."""
+    found: dict[str, dict[str, float]] = {_DURATION: {}}
+    for result in done:
+        if result.duration_s is not None:
+            found[_DURATION][result.job.name] = result.duration_s
+        for name, value in result.variables.items():
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                found.setdefault(name, {})[result.job.name] = float(value)
+    return dict(list(found.items())[:_MOST_PANELS])
+
+
+def _draw_panel(axes: Axes, done: Sequence[SweepResult], first: str, values: Mapping[str, float]) -> None:
+    positions = _axis_positions([result.job.varied[first] for result in done])
+    for label, points in list(_group_by_line(done, first, values).items())[:_MOST_LINES]:
+        ordered = sorted((positions[value], group) for value, group in points.items())
+        x, groups = [position for position, _ in ordered], [group for _, group in ordered]
+        (line,) = axes.plot(x, list(map(statistics.median, groups)), "o-", ms=4, label=label)
+        if any(len(group) > 1 for group in groups):
+            low, high = list(map(min, groups)), list(map(max, groups))
+            axes.fill_between(x, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
+    if not _are_numbers(positions):
+        axes.set_xticks(list(positions.values()), [str(value) for value in positions])
+
+
+def _group_by_line(
+    done: Sequence[SweepResult], first: str, values: Mapping[str, float]
+) -> dict[str, dict[Any, list[float]]]:
+    """Return the values of each line, by the values of the first parameter; the other parameters label the line."""
+    lines: dict[str, dict[Any, list[float]]] = {}
+    for result in done:
+        if result.job.name in values:
+            label = ", ".join(f"{name}={value}" for name, value in result.job.varied.items() if name != first)
+            points = lines.setdefault(label, {})
+            points.setdefault(result.job.varied[first], []).append(values[result.job.name])
+    return lines
+
+
+def _axis_positions(values: Sequence[Any]) -> dict[Any, float]:
+    """Return the position of each value on the axis: its own number, or its index if not all values are numbers."""
+    each = dict.fromkeys(values)
+    return {value: float(value) if _are_numbers(each) else float(index) for index, value in enumerate(each)}
+
+
+def _are_numbers(values: Mapping[Any, object]) -> bool:
+    return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
