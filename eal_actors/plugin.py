@@ -1,13 +1,13 @@
-"""The plugin API: the one module of the framework that plugins import.
+"""The plugin API: the only module of the framework that plugins import.
 
-A plugin is a folder with a `plugin.yaml` (its manifest) and a `plugin.py`, which holds
+A plugin is a folder with a `plugin.yaml` (its manifest) and a `plugin.py`, which contains
 
 - `connect()` or `connect(context)`, returning `EALPlugin("ResourceA", ...)`;
 - `disconnect(plugin)`;
 - for each resource named there, `create_ResourceA()` or `create_ResourceA(context)` returning a Resource, and
   `destroy_ResourceA(resource)`.
 
-A plugin with settings also holds a class `Settings(PluginSettingsModel)`; the fleet file's settings are checked
+A plugin with settings also contains a class `Settings(PluginSettingsModel)`; the fleet file's settings are checked
 against it and arrive as `context.settings` (Source: thesis §4.2.2, B.3).
 """
 
@@ -20,8 +20,9 @@ from eal_actors.device.differential_base import DifferentialBase, Drivetrain, Wh
 from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
 from eal_actors.device.link import FaultyLink as Link
 from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
-from eal_actors.device.ports import BytePort, ReopeningPort, TcpPort, UdpPort, open_serial, open_tcp
+from eal_actors.device.ports import BytePort, ReopeningPort, open_serial
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
+from eal_actors.device.sockets import TcpPort, UdpPort, open_tcp
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     ArgumentError,

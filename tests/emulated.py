@@ -25,7 +25,7 @@ WAIT_S = 30.0
 
 
 class Body(Protocol):
-    """What tells where an emulated robot is."""
+    """Returns the position of an emulated robot."""
 
     @property
     def pose(self) -> tuple[float, float, float]: ...
@@ -53,7 +53,7 @@ class Emulated(Generic[B]):
 
     def __init__(self, kind: str, make: Callable[[Callable[[], float]], tuple[Emulator, B]], rate: float = 1.0) -> None:
         self.struck = threading.Event()
-        """What was to happen on the way has happened."""
+        """Whether the planned incident has happened."""
         self._lock = threading.RLock()
         self._rate = rate
         self._later_s = self._body_later_s = 0.0

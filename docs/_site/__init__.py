@@ -1,1 +1,1 @@
-"""What the site's pages are made with, besides their text."""
+"""Sphinx extensions of the documentation site."""

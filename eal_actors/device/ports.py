@@ -1,17 +1,13 @@
-"""Ports that drivers speak through: bytes there and back, and ports that come back when their device does.
+"""Byte ports for drivers, and ports that reopen when their device comes back.
 
-A driver opens its port through a `ReopeningPort`. While the device is away, the driver's resources are *not ready*
-(`Resource.not_ready`), which is no reason to restart them; when it is back, they work on.
+A driver opens its port through a `ReopeningPort`. While the device is absent, the driver's resources are *not ready*
+(`Resource.not_ready`), so they are not restarted; when it is back, they continue.
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
-import select
-import socket
-import struct
 import termios
 import threading
 from collections.abc import Callable
@@ -19,6 +15,7 @@ from pathlib import Path
 from typing import Final, Protocol, TypeVar
 from urllib.parse import urlsplit
 
+from eal_actors.device.sockets import open_tcp
 from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter
 from eal_actors.kernel.errors import EALError, NotReadyError, PluginError
 
@@ -26,25 +23,22 @@ _T = TypeVar("_T")
 
 _FIRST_TRY_S: Final = 0.2
 _LONGEST_TRY_S: Final = 5.0
-_WRITE_TIMEOUT_S: Final = 0.2
 _SERIAL_WRITE_TIMEOUT_S: Final = 1.0
-"""Pyserial looks at the time after the bytes have gone: on a busy machine a shorter one would lose a sound port."""
-_CONNECT_TIMEOUT_S: Final = 5.0
+"""Pyserial checks the time after the bytes are sent: on a busy machine a shorter one would lose a working port."""
 _JOIN_S: Final = 1.0
-_PEER_LOST_S: Final = 10  # a peer that has lost its power says nothing; this long until TCP gives it up
 _BROKEN: Final = (OSError, termios.error)  # pyserial's errors are among the first; the second is none of them
 
 
 class BytePort(Protocol):
-    """What a driver uses of a serial port. Pyserial's ports have it, with a `timeout` of 0, and simulated ones."""
+    """The part of a serial port that drivers use; simulated ports and pyserial's, with a `timeout` of 0, have it."""
 
     @property
     def in_waiting(self) -> int:
-        """How many bytes can be read."""
+        """The number of bytes that can be read."""
         ...
 
     def read(self, size: int = 1) -> bytes:
-        """Return what has arrived, at most so many bytes; does not wait."""
+        """Return the received bytes, at most `size`; does not wait."""
         ...
 
     def write(self, data: bytes) -> int | None:
@@ -52,31 +46,31 @@ class BytePort(Protocol):
         ...
 
     def reset_input_buffer(self) -> None:
-        """Forget what has arrived."""
+        """Discard the received bytes."""
         ...
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         ...
 
 
 class ReopeningPort:
-    """A BytePort that comes back when its device does.
+    """A BytePort that reopens when its device comes back.
 
-    A port that breaks is closed and opened again, in a thread of its own, 0.2 s later and then less and less often,
-    up to every 5 s. These are real seconds whatever the fleet's clock does, because hardware returns in real time.
-    Errors of the framework that a port raises, as simulated ports do, pass through and break nothing.
+    A port that breaks is closed and reopened, in a thread of its own, after 0.2 s and then at growing intervals of up
+    to 5 s. These are real seconds whatever the fleet's clock does, because hardware returns in real time. EALErrors of
+    a port, as simulated ports raise, are passed on and do not break it.
 
     Args:
         open_port: opens the port. An OSError means that the device is absent, a PluginError a wrong configuration.
-        clock: the fleet's clock, which need not stand still while a port is opened.
-        name: what messages call it, such as `/dev/ttyUSB0`.
+        clock: the fleet's clock, whose time may advance while a port is opened.
+        name: its name in messages, such as `/dev/ttyUSB0`.
 
     Attributes:
-        openings: how often it has been opened. When it changes, the device may be another, or have been switched
-            off and on: greet it anew.
+        openings: how often it has been opened. When it changes, the device may be another one, or have been switched
+            off and on: initialise it again.
 
-    Thread: any. Two writes never interleave, and nothing waits but a write, at most as long as the port itself does.
+    Thread: any. Writes never interleave. Only a write blocks, at most as long as the port itself does.
     """
 
     def __init__(self, open_port: Callable[[], BytePort], clock: Clock, name: str) -> None:
@@ -94,7 +88,7 @@ class ReopeningPort:
         self._reopener: threading.Thread | None = None
 
     def why_not_ready(self) -> str | None:
-        """Return why it cannot be used now and when it is tried again; None while it is open. Does not wait."""
+        """Return why it cannot be used now and the time of the next try; None while it is open. Does not wait."""
         reason, next_try_s = self._reason, self._next_try_s
         if self._port is not None:
             return None
@@ -103,14 +97,14 @@ class ReopeningPort:
         return f"{reason}; next try in {max(next_try_s - REAL_TIME.now(), 0.0):.1f} s"
 
     def open(self) -> None:
-        """Open it for the first time. An absent device is no error: it is tried again, see `why_not_ready`.
+        """Open it for the first time. An absent device is no error: it is retried, see `why_not_ready`.
 
         Raises:
             NotReadyError: it has been closed.
             PluginError: the configuration is wrong.
 
         Thread: blocks the caller while the port is opened, which may take seconds through a network. In lock step the
-            fleet's time stands still meanwhile: whoever connects drivers one after the other must not be late.
+            fleet's time stands still meanwhile, so that drivers that connect one after the other are not late.
         """
         try:
             port = self._open_port()
@@ -134,27 +128,27 @@ class ReopeningPort:
 
     @property
     def in_waiting(self) -> int:
-        """How many bytes can be read; raises as `use` does."""
+        """The number of bytes that can be read; raises as `use` does."""
         return self.use(lambda port: port.in_waiting)
 
     def read(self, size: int = 4096) -> bytes:
-        """Return what has arrived, at most so many bytes; never waits; raises as `use` does."""
+        """Return the received bytes, at most `size`; never waits; raises as `use` does."""
         return bytes(self.use(lambda port: port.read(size)))
 
     def write(self, data: bytes) -> int:
-        """Send bytes, and return how many were taken; raises as `use` does."""
+        """Send bytes and return how many were accepted; raises as `use` does."""
         taken = self.use(lambda port: port.write(data))
         return len(data) if taken is None else taken
 
     def reset_input_buffer(self) -> None:
-        """Forget what has arrived; raises as `use` does."""
+        """Discard the received bytes; raises as `use` does."""
         self.use(lambda port: port.reset_input_buffer())
 
     def use(self, action: Callable[[BytePort], _T]) -> _T:
-        """Do something with the open port while nobody else does, such as several reads, or a change of its speed.
+        """Use the open port exclusively, for several reads or a change of its speed.
 
         Raises:
-            NotReadyError: it is not open, or it broke, and is being opened again.
+            NotReadyError: it is not open, or it broke and is being reopened.
         """
         with self._lock:
             port = self._port
@@ -171,7 +165,7 @@ class ReopeningPort:
                 raise NotReadyError(self.why_not_ready() or self._reason) from error
 
     def close(self) -> None:
-        """Let go of it for good; harmless if it is closed. Thread: blocks the caller for a second at most."""
+        """Close it for good; harmless if it is closed. Thread: blocks the caller for a second at most."""
         with self._lock:
             self._is_closed = True
             port, self._port = self._port, None
@@ -180,13 +174,13 @@ class ReopeningPort:
             reopener = self._reopener
         REAL_TIME.wake(self._end_of_wait)
         if port is not None:
-            _let_go(port)
+            _close_quietly(port)
         if reopener is not None:
             with self._clock.outside():
-                reopener.join(_JOIN_S)  # it may be connecting, and ends by itself then
+                reopener.join(_JOIN_S)  # it may be connecting, and then ends by itself
 
     def _retry(self, reason: str, broken: BytePort | None) -> None:
-        """Begin to open it again. Thread: holds the lock."""
+        """Start to reopen it. Thread: holds the lock."""
         if self._is_closed:
             return
         self._reason, self._next_try_s = reason, REAL_TIME.now() + _FIRST_TRY_S
@@ -196,15 +190,15 @@ class ReopeningPort:
         self._reopener.start()
 
     def _reopen(self, broken: BytePort | None) -> None:
-        """Try until it is open or closed for good. Thread: its own."""
+        """Retry until it is open or closed for good. Thread: its own."""
         if broken is not None:
-            _drop_output(broken)
-            _let_go(broken)  # here, because a serial port that is stuck waits for its device when it is closed
+            _discard_output(broken)
+            _close_quietly(broken)  # here, because closing a stuck serial port waits for its device
         delay_s = _FIRST_TRY_S
         while not REAL_TIME.wait(self._end_of_wait, delay_s):
             try:
                 port = self._open_port()
-            except Exception as error:  # noqa: BLE001  # whatever an opener raises, it is tried again
+            except Exception as error:  # noqa: BLE001  # any error of an opener is retried
                 delay_s = min(2 * delay_s, _LONGEST_TRY_S)
                 with self._lock:
                     if self._is_closed:
@@ -216,31 +210,31 @@ class ReopeningPort:
                 return
 
     def _take(self, port: BytePort) -> bool:
-        """Use a port from now on, unless it has been closed meanwhile."""
+        """Use a port from now on; close it and return False if this one has been closed meanwhile."""
         with self._lock:
             if not self._is_closed:
                 self._port, self._next_try_s = port, None
                 self.openings += 1
                 self._is_open.set()
                 return True
-        _let_go(port)
+        _close_quietly(port)
         return False
 
 
-def _let_go(port: BytePort) -> None:
+def _close_quietly(port: BytePort) -> None:
     with contextlib.suppress(*_BROKEN):
         port.close()
 
 
-def _drop_output(port: BytePort) -> None:
-    """Drop what a broken port has not sent: a device must not carry out, when it is back, what it was told before."""
+def _discard_output(port: BytePort) -> None:
+    """Discard a broken port's unsent bytes: a device that comes back must not execute old commands."""
     if (drop := getattr(port, "reset_output_buffer", None)) is not None:
         with contextlib.suppress(*_BROKEN):
             drop()
 
 
 def _why(error: BaseException) -> str:
-    """Return an error's reason in the operating system's words, if it is known; pyserial wraps it, with the name."""
+    """Return the operating system's message of an error, if there is one; pyserial wraps it, with the port's name."""
     if isinstance(error, termios.error):
         return str(error.args[-1]).lower()
     found: BaseException | None = error
@@ -269,10 +263,10 @@ def open_serial(
         bytesize: data bits: 5 to 8.
         parity: `N`, `E`, `O`, `M` or `S`.
         stopbits: 1, 1.5 or 2.
-        exclusive: let nobody else open a device, who would take bytes away.
+        exclusive: prevent other processes from opening the device and taking bytes away.
 
     Raises:
-        PluginError: no device can be behind that configuration.
+        PluginError: the configuration is invalid.
         OSError: it cannot be opened at present.
 
     Thread: blocks the caller; a connection through a network may take seconds.
@@ -281,7 +275,7 @@ def open_serial(
         return open_tcp(*_host_and_port(url))
     if "://" not in url and (path := Path(url)).exists() and not path.is_char_device():
         raise PluginError(f"{url} is no serial port, but a {'folder' if path.is_dir() else 'file'}")
-    import serial  # who has no serial port need not load it
+    import serial  # only for serial ports
 
     try:
         port: BytePort = serial.serial_for_url(
@@ -310,146 +304,3 @@ def _host_and_port(url: str) -> tuple[str, int]:
     if parts.scheme != "socket" or not host or port is None:
         raise PluginError(f"serial port {url}: wanted is socket://host:port")
     return host, port
-
-
-def open_tcp(host: str, port: int, timeout_s: float = _CONNECT_TIMEOUT_S) -> TcpPort:
-    """Connect to a TCP server.
-
-    Args:
-        host: its name or address.
-        port: 1 to 65535.
-        timeout_s: real seconds to wait for it at most.
-
-    Raises:
-        OSError: it does not answer, refuses, or has no such name.
-
-    Thread: blocks the caller for `timeout_s` at most, and as long as it takes to look up the name.
-    """
-    return TcpPort(socket.create_connection((host, port), timeout_s))
-
-
-class TcpPort:
-    """A TCP connection as a BytePort: what is written goes out at once, and a peer that is gone is noticed.
-
-    Args:
-        connection: a connected socket, which it owns from now on.
-    """
-
-    def __init__(self, connection: socket.socket) -> None:
-        self._socket = connection
-        connection.setblocking(False)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # a stop must not wait for more bytes
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in (
-            ("TCP_KEEPIDLE", _PEER_LOST_S // 2),
-            ("TCP_KEEPINTVL", 1),
-            ("TCP_KEEPCNT", _PEER_LOST_S // 2),
-            ("TCP_USER_TIMEOUT", _PEER_LOST_S * 1000),
-        ):
-            if hasattr(socket, option):  # not every system has them
-                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
-
-    def fileno(self) -> int:
-        """Return the descriptor, for a `select` that waits for bytes."""
-        return self._socket.fileno()
-
-    @property
-    def in_waiting(self) -> int:
-        """See BytePort."""
-        waiting: int = struct.unpack("i", fcntl.ioctl(self._socket, termios.FIONREAD, bytes(4)))[0]
-        return waiting
-
-    def read(self, size: int = 1) -> bytes:
-        """See BytePort; raises OSError when the connection has ended."""
-        try:
-            data = self._socket.recv(size)
-        except BlockingIOError:
-            return b""
-        if not data and size > 0:
-            raise ConnectionError("the other end has closed the connection")
-        return data
-
-    def write(self, data: bytes) -> int:
-        """Send bytes, all or as many as go out within 0.2 s, after which it raises OSError."""
-        sent, end_s = 0, REAL_TIME.now() + _WRITE_TIMEOUT_S
-        while (sent := sent + self.write_some(data[sent:])) < len(data):
-            left_s = end_s - REAL_TIME.now()
-            if left_s <= 0 or not select.select([], [self._socket], [], left_s)[1]:
-                raise TimeoutError(f"took only {sent} of {len(data)} bytes in {_WRITE_TIMEOUT_S} s")
-        return len(data)
-
-    def write_some(self, data: bytes) -> int:
-        """Send as many bytes as go out at once, and return how many those were; 0 for none."""
-        try:
-            return self._socket.send(data)
-        except BlockingIOError:
-            return 0
-
-    def reset_input_buffer(self) -> None:
-        """See BytePort."""
-        while self.read(65536):
-            pass
-
-    def reset_output_buffer(self) -> None:
-        """Drop, when it is closed, what the other end has not taken."""
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-
-    def close(self) -> None:
-        """See BytePort."""
-        self._socket.close()
-
-
-class UdpPort:
-    """A UDP socket as a BytePort: a read or a write is one datagram. It never blocks.
-
-    An absent peer is no error, because datagrams may be lost.
-
-    Args:
-        host: name or address of the peer; datagrams from others are ignored.
-        port: its port.
-        local_port: the local port; 0 for any.
-
-    Raises:
-        OSError: the host is unknown or unreachable, or the local port is in use.
-
-    Thread: the constructor blocks while the name is looked up.
-    """
-
-    def __init__(self, host: str, port: int, local_port: int = 0) -> None:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        self._socket = socket.socket(family, kind, protocol)
-        try:
-            self._socket.setblocking(False)
-            self._socket.bind(("", local_port))
-            self._socket.connect(address)
-        except BaseException:
-            self._socket.close()
-            raise
-
-    @property
-    def in_waiting(self) -> int:
-        """Return 1 if a datagram can be read, else 0."""
-        return len(select.select([self._socket], [], [], 0)[0])
-
-    def read(self, size: int = 65536) -> bytes:  # noqa: ARG002  # a datagram is read as a whole
-        """Return the next datagram; empty for none."""
-        try:
-            return self._socket.recv(65536)
-        except (BlockingIOError, ConnectionRefusedError):  # the peer of an earlier datagram did not listen
-            return b""
-
-    def write(self, data: bytes) -> int:
-        """Send one datagram; return 0 if it could not be sent now."""
-        try:
-            return self._socket.send(data)
-        except (BlockingIOError, ConnectionRefusedError):  # the second reports an earlier datagram
-            return 0
-
-    def reset_input_buffer(self) -> None:
-        """Discard all received datagrams."""
-        while self.in_waiting:
-            self.read()
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()

@@ -1,9 +1,9 @@
 """The Resource base class that plugin authors extend.
 
 A quick sensor is a class with a `get_value`. Commands, requests and configuration keys are ordinary methods under
-a decorator, which is also where the resource's information comes from. A command that takes time is a generator, an
-*activity*: it starts the motion, yields the seconds until it wants to look again, and returns the result;
-its `finally` stops the motors. One thread runs everything of one resource, so an author needs no locks.
+a decorator, which also provides the resource's information. A command that takes time is a generator, an *activity*:
+it starts the motion, yields the seconds until its next step, and returns the result; its `finally` stops the motors.
+One thread runs everything of one resource, so an author needs no locks.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from eal_actors.device.info import METHODS, CommandInfo, ConfigInfo, ResourceInf
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 
 Activity: TypeAlias = Generator[float, None, Any]
-"""Long work: yields seconds until its next step, returns the result, stops what moves in its `finally`."""
+"""Long work: yields seconds until its next step, returns the result, stops the motors in its `finally`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far an activity has come.
+    """The progress of an activity.
 
     Attributes:
-        fraction: which part of it is done, 0..1; None where that is not known.
-        text: what it is at, for people; empty for nothing to say.
-        time_s: when it was told, by the fleet's clock.
+        fraction: the part that is done, 0..1; None if unknown.
+        text: the present stage, for people; may be empty.
+        time_s: the time of the report, by the fleet's clock.
     """
 
     fraction: float | None
@@ -50,7 +50,7 @@ def command(
     Args:
         name: the command's text; `r<degrees>` takes the argument from the text, as in `r45`.
         argument: its type, unit and range.
-        urgent: overtake what waits in the mailbox, and drop the commands that wait there. For stops.
+        urgent: overtake all calls in the mailbox and drop the commands among them. For stops.
         description: one line for people; the method's docstring's first line if empty.
     """
     return _marker("command", name, argument=argument, urgent=urgent, description=description)
@@ -59,7 +59,7 @@ def command(
 def request(
     name: str, returns: ValueInfo | None = None, argument: ValueInfo | None = None, *, description: str = ""
 ) -> Callable[[_F], _F]:
-    """Make a method a request of send_req; like `command`, but it answers data and disturbs no running command."""
+    """Make a method a request of send_req; like `command`, but it returns data and disturbs no running command."""
     return _marker("request", name, argument=argument, returns=returns, description=description)
 
 
@@ -86,7 +86,7 @@ def _marker(kind: str, name: str, **fields: Any) -> Callable[[_F], _F]:
 
 
 def _check_declaration(kind: str, name: str, fields: dict[str, Any]) -> None:
-    """Raise ArgumentError for a command or request that could never be called as it is declared."""
+    """Raise ArgumentError for a command or request whose declaration makes it impossible to call."""
     if kind not in ("command", "request"):
         return
     has_argument, carries_it = fields.get("argument") is not None, CommandInfo(name).prefix is not None
@@ -103,12 +103,12 @@ def _check_declaration(kind: str, name: str, fields: dict[str, Any]) -> None:
 class Resource:
     """A sensor, actuator, communication line or anything else behind the nine methods (Source: thesis §4.2.1).
 
-    Override what makes sense for the hardware: each method not overridden raises UnsupportedError. Values may be
-    returned as Python values, numpy arrays or EALData.
+    Override the methods that the hardware supports; the others raise UnsupportedError. Return values as Python values,
+    numpy arrays or EALData.
 
     Attributes:
         types: the types it combines; every author sets it.
-        value: type, unit and range of get_value and set_value, checked on every call where it is given.
+        value: type, unit and range of get_value and set_value, checked on every call if it is given.
         description: one line for people; the class's docstring's first line if empty.
         name: the resource's name on its robot, set by the framework before `open`.
 
@@ -143,28 +143,28 @@ class Resource:
         raise self._unsupported("get_status")
 
     def get_value(self) -> Any:
-        """Return the sensor's value, or an activity that does when it is there (Source: thesis B.2.3.1).
+        """Return the sensor's value, or an activity that returns it later (Source: thesis B.2.3.1).
 
-        Such an activity goes on beside a motion, and beside other calls; so do those of requests and configuration.
+        Such an activity runs beside a motion and other calls; so do those of requests and configuration.
         """
         raise self._unsupported("get_value")
 
     def glance(self) -> Any:
-        """Return the value if it is known already, None if it must be asked for; the default is None.
+        """Return the value if it is known without I/O, else None, the default.
 
-        For whoever looks at many resources many times a second, such as a map of a hundred robots, which a turn in each
-        mailbox would cost far more than the values themselves. Override it where `get_value` only reads what is there.
+        For callers that read many resources many times a second, such as a map of a hundred robots, for which a turn in
+        each mailbox would cost far more than the values. Override it where `get_value` only reads memory.
 
-        Thread: any, beside all other methods, also before `open` and after `close`; it must be quick, and bear that.
+        Thread: any, in parallel with all other methods, also before `open` and after `close`; it must be quick.
         """
         return None
 
     def set_value(self, data: EALData) -> Any:
-        """Take a value; return a status int, None for success, or an activity (Source: thesis B.2.3.2)."""
+        """Set the value; return a status int, None for success, or an activity (Source: thesis B.2.3.2)."""
         raise self._unsupported("set_value")
 
     def send_req(self, req: str) -> Any:
-        """Answer a request (Source: thesis B.2.3.3). The default serves the methods under `@request`.
+        """Answer a request (Source: thesis B.2.3.3). The default calls the methods under `@request`.
 
         Raises:
             ArgumentError: no such request, or a bad argument.
@@ -177,7 +177,7 @@ class Resource:
         return handler() if argument is None else handler(argument.value)
 
     def send_cmd(self, cmd: str, data: EALData | None = None) -> Any:
-        """Carry out a command (Source: thesis B.2.3.4). The default serves the methods under `@command`.
+        """Execute a command (Source: thesis B.2.3.4). The default calls the methods under `@command`.
 
         Raises:
             ArgumentError: no such command, or a bad argument.
@@ -190,21 +190,21 @@ class Resource:
         return handler() if argument is None else handler(argument.value)
 
     def read_comm(self, length: int) -> Any:
-        """Return up to `length` bytes, or an activity that does when they are there (Source: thesis B.2.3.5).
+        """Return up to `length` bytes, or an activity that returns them later (Source: thesis B.2.3.5).
 
-        Such an activity goes on beside a motion, and beside other reads.
+        Such an activity runs beside a motion and other reads.
         """
         raise self._unsupported("read_comm")
 
     def write_comm(self, data: EALData, length: int) -> Any:
         """Write the first `length` bytes; return how many were written (Source: thesis B.2.3.6).
 
-        An activity that does so a piece at a time goes on beside a motion, and is closed by a halt.
+        An activity that writes them in pieces runs beside a motion, and a halt closes it.
         """
         raise self._unsupported("write_comm")
 
     def get_config(self, key: str) -> Any:
-        """Return a configuration value (Source: thesis B.2.3.7). The default serves the methods under `@config`.
+        """Return a configuration value (Source: thesis B.2.3.7). The default calls the methods under `@config`.
 
         Raises:
             ArgumentError: no such key.
@@ -215,7 +215,7 @@ class Resource:
         return self._handler("config", self.info().config(key).name)()
 
     def set_config(self, key: str, data: EALData | None = None) -> Any:
-        """Set a configuration value (Source: thesis B.2.3.8). The default serves the `@config_setter` methods.
+        """Set a configuration value (Source: thesis B.2.3.8). The default calls the `@config_setter` methods.
 
         Raises:
             ArgumentError: no such key, a read-only key, or a value outside its type or range.
@@ -231,16 +231,16 @@ class Resource:
         info.value.check(data, f"configuration key {key!r}")
         return self._handler("config_setter", key)(data.value)
 
-    # Its life.
+    # Lifecycle.
 
     def open(self) -> None:
-        """Take hold of the hardware; called once before the first call. An error here means: not available."""
+        """Acquire the hardware; called once before the first call. An exception means: not available."""
 
     def close(self) -> None:
-        """Let go of the hardware; called once after the last call, after `halt`."""
+        """Release the hardware; called once after the last call, after `halt`."""
 
     def halt(self) -> None:
-        """Bring everything that moves to a stop at once, and leave it so until a new command.
+        """Stop everything that moves at once, until a new command.
 
         Called on a halt, a missed deadline, a crash and before `close`. Every actuator overrides it.
         """
@@ -248,20 +248,20 @@ class Resource:
     def not_ready(self) -> str | None:
         """Return why the device cannot be used at present, such as `cannot open /dev/ttyUSB0: ...`; None if it can.
 
-        Asked before each call that is no stop, which then fails at once with NotReadyError, and now and again; so it
-        must be quick, and only look at what is known. It is for devices that come back by themselves: a wrong
-        configuration is an error of `connect`.
+        Called periodically, and before each call except stops, which then fails at once with NotReadyError; so it must
+        be quick and do no I/O. It is for devices that come back by themselves: a wrong configuration is an error of
+        `connect`.
         """
         return None
 
     def progress(self, fraction: float | None = None, text: str = "") -> None:
-        """Tell how far the activity whose step this is has come, to whoever waits for it or looks at the robot.
+        """Report the progress of the running activity to its caller and to observers of the robot.
 
-        Call it in an activity as often as it is known; elsewhere it does nothing. The latest of a step counts.
+        Call it in an activity as often as you like; elsewhere it does nothing. The latest report of a step counts.
 
         Args:
-            fraction: which part is done; below 0 counts as 0, above 1 as 1. None where that is not known.
-            text: what it is at, for people.
+            fraction: the part that is done; below 0 counts as 0, above 1 as 1. None if unknown.
+            text: the present stage, for people.
 
         Raises:
             ArgumentError: the fraction is no number.
@@ -279,10 +279,10 @@ class Resource:
         """
         return None
 
-    # What it says of itself.
+    # Information.
 
     def info(self) -> ResourceInfo:
-        """Return what the resource says of itself; made once."""
+        """Return the resource's information about itself; made once."""
         info: ResourceInfo | None = self.__dict__.get("_info")
         if info is None or info.name != (self.name or type(self).__name__):
             info = self.__dict__["_info"] = self._make_info()

@@ -1,4 +1,4 @@
-"""Find what comes with the framework, in a checkout and in a wheel: plugins, fleets, scenarios and worlds."""
+"""Paths of the bundled plugins, fleets, scenarios and worlds, in a checkout and in a wheel."""
 
 from __future__ import annotations
 
@@ -12,37 +12,37 @@ Kind = Literal["fleet", "scenario", "world"]
 _FOLDERS: Final[dict[Kind, str]] = {"fleet": "fleets", "scenario": "scenarios", "world": "fleets/worlds"}
 _SUFFIX: Final = ".yaml"
 _INSTALLED: Final = Path(__file__).parents[1] / "_bundled"
-"""Where a wheel has them; a checkout has them beside the package."""
+"""Their folder in a wheel; in a checkout they are beside the package."""
 
 
 def bundled_path(name: str) -> Path:
-    """Return a shipped file or folder, such as `plugins` or `fleets/local.yaml`."""
+    """Return the path of a bundled file or folder, such as `plugins` or `fleets/local.yaml`."""
     return (_INSTALLED if _INSTALLED.is_dir() else _INSTALLED.parents[1]) / name
 
 
 def is_installed(file: Path) -> bool:
-    """Return whether a file was installed with the framework, and so is no user's to change."""
+    """Return whether a file was installed with the framework, so that users must not change it."""
     return file.resolve().is_relative_to(_INSTALLED.resolve())
 
 
 def bundled_names(kind: Kind) -> tuple[str, ...]:
-    """Return the names of the files of a kind that come with the framework."""
+    """Return the names of the bundled files of a kind."""
     return tuple(sorted(file.stem for file in bundled_path(_FOLDERS[kind]).glob(f"*{_SUFFIX}")))
 
 
 def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
-    """Return the file that a path or a name means.
+    """Return the file of a path or a name.
 
-    A path, which has a folder or a suffix, means itself. A name such as `dance` means the file `dance` or
-    `dance.yaml` of the folder, or else the one that comes with the framework.
+    A path, which has a folder or a suffix, is returned as it is. A name such as `dance` is the file `dance` or
+    `dance.yaml` of the folder, or else the bundled one.
 
     Args:
-        name: what the user wrote.
-        kind: what it is to be.
-        folder: what relative paths are relative to; the working directory if None.
+        name: the user's text.
+        kind: the kind of file.
+        folder: the base of relative paths; the working directory if None.
 
     Raises:
-        ConfigError: no file has that name, here or in the framework.
+        ConfigError: no file has that name, in the folder or bundled.
     """
     path = Path(name) if folder is None else folder / name
     if Path(name).suffix or len(Path(name).parts) != 1 or path.is_file():

@@ -1,4 +1,4 @@
-"""The base of every model of a file, and the plain words for what pydantic finds wrong with one."""
+"""The base of every model of a file, and plain messages for the errors that pydantic finds."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ _WORDS: Final = {
 class StrictModel(BaseModel):
     """A section of a file: no unknown keys, no conversions (`"5"` is no number, `true` neither), no changes later.
 
-    An integer may stand for a float. A sequence is declared as `tuple[X, ...]` with `Field(strict=False)`, for YAML
+    A float field accepts an integer. Declare a sequence as `tuple[X, ...]` with `Field(strict=False)`, because YAML
     knows only lists. The docstring under a field is its description in the JSON Schema.
     """
 
@@ -73,7 +73,7 @@ class StrictModel(BaseModel):
         frozen=True,
         strict=True,
         allow_inf_nan=False,
-        defer_build=True,  # a program meets few of the models that it imports, and building one takes milliseconds
+        defer_build=True,  # a program uses few of the models that it imports, and building one takes milliseconds
     )
 
     @classmethod
@@ -160,7 +160,7 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
 
 
 def problems_from(error: ValidationError, tree: YamlTree, model: object) -> list[Problem]:
-    """Translate what pydantic found wrong into problems with a place in the file.
+    """Convert pydantic's errors into problems with a place in the file.
 
     Args:
         error: raised by validating `tree.root`.
@@ -168,7 +168,7 @@ def problems_from(error: ValidationError, tree: YamlTree, model: object) -> list
         model: the model it was validated against, or the annotation given to a TypeAdapter.
 
     Returns:
-        One problem for each place; where several forms of a value are possible, it names them all.
+        One problem for each place; if a value may have several forms, it names them all.
     """
     found: dict[tuple[YamlPath, bool], list[str]] = {}
     for detail in error.errors(include_url=False):
@@ -188,7 +188,7 @@ def problems_from(error: ValidationError, tree: YamlTree, model: object) -> list
 
 
 def _resolve(loc: tuple[int | str, ...], tree: YamlTree, model: object) -> tuple[YamlPath, list[object]]:
-    """Return the path in the file that a pydantic `loc` means, and what was expected around its last element."""
+    """Return the path in the file of a pydantic `loc`, and the annotations around its last element."""
     path: list[int | str] = []
     node: object = tree.root
     around: list[object] = []
@@ -225,7 +225,7 @@ def _choices(annotation: object) -> list[object]:
 
 
 def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    model.model_rebuild()  # if it was never met, names of models that stand below it are names still
+    model.model_rebuild()  # if it was never built, its references to other models are unresolved
     return model.model_fields
 
 
@@ -234,27 +234,27 @@ def _untagged(choice: object) -> object:
 
 
 def _labels(choice: object) -> set[object]:
-    """Return what pydantic may call a member of a union in a `loc`."""
+    """Return pydantic's possible names of a union's member in a `loc`."""
     labels: set[object] = {extra.tag for extra in getattr(choice, "__metadata__", ()) if isinstance(extra, Tag)}
-    plain = _untagged(choice)
-    labels.add(getattr(plain, "__name__", None))
-    if isinstance(plain, type) and issubclass(plain, BaseModel):
-        for field in _fields(plain).values():
+    bare = _untagged(choice)
+    labels.add(getattr(bare, "__name__", None))
+    if isinstance(bare, type) and issubclass(bare, BaseModel):
+        for field in _fields(bare).values():
             if get_origin(field.annotation) is Literal:
                 labels.update(get_args(field.annotation))
     return labels
 
 
 def _inside(choice: object, element: int | str) -> list[object]:
-    """Return what may stand under a key or index of a value."""
-    plain = _untagged(choice)
-    if isinstance(plain, type) and issubclass(plain, BaseModel):
-        for name, field in _fields(plain).items():
+    """Return the annotations of a value's key or index."""
+    bare = _untagged(choice)
+    if isinstance(bare, type) and issubclass(bare, BaseModel):
+        for name, field in _fields(bare).items():
             if element in (name, field.alias):
                 return _choices(field.annotation)
         return []
-    arguments = get_args(plain)
-    origin = get_origin(plain)
+    arguments = get_args(bare)
+    origin = get_origin(bare)
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return _choices(arguments[1]) if len(arguments) == 2 else []
     if isinstance(element, int) and arguments:
@@ -290,7 +290,7 @@ def _message(detail: dict[str, Any], annotations: list[object]) -> str:
     if value is None and kind in _MAPPING_KINDS:
         return "must be a mapping; write {} for an empty one"
     if kind in _WORDS:
-        limits = {name: _plain_number(limit) for name, limit in context.items()}
+        limits = {name: _without_fraction(limit) for name, limit in context.items()}
         return _WORDS[kind].format(value=show(value), **limits)
     message = str(detail["msg"])
     return message[:1].lower() + message[1:]
@@ -302,5 +302,5 @@ def _nearest(value: object, expected: str) -> str:
     return f"; did you mean '{near[0]}'?" if near else ""
 
 
-def _plain_number(value: object) -> object:
+def _without_fraction(value: object) -> object:
     return int(value) if isinstance(value, float) and value.is_integer() else value

@@ -1,8 +1,8 @@
-"""Strict YAML: what a file says, and the line and column where it says it.
+"""Strict YAML: the values of a file with their lines and columns.
 
-Scalars follow the core schema of YAML 1.2: `yes`, `12:30` and `2024-01-01` are text. Whatever PyYAML would let
-pass in silence is a problem here: duplicate keys, keys that are no text, tags, merge keys, anchors that contain
-themselves or grow without measure. All problems of a file are found before any is raised.
+Scalars follow the core schema of YAML 1.2: `yes`, `12:30` and `2024-01-01` are text. Input that PyYAML accepts silently
+is a problem here: duplicate keys, keys that are no text, tags, merge keys, anchors that contain themselves or expand
+without limit. All problems of a file are collected before they are raised.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from eal_actors.kernel.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, 
 
 
 class Limits(NamedTuple):
-    """How large a file may be.
+    """The limits of a file.
 
     Attributes:
         size: in bytes.
-        values: how many values it may hold, each use of an anchor counted.
-        depth: how many mappings and lists may stand inside each other.
+        values: the most values, each use of an anchor counted.
+        depth: the greatest nesting of mappings and lists.
     """
 
     size: int
@@ -35,16 +35,16 @@ class Limits(NamedTuple):
 
 USUAL: Final = Limits(1_000_000, 20_000, 64)
 LARGE: Final = Limits(8_000_000, 200_000, 128)
-"""For files of ten thousand steps; deeper, and whoever goes through the values runs out of stack."""
+"""For files of ten thousand steps; a greater depth would overflow the stack of recursive code."""
 
 
 def load_yaml(path: str | Path, *, environment: Mapping[str, str] | None = None, limits: Limits = USUAL) -> YamlTree:
     """Read a YAML file whose top level is a mapping.
 
     Args:
-        path: the file; it is named in problems just as it is given here.
+        path: the file; problems name it as it is given here.
         environment: see `parse_yaml`.
-        limits: how large it may be.
+        limits: the limits of the file.
 
     Raises:
         ConfigError: with every problem of the file.
@@ -53,7 +53,7 @@ def load_yaml(path: str | Path, *, environment: Mapping[str, str] | None = None,
 
 
 def read_file(path: str | Path, limits: Limits = USUAL) -> bytes:
-    """Return the content of a file, and not much more of it than the limits allow.
+    """Return the content of a file, reading little more than the limits allow.
 
     Raises:
         ConfigError: it cannot be read.
@@ -77,11 +77,11 @@ def parse_yaml(
 
     Args:
         text: the content; bytes must be UTF-8.
-        name: what to call the file in problems.
-        environment: what `${NAME}` and `${NAME:-default}` in values stand for; `$${` is a literal `${`. A plain
-            value that is one reference and nothing else gets its type from what it stands for, so that a port can
-            come from the environment. None leaves such text untouched.
-        limits: how large it may be.
+        name: the file's name in problems.
+        environment: replaces `${NAME}` and `${NAME:-default}` in values; `$${` is a literal `${`. A plain value that is
+            one reference and nothing else gets its type from the replacement, so that a port can come from the
+            environment. None leaves such text untouched.
+        limits: the limits of the file.
 
     Raises:
         ConfigError: with every problem of the text.
@@ -103,7 +103,7 @@ def parse_yaml(
 
 
 def plain_value(text: str) -> str | int | float | bool | None:
-    """Return what an unquoted YAML 1.2 scalar means.
+    """Return the value of an unquoted YAML 1.2 scalar.
 
     Raises:
         ValueError: a number that no 64-bit integer or finite float can hold.
@@ -159,7 +159,7 @@ def _line_and_column(text: str, position: int) -> tuple[int, int]:
 
 
 class _Composer(yaml.BaseLoader):
-    """PyYAML up to its node tree, with bounds on depth and size, and without tags."""
+    """PyYAML up to its node tree, with limits on depth and size, and without tags."""
 
     def __init__(self, text: str, name: str, limits: Limits) -> None:
         self.text = text
@@ -222,12 +222,12 @@ class _Composer(yaml.BaseLoader):
 
 
 class _Builder:
-    """Makes marked values from PyYAML's nodes."""
+    """Builds marked values from PyYAML's nodes."""
 
     def __init__(
         self, file: str, environment: Mapping[str, str] | None, problems: dict[Problem, None], limits: Limits
     ) -> None:
-        self.problems = problems  # a dict: an anchor's problems come up at each of its uses, but count once
+        self.problems = problems  # a dict: an anchor's problems appear at each of its uses, but count once
         self._file = file
         self._environment = environment
         self._most_values = limits.values
@@ -236,14 +236,14 @@ class _Builder:
         self._reported: set[tuple[int, int, str]] = set()
 
     def report(self, node: yaml.Node, path: YamlPath, message: str) -> None:
-        """Note a problem, once for each place."""
+        """Record a problem, once for each place."""
         mark = self._mark(node)
         if (mark.line, mark.column, message) not in self._reported:
             self._reported.add((mark.line, mark.column, message))
             self.problems[Problem(mark.file, mark.line, mark.column, format_path(path), message)] = None
 
     def build(self, node: yaml.Node, path: YamlPath) -> Any:
-        """Return the value of a node; what is wrong with it is reported."""
+        """Return the value of a node and report its problems."""
         self._values += 1
         if self._values > self._most_values:
             self.report(node, (), f"the file has more than {self._most_values} values, each use of an anchor counted")

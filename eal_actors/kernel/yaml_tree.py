@@ -1,4 +1,4 @@
-"""Values read from YAML that remember the file, line and column they stood at, also after files were merged."""
+"""Values read from YAML, with their file, line and column, also after files were merged."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from eal_actors.kernel.errors import Problem
 
 YamlPath = tuple[str | int, ...]
-"""Keys and list indexes from the top of a file to a value."""
+"""The keys and list indexes from the top of a file to a value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class Mark:
 
 
 class MarkedDict(dict[str, Any]):
-    """A mapping that remembers where each key and value stood."""
+    """A mapping with the place of each key and value."""
 
     __slots__ = ("key_marks", "mark", "value_marks")
 
@@ -45,7 +45,7 @@ class MarkedDict(dict[str, Any]):
 
 
 class MarkedList(list[Any]):
-    """A list that remembers where each item stood."""
+    """A list with the place of each item."""
 
     __slots__ = ("mark", "marks")
 
@@ -61,7 +61,7 @@ class MarkedList(list[Any]):
 
 
 def plain(value: Any) -> Any:
-    """Return a copy of a tree in which nothing remembers its place, as any writer of YAML or JSON takes it."""
+    """Return a copy of a tree without places, for writers of YAML or JSON."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -72,7 +72,7 @@ def plain(value: Any) -> Any:
 def merge(base: MarkedDict, over: MarkedDict) -> MarkedDict:
     """Return a new mapping: mappings merge key by key, any other value of `over` replaces that of `base`.
 
-    Every key and value keeps the mark of the file it came from.
+    Every key and value keeps its place.
     """
     merged = MarkedDict(over.mark)
     for key, value, key_mark, value_mark in base.marked_items():
@@ -86,7 +86,7 @@ def merge(base: MarkedDict, over: MarkedDict) -> MarkedDict:
 
 
 def replace_text(value: Any, replace: Callable[[str], str]) -> Any:
-    """Return a copy of a marked value in which every text, but no key, went through `replace`."""
+    """Return a copy of a marked value with `replace` applied to every text except keys."""
     if isinstance(value, str):
         return replace(value)
     if isinstance(value, MarkedDict):
@@ -103,7 +103,7 @@ def replace_text(value: Any, replace: Callable[[str], str]) -> Any:
 
 
 def format_path(path: YamlPath) -> str:
-    """Return a path as people write it: `robots.evbot1.tags[0]`."""
+    """Return a path as text, such as `robots.evbot1.tags[0]`."""
     text = ""
     for element in path:
         text += f"[{element}]" if isinstance(element, int) else f".{element}" if text else element
@@ -112,7 +112,7 @@ def format_path(path: YamlPath) -> str:
 
 @dataclass(frozen=True, slots=True)
 class YamlTree:
-    """A mapping read from YAML, whole file or part of one.
+    """A mapping read from YAML: a whole file or a part of one.
 
     Attributes:
         root: the mapping.
@@ -125,12 +125,12 @@ class YamlTree:
     def mark_at(self, path: YamlPath, *, key: bool = False) -> Mark:
         """Return the place of the value at a path.
 
-        Elements that the file does not have (a missing key, the tag of a union) are skipped, which leaves the
-        nearest value around them.
+        Elements that are not in the file (a missing key, the tag of a union) are skipped, so the result is the nearest
+        enclosing value.
 
         Args:
             path: from `root`, such as a pydantic `loc`.
-            key: give the place of the last key's name instead of its value.
+            key: return the place of the last key instead of its value.
         """
         node: object = self.root
         mark = self.root.mark
@@ -151,7 +151,7 @@ class YamlTree:
 
 
 def show(value: object) -> str:
-    """Return a value from a file in the words of messages: `'text'`, `5`, `true`, `a list`."""
+    """Return a value of a file as text for messages: `'text'`, `5`, `true`, `a list`."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

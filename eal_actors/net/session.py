@@ -34,6 +34,7 @@ CLOSE_TIMEOUT_S: Final = 1.0
 """Real seconds after which a session that does not close is abandoned."""
 
 _RETRY_S: Final = 0.1
+_RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 _MAX_HANDSHAKES: Final = 2048
 """Simultaneous transport handshakes; fewer strangers that never finish theirs cannot keep others out."""
 _HANDSHAKE_MS: Final = 4000
@@ -44,6 +45,10 @@ _STALLED_US: Final = 500_000
 _BATCHES: Final = 16
 """Batches of 64 kB of one priority that may wait for a link. With zenoh's default of two, the sender of an image sleeps
 between its pieces, and the image takes twice as long. Streams, which are dropped rather than queued, keep two."""
+_QUEUE: Final = {
+    "size": {"data": _BATCHES},
+    "congestion_control": {"block": {"wait_before_close": _STALLED_US}},
+}
 _SOURCE_PLACE: Final = re.compile(r" at /\S+")
 """Position in zenoh's source, which its errors contain."""
 
@@ -159,7 +164,7 @@ def _config(
             # Peers and routers open at once and dial in the background. Both dial again when a link breaks.
             "timeout_ms": 0 if mode == "client" else -1,
             "exit_on_failure": False,
-            "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
+            "retry": _RETRY,
         },
         "transport": {
             "shared_memory": {"enabled": False},  # a killed process would leak its segments
@@ -171,13 +176,7 @@ def _config(
             },
             "link": {
                 "protocols": protocols,
-                "tx": {
-                    "lease": round(network.lease_s * 1000),
-                    "queue": {
-                        "size": {"data": _BATCHES},
-                        "congestion_control": {"block": {"wait_before_close": _STALLED_US}},
-                    },
-                },
+                "tx": {"lease": round(network.lease_s * 1000), "queue": _QUEUE},
             },
         },
     }

@@ -6,7 +6,7 @@ import base64
 import io
 import math
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -105,7 +105,7 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
         arena=_arena_svg(run, world),
         chart=line,
         ticks=_ticks(line.duration_s),
-        skews=_skews(run.events),
+        skews=[event["start"] for event in run.events if event["event"] == "started_together"],
         latencies=_latencies(run),
         images=_images(run.path),
         log=line.log,
@@ -114,14 +114,10 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
 
 def _head(run: RunFolder) -> Mapping[str, Any]:
     summary, first = run.summary, run.events[0] if run.events else {}
+    head = {"scenario": first.get("scenario", run.path.name), "fleet": first.get("fleet", ""), "outcome": "unfinished"}
     if summary is None:
-        return {
-            "scenario": first.get("scenario", run.path.name),
-            "fleet": first.get("fleet", ""),
-            "outcome": "unfinished",
-            "error": "the record is incomplete: its controller crashed or was killed",
-            "facts": {"folder": run.path.name},
-        }
+        error = "the record is incomplete: its controller crashed or was killed"
+        return {**head, "error": error, "facts": {"folder": run.path.name}}
     facts = {
         "started": summary.wall_started,
         "took": f"{summary.duration_s:.3f} s of fleet time",
@@ -134,32 +130,20 @@ def _head(run: RunFolder) -> Mapping[str, Any]:
     if run.breaks_s:
         facts["interrupted"] = f"resumed at {', '.join(f'{time_s:.3f} s' for time_s in run.breaks_s)}"
     error = f"{summary.error.code}: {summary.error.message}" if summary.error else ""
-    return {
-        "scenario": summary.scenario,
-        "fleet": summary.fleet,
-        "outcome": summary.outcome,
-        "error": error,
-        "facts": facts,
-    }
+    head = {"scenario": summary.scenario, "fleet": summary.fleet, "outcome": summary.outcome}
+    return {**head, "error": error, "facts": facts}
 
 
 def _robot_rows(run: RunFolder, line: RunTimeline) -> list[RobotRow]:
     rows = []
     for name, bars in line.bars.items():
-        if name == OF_THE_RUN:
-            continue
-        robot = run.summary.robots.get(name) if run.summary else None
-        path = run.paths.get(name)
-        rows.append(
-            RobotRow(
-                name,
-                robot.outcome if robot else "unfinished",
-                robot.error.message if robot and robot.error else "",
-                len(bars),
-                sum(bar.end_s - bar.start_s for bar in bars),
-                sum(map(_length_m, split_at_breaks(path, run.breaks_s))) if path else None,
-            )
-        )
+        if name != OF_THE_RUN:
+            robot = run.summary.robots.get(name) if run.summary else None
+            outcome = robot.outcome if robot else "unfinished"
+            error = robot.error.message if robot and robot.error else ""
+            parts = split_at_breaks(run.paths.get(name, []), run.breaks_s)
+            travelled_m = sum(map(_length_m, parts)) if parts else None
+            rows.append(RobotRow(name, outcome, error, len(bars), sum(b.end_s - b.start_s for b in bars), travelled_m))
     return rows
 
 
@@ -186,39 +170,20 @@ def _ticks(duration_s: float) -> list[float]:
     return [number * step_s for number in range(int(duration_s / step_s) + 1)]
 
 
-def _skews(events: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Return the synchronized starts, each as the report has it."""
-    return [event["start"] for event in events if event["event"] == "started_together"]
-
-
 def _latencies(run: RunFolder) -> list[Latency]:
-    durations: dict[str, list[float]] = {}
-    failures: dict[str, int] = {}
+    records: dict[str, list[Mapping[str, Any]]] = {}
     for event in run.events:
-        if event["event"] != "step_ended":
-            continue
-        record = event["record"]
-        label = str(record["label"])
-        durations.setdefault(label, [])
-        if record["outcome"] == "done":
-            durations[label].append(record["end_s"] - record["start_s"])
-        else:
-            failures[label] = failures.get(label, 0) + 1
-    return [
-        Latency(
-            label,
-            len(taken) + failures.get(label, 0),
-            _quantile(taken, 0.5),
-            _quantile(taken, 0.99),
-            max(taken, default=math.nan),
-            failures.get(label, 0),
-        )
-        for label, taken in durations.items()
-    ]
+        if event["event"] == "step_ended":
+            records.setdefault(str(event["record"]["label"]), []).append(event["record"])
+    found = []
+    for label, calls in records.items():
+        done_s = sorted(call["end_s"] - call["start_s"] for call in calls if call["outcome"] == "done")
+        median_s, p99_s, longest_s = (_quantile(done_s, share) for share in (0.5, 0.99, 1.0))
+        found.append(Latency(label, len(calls), median_s, p99_s, longest_s, len(calls) - len(done_s)))
+    return found
 
 
-def _quantile(values: Sequence[float], share: float) -> float:
-    ordered = sorted(values)
+def _quantile(ordered: Sequence[float], share: float) -> float:
     return ordered[min(len(ordered) - 1, math.floor(share * len(ordered)))] if ordered else math.nan
 
 

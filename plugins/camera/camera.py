@@ -1,4 +1,4 @@
-"""The Camera resource: pictures of real hardware, as the simulated Camera gives them."""
+"""The Camera resource: pictures of a real camera, with the interface of the simulated one."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from eal_actors.plugin import (
 )
 
 from .capture import LEAST_FPS, MOST_FPS, Image
-from .reader import Reader
+from .reader import SourceReader
 
 Format: TypeAlias = Literal["raw", "jpeg", "png"]
 
@@ -36,12 +36,12 @@ _SIZE: Final = ValueInfo(DataType.INT, "px", 16, 4096)
 
 @dataclass(frozen=True)
 class Mount:
-    """What the device cannot know of itself.
+    """The properties that the device does not report.
 
     Attributes:
         frame_id: the name of the camera's frame of reference.
-        fov_deg: angle between the left and the right edge of the picture; None where nobody has said.
-        offset_m: how far ahead of the axis that it turns on the camera is.
+        fov_deg: angle between the left and the right edge of the picture; None if unknown.
+        offset_m: distance of the camera ahead of its axis of rotation.
     """
 
     frame_id: str
@@ -50,48 +50,48 @@ class Mount:
 
 
 class Camera(Resource):
-    """Camera that shows what is in front of it now."""
+    """Camera that returns current pictures."""
 
     types = ResourceType.SENSOR
     value = ValueInfo(DataType.CHAR, shape=(None, None, 3), description="RGB, rows from the top")
     format_name: ClassVar[Format] = "raw"
 
-    def __init__(self, reader: Reader, mount: Mount) -> None:
+    def __init__(self, reader: SourceReader, mount: Mount) -> None:
         self._reader = reader
         self._frame_id = mount.frame_id
         self._fov_deg = mount.fov_deg
         self._offset_m = mount.offset_m
 
     def open(self) -> None:
-        """Begin to open the source, in the thread that reads it."""
+        """Begin to open the source, in the reader's thread."""
         self._reader.start()
 
     def close(self) -> None:
-        """Let go of the source. Thread: blocks the caller, for three real seconds at most."""
+        """Close the source. Thread: blocks the caller for at most three real seconds."""
         self._reader.close()
 
     def not_ready(self) -> str | None:
-        """Return why there is no picture now, such as an unplugged camera; None while there is."""
+        """Return why there is no picture now, such as an unplugged camera; None if there is one."""
         return self._reader.why_not_ready()
 
     def get_value(self) -> Generator[float, None, EALData]:
-        """Give a picture that was begun after this call, with the time at which it had come.
+        """Return a picture that was begun after this call, with its time of arrival.
 
         Raises:
             NotReadyError: the camera is lost, frozen, or at the end of its file.
-            UnavailableError: none came in time, though nothing is known to be wrong.
+            UnavailableError: none arrived in time, for an unknown reason.
             ResourceFaultError: the picture cannot be encoded.
         """
         frame = yield from self._reader.newer()
-        return EALData.of(self._encoded(frame.image), frame_id=self._frame_id, stamp_s=frame.stamp_s)
+        return EALData.of(self._encode(frame.image), frame_id=self._frame_id, stamp_s=frame.stamp_s)
 
-    def _encoded(self, image: Image) -> Image | memoryview:
-        """Return the picture in the form that `value` promises."""
+    def _encode(self, image: Image) -> Image | memoryview:
+        """Return the picture in the format declared by `value`."""
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
     @request("intrinsics", ValueInfo(DataType.DOUBLE, "px", shape=(3, 3)))
     def intrinsics(self) -> Generator[float, None, EALData]:
-        """Tell the camera matrix: from x right, y down, z ahead to pixels, the middle of the first one at 0, 0."""
+        """Return the camera matrix: from x right, y down, z ahead to pixels, the centre of the first one at 0, 0."""
         fov_rad, mode = math.radians(self.fov_deg()), (yield from self._reader.mode())
         width, height = mode["width"], mode["height"]
         focal_px = width / 2 / math.tan(fov_rad / 2)
@@ -105,7 +105,7 @@ class Camera(Resource):
 
     @config_setter("width")
     def set_width(self, width: int) -> Activity:
-        """Ask for a width; the camera may refuse."""
+        """Set the width; the camera may refuse."""
         return self._reader.adjust({"width": width})
 
     @config("height", _SIZE)
@@ -115,84 +115,84 @@ class Camera(Resource):
 
     @config_setter("height")
     def set_height(self, height: int) -> Activity:
-        """Ask for a height; the camera may refuse."""
+        """Set the height; the camera may refuse."""
         return self._reader.adjust({"height": height})
 
     @config("fps", ValueInfo(DataType.DOUBLE, "Hz", LEAST_FPS, MOST_FPS))
     def fps(self) -> Generator[float, None, float]:
-        """Pictures a second, as the camera says."""
-        return self._told((yield from self._reader.mode()), "fps")
+        """Pictures per second, as reported by the camera."""
+        return self._reported((yield from self._reader.mode()), "fps")
 
     @config_setter("fps")
     def set_fps(self, fps: float) -> Activity:
-        """Ask for a rate; the camera may refuse."""
+        """Set the rate; the camera may refuse."""
         return self._reader.adjust({"fps": float(fps)})
 
     @config("fov_deg", ValueInfo(DataType.DOUBLE, "deg", 10, 150))
     def fov_deg(self) -> float:
         """Field of view, from the left edge of the picture to the right edge."""
         if self._fov_deg is None:
-            raise UnavailableError("nobody has said what field of view this camera has; set `fov_deg`")
+            raise UnavailableError("the field of view of this camera is unknown: set `fov_deg`")
         return self._fov_deg
 
     @config_setter("fov_deg")
     def set_fov_deg(self, fov_deg: float) -> None:
-        """Say what field of view the camera has; the lens stays as it is."""
+        """Set the known field of view; this does not change the lens."""
         self._fov_deg = float(fov_deg)
 
     @config("exposure", ValueInfo(DataType.DOUBLE, minimum=0, maximum=16, description="factor on the grey levels"))
     def exposure(self) -> Generator[float, None, float]:
-        """Factor on the grey levels: 2 is twice as bright, and what gets too bright is white."""
-        return self._told((yield from self._reader.mode()), "exposure")
+        """Factor on the grey levels: 2 is twice as bright, clipped at white."""
+        return self._reported((yield from self._reader.mode()), "exposure")
 
     @config_setter("exposure")
     def set_exposure(self, exposure: float) -> Activity:
-        """Ask for an exposure; 1 leaves it to the camera, which may refuse any other."""
+        """Set the exposure; 1 is automatic, and the camera may refuse any other."""
         return self._reader.adjust({"exposure": float(exposure)})
 
     @config("offset_m", ValueInfo(DataType.DOUBLE, "m", -1, 1))
     def offset_m(self) -> float:
-        """How far ahead of the axis that it turns on the camera is."""
+        """Distance of the camera ahead of its axis of rotation."""
         return self._offset_m
 
     @config_setter("offset_m")
     def set_offset_m(self, offset_m: float) -> None:
-        """Say where the camera is; it stays where it is."""
+        """Set the known distance; this does not move the camera."""
         self._offset_m = float(offset_m)
 
     @config("format", ValueInfo(DataType.CHAR, choices=("raw", "jpeg", "png")))
     def format(self) -> str:
-        """What a value is: an array, or the bytes of a file; the fleet file chooses."""
+        """Format of a value, an array or the bytes of a file; set by the fleet file."""
         return self.format_name
 
     @staticmethod
-    def _told(mode: Mapping[str, float], key: str) -> float:
+    def _reported(mode: Mapping[str, float], key: str) -> float:
         if key not in mode:
-            raise UnavailableError(f"the camera does not tell its {key}")
+            raise UnavailableError(f"the camera does not report its {key}")
         return mode[key]
 
 
 class JpegCamera(Camera):
-    """Camera that shows what is in front of it now."""
+    """Camera that returns current pictures."""
 
     value = ValueInfo(DataType.VOID, description="the bytes of a JPEG file")
     format_name = "jpeg"
 
-    def _encoded(self, image: Image) -> memoryview:
-        return _file(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    def _encode(self, image: Image) -> memoryview:
+        return _encode_file(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
 
 
 class PngCamera(Camera):
-    """Camera that shows what is in front of it now."""
+    """Camera that returns current pictures."""
 
     value = ValueInfo(DataType.VOID, description="the bytes of a PNG file")
     format_name = "png"
 
-    def _encoded(self, image: Image) -> memoryview:
-        return _file(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL])
+    def _encode(self, image: Image) -> memoryview:
+        return _encode_file(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL])
 
 
-def _file(suffix: str, image: Image, parameters: list[int]) -> memoryview:
+def _encode_file(suffix: str, image: Image, parameters: list[int]) -> memoryview:
     try:
         is_done, file = cv2.imencode(suffix, image, parameters)
     except cv2.error as error:
@@ -203,4 +203,4 @@ def _file(suffix: str, image: Image, parameters: list[int]) -> memoryview:
 
 
 KINDS: Final[Mapping[Format, type[Camera]]] = {"raw": Camera, "jpeg": JpegCamera, "png": PngCamera}
-"""The resource for each format: what a value is stands in its information."""
+"""The resource class of each format, because a class declares its type of value."""

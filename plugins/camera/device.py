@@ -10,59 +10,60 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
+from typing_extensions import override
 
-from .capture import Image, fps_of, is_same_fps
+from .capture import Capture, Image, fps_of, is_same_fps
 
 _MANUAL: Final = 1.0
-"""The exposure mode of V4L2 in which the time is set by hand (V4L2_EXPOSURE_MANUAL)."""
+"""The exposure mode of V4L2 with a manual exposure time (V4L2_EXPOSURE_MANUAL)."""
 
-_SAME_EXPOSURE: Final = 0.1  # devices know steps
+_SAME_EXPOSURE: Final = 0.1  # devices have discrete steps
 
 
-def open_device(path: str, fourcc: str | None) -> Device:
+def open_device(path: str, fourcc: str | None) -> CaptureDevice:
     """Open a camera by its device path.
 
     Args:
         path: such as `/dev/video0`, or a link to it below `/dev/v4l/by-id`.
-        fourcc: four letters that say how the camera is to code its pictures, such as MJPG; None to leave it.
+        fourcc: four letters of the encoding, such as MJPG; None to keep the present one.
 
     Raises:
-        OSError: it is not there, not allowed, in use, or does not do so.
+        OSError: it is absent, not permitted, in use, or does not support the encoding.
     """
     _require_usable(Path(path))
     capture = cv2.VideoCapture(path, cv2.CAP_V4L2)
     if not capture.isOpened():
         capture.release()
-        raise OSError("it is in use by another program, or it is no device that captures")
-    return Device(capture, fourcc)
+        raise OSError("it is in use by another program, or is not a capture device")
+    return CaptureDevice(capture, fourcc)
 
 
 def _require_usable(path: Path) -> None:
-    """Raise OSError with a reason that OpenCV would not tell."""
+    """Raise OSError with a reason that OpenCV does not report."""
     if not path.exists():
         raise OSError("there is no such device; is it plugged in?")
     if not stat.S_ISCHR(path.stat().st_mode):
-        raise OSError("it is no device")
+        raise OSError("it is not a device")
     if not os.access(path, os.R_OK | os.W_OK):
         raise OSError("no permission; its user must be in the group `video`")
 
 
-class Device:
-    """An open camera; see Capture.
+class CaptureDevice(Capture):
+    """An open camera.
 
     Args:
         capture: an open `cv2.VideoCapture`.
         fourcc: see `open_device`.
 
     Raises:
-        OSError: it does not do the coding; the capture is released.
+        OSError: it does not support the encoding; the capture is released.
     """
 
     period_s: float | None = None
 
     def __init__(self, capture: Any, fourcc: str | None) -> None:
         self._capture = capture
-        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # no picture waits in a queue and grows old
+        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # no queue of old pictures
         if fourcc is not None:
             wanted = cv2.VideoWriter.fourcc(*fourcc)
             capture.set(cv2.CAP_PROP_FOURCC, wanted)
@@ -71,24 +72,24 @@ class Device:
                     int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True).decode(errors="replace")
                 )
                 capture.release()
-                raise OSError(f"it does not code its pictures as {fourcc}, but as {found}")
+                raise OSError(f"it does not encode its pictures as {fourcc}, but as {found}")
         self._automatic = capture.get(cv2.CAP_PROP_AUTO_EXPOSURE)
         self._normal_exposure = capture.get(cv2.CAP_PROP_EXPOSURE)
 
+    @override
     def read(self) -> Image:
-        """See Capture."""
         is_read, image = self._capture.read()
         if not is_read:
-            raise OSError("it delivers nothing any more; was it unplugged?")
+            raise OSError("it no longer delivers pictures; was it unplugged?")
         return np.asarray(image, np.uint8)
 
+    @override
     def mode(self) -> dict[str, float]:
-        """See Capture."""
         return {**self._size(), **fps_of(self._capture), "exposure": self._exposure()}
 
+    @override
     def adjust(self, wishes: Mapping[str, float]) -> list[str]:
-        """See Capture. Width and height are asked for together, as the device has sizes, not widths."""
-        refused = []
+        refused = []  # width and height are set together, because the device has a list of sizes
         size = {key: wishes[key] for key in ("width", "height") if key in wishes}
         if size:
             refused += self._adjust_size(size)
@@ -101,8 +102,8 @@ class Device:
             refused += self._adjust_exposure(wishes["exposure"])
         return refused
 
+    @override
     def release(self) -> None:
-        """See Capture."""
         self._capture.release()
 
     def _size(self) -> dict[str, float]:
@@ -143,7 +144,7 @@ class Device:
             self._capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, self._automatic)
             return []
         if self._normal_exposure <= 0:
-            return ["exposure: the camera does not tell its own, and takes none"]
+            return ["exposure: the camera does not report its own, and takes none"]
         before = {key: self._capture.get(key) for key in (cv2.CAP_PROP_EXPOSURE, cv2.CAP_PROP_AUTO_EXPOSURE)}
         self._capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
         self._capture.set(cv2.CAP_PROP_EXPOSURE, round(self._normal_exposure * factor))

@@ -1,8 +1,8 @@
-"""Pictures for want of a camera: a folder of images, of a bar that wanders to the right.
+"""A substitute for a camera: a folder of images, of a bar that moves to the right.
 
     python -m plugins.camera.emulator --folder
 
-prints the path that the plugin takes as its source, with `loop: true`, and removes the folder at Ctrl-C or SIGTERM.
+It prints the path for the plugin's `source`, with `loop: true`, and removes the folder on Ctrl-C or SIGTERM.
 """
 
 from __future__ import annotations
@@ -35,9 +35,11 @@ def draw(folder: Path) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Keep a folder of pictures until the program is told to end."""
+    """Provide a folder of pictures until a signal ends the program."""
     parser = argparse.ArgumentParser(prog="python -m plugins.camera.emulator", description="Pictures for a camera.")
-    parser.add_argument("--folder", action="store_true", required=True, help="make a folder of images; prints its path")
+    parser.add_argument(
+        "--folder", action="store_true", required=True, help="create a folder of images; print its path"
+    )
     parser.parse_args(arguments)
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,4 +1,4 @@
-"""Pictures that were taken before: video files and folders of images, played in real time."""
+"""Recorded pictures: video files and folders of images, played in real time."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from typing import Final
 
 import cv2
 import numpy as np
+from typing_extensions import override
 
-from .capture import LEAST_FPS, MOST_FPS, Image, fps_of, is_same_fps, refuse_all
+from .capture import LEAST_FPS, MOST_FPS, Capture, Image, fps_of, is_same_fps, refuse_all
 
 SUFFIXES: Final = (".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp")
 
 
-class VideoFile:
-    """An open video file; see Capture. It plays at its own rate.
+class VideoFile(Capture):
+    """An open video file. It plays at its own rate.
 
     Args:
         path: the file.
-        loop: begin anew at the end.
+        loop: restart at the end.
 
     Raises:
-        OSError: it cannot be read as a video.
+        OSError: it is not a readable video.
     """
 
     def __init__(self, path: Path, *, loop: bool) -> None:
@@ -32,54 +33,54 @@ class VideoFile:
         self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         if not self._capture.isOpened():
             self._capture.release()
-            raise OSError("it is no video that FFmpeg can read")
+            raise OSError("it is not a video that FFmpeg can read")
         fps = fps_of(self._capture).get("fps")
         if fps is None:
             self._capture.release()
-            raise OSError(f"it is no video with a rate of {LEAST_FPS:g} to {MOST_FPS:g} pictures a second")
+            raise OSError(f"it is not a video with a rate of {LEAST_FPS:g} to {MOST_FPS:g} pictures per second")
         self._fps = fps
         self.period_s: float | None = 1.0 / fps
 
+    @override
     def read(self) -> Image:
-        """See Capture."""
         is_read, image = self._capture.read()
         if not is_read and self._loop and self._count:
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
             is_read, image = self._capture.read()
             if not is_read:
-                raise OSError("it cannot be read from its beginning again")
+                raise OSError("it cannot be restarted")
         if not is_read:
-            raise EOFError(f"it has ended after {self._count} pictures; with `loop: true` it begins anew")
+            raise EOFError(f"it has ended after {self._count} pictures; with `loop: true` it restarts")
         self._count += 1
         return np.asarray(image, np.uint8)
 
+    @override
     def mode(self) -> dict[str, float]:
-        """See Capture."""
         return {"fps": self._fps, "exposure": 1.0}
 
+    @override
     def adjust(self, wishes: Mapping[str, float]) -> list[str]:
-        """See Capture."""
         size = {
             "width": self._capture.get(cv2.CAP_PROP_FRAME_WIDTH),
             "height": self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT),
         }
         return refuse_all("video file", {**size, **self.mode()}, wishes)
 
+    @override
     def release(self) -> None:
-        """See Capture."""
         self._capture.release()
 
 
-class ImageFolder:
-    """A folder of images; see Capture. They come in natural order, 2.png before 10.png.
+class ImageFolder(Capture):
+    """A folder of images. The order is natural: 2.png before 10.png.
 
     Args:
         path: the folder.
-        loop: begin anew at the end, with what is in the folder then.
-        fps: images a second.
+        loop: restart at the end, with the present content of the folder.
+        fps: images per second.
 
     Raises:
-        OSError: there is no image in it.
+        OSError: it contains no image.
     """
 
     def __init__(self, path: Path, *, loop: bool, fps: float) -> None:
@@ -91,42 +92,42 @@ class ImageFolder:
         self._size: dict[str, float] = {}
         self.period_s: float | None = 1.0 / fps
 
+    @override
     def read(self) -> Image:
-        """See Capture."""
         if self._next == len(self._files):
             if not self._loop:
-                raise EOFError(f"it has ended after {self._next} images; with `loop: true` it begins anew")
+                raise EOFError(f"it has ended after {self._next} images; with `loop: true` it restarts")
             self._files, self._next = self._list(), 0
         file = self._files[self._next]
         image = cv2.imread(str(file), cv2.IMREAD_COLOR)
         if image is None:
-            raise OSError(f"{file.name} in it is no image that OpenCV can read")
+            raise OSError(f"OpenCV cannot read its image {file.name}")
         self._next += 1
         self._size = {"height": image.shape[0], "width": image.shape[1]}
         return np.asarray(image, np.uint8)
 
+    @override
     def mode(self) -> dict[str, float]:
-        """See Capture."""
         return {"fps": self._fps, "exposure": 1.0}
 
+    @override
     def adjust(self, wishes: Mapping[str, float]) -> list[str]:
-        """See Capture. The rate can be chosen."""
         if "fps" in wishes and not is_same_fps(wishes["fps"], self._fps):
             self._fps = wishes["fps"]
             self.period_s = 1.0 / self._fps
         return refuse_all("folder of images", {**self._size, **self.mode()}, wishes)
 
     def release(self) -> None:
-        """See Capture: no file is open."""
+        """Do nothing: no file is open."""
 
     def _list(self) -> list[Path]:
-        files = sorted((file for file in self._path.iterdir() if file.suffix.lower() in SUFFIXES), key=_natural)
+        files = sorted((file for file in self._path.iterdir() if file.suffix.lower() in SUFFIXES), key=_natural_key)
         if not files:
-            raise OSError(f"there is no image in it; images end in {', '.join(SUFFIXES)}")
+            raise OSError(f"it contains no image; images end in {', '.join(SUFFIXES)}")
         return files
 
 
-def _natural(file: Path) -> list[tuple[int, str]]:
-    """Return by what a file is sorted: the numbers in its name as numbers, the rest as text."""
+def _natural_key(file: Path) -> list[tuple[int, str]]:
+    """Return a sort key that compares the numbers in a name as numbers."""
     parts = re.split(r"(\d+)", file.name.lower())
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]

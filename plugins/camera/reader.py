@@ -1,8 +1,7 @@
-"""The thread that opens a source and reads from it, so that the newest picture is always at hand.
+"""The thread that opens a source and keeps the newest picture.
 
-It alone touches the capture. Whoever wants a picture waits for one whose reading began after the call: one that was
-under way at the call may show what was before it. Reading, retries and time-outs are in real seconds, because a camera
-is real hardware whatever the fleet's clock does.
+Only this thread uses the capture. A caller gets a picture whose reading began after the call, because an earlier one
+may show the past. Reading, retries and time-outs are in real seconds: a camera is independent of the fleet's clock.
 """
 
 from __future__ import annotations
@@ -26,20 +25,20 @@ _FIRST_TRY_S: Final = 0.2
 _LONGEST_TRY_S: Final = 5.0
 _JOIN_S: Final = 3.0
 _STEP_S: Final = 0.02
-_PAUSE_S: Final = 0.001  # of the fleet's clock, in which other calls are answered
-_PERIODS: Final = 2  # that may pass in vain before the patience begins: the one under way at a call, and the next
+_PAUSE_S: Final = 0.001  # of the fleet's clock; other calls are answered meanwhile
+_PERIODS: Final = 2  # without a picture before the time-out begins: the period of the call, and the next
 _SIZE_PX: Final = (16, 4096)
-_SAMPLE: Final = 16  # rows and columns from one looked-at pixel to the next, before a picture is compared whole
+_SAMPLE: Final = 16  # pixel distance of the first, sparse comparison of two pictures
 
 
 @dataclass(frozen=True)
-class Frame:
-    """A picture as it came.
+class Picture:
+    """A picture with its number and time.
 
     Attributes:
         number: of the reading, counted from 1.
-        image: the picture; nobody writes to it.
-        stamp_s: when it had come, in seconds of the fleet's clock.
+        image: the picture; read-only.
+        stamp_s: time of arrival, in seconds of the fleet's clock.
     """
 
     number: int
@@ -48,24 +47,24 @@ class Frame:
 
 
 @dataclass(eq=False)
-class _Wish:
-    """What somebody wants of the source, and what became of it."""
+class _PendingChange:
+    """A requested change of settings, and its result."""
 
     values: Mapping[str, float]
     refused: list[str] | None = None
 
 
 @dataclass(frozen=True)
-class Terms:
-    """How a source is to be read.
+class ReaderOptions:
+    """The options of a reader.
 
     Attributes:
-        name: what messages call the source.
-        patience_s: seconds without a picture that are borne, and two periods of the source: real ones of the source,
-            and those of the fleet's clock of a caller who waits.
+        name: the source's name in messages.
+        patience_s: time-out without a picture, in addition to two periods of the source: in real seconds for the
+            source, in seconds of the fleet's clock for a waiting caller.
         frozen_after_s: real seconds of the same picture after which the source counts as frozen; None for never.
-        wishes: what to ask of the source each time that it is opened: width, height, fps, exposure.
-        place: what log lines say besides.
+        wishes: settings to apply after each opening: width, height, fps, exposure.
+        place: additional fields of log lines.
     """
 
     name: str
@@ -75,45 +74,43 @@ class Terms:
     place: Mapping[str, str] = field(default_factory=dict)
 
 
-class Reader:
-    """See the module.
+class SourceReader:
+    """Reads a source in its own thread; see the module.
 
     Args:
-        open_capture: opens the source, or raises OSError while it is absent. It may take long, or even hang.
-        terms: how to read it.
-        clock: the fleet's clock, for time stamps and for how long callers wait.
+        open_capture: opens the source, or raises OSError while it is absent. It may block or hang.
+        options: the options.
+        clock: the fleet's clock, for time stamps and time-outs of callers.
 
-    Thread: any, where a method says nothing else.
+    Thread: any, unless a method states another.
     """
 
-    def __init__(self, open_capture: Callable[[], Capture], terms: Terms, clock: Clock) -> None:
+    def __init__(self, open_capture: Callable[[], Capture], options: ReaderOptions, clock: Clock) -> None:
         self._open_capture = open_capture
-        self._terms = terms
+        self._options = options
         self._clock = clock
-        self._wishes = dict(terms.wishes)
-        self._log = get_logger(**terms.place)
+        self._wishes = dict(options.wishes)
+        self._log = get_logger(**options.place)
         self._changed = threading.Condition()
-        self._thread = threading.Thread(target=self._run, name=f"reading {terms.name}", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"reading {options.name}", daemon=True)
         self._is_stopping = False
         self._is_open = False
-        self._frame: Frame | None = None
+        self._frame: Picture | None = None
         self._begun = 0
         self._mode: dict[str, float] = {}
-        self._pending: deque[_Wish] = deque()
+        self._pending: deque[_PendingChange] = deque()
         self._trouble: str | None = None
         self._next_try_s: float | None = None
         self._sign_s = self._other_s = real_s()
         self._delay_s = _FIRST_TRY_S
 
-    # For its users.
-
     def start(self) -> None:
         """Begin to open the source; does not wait for it."""
         self._sign_s = real_s()
-        self._thread.start()  # not by the fleet's clock, in which it takes no part
+        self._thread.start()  # not through the fleet's clock: the thread runs in real time
 
     def close(self) -> None:
-        """Let go of the source. Thread: blocks the caller, for three real seconds at most."""
+        """Close the source. Thread: blocks the caller for at most three real seconds."""
         with self._changed:
             self._is_stopping = True
             self._changed.notify_all()
@@ -121,77 +118,77 @@ class Reader:
             self._thread.join(_JOIN_S)
         if self._thread.is_alive():
             self._log.error(
-                "the camera's source hangs; it is abandoned, and stays in use until it answers",
-                source=self._terms.name,
+                "the camera's source hangs; it is abandoned and stays in use until it answers",
+                source=self._options.name,
             )
 
     def why_not_ready(self) -> str | None:
-        """Return why no picture can be had now, or None. Does not wait."""
+        """Return why there is no picture now, or None. Does not block."""
         with self._changed:
             return self._why_not_ready()
 
-    def newer(self) -> Generator[float, None, Frame]:
+    def newer(self) -> Generator[float, None, Picture]:
         """Wait for a picture whose reading began after this call.
 
         Raises:
             NotReadyError: the source is lost, frozen, or at its end.
-            UnavailableError: none came in time, though nothing is known to be wrong.
+            UnavailableError: none arrived in time, for an unknown reason.
 
         Returns:
-            An activity that gives the picture; it notes the call at its first step.
+            An activity that returns the picture; the call counts from its first step.
         """
         after = self._begun
         return (yield from self._await(lambda: self._frame_after(after), "has delivered no newer picture"))
 
     def mode(self) -> Generator[float, None, dict[str, float]]:
-        """Tell what the source gives: width, height, fps, exposure; a key is left out where that is not known.
+        """Return the source's width, height, fps and exposure, as far as they are known.
 
         Raises:
             NotReadyError: see `newer`.
             UnavailableError: see `newer`.
 
         Returns:
-            An activity that waits until the first picture has come.
+            An activity that waits for the first picture.
         """
         yield from self._await(lambda: self._frame, "has delivered no picture")
         return dict(self._mode)
 
     def adjust(self, wishes: Mapping[str, float]) -> Generator[float, None, None]:
-        """Ask something of the source, now and each time that it is opened anew.
+        """Change settings of the source, now and after each reopening.
 
         Args:
             wishes: some of width, height, fps, exposure.
 
         Raises:
-            ArgumentError: the source refused it; what there is instead.
+            ArgumentError: the source refused; the message states its present settings.
             NotReadyError: see `newer`.
             UnavailableError: see `newer`.
 
         Returns:
-            An activity that waits until the source has answered. One that is closed before withdraws the wish.
+            An activity that waits for the source's answer. Closing it earlier cancels the change.
         """
-        wish = _Wish(wishes)
+        wish = _PendingChange(wishes)
         with self._changed:
             self._pending.append(wish)
             self._changed.notify_all()
         try:
-            refused = yield from self._await(lambda: wish.refused, "has not said whether it can do so")
+            refused = yield from self._await(lambda: wish.refused, "has not answered the change of settings")
         finally:
-            with contextlib.suppress(ValueError), self._changed:  # usually it has been granted or refused
+            with contextlib.suppress(ValueError), self._changed:  # usually it is done already
                 self._pending.remove(wish)
         if refused:
-            raise ArgumentError(f"{self._terms.name}: {'; '.join(refused)}")
+            raise ArgumentError(f"{self._options.name}: {'; '.join(refused)}")
 
-    def _frame_after(self, number: int) -> Frame | None:
+    def _frame_after(self, number: int) -> Picture | None:
         return self._frame if self._frame is not None and self._frame.number > number else None
 
     def _await(self, look: Callable[[], _T | None], lacks: str) -> Generator[float, None, _T]:
-        """Wait for what a look finds, in short waits of real time, so that a clock in lock step does not jump over it.
+        """Poll in short waits of real time, so that a clock in lock step does not skip the result.
 
-        Thread: each step blocks the caller for a fiftieth of a second at most.
+        Thread: each step blocks the caller for at most 0.02 s.
         """
         begun_s = real_s()
-        limit_s = self._terms.patience_s / self._clock.of_real(1.0) + self._periods_s()
+        limit_s = self._options.patience_s / self._clock.of_real(1.0) + self._periods_s()
         while True:
             with self._changed:
                 if look() is None and self._why_not_ready() is None:
@@ -202,33 +199,31 @@ class Reader:
                     raise NotReadyError(reason)
             if real_s() - begun_s >= limit_s:
                 raise UnavailableError(
-                    f"{self._terms.name} {lacks} within {self._terms.patience_s:g} s of the fleet's clock"
+                    f"{self._options.name} {lacks} within {self._options.patience_s:g} s of the fleet's clock"
                 )
             yield _PAUSE_S
 
     def _why_not_ready(self) -> str | None:
-        """See `why_not_ready`. Thread: holds the lock."""
-        now_s, name = real_s(), self._terms.name
+        """Return why there is no picture now, or None. Thread: holds the lock."""
+        now_s, name = real_s(), self._options.name
         if self._is_stopping:
             return f"{name} is closed"
         if self._trouble is not None:
             again = f"; next try in {max(self._next_try_s - now_s, 0.0):.1f} s" if self._next_try_s is not None else ""
             return f"{name}: {self._trouble}{again}"
         if (silent_s := now_s - self._sign_s) > self._patience_s():
-            what = "is frozen: no picture" if self._is_open else "has not opened, nor failed to,"
+            what = "is frozen: no picture" if self._is_open else "has neither opened nor failed"
             return f"{name} {what} for {silent_s:.1f} s"
-        limit_s = self._terms.frozen_after_s
+        limit_s = self._options.frozen_after_s
         if limit_s is not None and self._sign_s - self._other_s > limit_s:
-            return f"{name} is frozen: the same picture, to the last bit, for {self._sign_s - self._other_s:.1f} s"
+            return f"{name} is frozen: an identical picture for {self._sign_s - self._other_s:.1f} s"
         return None
 
     def _periods_s(self) -> float:
         return _PERIODS / self._mode["fps"] if "fps" in self._mode else 0.0
 
     def _patience_s(self) -> float:
-        return self._terms.patience_s + self._periods_s()
-
-    # The thread.
+        return self._options.patience_s + self._periods_s()
 
     def _run(self) -> None:
         while not self._is_stopping:
@@ -237,7 +232,7 @@ class Reader:
             except EOFError as end:
                 self._note_trouble(str(end), None)
                 return
-            except Exception as error:  # noqa: BLE001  # whatever a backend raises, the source may come back
+            except Exception as error:  # noqa: BLE001  # after any exception of a backend, the source may come back
                 reason = str(error) if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
                 self._note_trouble(reason, real_s() + self._delay_s)
                 self._sleep(self._delay_s, lambda: False)
@@ -246,10 +241,10 @@ class Reader:
     def _read_until_lost(self) -> None:
         capture = self._open_capture()
         try:
-            self._take_over(capture)
+            self._configure(capture)
             due_s = real_s()
             while not self._is_stopping:
-                self._grant_wishes(capture)
+                self._apply_changes(capture)
                 if capture.period_s is not None and (left_s := due_s - real_s()) > 0:
                     self._sleep(left_s, lambda: bool(self._pending))
                     continue
@@ -261,17 +256,17 @@ class Reader:
             self._is_open = False
             capture.release()
 
-    def _take_over(self, capture: Capture) -> None:
-        """Ask the newly opened source for what is wanted."""
+    def _configure(self, capture: Capture) -> None:
+        """Apply the settings to the newly opened source."""
         refused = capture.adjust(self._wishes)
         if refused:
-            self._log.warning("the camera refuses what is wanted of it", source=self._terms.name, refused=refused)
+            self._log.warning("the camera refuses settings", source=self._options.name, refused=refused)
         mode = capture.mode()
         with self._changed:
             self._mode, self._is_open = mode, True
             self._sign_s = self._other_s = real_s()
 
-    def _grant_wishes(self, capture: Capture) -> None:
+    def _apply_changes(self, capture: Capture) -> None:
         while self._pending:
             with self._changed:
                 wish = self._pending.popleft() if self._pending else None
@@ -291,8 +286,10 @@ class Reader:
         height, width = image.shape[:2]
         least, most = _SIZE_PX
         if not (least <= width <= most and least <= height <= most):
-            raise OSError(f"its pictures are of {width} x {height} px, beyond {least} to {most} px")
-        same = self._frame is not None and self._terms.frozen_after_s is not None and is_same(self._frame.image, image)
+            raise OSError(f"its pictures have {width} x {height} px, outside {least} to {most} px")
+        same = (
+            self._frame is not None and self._options.frozen_after_s is not None and is_same(self._frame.image, image)
+        )
         with self._changed:
             self._trouble = self._next_try_s = None
             self._delay_s = _FIRST_TRY_S
@@ -300,7 +297,7 @@ class Reader:
             if not same:
                 self._other_s = self._sign_s
             self._mode.update(width=width, height=height)
-            self._frame = Frame(self._begun, image, self._clock.now())
+            self._frame = Picture(self._begun, image, self._clock.now())
             self._changed.notify_all()
 
     def _note_trouble(self, reason: str, next_try_s: float | None) -> None:
@@ -309,12 +306,12 @@ class Reader:
             self._changed.notify_all()
 
     def _sleep(self, duration_s: float, unless: Callable[[], bool]) -> None:
-        """Wait in real time, but not on when it is to stop, or when there is something else to do."""
+        """Wait in real time; return early on a stop or if `unless()` is true."""
         with self._changed:
             self._changed.wait_for(lambda: self._is_stopping or unless(), duration_s)
 
 
 def is_same(one: Image, other: Image) -> bool:
-    """Tell whether two pictures are equal to the last bit. Most that are not differ in the first few pixels."""
+    """Return whether two pictures are identical. A sparse comparison finds most differences first."""
     few = slice(None, None, _SAMPLE)
     return np.array_equal(one[few, few], other[few, few]) and np.array_equal(one, other)

@@ -1,4 +1,4 @@
-"""What a fleet file calls a source: which of the four kinds it is, and how it is opened."""
+"""The source setting of the fleet file: its kind, and how to open it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .stream import open_stream
 SCHEMES: Final = ("rtsp", "rtsps", "http", "https")
 
 
-class Kind(enum.Enum):
-    """Where pictures come from; the value is for people."""
+class SourceKind(enum.Enum):
+    """The kind of a source; the values are for messages."""
 
     DEVICE = "camera"
     STREAM = "stream"
@@ -28,70 +28,70 @@ class Kind(enum.Enum):
 
     @property
     def is_live(self) -> bool:
-        """Whether it shows what is now: the same picture again and again would then be a fault."""
-        return self in (Kind.DEVICE, Kind.STREAM)
+        """Whether it shows the present: then identical pictures in a row are a fault."""
+        return self in (SourceKind.DEVICE, SourceKind.STREAM)
 
 
 @dataclass(frozen=True)
-class Source:
+class PictureSource:
     """A source of pictures.
 
     Attributes:
-        kind: which of the four.
+        kind: its kind.
         address: its device path, URL, or path.
     """
 
-    kind: Kind
+    kind: SourceKind
     address: str
 
     @classmethod
-    def of(cls, source: int | str) -> Source:
-        """Read what the fleet file says.
+    def of(cls, source: int | str) -> PictureSource:
+        """Parse the setting of the fleet file.
 
         Args:
             source: number n of `/dev/video<n>`, a path below `/dev`, a URL, or the path of a file or folder.
 
         Raises:
-            ValueError: there can be no such source.
+            ValueError: the source is invalid.
         """
         if isinstance(source, int):
-            return cls(Kind.DEVICE, f"/dev/video{source}")
+            return cls(SourceKind.DEVICE, f"/dev/video{source}")
         if "://" in source:
             parts = _parts(source)
             if parts.scheme not in SCHEMES or not parts.hostname:
                 wanted = ", ".join(f"{scheme}://" for scheme in SCHEMES)
-                raise ValueError(f"source {without_secrets(source)!r}: wanted is a URL with {wanted} and a host")
-            return cls(Kind.STREAM, source)
+                raise ValueError(f"source {without_secrets(source)!r}: use a URL with {wanted} and a host")
+            return cls(SourceKind.STREAM, source)
         if source.startswith("/dev/"):
-            return cls(Kind.DEVICE, source)
+            return cls(SourceKind.DEVICE, source)
         path = Path(source).expanduser()
-        return cls(Kind.FOLDER if path.is_dir() else Kind.FILE, str(path))
+        return cls(SourceKind.FOLDER if path.is_dir() else SourceKind.FILE, str(path))
 
     @property
     def name(self) -> str:
-        """What messages call it: its address without what is secret in it."""
-        return without_secrets(self.address) if self.kind is Kind.STREAM else self.address
+        """Its name in messages: its address without secrets."""
+        return without_secrets(self.address) if self.kind is SourceKind.STREAM else self.address
 
     def opener(self, *, loop: bool, fps: float | None, fourcc: str | None, timeout_s: float) -> Callable[[], Capture]:
-        """Return what opens it; that raises OSError as long as it cannot be opened.
+        """Return a function that opens it, or raises OSError while it cannot be opened.
 
         Args:
-            loop: begin a file or folder anew at its end.
-            fps: images of a folder a second; None for 1.
-            fourcc: how a device is to code its pictures; None to leave it as it is.
-            timeout_s: real seconds that a stream may stay silent.
+            loop: restart a file or folder at its end.
+            fps: images of a folder per second; None for 1.
+            fourcc: encoding of a device's pictures; None to keep the present one.
+            timeout_s: real seconds without data after which a stream counts as lost.
         """
-        openers: dict[Kind, Callable[[], Capture]] = {
-            Kind.DEVICE: lambda: open_device(self.address, fourcc),
-            Kind.STREAM: lambda: open_stream(self.address, self.name, timeout_s),
-            Kind.FILE: lambda: VideoFile(Path(self.address), loop=loop),
-            Kind.FOLDER: lambda: ImageFolder(Path(self.address), loop=loop, fps=fps or 1.0),
+        openers: dict[SourceKind, Callable[[], Capture]] = {
+            SourceKind.DEVICE: lambda: open_device(self.address, fourcc),
+            SourceKind.STREAM: lambda: open_stream(self.address, self.name, timeout_s),
+            SourceKind.FILE: lambda: VideoFile(Path(self.address), loop=loop),
+            SourceKind.FOLDER: lambda: ImageFolder(Path(self.address), loop=loop, fps=fps or 1.0),
         }
         return openers[self.kind]
 
 
 def without_secrets(url: str) -> str:
-    """Return a URL without the password, and without the query, where some cameras want one."""
+    """Return a URL without the password and the query, which may contain a password."""
     return re.sub(r"\?.*", "?***", re.sub(r"(?<=://)([^/@]*?):[^/]*@", r"\1:***@", url))
 
 
@@ -99,4 +99,4 @@ def _parts(url: str) -> SplitResult:
     try:
         return urlsplit(url)
     except ValueError as error:
-        raise ValueError(f"source {without_secrets(url)!r}: it is no URL: {error}") from None
+        raise ValueError(f"source {without_secrets(url)!r}: invalid URL: {error}") from None

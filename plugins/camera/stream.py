@@ -1,4 +1,4 @@
-"""A network camera: RTSP, or MJPEG and whatever else FFmpeg reads over HTTP."""
+"""A network camera: RTSP, or any HTTP stream that FFmpeg reads, such as MJPEG."""
 
 from __future__ import annotations
 
@@ -7,36 +7,37 @@ from typing import Any
 
 import cv2
 import numpy as np
+from typing_extensions import override
 
-from .capture import Image, fps_of, refuse_all
+from .capture import Capture, Image, fps_of, refuse_all
 
 
-def open_stream(url: str, name: str, timeout_s: float) -> Stream:
+def open_stream(url: str, name: str, timeout_s: float) -> NetworkStream:
     """Connect to a stream.
 
     Args:
         url: its URL.
-        name: what messages call it, without a password.
-        timeout_s: real seconds that connecting and each picture may take.
+        name: its name in messages, without a password.
+        timeout_s: time-out of the connection and of each picture, in real seconds.
 
     Raises:
-        OSError: nothing that can be read answers in time.
+        OSError: no readable stream answers in time.
     """
     limit_ms = round(timeout_s * 1000)
     limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, limit_ms, cv2.CAP_PROP_READ_TIMEOUT_MSEC, limit_ms]
     capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits)
     if not capture.isOpened():
         capture.release()
-        raise OSError(f"nothing that FFmpeg can read answers there within {timeout_s:g} s")
-    return Stream(capture, name)
+        raise OSError(f"no stream that FFmpeg can read answers within {timeout_s:g} s")
+    return NetworkStream(capture, name)
 
 
-class Stream:
-    """An open stream; see Capture. Its size and rate are the sender's.
+class NetworkStream(Capture):
+    """An open stream. The sender determines its size and rate.
 
     Args:
         capture: an open `cv2.VideoCapture`.
-        name: what messages call it.
+        name: its name in messages.
     """
 
     period_s: float | None = None
@@ -45,25 +46,25 @@ class Stream:
         self._capture = capture
         self._name = name
 
+    @override
     def read(self) -> Image:
-        """See Capture."""
         is_read, image = self._capture.read()
         if not is_read:
-            raise OSError("the stream has ended, or fell silent")
+            raise OSError("the stream has ended or timed out")
         return np.asarray(image, np.uint8)
 
+    @override
     def mode(self) -> dict[str, float]:
-        """See Capture."""
         return {**fps_of(self._capture), "exposure": 1.0}
 
+    @override
     def adjust(self, wishes: Mapping[str, float]) -> list[str]:
-        """See Capture."""
         size = {
             "width": self._capture.get(cv2.CAP_PROP_FRAME_WIDTH),
             "height": self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT),
         }
         return refuse_all("stream", {**size, **self.mode()}, wishes)
 
+    @override
     def release(self) -> None:
-        """See Capture."""
         self._capture.release()

@@ -1,4 +1,4 @@
-"""What an activity tells of its progress, and who hears of it."""
+"""Progress reports of activities and their receivers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who waits for a robot's state, and who is told of it."""
+"""Waiting for and observing a robot's state."""
 
 from __future__ import annotations
 

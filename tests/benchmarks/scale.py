@@ -1,4 +1,4 @@
-"""What robots of three resources cost, at 10, 100 and 1,000 of them: hosted in one process, and commanded from another.
+"""The cost of robots with three resources, for 10, 100 and 1,000 robots: at their host and at a remote controller.
 
 Run as `python -m tests.benchmarks.scale`: it writes its figures into docs/scaling.md, between the two marks there.
 """

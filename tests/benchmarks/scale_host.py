@@ -90,7 +90,7 @@ def measured(fleet: Fleet) -> dict[str, float]:
         made += len(answers)
         refused += sum(isinstance(answer, Exception) for answer in answers)
 
-    gathered(lambda robot: [robot["Gauge"].get_value()])  # whoever has just come is known then
+    gathered(lambda robot: [robot["Gauge"].get_value()])  # a new client is known then
     made = refused = 0
     command_s, command_work_s = median_s(lambda: gathered(lambda robot: [robot["Base"].send_cmd("go")]))
     read_s, _ = median_s(lambda: gathered(lambda robot: [robot["Gauge"].get_value()]))

@@ -1,4 +1,4 @@
-"""`eal doctor`, on this machine and with robots, ports and keys that are really there."""
+"""`eal doctor` on this machine, with real robots, ports and keys."""
 
 from __future__ import annotations
 
@@ -34,22 +34,20 @@ def remote(slides: Path) -> tuple[Path, int]:
 
 
 class TestMachine:
-    def test_without_a_fleet_the_machine_alone_is_looked_at(self, eal: Any) -> None:
+    def test_without_a_fleet_only_the_machine_is_checked(self, eal: Any) -> None:
         result = eal("doctor", "--json")
         answer = json.loads(result.stdout)
         assert {finding["area"] for finding in answer["findings"]} == {"python", "packages", "clock"}
         assert result.exit_code == (1 if answer["problems"] else 0)
         assert findings(result, "python")[0][0] == "ok"
 
-    def test_the_table_has_words_and_signs_and_counts(self, eal: Any) -> None:
+    def test_the_table_has_texts_signs_and_counts(self, eal: Any) -> None:
         text = eal("doctor").stdout
         assert "✓ ok" in text
         assert "python" in text
         assert text.splitlines()[-1].startswith("0 problems, ")
 
-    def test_where_the_terminal_knows_no_signs_it_gets_plain_ones(
-        self, start: Any, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_an_ascii_terminal_gets_ascii_signs(self, start: Any, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv("PYTHONIOENCODING", "ascii")
         process = start("doctor", "--fleet", "nowhere.yaml")
         out, _ = process.communicate(timeout=60)
@@ -101,7 +99,7 @@ class TestFleetFile:
 
 
 class TestRemoteRobots:
-    def test_one_that_is_served_answers_and_has_its_port(self, eal: Any, remote: tuple[Path, int]) -> None:
+    def test_a_served_robot_answers_and_uses_its_port(self, eal: Any, remote: tuple[Path, int]) -> None:
         file, port = remote
         with RobotService(EALConfigManager.load(file).fleet, "one"):
             result = eal("doctor", "--fleet", file, "--json")
@@ -111,9 +109,7 @@ class TestRemoteRobots:
         assert level == "ok"
         assert what.startswith("one answers in ")
 
-    def test_a_port_that_a_stranger_has_is_told_from_a_robot_that_is_off(
-        self, eal: Any, remote: tuple[Path, int]
-    ) -> None:
+    def test_a_port_used_by_another_program_is_a_problem(self, eal: Any, remote: tuple[Path, int]) -> None:
         file, port = remote
         with socket.create_server(("127.0.0.1", port)):
             result = eal("doctor", "--fleet", file, "--json")
@@ -126,7 +122,7 @@ class TestRemoteRobots:
 
 @pytest.fixture
 def secured(write: Any, tmp_path: Path) -> Path:
-    """A fleet whose one robot is elsewhere, with an authority and the controller's certificate."""
+    """A fleet with one remote robot, an authority and the controller's certificate."""
     make_authority(tmp_path / "keys", "f")
     make_certificate(tmp_path / "keys", "controller")
     write(
@@ -144,13 +140,13 @@ class TestCertificates:
     def check(self, eal: Any, file: Path) -> list[tuple[str, str]]:
         return findings(eal("doctor", "--fleet", file, "--json"), "certificates")
 
-    def test_those_in_order_are_told(self, eal: Any, secured: Path) -> None:
+    def test_good_certificates_are_reported(self, eal: Any, secured: Path) -> None:
         make_certificate(secured.parent / "keys", "one", ["127.0.0.1"])
         found = self.check(eal, secured)
         assert [level for level, _ in found] == ["ok", "ok"]
         assert found[0][1].startswith("controller is valid until ")
 
-    def test_one_of_this_machine_that_is_missing_is_a_problem(self, eal: Any, secured: Path) -> None:
+    def test_a_missing_certificate_is_a_problem(self, eal: Any, secured: Path) -> None:
         assert ("problem", f"{secured.parent}/keys/one.pem is missing") in self.check(eal, secured)
 
     def test_an_open_key_a_foreign_authority_and_a_wrong_host(self, eal: Any, secured: Path) -> None:
@@ -165,7 +161,7 @@ class TestCertificates:
         assert "one is not signed by the authority in ca.pem" in told
         assert "one has the host 127.0.0.1, but its certificate is for 10.0.0.1" in told
 
-    def test_a_key_that_is_not_of_its_certificate(self, eal: Any, secured: Path) -> None:
+    def test_a_key_that_does_not_match_its_certificate(self, eal: Any, secured: Path) -> None:
         keys = secured.parent / "keys"
         make_certificate(keys, "one", ["127.0.0.1"])
         (keys / "one.key").write_bytes((keys / "controller.key").read_bytes())

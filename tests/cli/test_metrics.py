@@ -1,4 +1,4 @@
-"""`--metrics-port` of `eal run` and `eal serve`, with programs that are really scraped."""
+"""`--metrics-port` of `eal run` and `eal serve`, scraped over HTTP."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def port_of(process: Any) -> int:
 
 
 class TestServe:
-    def test_the_calls_of_controllers_are_told_by_the_robot(self, start: Any, slides: Path) -> None:
+    def test_a_served_robot_reports_the_calls_of_controllers(self, start: Any, slides: Path) -> None:
         text = slides.read_text(encoding="utf-8")
         slides.write_text(text.replace("  one: {", f"  one: {{address: 'tcp/127.0.0.1:{free_port()}', "))
         process = start("serve", "--fleet", slides, "--robot", "one", "--metrics-port", 0)
@@ -40,7 +40,7 @@ class TestServe:
 
 
 class TestRun:
-    def test_a_run_is_told_while_it_goes_on(self, start: Any, slides: Path, write: Any) -> None:
+    def test_a_run_is_reported_while_it_is_active(self, start: Any, slides: Path, write: Any) -> None:
         scenario = write(
             "far.yaml",
             """\
@@ -61,9 +61,7 @@ class TestRun:
         assert found["eal_robot_state", ("two", "ready")] == 1
         assert ("eal_dead_man_trips_total", ("Slide", "one")) not in found  # that is for who serves robots
 
-    def test_a_port_in_use_keeps_everything_from_moving(
-        self, eal: Any, slides: Path, move: Path, tmp_path: Path
-    ) -> None:
+    def test_nothing_moves_if_the_port_is_in_use(self, eal: Any, slides: Path, move: Path, tmp_path: Path) -> None:
         with socket.create_server(("127.0.0.1", 0)) as taken:
             port = taken.getsockname()[1]
             result = eal("run", move, "--fleet", slides, "--metrics-port", port, "--runs-dir", tmp_path / "runs")

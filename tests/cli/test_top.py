@@ -1,4 +1,4 @@
-"""`eal top`, driven by Textual's pilot on robots of this process and on one that is served."""
+"""`eal top`, driven by Textual's pilot, with robots of this process and a served one."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Script = Callable[[TopApp, Pilot[None]], Awaitable[None]]
 
 
 def watch(fleet: Fleet, runs: Path, script: Script, lines: LogBuffer | None = None) -> None:
-    """Run the screen without a terminal and without timers, and the script on it."""
+    """Run a script on the screen, without a terminal and without timers."""
     calls = RecentCalls()
     clock = fleet.clock
 
@@ -112,7 +112,7 @@ class TestRobots:
 
         watch(fleet, tmp_path, script)
 
-    def test_log_lines_do_not_tear_the_screen(self, fleet: Fleet, tmp_path: Path) -> None:
+    def test_the_last_log_lines_are_shown(self, fleet: Fleet, tmp_path: Path) -> None:
         lines = LogBuffer(most=2)
 
         async def script(app: TopApp, _: Pilot[None]) -> None:
@@ -123,7 +123,7 @@ class TestRobots:
 
         watch(fleet, tmp_path, script, lines)
 
-    def test_a_robot_that_is_served_elsewhere_is_pinged(self, slides: Path, tmp_path: Path) -> None:
+    def test_a_remote_robot_is_pinged(self, slides: Path, tmp_path: Path) -> None:
         source = slides.read_text(encoding="utf-8").replace("  two: {plugins: {slide: {}}}\n", "")
         slides.write_text(source.replace("  one: {", f"  one: {{address: 'tcp/127.0.0.1:{free_port()}', "))
         config = EALConfigManager.load(slides).fleet
@@ -167,7 +167,7 @@ class TestRuns:
         assert (cut.done, cut.calls, cut.outcome) == (kinds[:start].count("step_ended"), 4, None)
         assert cut.steps
 
-    def test_runs_of_other_fleets_are_not(self, eal: Any, slides: Path, move: Path, tmp_path: Path) -> None:
+    def test_runs_of_other_fleets_are_not_shown(self, eal: Any, slides: Path, move: Path, tmp_path: Path) -> None:
         eal("run", move, "--fleet", slides, "--runs-dir", tmp_path / "runs", "--rate", "max")
         assert latest_run(tmp_path / "runs", "others") is None
         assert latest_run(tmp_path / "nowhere", "slides") is None
@@ -183,14 +183,14 @@ class TestStatistics:
         assert (statistics.calls_per_s, statistics.p50_s, statistics.p99_s) == (10.0, 0.5, 0.99)
         assert recent.statistics("two", 11.0).p50_s is None
 
-    def test_a_flood_is_counted_by_what_is_kept_of_it(self) -> None:
+    def test_the_rate_of_a_flood_comes_from_the_kept_calls(self) -> None:
         recent = RecentCalls()
         for number in range(10_000):
             recent.add("one", number / 10_000, 0.001)
         assert recent.statistics("one", 1.0).calls_per_s == pytest.approx(10_000, rel=0.01)
 
 
-def test_without_a_terminal_it_says_so(eal: Any, slides: Path) -> None:
+def test_without_a_terminal_it_fails_with_the_reason(eal: Any, slides: Path) -> None:
     result = eal("top", "--fleet", slides)
     assert result.exit_code == 2
     assert "needs a terminal" in result.stderr

@@ -1,4 +1,4 @@
-"""`--trace` of `eal run` and `eal serve`: two processes, and a collector that really takes what they send."""
+"""`--trace` of `eal run` and `eal serve`: two processes and a collector."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.net.links import free_port
 
 
 class Collector:
-    """Takes OTLP over HTTP as any collector does, and keeps the spans by service and name."""
+    """A collector of OTLP over HTTP, which keeps spans by service and name."""
 
     def __init__(self) -> None:
         self.spans: dict[tuple[str, str], Any] = {}
@@ -66,7 +66,7 @@ def served(slides: Path) -> Path:
     return slides
 
 
-def test_two_processes_tell_one_trace(start: Any, served: Path, move: Path, collector: Collector) -> None:
+def test_two_processes_send_one_trace(start: Any, served: Path, move: Path, collector: Collector) -> None:
     robot = start("serve", "--fleet", served, "--robot", "one", "--trace", collector.url)
     assert any(line == f"traces to {collector.url}\n" for line in iter(robot.stdout.readline, ""))
     assert "serves" in robot.stdout.readline()
@@ -88,7 +88,7 @@ def test_two_processes_tell_one_trace(start: Any, served: Path, move: Path, coll
     assert [span.kind for span in line] == [1, 1, 3, 2, 1]  # internal, client, server: the numbers of the protocol
 
 
-def test_the_environment_says_where_traces_go_and_what_a_process_is_called(
+def test_the_environment_sets_destination_and_service(
     eal: Any, slides: Path, move: Path, tmp_path: Path, collector: Collector, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OTEL_TRACES_EXPORTER", "otlp")
@@ -107,15 +107,13 @@ def test_traces_on_the_console_leave_stdout_alone(eal: Any, slides: Path, move: 
     assert '"name": "step send_cmd"' in result.stderr
 
 
-def test_a_collector_that_is_absent_keeps_nobody_from_moving(
-    eal: Any, slides: Path, move: Path, tmp_path: Path
-) -> None:
+def test_robots_move_without_the_collector(eal: Any, slides: Path, move: Path, tmp_path: Path) -> None:
     url = f"http://127.0.0.1:{free_port()}"
     result = eal("run", move, "--fleet", slides, "--no-plot", "--trace", url, "--runs-dir", tmp_path / "runs")
     assert result.exit_code == 0
 
 
-def test_a_place_that_is_none_is_refused_before_anything_moves(
+def test_an_invalid_destination_is_refused_before_anything_moves(
     eal: Any, slides: Path, move: Path, tmp_path: Path
 ) -> None:
     result = eal("run", move, "--fleet", slides, "--trace", "somewhere", "--runs-dir", tmp_path / "runs")

@@ -73,7 +73,7 @@ steps:
 
 @dataclass
 class Outcome:
-    """What `eal run` left."""
+    """The output of `eal run`."""
 
     code: int
     out: str

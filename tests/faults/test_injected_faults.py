@@ -132,7 +132,7 @@ def test_a_cut_link_leaves_the_robot_driving_and_heals(pair: Simulation) -> None
 
 
 def test_a_controller_steers_against_a_weak_motor(pair: Simulation) -> None:
-    """What faults are for: one controller ends far off, the other sees it in time."""
+    """A fault separates two controllers: one fails far from the goal, the other detects it in time."""
 
     def steered(name: str) -> None:
         base, odometry = pair[name]["Base"], pair[name]["Odometry"]

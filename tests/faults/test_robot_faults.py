@@ -1,4 +1,4 @@
-"""What befalls robots and their wires, through the whole stack: scenario, actors, driver, wire, emulator, wheels.
+"""Faults of robots and wires through the whole stack: scenario, actors, driver, wire, emulator, wheels.
 
 Nothing moves after a failure, of which the robot's own wheels bear witness; the record names robot, resource and step;
 and when the device is back, all of it works again, without a restart.
@@ -85,7 +85,7 @@ def failure(folder: Path) -> tuple[str, str, str, str]:
 
 
 def works_again(fleet: Fleet, folder: Path, robot: Emulated[Any], name: str = "hero") -> None:
-    """Check that a robot does as it is told, and that nothing was restarted for it."""
+    """Check that a robot obeys and that nothing was restarted."""
     before_m = robot.travelled_m
     assert start(fleet, folder / "again", AGAIN).get(timeout=WAIT_S).outcome == "done"
     assert robot.travelled_m - before_m > 0.04

@@ -1,4 +1,4 @@
-"""What must hold whatever plugins, callers and signals do: a stop stops, and nothing runs on unseen."""
+"""Safety for any behaviour of plugins, callers and signals: a stop stops, and nothing keeps running unnoticed."""
 
 from __future__ import annotations
 

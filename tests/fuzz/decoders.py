@@ -1,4 +1,4 @@
-"""What is fuzzed of the network and of the robots' wires: each takes any bytes, and raises what is a finding.
+"""Fuzz targets of the network and the robots' wires: each accepts any bytes and raises only for a finding.
 
 A decoder of a stream must find the same in the same bytes, however they are cut into pieces.
 """

@@ -1,4 +1,4 @@
-"""What is fuzzed of the files that people write: every loader refuses with ConfigError alone, and names a place."""
+"""Fuzz targets of file loaders: each refuses only with a ConfigError that names a position."""
 
 from __future__ import annotations
 

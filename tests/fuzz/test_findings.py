@@ -1,4 +1,4 @@
-"""What fuzzing found, told apart: a small file may not make its reader take much memory or time."""
+"""Regression tests of fuzzing: a small file must not cost much memory or time."""
 
 from __future__ import annotations
 

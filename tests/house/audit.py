@@ -1,4 +1,4 @@
-"""What pip-audit knows of the packages of this environment: `python -m tests.house.audit`, a part of `make check`.
+"""Audit the packages of this environment with pip-audit: `python -m tests.house.audit`, a part of `make check`.
 
 Ends with 1 if a package has a known vulnerability. Where no vulnerability service can be reached, it says loudly that
 nothing was audited, and ends with 0: a check that needs the internet must not stop who has none.
@@ -20,7 +20,7 @@ _WIDTH: Final = 100
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of an audit.
+    """The result of an audit.
 
     Attributes:
         vulnerable: a line for each known vulnerability.
@@ -49,7 +49,7 @@ def judge(report: Mapping[str, Any]) -> Verdict:
 
 
 def lines(verdict: Verdict) -> Iterable[str]:
-    """Return what people are told."""
+    """Return the report for people."""
     yield from (f"vulnerable: {line}" for line in verdict.vulnerable)
     if not verdict.audited:
         yield from _banner(verdict.unknown[0] if verdict.unknown else "there are no packages")

@@ -1,4 +1,4 @@
-"""What is made of pip-audit's words: silence about a package is no clean bill."""
+"""The interpretation of pip-audit's report: an unmentioned package is not audited."""
 
 from __future__ import annotations
 

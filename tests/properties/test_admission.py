@@ -40,7 +40,7 @@ class Letter:
 
 @dataclass
 class Answerable:
-    """Who set a resource off, and when the robot heard of him last without a gap."""
+    """The controller that started a resource, and its last heartbeat without a gap."""
 
     client: str
     heard_s: float

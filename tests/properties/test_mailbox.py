@@ -1,7 +1,7 @@
-"""What happens to calls that wait in a resource's mailbox, in a real actor under a clock that stands, against a model.
+"""Waiting calls in a resource's mailbox: a real actor under a stopped clock, compared with a model.
 
 The actor is held inside a request while calls come, time passes and callers give up. When it is let go, what it runs,
-in which order, and what every caller is told must be what the model says.
+in which order, and every caller's outcome must match the model.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ class MailboxMachine(RuleBasedStateMachine):
     @precondition(lambda self: self.is_held and self.normal)
     @rule(data=st.data())
     def give_up(self, data: st.DataObject) -> None:
-        """What nobody waits for any more keeps its place, and is not run; that it is so is told urgently."""
+        """An abandoned call keeps its place and does not run; the cancellation uses the urgent lane."""
         waiting = data.draw(st.sampled_from(self.normal))
         if waiting.future.cancel():
             waiting.error = CallCancelledError
@@ -207,12 +207,12 @@ class MailboxMachine(RuleBasedStateMachine):
     def check(self, waiting: Waiting) -> None:
         error = waiting.future.exception(timeout=WAIT_S)
         if waiting.stops and self.clock.now() >= waiting.deadline_s:
-            assert error is None or isinstance(error, DeadlineError)  # it was obeyed, whoever waited for it
+            assert error is None or isinstance(error, DeadlineError)  # a stop always runs
         elif waiting.error is None:
             assert error is None, error
         elif waiting.error in (BusyError, CallCancelledError):
             assert isinstance(error, waiting.error), (waiting, error)
-        else:  # its deadline may have been told before what came of it later
+        else:  # the deadline may be reported before a later result
             late = (DeadlineError,) if self.clock.now() >= waiting.deadline_s else ()
             assert isinstance(error, (waiting.error, *late)), (waiting, error)
 

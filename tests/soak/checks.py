@@ -1,4 +1,4 @@
-"""What must hold of a soak's history, each as a pure function from the history to what is wrong with it."""
+"""The checks of a soak's history: pure functions from the history to violations."""
 
 from __future__ import annotations
 
@@ -108,11 +108,11 @@ def two_masters(history: History) -> Iterator[str]:
 
 
 def untrue(history: History) -> Iterator[str]:
-    """Whoever is told that a command was done can rely on it."""
+    """A command reported as done was done."""
     done = {note.number for notes in history.notes.values() for note in notes if note.event in ("end", "mark")}
     for command in history.commands.values():
         if command.outcome == "ok" and command.number not in done:
-            yield f"{command.robot}: command {command.number} was told done, and was not"
+            yield f"{command.robot}: command {command.number} was reported done, but was not"
 
 
 def untold(history: History) -> Iterator[str]:
@@ -127,7 +127,7 @@ def untold(history: History) -> Iterator[str]:
             continue
         waited_s = until_s - command.sent_s - overlap_s((command.sent_s, until_s), frozen)
         if waited_s > command.timeout_s + 2 * SLACK_S and not _is_flood(history, command):
-            yield f"{command.controller}: command {command.number} was told {waited_s:.2f} s after it was sent"
+            yield f"{command.controller}: command {command.number} was answered {waited_s:.2f} s after it was sent"
     for life in history.lives.values():
         if life.unsettled:
             yield f"{life.name}: {life.unsettled} calls without an outcome at its end"
@@ -184,7 +184,7 @@ CHECKS: Final[dict[str, Callable[[History], Iterator[str]]]] = {
     "commands keep their order": out_of_order,
     "one motion at a time": two_motions,
     "one controller at a time": two_masters,
-    "what is told done is done": untrue,
+    "reported commands are done": untrue,
     "every command has its outcome in time": untold,
     "every lasting fault is in the record": unseen,
     "everybody finds together again": not_back,

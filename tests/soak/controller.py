@@ -1,4 +1,4 @@
-"""A controller in a process of its own, which commands robots at random, and writes down what it asked and was told.
+"""A controller process that commands robots at random and records its requests and answers.
 
 Run as `python -m tests.soak.controller FLEET JOURNAL SEED FIRST_NUMBER HOME...`; it ends with its standard input, after
 every call has an outcome. HOME are the robots that it mostly commands.

@@ -1,4 +1,4 @@
-"""What happened in a soak, as everybody wrote it down: robots, controllers, and who made the faults.
+"""The history of a soak, recorded by robots, controllers and the fault injector.
 
 All times are of the machine's monotonic clock, which its processes share.
 """
@@ -57,8 +57,8 @@ class Command:
         resource: `Wheels` or `Pen`.
         sent_s: when, at the latest.
         timeout_s: how long its outcome was waited for.
-        outcome: `ok` or an error's code; None if none was told.
-        done_s: when that was told.
+        outcome: `ok` or an error's code; None without an outcome.
+        done_s: the time of the outcome.
     """
 
     number: int
@@ -104,7 +104,7 @@ class History:
     """Everything together.
 
     Attributes:
-        end_s: when the last fault was over and the controllers were told to end.
+        end_s: the end of the last fault, when the controllers were stopped.
         dead_man_s: how long a controller may be silent.
         lease_s: after how long a silent link counts as broken.
         faults: what was made wrong.

@@ -20,7 +20,7 @@ _ENGINE: Final = re.compile(r"(acc|app|net|rx|tx)-\d+")
 
 @dataclass(frozen=True)
 class Sample:
-    """What a process takes at a time.
+    """The resources of a process at one time.
 
     Attributes:
         time_s: the machine's monotonic time.
@@ -70,7 +70,7 @@ class Program:
 
     @property
     def exit_code(self) -> int | None:
-        """What it ended with; None while it runs."""
+        """The exit code; None while it runs."""
         return self._popen.poll()
 
     def freeze(self) -> None:

@@ -106,7 +106,7 @@ class Cables:
         self._do(robot, "cut")
 
     def stall(self, robot: str) -> None:
-        """Let nothing pass; nobody is told."""
+        """Drop all traffic silently."""
         self._do(robot, "stall")
 
     def __enter__(self) -> Self:

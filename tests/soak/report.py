@@ -1,4 +1,4 @@
-"""What a soak came to: every check, what grew, and how much happened."""
+"""The report of a soak: checks, growth and counts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SHOWN: Final = 5
 
 @dataclass(frozen=True)
 class Growth:
-    """What a process took more in the last third of a soak than in the second sixth; medians."""
+    """The growth of a process from the second sixth to the last third of a soak; medians."""
 
     name: str
     memory_bytes: int

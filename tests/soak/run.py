@@ -58,7 +58,7 @@ class Plan:
 
 @dataclass
 class Outcome:
-    """What a soak left.
+    """The output of a soak.
 
     Attributes:
         plan: what was to be done.

@@ -68,8 +68,8 @@ def test_a_good_history_is_found_good() -> None:
         ("no robot moves without a live controller", "42.5 rest 9", "55.0 halt 0"),
         ("commands keep their order", "20.05 mark 2", "20.05 mark 2\n20.06 mark 1"),
         ("one motion at a time", "12.0 rest 1", "40.2 rest 1"),
-        ("what is told done is done", "12.0 end 1", "12.0 halt 0"),
-        ("what is told done is done", "20.05 mark 2", "20.05 halt 0"),
+        ("reported commands are done", "12.0 end 1", "12.0 halt 0"),
+        ("reported commands are done", "20.05 mark 2", "20.05 halt 0"),
     ],
 )
 def test_what_a_robot_may_not_do_is_found(check: str, line: str, instead: str) -> None:

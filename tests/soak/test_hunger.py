@@ -1,4 +1,4 @@
-"""Who had no processor is told by the kernel."""
+"""The kernel reports processes without processor time."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""A simulated arena: a walled rectangle and what stands in it, as a world file describes it.
+"""A simulated arena: a walled rectangle and the things in it, as a world file describes them.
 
-The frame of a world: the origin is the middle of the floor, x points right, y points up on the plan, z points up from
+The frame of a world: the origin is the centre of the floor, x points right, y points up on the plan, z points up from
 the floor, yaw turns counter-clockwise from the x axis. Lengths are metres; angles are degrees, as the `_deg` in their
 names says. North is +y, east is +x.
 """
@@ -15,7 +15,7 @@ from eal_actors.device.world.parts import (
     CircleObstacle,
     Colour,
     Drop,
-    Light,
+    Lamp,
     Lighting,
     MovableBox,
     Partition,
@@ -23,7 +23,7 @@ from eal_actors.device.world.parts import (
     Poster,
     StartPose,
     Surfaces,
-    Texture,
+    SurfaceTexture,
 )
 
 __all__ = [
@@ -34,15 +34,15 @@ __all__ = [
     "Colour",
     "Drop",
     "Formation",
-    "Light",
+    "Lamp",
     "Lighting",
     "MovableBox",
     "Partition",
     "Physics",
     "Poster",
     "StartPose",
+    "SurfaceTexture",
     "Surfaces",
-    "Texture",
     "WorldModel",
     "formation_poses",
     "load_world",

@@ -1,4 +1,4 @@
-"""Start poses for many robots by one rule."""
+"""Formations: start poses of many robots by one rule."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from typing import Final, Literal
 
 from pydantic import Field, PositiveFloat
 
-from eal_actors.device.world.parts import Degrees, Placed, StartPose
+from eal_actors.device.world.parts import Degrees, FloorItem, StartPose
 
 MAX_PLACES: Final = 10_000
 
 
-class Formation(Placed):
-    """Start poses for many robots, made by a rule; see `formation_poses` for each shape."""
+class Formation(FloorItem):
+    """Start poses of many robots by a rule; see `formation_poses` for each shape."""
 
     shape: Literal["line", "column", "grid", "circle", "wedge"]
     count: int = Field(ge=1, le=MAX_PLACES)
-    """How many places."""
+    """Number of places."""
     spacing_m: PositiveFloat
-    """From each robot to its neighbours."""
+    """Distance between neighbours."""
     x_m: float = 0.0
-    """Middle of the formation: the mean of its places."""
+    """Centre of the formation: the mean of its places."""
     y_m: float = 0.0
-    """Middle of the formation: the mean of its places."""
+    """Centre of the formation: the mean of its places."""
     yaw_deg: Degrees = 0.0
-    """Where the formation, and each robot in it, faces; in a circle they face outwards, the first this way."""
+    """Heading of the formation and of each robot in it; in a circle they face outwards, the first this way."""
 
 
 def formation_poses(formation: Formation) -> tuple[StartPose, ...]:

@@ -1,4 +1,4 @@
-"""What covers what on the floor."""
+"""Overlaps of things on the floor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Rectangle: TypeAlias = BoxObstacle | MovableBox | Drop
 Disc: TypeAlias = CircleObstacle | Beacon
 
 _TOUCHING_M: Final = 1e-6
-"""What overlaps by less than this merely touches."""
+"""Things that overlap by less than this merely touch."""
 
 
 def corners(rectangle: Rectangle) -> list[tuple[float, float]]:
@@ -30,7 +30,7 @@ def corners(rectangle: Rectangle) -> list[tuple[float, float]]:
 
 
 def covers(thing: Rectangle | Disc, x_m: float, y_m: float) -> bool:
-    """Return whether a point of the floor lies under a thing or at its edge."""
+    """Return whether a thing covers a point of the floor, its edge included."""
     return _distance_m(thing, x_m, y_m) <= 0.0
 
 

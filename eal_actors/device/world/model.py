@@ -1,4 +1,4 @@
-"""The world file as a whole."""
+"""The model of a world file."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from eal_actors.device.world.parts import (
     Poster,
     StartPose,
     Surfaces,
-    Texture,
+    SurfaceTexture,
 )
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
 
 
 def _form_of_starts(value: object) -> str | None:
-    """Tell the two forms of `starts` apart, so that only what is wrong with the one meant is reported."""
+    """Return the form of `starts`, so that only errors of the intended form are reported."""
     if isinstance(value, Mapping | Formation):
         return "formation"
     return "poses" if isinstance(value, list | tuple) else None
@@ -53,8 +53,8 @@ class WorldModel(StrictModel):
     height_m: PositiveFloat = 2.5
     """From the floor to the ceiling."""
     seed: int = Field(default=0, ge=0)
-    """Of whatever the world itself draws by lot, such as the patterns of textures. Robots follow the fleet's seed."""
-    textures: dict[Name, Texture] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    """Seed of the world's own random choices, such as the patterns of textures. Robots use the fleet's seed."""
+    textures: dict[Name, SurfaceTexture] = Field(default={}, json_schema_extra=NAMES_ONLY)
     surfaces: Surfaces = Surfaces()
     posters: tuple[Poster, ...] = Field(default=(), strict=False)
     obstacles: tuple[AnyObstacle, ...] = Field(default=(), strict=False)
@@ -63,15 +63,15 @@ class WorldModel(StrictModel):
     drops: tuple[Drop, ...] = Field(default=(), strict=False)
     lighting: Lighting = Lighting()
     starts: Starts = ()
-    """Places for the robots that name none themselves, given in the order of the robots' names."""
+    """Start poses of the robots that name none themselves, in the order of the robots' names."""
     physics: Physics = Physics()
 
     @property
     def solid_obstacles(self) -> tuple[BoxObstacle | CircleObstacle, ...]:
-        """The obstacles, partitions as the blocks that they are."""
+        """The obstacles, with partitions as blocks."""
         return tuple(part.as_box() if isinstance(part, Partition) else part for part in self.obstacles)
 
     @property
     def start_poses(self) -> tuple[StartPose, ...]:
-        """The start poses, a formation as the poses that it means."""
+        """The start poses, also of a formation."""
         return formation_poses(self.starts) if isinstance(self.starts, Formation) else self.starts

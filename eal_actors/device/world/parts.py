@@ -1,4 +1,4 @@
-"""What a world consists of: surfaces, obstacles, boxes, beacons, drops, light, and places to start from."""
+"""The parts of a world: surfaces, obstacles, boxes, beacons, drops, lamps, and start poses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _has_colours(colours: tuple[Colour, ...]) -> tuple[Colour, ...]:
     return colours
 
 
-# Not by `min_length`, which counts only the good ones: a bad colour would be reported as a missing one too.
+# Not by `min_length`, which counts only valid ones: an invalid colour would be reported as missing too.
 Palette = Annotated[
     tuple[Colour, ...], Field(strict=False, json_schema_extra={"minItems": 1}), AfterValidator(_has_colours)
 ]
@@ -30,13 +30,13 @@ Palette = Annotated[
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 
 
-class Texture(StrictModel):
-    """What a surface looks like: a pattern drawn from its colours and the world's seed."""
+class SurfaceTexture(StrictModel):
+    """The appearance of a surface: a pattern drawn from its colours and the world's seed."""
 
     pattern: Literal["plain", "checker", "stripes", "planks", "bricks", "plaster", "mosaic", "poster"]
     """`plaster` is rough, `mosaic` and `poster` are rich in features: each place on them looks different."""
     colours: Palette = ((200, 200, 200),)
-    """The first is the ground."""
+    """The first is the background."""
     tile_m: PositiveFloat = 0.5
     """Size of a tile, plank, brick or stripe."""
 
@@ -62,17 +62,17 @@ class Poster(StrictModel):
     texture: Name
 
 
-class Placed(StrictModel):
-    """What has a place on the floor."""
+class FloorItem(StrictModel):
+    """A thing with a place on the floor."""
 
     x_m: float
-    """Middle of it."""
+    """Its centre."""
     y_m: float
-    """Middle of it."""
+    """Its centre."""
 
 
-class Obstacle(Placed):
-    """What stands in the way and cannot be moved."""
+class Obstacle(FloorItem):
+    """An obstacle that cannot be moved."""
 
     height_m: PositiveFloat = 0.8
     """From the floor to its top."""
@@ -115,7 +115,7 @@ class Partition(StrictModel):
         return self
 
     def as_box(self) -> BoxObstacle:
-        """Return the block that it is."""
+        """Return it as a block."""
         (x0, y0), (x1, y1) = self.start_m, self.end_m
         return BoxObstacle(
             kind="box",
@@ -131,7 +131,7 @@ class Partition(StrictModel):
 AnyObstacle = Annotated[BoxObstacle | CircleObstacle | Partition, Field(discriminator="kind")]
 
 
-class MovableBox(Placed):
+class MovableBox(FloorItem):
     """A box that robots can push over the floor."""
 
     name: Name
@@ -141,11 +141,11 @@ class MovableBox(Placed):
     yaw_deg: Degrees = 0.0
     mass_kg: PositiveFloat = 1.0
     friction: PositiveFloat = 0.3
-    """Between it and the floor: over its weight, the force that it takes to push it."""
+    """Coefficient of friction on the floor: pushing force over weight."""
     texture: Name | None = None
 
 
-class Light(Placed):
+class Lamp(FloorItem):
     """A lamp that shines evenly to all sides."""
 
     z_m: PositiveFloat = 2.4
@@ -153,14 +153,14 @@ class Light(Placed):
 
 
 class Lighting(StrictModel):
-    """What lights the room for cameras and light sensors."""
+    """The light in the room, for cameras and light sensors."""
 
     ambient_lux: NonNegativeFloat = 150.0
     """Light that comes evenly from everywhere, such as daylight."""
-    lamps: tuple[Light, ...] = Field(default=(), strict=False)
+    lamps: tuple[Lamp, ...] = Field(default=(), strict=False)
 
 
-class Beacon(Placed):
+class Beacon(FloorItem):
     """A post that robots see by its colour and find by its signal."""
 
     name: Name
@@ -171,7 +171,7 @@ class Beacon(Placed):
     """How far its signal carries; obstacles block it, robots do not."""
 
 
-class Drop(Placed):
+class Drop(FloorItem):
     """A hole in the floor, such as a stairwell: cliff sensors see it, and a wheel over it drops."""
 
     size_m: tuple[PositiveFloat, PositiveFloat] = Field(strict=False)
@@ -179,11 +179,11 @@ class Drop(Placed):
     yaw_deg: Degrees = 0.0
 
 
-class StartPose(Placed):
-    """Where a robot may stand at first."""
+class StartPose(FloorItem):
+    """The pose of a robot at the start."""
 
     yaw_deg: Degrees = 0.0
-    """Where it faces."""
+    """Its heading."""
 
     @model_validator(mode="before")
     @classmethod
@@ -194,7 +194,7 @@ class StartPose(Placed):
 
 
 class Physics(StrictModel):
-    """How the arena is simulated."""
+    """The settings of the physics simulation."""
 
     rate_hz: float = Field(default=50.0, gt=0, le=1000)
     """Steps in a second of the fleet's clock."""

@@ -22,14 +22,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.sender import InFlightWindow, Sender, UrgentMessage
 from eal_actors.net.session import controller_config, open_session
 from eal_actors.net.wire import keys
-from eal_actors.net.wire.messages import (
-    CallReply,
-    Heartbeat,
-    RobotEvent,
-    decode_event,
-    decode_reply,
-    encode_heartbeat,
-)
+from eal_actors.net.wire.messages import CallReply, Heartbeat, RobotEvent, decode_event, decode_reply, encode_heartbeat
 from eal_actors.net.wire.packing import PROTOCOL_VERSION
 
 if TYPE_CHECKING:

@@ -64,10 +64,7 @@ class Leases:
     """
 
     def __init__(
-        self,
-        exclusive: Iterable[str],
-        dead_man_s: float = DEFAULT_DEAD_MAN_S,
-        name_of: Callable[[str], str] = str,
+        self, exclusive: Iterable[str], dead_man_s: float = DEFAULT_DEAD_MAN_S, name_of: Callable[[str], str] = str
     ) -> None:
         self.exclusive: Final = frozenset(exclusive)
         self.dead_man_s: Final = _checked_dead_man_s(dead_man_s)

@@ -192,11 +192,7 @@ def parse_alive(key: str) -> tuple[str, str, int]:
 
 @lru_cache(maxsize=4096)
 def parse_call(key: str) -> CallKey:
-    """Return the parts of the key of a call.
-
-    Raises:
-        ProtocolError: it is no such key.
-    """
+    """Return the parts of the key of a call; ProtocolError if it is no such key."""
     root, *chunks = key.split("/")
     if root != ROOT or len(chunks) != 6:
         raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/<robot>/<resource>/<method>/<caller>/<client>")

@@ -191,11 +191,7 @@ def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes,
 
 
 def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHeader, EALData | None]:
-    """Return the header and the value of a call.
-
-    Raises:
-        ProtocolError: the bytes are no call of this version.
-    """
+    """Return the header and the value of a call; ProtocolError if the bytes are no call of this version."""
     row = unpack_row(envelope, "call", 9, 5)
     _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo, has_more, traceparent = row
     if type(arguments) is not list or any(type(item) not in (str, int) for item in arguments):
@@ -228,11 +224,7 @@ def encode_reply(reply: CallReply) -> tuple[bytes, Payload]:
 
 
 def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> CallReply:
-    """Return a reply, whose answer may be an error.
-
-    Raises:
-        ProtocolError: the bytes are no reply of this version.
-    """
+    """Return a reply, whose answer may be an error; ProtocolError if the bytes are no reply of this version."""
     _, sequence, *answer, era, time_s, began_s = unpack_row(envelope, "answer", 4, 3)
     time = None
     if era is not None:
@@ -261,11 +253,7 @@ def encode_event(event: RobotEvent) -> tuple[bytes, Payload]:
 
 
 def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> RobotEvent:
-    """Return an event.
-
-    Raises:
-        ProtocolError: the bytes are no event of this version.
-    """
+    """Return an event; ProtocolError if the bytes are no event of this version."""
     fields = unpack_map(envelope, "event")
     call, answer, more = fields.get("call"), fields.get("answer"), fields.get("fields", {})
     if type(more) is not dict:
@@ -294,11 +282,7 @@ def encode_heartbeat(beat: Heartbeat) -> bytes:
 
 
 def decode_heartbeat(envelope: Buffer) -> Heartbeat:
-    """Return a heartbeat.
-
-    Raises:
-        ProtocolError: the bytes are no heartbeat of this version.
-    """
+    """Return a heartbeat; ProtocolError if the bytes are no heartbeat of this version."""
     fields = unpack_map(envelope, "heartbeat")
     return Heartbeat(
         checked_client(fields.get("client"), "heartbeat"),
@@ -340,11 +324,7 @@ def _answer_from(row: list[Any], payload: Buffer, what: str) -> Answer:
 
 
 def _echo_from(era: object, echo_s: object, held_s: object) -> tuple[str, float, float]:
-    return (
-        checked_text(era, "call: era"),
-        checked_time(echo_s, "call: echo_s"),
-        checked_time(held_s, "call: held_s"),
-    )
+    return (checked_text(era, "call: era"), checked_time(echo_s, "call: echo_s"), checked_time(held_s, "call: held_s"))
 
 
 def _call_id_from(row: object) -> CallId:

@@ -95,11 +95,7 @@ def _unpack(packed: Buffer, what: str) -> Any:
         raise ProtocolError(f"{what}: an envelope of {size} bytes, more than {MAX_ENVELOPE_BYTES}")
     try:
         return msgpack.unpackb(
-            packed,
-            object_pairs_hook=_text_keys,
-            max_array_len=MAX_ITEMS,
-            max_map_len=MAX_ITEMS,
-            max_ext_len=0,
+            packed, object_pairs_hook=_text_keys, max_array_len=MAX_ITEMS, max_map_len=MAX_ITEMS, max_ext_len=0
         )
     except (ValueError, TypeError, BufferError, msgpack.UnpackException) as error:
         raise ProtocolError(f"{what}: no valid msgpack: {short_repr(str(error) or type(error).__name__)}") from error

@@ -172,8 +172,9 @@ class _RobotPoller:
             self._skip_polls -= 1
         elif self._pose is None:
             data = self._read_pose() or data
-        if data is None or not self._is_pose(data):
-            return None
+        return self._take_pose(data) if data is not None and self._is_pose(data) else None
+
+    def _take_pose(self, data: EALData) -> dict[str, Any] | None:
         x_m, y_m, yaw_rad = map(float, data.value)
         if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
             return None

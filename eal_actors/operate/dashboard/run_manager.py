@@ -216,10 +216,7 @@ class RunManager:
                 logger = get_logger(robot=event.robot) if event.robot else get_logger()
                 logger.info(event.text, scenario=self._status["scenario"])
             case RunEnded(report=report):
-                self._steps.clear()
-                error = report.error.message if report.error is not None else None
-                self._update(phase="ended", outcome=report.outcome, error=error, duration_s=report.duration_s)
-                get_logger().info("scenario ended", scenario=report.scenario, outcome=report.outcome)
+                self._record_report(report)
 
     def _record_start(self, event: RunStarted) -> None:
         self._set_status(
@@ -244,6 +241,12 @@ class RunManager:
         if record.is_call:
             done_by = self._status["done_by"]
             self._update(done_by={**done_by, robot: done_by.get(robot, 0) + 1}, done=self._status["done"] + 1)
+
+    def _record_report(self, report: Report) -> None:
+        self._steps.clear()
+        error = report.error.message if report.error is not None else None
+        self._update(phase="ended", outcome=report.outcome, error=error, duration_s=report.duration_s)
+        get_logger().info("scenario ended", scenario=report.scenario, outcome=report.outcome)
 
     def _update(self, **fields: Any) -> None:
         self._set_status({**self._status, **fields})

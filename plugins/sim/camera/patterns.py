@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.device.world import Texture, WorldModel
+from eal_actors.device.world import SurfaceTexture, WorldModel
 
 from .mosaic import mosaic
 from .poster import poster
@@ -75,7 +75,7 @@ class PatternCanvas:
         return np.asarray(tones[row, column])
 
 
-def draw(texture: Texture, canvas: PatternCanvas) -> Colours:
+def draw(texture: SurfaceTexture, canvas: PatternCanvas) -> Colours:
     """Return a texture of a world file, drawn on a canvas."""
     palette = np.array(texture.colours, dtype=np.float32)
     return _PATTERNS[texture.pattern](canvas, palette, texture.tile_m)

@@ -150,22 +150,20 @@ class Zenoh(SyncPeer):
         self._until_answered()
 
     def handle(self) -> Any:
-        """See SyncPeer: all callers share one session."""
+        """All callers share one session."""
         if self._session is None:
             self._session = session(self.port, listens=False)
         return self.caller(self._session)
 
     def fan_out(self, count: int) -> float:
-        """See Peer."""
         keys = [f"{self.root}/{robot}/command" for robot in range(ROBOTS)]
         return statistics.median(timed(lambda: self._own.ask(keys)) for _ in range(count))
 
     def try_once(self) -> None:
-        """See Peer: the session connects by itself."""
+        """The session connects by itself."""
         self._own.get()
 
     def close(self) -> None:
-        """See Peer."""
         if self._session is not None:
             self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs say nothing of it
         super().close()
@@ -181,7 +179,7 @@ class Publications(Zenoh):
     root = "calls"
 
     def try_once(self) -> None:
-        """See Peer: what is published before the ends know of each other is lost, and never answered."""
+        """What is published before the ends know of each other is lost, and never answered."""
         self._own.ask(["calls/0/get"], timeout_s=0.2)
 
 
@@ -213,10 +211,9 @@ class Pykka(SyncPeer):
         super().__init__()
 
     def serve(self) -> None:
-        """See Peer: there is no other process."""
+        """There is no other process."""
 
     def handle(self) -> _ActorHandle:
-        """See SyncPeer."""
         return _ActorHandle(self._actors[0])
 
     def fan_out(self, count: int) -> float:
@@ -228,11 +225,9 @@ class Pykka(SyncPeer):
         return statistics.median(timed(once) for _ in range(count))
 
     def try_once(self) -> None:
-        """See Peer."""
         self._own.get()
 
     def close(self) -> None:
-        """See Peer."""
         for actor in self._actors:
             actor.stop()
 

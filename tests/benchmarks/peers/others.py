@@ -51,11 +51,10 @@ class Pyro(SyncPeer):
         return proxy
 
     def handle(self) -> Any:
-        """See SyncPeer."""
         return _ByCaller(lambda: self._proxy(0))
 
     def fan_out(self, count: int) -> float:
-        """See Peer: a proxy belongs to a thread, so that a hundred robots take a hundred threads."""
+        """A proxy belongs to a thread, so that a hundred robots take a hundred threads."""
         with ThreadPoolExecutor(ROBOTS) as threads:
             robots = [_ByCaller(lambda robot=robot: self._proxy(robot)) for robot in range(ROBOTS)]
 
@@ -70,7 +69,7 @@ class Pyro(SyncPeer):
         return seconds
 
     def try_once(self) -> None:
-        """See Peer: a proxy connects anew by itself with its next call."""
+        """A proxy connects anew by itself with its next call."""
         self._own.get()
 
 
@@ -129,26 +128,21 @@ class Xoscar(AsyncPeer):
     modules = ("xoscar",)
 
     async def connect(self) -> None:
-        """See AsyncPeer."""
         import xoscar
 
         address = f"{HOST}:{self.port}"
         self._lamps = [await xoscar.actor_ref(address=address, uid=f"lamp{robot}") for robot in range(ROBOTS)]
 
     async def disconnect(self) -> None:
-        """See AsyncPeer."""
         self._lamps = []
 
     async def get_once(self) -> None:
-        """See AsyncPeer."""
         await self._lamps[0].get()
 
     async def command_once(self, robot: int) -> None:
-        """See AsyncPeer."""
         await self._lamps[robot].command()
 
     async def frame_once(self) -> None:
-        """See AsyncPeer."""
         await self._lamps[0].frame()
 
 
@@ -191,7 +185,6 @@ class Viam(AsyncPeer):
     modules = ("viam.rpc.server", "grpclib.client")
 
     async def connect(self) -> None:
-        """See AsyncPeer."""
         from grpclib.client import Channel
         from viam.components.camera.client import CameraClient
         from viam.components.sensor.client import SensorClient
@@ -201,18 +194,14 @@ class Viam(AsyncPeer):
         self._eye = CameraClient("eye", self._channels[0])
 
     async def disconnect(self) -> None:
-        """See AsyncPeer."""
         for channel in self._channels:
             channel.close()
 
     async def get_once(self) -> None:
-        """See AsyncPeer."""
         await self._lamps[0].get_readings()
 
     async def command_once(self, robot: int) -> None:
-        """See AsyncPeer."""
         await self._lamps[robot].do_command({"command": "on"})
 
     async def frame_once(self) -> None:
-        """See AsyncPeer."""
         await self._eye.get_images()

@@ -38,7 +38,6 @@ class Ours(SyncPeer):
         super().__init__()
 
     def serve(self) -> Server:
-        """See Peer."""
         return self._host(1, self.port)
 
     @staticmethod
@@ -51,13 +50,12 @@ class Ours(SyncPeer):
         return fleet
 
     def handle(self) -> _Handle:
-        """See SyncPeer: all callers share one fleet."""
+        """All callers share one fleet."""
         if not self._fleets:
             self._fleet(1, self.port)
         return _Handle(self._fleets[0]["bot1"])
 
     def fan_out(self, count: int) -> float:
-        """See Peer."""
         if len(self._fleets) < 2:
             self._fleet(ROBOTS, self._crowd_port)
         lamps = [robot["Lamp"] for robot in self._fleets[1].values()]
@@ -69,11 +67,10 @@ class Ours(SyncPeer):
         return statistics.median(timed(once) for _ in range(count))
 
     def try_once(self) -> None:
-        """See Peer: the fleet looks for its robots by itself."""
+        """The fleet looks for its robots by itself."""
         self._fleets[0]["bot1"]["Lamp"].get_value(timeout_s=GIVE_UP_S).get()
 
     def close(self) -> None:
-        """See Peer."""
         for fleet in self._fleets:
             fleet.close()
         self._crowd.kill()

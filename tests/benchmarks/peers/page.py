@@ -50,7 +50,7 @@ and ends every call at its deadline.
 
 @dataclass(frozen=True)
 class Figure:
-    """What one peer takes for one thing.
+    """The duration of one operation with one peer.
 
     Attributes:
         seconds: the median over the rounds.

@@ -1,4 +1,4 @@
-"""What is asked of every peer: readings, commands, frames, many callers, many robots, and to find a robot again."""
+"""The operations of every peer: readings, commands, frames, many callers, many robots, reconnection."""
 
 from __future__ import annotations
 
@@ -172,19 +172,15 @@ class SyncPeer(Peer):
         self._own = self.handle()
 
     def get(self, count: int) -> float:
-        """See Peer."""
         return statistics.median(timed(self._own.get) for _ in range(count))
 
     def command(self, count: int) -> float:
-        """See Peer."""
         return statistics.median(timed(self._own.command) for _ in range(count))
 
     def frame(self, count: int) -> float:
-        """See Peer."""
         return statistics.median(timed(self._own.frame) for _ in range(count))
 
     def callers(self, count: int) -> float:
-        """See Peer."""
         handles = [self.handle() for _ in range(CALLERS)]
         together = threading.Barrier(CALLERS + 1)
 
@@ -216,7 +212,6 @@ class AsyncPeer(Peer):
         return self.loop.run_until_complete(asyncio.wait_for(work, GIVE_UP_S))
 
     def close(self) -> None:
-        """See Peer."""
         self.run(self.disconnect())
         self.loop.close()
         super().close()
@@ -250,15 +245,12 @@ class AsyncPeer(Peer):
         return statistics.median(durations)
 
     def get(self, count: int) -> float:
-        """See Peer."""
         return float(self.run(self._median(self.get_once, count)))
 
     def command(self, count: int) -> float:
-        """See Peer."""
         return float(self.run(self._median(lambda: self.command_once(0), count)))
 
     def frame(self, count: int) -> float:
-        """See Peer."""
         return float(self.run(self._median(self.frame_once, count)))
 
     def callers(self, count: int) -> float:
@@ -284,7 +276,6 @@ class AsyncPeer(Peer):
         return float(self.run(self._median(all_robots, count)))
 
     def try_once(self) -> None:
-        """See Peer."""
         try:
             self.run(self.get_once())
         except Exception:

@@ -71,11 +71,10 @@ class Tcp(SyncPeer):
     name = "raw TCP"
 
     def handle(self) -> _Handle:
-        """See SyncPeer."""
         return _Handle(self.port)
 
     def fan_out(self, count: int) -> float:
-        """See Peer: a connection to each robot; all are asked before the first answer is read."""
+        """A connection to each robot; all are asked before the first answer is read."""
         robots = [self.handle() for _ in range(ROBOTS)]
 
         def once() -> None:
@@ -92,7 +91,6 @@ class Tcp(SyncPeer):
                 robot.close()
 
     def try_once(self) -> None:
-        """See Peer."""
         try:
             self._own.get()
         except OSError:
@@ -101,6 +99,5 @@ class Tcp(SyncPeer):
             self._own.get()
 
     def close(self) -> None:
-        """See Peer."""
         self._own.close()
         super().close()

@@ -1,4 +1,4 @@
-"""A run that the page starts leaves what `eal run` leaves, and the page leads to its report."""
+"""A run from the page leaves the same record as `eal run`, and the page links to its report."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ KEPT = {
 
 
 def get(dashboard: Dashboard, path: str) -> tuple[int, str, str]:
-    """Return the status, the content security policy and the body of what a path leads to."""
+    """Return the status, the content security policy and the body of a GET."""
     connection = http.client.HTTPConnection("127.0.0.1", dashboard.port, timeout=WAIT_S)
     connection.request("GET", path)
     answer = connection.getresponse()

@@ -1,4 +1,4 @@
-"""What a Prometheus server does: ask, and read the answer."""
+"""Scraping of metrics, as a Prometheus server does it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.robots import WAIT_S
 
 
 def scrape(port: int) -> str:
-    """Return what is told at a port of this machine."""
+    """Return the metrics at a port of this machine."""
     connection = HTTPConnection("127.0.0.1", port, timeout=WAIT_S)
     try:
         connection.request("GET", "/metrics")
@@ -22,7 +22,7 @@ def scrape(port: int) -> str:
 
 
 def samples(text: str) -> dict[tuple[str, tuple[str, ...]], float]:
-    """Return each sample by its name and the values of its labels, in alphabetical order of the labels."""
+    """Return the samples by name and label values, in alphabetical order of the labels."""
     return {
         (sample.name, tuple(value for _, value in sorted(sample.labels.items()))): sample.value
         for family in text_string_to_metric_families(text)

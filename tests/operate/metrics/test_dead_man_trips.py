@@ -1,4 +1,4 @@
-"""A controller that dies while it commands is counted by the robot that it leaves moving."""
+"""A robot counts controllers that die while it moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Metrics, scraped over HTTP from robots that do real work."""
+"""Metrics, scraped over HTTP from working robots."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class TestCalls:
         assert found["eal_frames_total", ("Eye", "robot")] == 4
         assert ("eal_frames_total", ("Base", "robot")) not in found
 
-    def test_those_of_another_fleet_are_not(self) -> None:
+    def test_calls_of_another_fleet_are_not_counted(self) -> None:
         with (
             running_robot({"Base": Base}, name="ours") as ours,
             running_robot({"Base": Base}, name="theirs") as theirs,
@@ -110,7 +110,7 @@ class TestCalls:
         assert "theirs" not in text
         assert 'eal_calls_total{method="get_status",outcome="done",resource="Base",robot="ours"} 1.0' in text
 
-    def test_nothing_watches_when_nobody_measures(self) -> None:
+    def test_calls_are_not_observed_without_an_observer(self) -> None:
         heard: list[Any] = []
         with running_robot({"Base": Base}) as robot:
             with observe_calls(robot.clock, lambda call, outcome, _: heard.append((call.method, outcome))):
@@ -122,7 +122,7 @@ class TestCalls:
 
 
 class TestStanding:
-    def test_what_waits_is_read_at_the_scrape(self) -> None:
+    def test_waiting_calls_are_read_at_the_scrape(self) -> None:
         clock = ManualClock()
         base = Base()
         with running_robot({"Base": lambda: base}, clock=clock, timeout_s=100.0) as robot, measured(robot) as metrics:
@@ -174,7 +174,7 @@ class TestEndpoint:
                 second.__enter__()
             assert len(calls._watchers) == 1
 
-    def test_it_listens_on_loopback_alone_and_ends(self) -> None:
+    def test_it_listens_on_loopback_only_and_ends(self) -> None:
         with running_robot({"Base": Base}) as robot:
             with measured(robot) as metrics:
                 assert metrics.url == f"http://127.0.0.1:{metrics.port}/metrics"

@@ -1,4 +1,4 @@
-"""What waits in the mailboxes of a robot of another process, as its answers to pings tell it."""
+"""Waiting calls of a robot in another process, by its answers to pings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.net.links import eventually
 from tests.net.rig import Rig
 
 
-def test_a_busy_resource_tells_what_waits_and_since_when(tmp_path: Path) -> None:
+def test_pings_report_waiting_calls_and_their_age(tmp_path: Path) -> None:
     with Rig(tmp_path).served_here() as fleet:
         robot = fleet["r1"]
         assert robot["Gauge"].waiting is None  # its mailbox is not here

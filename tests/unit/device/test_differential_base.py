@@ -1,4 +1,4 @@
-"""What DifferentialBase gives a driver: the commands, the keys, and the checks of what is asked for."""
+"""DifferentialBase: commands, keys and argument checks."""
 
 from __future__ import annotations
 

@@ -16,7 +16,8 @@ from typing import Any, Final
 
 import pytest
 
-from eal_actors.device.ports import BytePort, ReopeningPort, TcpPort, open_serial, open_tcp
+from eal_actors.device.ports import BytePort, ReopeningPort, open_serial
+from eal_actors.device.sockets import TcpPort, open_tcp
 from eal_actors.kernel.errors import NotReadyError, PluginError, UnavailableError
 from tests.manual_clock import ManualClock
 

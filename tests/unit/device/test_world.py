@@ -13,13 +13,13 @@ from eal_actors.device.world import (
     CircleObstacle,
     Drop,
     Formation,
-    Light,
+    Lamp,
     MovableBox,
     Partition,
     Physics,
     Poster,
     StartPose,
-    Texture,
+    SurfaceTexture,
     WorldModel,
     load_world,
 )
@@ -61,7 +61,7 @@ physics: {{rate_hz: 100}}
 """
     world = load(tmp_path, monkeypatch, text)
 
-    brick = Texture(pattern="bricks", colours=((165, 80, 60), (190, 185, 175)), tile_m=0.2)
+    brick = SurfaceTexture(pattern="bricks", colours=((165, 80, 60), (190, 185, 175)), tile_m=0.2)
     assert world.textures == {"brick": brick}
     assert (world.surfaces.floor, world.surfaces.walls) == ("brick", None)
     assert world.posters == (Poster(wall="east", at_m=1.0, bottom_m=0.5, size_m=(1.0, 0.7), texture="brick"),)
@@ -73,7 +73,7 @@ physics: {{rate_hz: 100}}
     assert world.boxes == (MovableBox(name="crate", x_m=-1.0, y_m=-1.0, mass_kg=2.0),)
     assert world.beacons == (Beacon(name="dock", x_m=2.5, y_m=1.5, colour=(1, 2, 3)),)
     assert world.drops == (Drop(x_m=2.0, y_m=-1.5, size_m=(0.5, 0.5), yaw_deg=45.0),)
-    assert world.lighting.lamps == (Light(x_m=0.0, y_m=0.0, z_m=2.4, lumens=500.0),)
+    assert world.lighting.lamps == (Lamp(x_m=0.0, y_m=0.0, z_m=2.4, lumens=500.0),)
     assert world.start_poses == (StartPose(x_m=-2.5, y_m=-1.0, yaw_deg=90.0),)
     assert world.physics.rate_hz == 100.0
 

@@ -1,4 +1,4 @@
-"""What docs/worlds.md shows is right, piece by piece; whole files are checked with those of all other pages."""
+"""The examples of docs/worlds.md are valid, piece by piece; whole files are checked with those of other pages."""
 
 from __future__ import annotations
 

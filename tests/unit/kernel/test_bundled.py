@@ -1,4 +1,4 @@
-"""What comes with the framework is found by name; a file of that name here, or a path, goes before it."""
+"""Bundled files are found by name; a path or a local file of that name takes precedence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the whole fleet has to say about clocks and plugins of robots that are served elsewhere."""
+"""Checks of the whole fleet: clocks and plugins of remote robots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the configurations say; that zenoh takes them is for the tests over real links."""
+"""The generated configurations; tests over real links prove that zenoh accepts them."""
 
 from __future__ import annotations
 

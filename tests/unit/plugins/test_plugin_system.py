@@ -122,7 +122,7 @@ def test_a_computer_without_sensors_says_so() -> None:
 
 @dataclass
 class Reading:
-    """What psutil tells of a sensor, as far as it is used."""
+    """The used fields of a psutil sensor."""
 
     label: str
     current: float

@@ -1,4 +1,4 @@
-"""Who takes part, who is kept in reserve, and who lacks what a role needs."""
+"""Participants, spares, and robots that lack a role's requirements."""
 
 from __future__ import annotations
 

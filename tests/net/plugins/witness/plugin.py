@@ -33,7 +33,7 @@ _SECONDS = ValueInfo(DataType.DOUBLE, "s", minimum=0)
 
 
 class Settings(PluginSettingsModel):
-    """What the fleet file may set."""
+    """The settings of the fleet file."""
 
     file: str
     """Where to write down what happens."""

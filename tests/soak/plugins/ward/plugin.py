@@ -26,7 +26,7 @@ _VIEW = EALData.of(bytes(57_600))
 
 
 class Settings(PluginSettingsModel):
-    """What the fleet file may set."""
+    """The settings of the fleet file."""
 
     folder: str
     """Where the robot's notes are kept."""

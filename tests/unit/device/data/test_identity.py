@@ -1,4 +1,4 @@
-"""What data say of themselves, what makes them equal, and that they do not change."""
+"""Representation, equality and immutability of data."""
 
 from __future__ import annotations
 

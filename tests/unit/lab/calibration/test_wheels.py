@@ -1,4 +1,4 @@
-"""What a calibration does to counts and ways."""
+"""The effect of a calibration on counts and distances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What has changed between pictures: things that come and go, not noise, light or a robot that stands a bit aside."""
+"""Changes between pictures: objects that appear and disappear, but not noise, light or small displacements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `stitch` refuses, and what it keeps still about."""
+"""Invalid arguments and warnings of `stitch`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tests of plugins write and load."""
+"""Fixtures that write and load plugins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Only the plugins that are asked for are imported, and what goes wrong there is told."""
+"""Only requested plugins are imported, and import errors are reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is kept of running commands, in whichever order it is told."""
+"""The state of running commands, for any order of reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is made of the answers to pings, whoever gave them."""
+"""The interpretation of ping answers."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ DEAD_MAN_S = 2.0
 
 
 class DeadManMachine(RuleBasedStateMachine):
-    """Against a model that keeps every sign of life there ever was and looks for gaps in it."""
+    """Comparison with a model that keeps all heartbeats and searches for gaps."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""What the doctor makes of facts, without a machine."""
+"""The doctor's judgements of facts, without a machine."""
 
 from __future__ import annotations
 

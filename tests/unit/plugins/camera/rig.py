@@ -18,8 +18,8 @@ from eal_actors.kernel.clock import Clock, SystemClock
 from eal_actors.plugin import FleetServices, PluginContext
 from plugins.camera import plugin
 from plugins.camera.camera import Camera
-from plugins.camera.capture import Image
-from plugins.camera.reader import Reader
+from plugins.camera.capture import Capture, Image
+from plugins.camera.reader import SourceReader
 
 PATIENCE_S: Final = 60.0
 """Real seconds after which a test gives up: more than a busy machine ever takes."""
@@ -85,13 +85,13 @@ def run(result: Any) -> Any:
             return end.value
 
 
-def wait_until_ready(reader: Reader) -> None:
+def wait_until_ready(reader: SourceReader) -> None:
     """Wait until a reader has pictures again."""
     with reader._changed:
         assert reader._changed.wait_for(lambda: reader._why_not_ready() is None, PATIENCE_S), reader._why_not_ready()
 
 
-def wait_until_shown(reader: Reader, number: int) -> None:
+def wait_until_shown(reader: SourceReader, number: int) -> None:
     """Wait until a reader's newest picture shows a number."""
 
     def is_shown() -> bool:
@@ -184,7 +184,7 @@ class MjpegServer:
                 self.sent = number
 
 
-class CrankedCapture:
+class CrankedCapture(Capture):
     """A capture that delivers what a test gives it, when the test gives it: a picture, or what reading raises."""
 
     period_s: float | None = None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eal_actors.kernel.errors import NotReadyError
-from plugins.camera.device import Device, open_device
+from plugins.camera.device import CaptureDevice, open_device
 from tests.unit.plugins.camera.rig import camera_on, run
 
 AUTOMATIC, MANUAL = 3.0, 1.0
@@ -17,7 +17,7 @@ SIZES = {(640, 480): 30.0, (1280, 720): 10.0}
 
 
 class UsbCamera:
-    """What V4L2 does, as OpenCV hands it through: the nearest that the camera can do, and no error."""
+    """V4L2 through OpenCV: selects the nearest supported value without an error."""
 
     def __init__(self) -> None:
         self.has = {
@@ -81,25 +81,25 @@ def test_a_number_is_a_device() -> None:
 
 
 def test_a_device_that_does_not_capture_says_so() -> None:
-    with camera_on({"source": "/dev/null"}) as camera, pytest.raises(NotReadyError, match="no device that captures"):
+    with camera_on({"source": "/dev/null"}) as camera, pytest.raises(NotReadyError, match="not a capture device"):
         run(camera.get_value())
 
 
 def test_a_file_is_no_device(tmp_path: Path) -> None:
     (tmp_path / "video0").touch()
-    with pytest.raises(OSError, match="it is no device"):
+    with pytest.raises(OSError, match="it is not a device"):
         open_device(str(tmp_path / "video0"), None)
 
 
 def test_no_picture_waits_in_a_queue() -> None:
     camera = UsbCamera()
-    Device(camera, None)
+    CaptureDevice(camera, None)
     assert camera.get(cv2.CAP_PROP_BUFFERSIZE) == 1
 
 
 def test_an_unplugged_camera_is_lost() -> None:
     camera = UsbCamera()
-    device = Device(camera, None)
+    device = CaptureDevice(camera, None)
     assert device.read().shape == (480, 640, 3)
     camera.is_plugged_in = False
     with pytest.raises(OSError, match="was it unplugged"):
@@ -108,16 +108,16 @@ def test_an_unplugged_camera_is_lost() -> None:
 
 def test_the_coding_is_asked_for_and_looked_at() -> None:
     camera = UsbCamera()
-    Device(camera, "MJPG")
+    CaptureDevice(camera, "MJPG")
     assert int(camera.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"MJPG"
-    with pytest.raises(OSError, match="it does not code its pictures as H264, but as MJPG"):
-        Device(camera, "H264")
+    with pytest.raises(OSError, match="it does not encode its pictures as H264, but as MJPG"):
+        CaptureDevice(camera, "H264")
     assert not camera.is_plugged_in  # it is let go of
 
 
 def test_width_and_height_are_asked_for_together() -> None:
     camera = UsbCamera()
-    device = Device(camera, None)
+    device = CaptureDevice(camera, None)
     assert device.adjust({"width": 1280, "height": 720}) == []
     assert device.mode() == {"width": 1280, "height": 720, "fps": 10, "exposure": 1}
     assert (camera.get(3), camera.get(4)) == (1280, 720)
@@ -125,20 +125,20 @@ def test_width_and_height_are_asked_for_together() -> None:
 
 def test_a_size_that_is_there_does_not_stop_the_camera() -> None:
     camera = UsbCamera()
-    assert Device(camera, None).adjust({"width": 640, "height": 480}) == []
+    assert CaptureDevice(camera, None).adjust({"width": 640, "height": 480}) == []
     assert camera.restarts == 0
 
 
 def test_a_size_that_is_refused_is_told_and_the_old_one_stays() -> None:
     camera = UsbCamera()
-    assert Device(camera, None).adjust({"width": 700}) == [
+    assert CaptureDevice(camera, None).adjust({"width": 700}) == [
         "width: the camera has no 700 px there, the nearest is 640 x 480 px"
     ]
     assert (camera.get(3), camera.get(4)) == (640, 480)
 
 
 def test_a_rate_that_is_refused_is_told() -> None:
-    device = Device(UsbCamera(), None)
+    device = CaptureDevice(UsbCamera(), None)
     assert device.adjust({"fps": 15}) == []
     assert device.adjust({"width": 1280, "height": 720, "fps": 30}) == [
         "fps: the camera has no 30 Hz at this size, but 10 Hz"
@@ -148,7 +148,7 @@ def test_a_rate_that_is_refused_is_told() -> None:
 
 def test_exposure_is_a_factor_on_what_the_camera_had() -> None:
     camera = UsbCamera()
-    device = Device(camera, None)
+    device = CaptureDevice(camera, None)
     assert device.mode()["exposure"] == 1.0
     assert device.adjust({"exposure": 2.0}) == []
     assert (camera.get(cv2.CAP_PROP_AUTO_EXPOSURE), camera.get(cv2.CAP_PROP_EXPOSURE)) == (MANUAL, 300.0)
@@ -159,7 +159,7 @@ def test_exposure_is_a_factor_on_what_the_camera_had() -> None:
 
 def test_an_exposure_that_is_refused_is_told_and_the_old_one_stays() -> None:
     camera = UsbCamera()
-    device = Device(camera, None)
+    device = CaptureDevice(camera, None)
     device.adjust({"exposure": 2.0})
     assert device.adjust({"exposure": 16.0}) == [
         "exposure: the camera does not take 16 times its own, the nearest is 6.66667"
@@ -170,6 +170,6 @@ def test_an_exposure_that_is_refused_is_told_and_the_old_one_stays() -> None:
 def test_a_camera_without_exposure_takes_none() -> None:
     camera = UsbCamera()
     camera.has[cv2.CAP_PROP_EXPOSURE] = -1.0
-    device = Device(camera, None)
+    device = CaptureDevice(camera, None)
     assert device.mode()["exposure"] == 1.0
-    assert device.adjust({"exposure": 2.0}) == ["exposure: the camera does not tell its own, and takes none"]
+    assert device.adjust({"exposure": 2.0}) == ["exposure: the camera does not report its own, and takes none"]

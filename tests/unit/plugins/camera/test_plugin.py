@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from eal_actors import Fleet, gather
 from eal_actors.kernel.errors import ConfigError, DeadlineError, NotReadyError
 from plugins.camera.plugin import Settings
-from plugins.camera.source import Kind, Source
+from plugins.camera.source import PictureSource, SourceKind
 from tests.unit.plugins.camera.rig import (
     PATIENCE_S,
     MjpegServer,
@@ -25,41 +25,41 @@ from tests.unit.plugins.camera.rig import (
 )
 
 SOURCES = [
-    (0, Kind.DEVICE, "/dev/video0"),
-    ("/dev/v4l/by-id/usb-cam", Kind.DEVICE, "/dev/v4l/by-id/usb-cam"),
-    ("rtsp://10.0.0.7:554/live", Kind.STREAM, "rtsp://10.0.0.7:554/live"),
-    ("https://cam.lab/video.mjpg", Kind.STREAM, "https://cam.lab/video.mjpg"),
-    ("rtsp://admin:secret@cam.lab/1", Kind.STREAM, "rtsp://admin:***@cam.lab/1"),
-    ("http://cam.lab/live?user=me&pwd=secret", Kind.STREAM, "http://cam.lab/live?***"),
-    ("what?.avi", Kind.FILE, "what?.avi"),
-    ("video.avi", Kind.FILE, "video.avi"),
-    ("/tmp", Kind.FOLDER, "/tmp"),  # noqa: S108  # a folder that every system has
+    (0, SourceKind.DEVICE, "/dev/video0"),
+    ("/dev/v4l/by-id/usb-cam", SourceKind.DEVICE, "/dev/v4l/by-id/usb-cam"),
+    ("rtsp://10.0.0.7:554/live", SourceKind.STREAM, "rtsp://10.0.0.7:554/live"),
+    ("https://cam.lab/video.mjpg", SourceKind.STREAM, "https://cam.lab/video.mjpg"),
+    ("rtsp://admin:secret@cam.lab/1", SourceKind.STREAM, "rtsp://admin:***@cam.lab/1"),
+    ("http://cam.lab/live?user=me&pwd=secret", SourceKind.STREAM, "http://cam.lab/live?***"),
+    ("what?.avi", SourceKind.FILE, "what?.avi"),
+    ("video.avi", SourceKind.FILE, "video.avi"),
+    ("/tmp", SourceKind.FOLDER, "/tmp"),  # noqa: S108  # a folder that every system has
 ]
 
 
 @pytest.mark.parametrize(("source", "kind", "name"), SOURCES)
-def test_a_source_is_known_by_its_look(source: int | str, kind: Kind, name: str) -> None:
-    found = Source.of(source)
+def test_a_source_is_known_by_its_look(source: int | str, kind: SourceKind, name: str) -> None:
+    found = PictureSource.of(source)
     assert (found.kind, found.name) == (kind, name)
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({}, "source\n  Field required"),
-    ({"source": -1}, "wanted is a number from 0, a device path, a URL, or the path of a file or folder"),
-    ({"source": ""}, "wanted is a number from 0"),
-    ({"source": "ftp://cam.lab/x"}, "wanted is a URL with rtsp://, rtsps://, http://, https:// and a host"),
+    ({"source": -1}, "use a number from 0, a device path, a URL, or the path of a file or folder"),
+    ({"source": ""}, "use a number from 0"),
+    ({"source": "ftp://cam.lab/x"}, "use a URL with rtsp://, rtsps://, http://, https:// and a host"),
     ({"source": "ftp://me:secret@cam.lab"}, "source 'ftp://me:***@cam.lab'"),
     ({"source": "http:///x"}, "and a host"),
-    ({"source": "http://["}, "source 'http://[': it is no URL: Invalid IPv6 URL"),
+    ({"source": "http://["}, "source 'http://[': invalid URL: Invalid IPv6 URL"),
     ({"source": 0, "width": 8}, "greater than or equal to 16"),
     ({"source": 0, "fps": 0.5}, "greater than or equal to 1"),
     ({"source": 0, "exposure": 17}, "less than or equal to 16"),
     ({"source": 0, "fourcc": "MJPEG"}, "fourcc"),
     ({"source": 0, "format": "bmp"}, "'raw', 'jpeg' or 'png'"),
-    ({"source": 0, "loop": True}, "loop is for a video file or a folder of images, and this source is a camera"),
-    ({"source": "a.avi", "width": 640}, "width is for a camera, and this source is a video file"),
-    ({"source": __file__, "fps": 30}, "fps is for a camera or a folder of images, and this source is a video file"),
-    ({"source": "http://h/x", "exposure": 2}, "exposure is for a camera, and this source is a stream"),
+    ({"source": 0, "loop": True}, "loop is for a video file or a folder of images, but this source is a camera"),
+    ({"source": "a.avi", "width": 640}, "width is for a camera, but this source is a video file"),
+    ({"source": __file__, "fps": 30}, "fps is for a camera or a folder of images, but this source is a video file"),
+    ({"source": "http://h/x", "exposure": 2}, "exposure is for a camera, but this source is a stream"),
     ({"source": "a.avi", "frozen_after_s": 3}, "frozen_after_s is for a camera or a stream"),
 ]
 
@@ -144,7 +144,7 @@ def test_an_unplugged_camera_is_not_ready_and_works_on_without_a_restart(tmp_pat
             resource: Any = camera.resource()
             error = camera.get_value(timeout_s=PATIENCE_S).exception()
             assert isinstance(error, NotReadyError)
-            assert f"rob/Camera: {server.url}: nothing that FFmpeg can read answers there" in str(error)
+            assert f"rob/Camera: {server.url}: no stream that FFmpeg can read answers" in str(error)
             server.plug_in()
             wait_until_ready(resource._reader)
             assert number_in(camera.get_value(timeout_s=PATIENCE_S).get().value) > 0

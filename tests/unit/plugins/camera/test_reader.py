@@ -15,11 +15,11 @@ from eal_actors.kernel.errors import ArgumentError, NotReadyError, UnavailableEr
 from plugins.camera import reader as module
 from plugins.camera.capture import real_s
 from plugins.camera.files import VideoFile
-from plugins.camera.reader import Frame, Reader, Terms
+from plugins.camera.reader import Picture, ReaderOptions, SourceReader
 from tests.manual_clock import ManualClock
 from tests.unit.plugins.camera.rig import PATIENCE_S, CrankedCapture, number_in, picture, run, wait_until_ready
 
-TERMS = Terms("bench", PATIENCE_S)
+TERMS = ReaderOptions("bench", PATIENCE_S)
 
 
 class CallClock(ManualClock):
@@ -37,11 +37,11 @@ class CallClock(ManualClock):
 class Bench:
     """A reader, its cranked source, and callers in threads of their own."""
 
-    def __init__(self, terms: Terms = TERMS) -> None:
+    def __init__(self, terms: ReaderOptions = TERMS) -> None:
         self.clock = CallClock()
         self.source = CrankedCapture()
         self.absent: OSError | None = None
-        self.reader = Reader(self._open, terms, self.clock)
+        self.reader = SourceReader(self._open, terms, self.clock)
         self._callers = ThreadPoolExecutor(16)
 
     def _open(self) -> CrankedCapture:
@@ -58,9 +58,9 @@ class Bench:
         self.reader.close()
         self._callers.shutdown()
 
-    def call(self) -> Future[Frame]:
+    def call(self) -> Future[Picture]:
         """Have a caller ask for a picture; return when it has."""
-        asked = self._callers.submit(lambda: cast("Frame", run(self.reader.newer())))
+        asked = self._callers.submit(lambda: cast("Picture", run(self.reader.newer())))
         assert self.clock.called.acquire(timeout=PATIENCE_S)
         return asked
 
@@ -80,7 +80,7 @@ class Bench:
         self.await_reading()
 
 
-def shown(asked: Future[Frame]) -> int:
+def shown(asked: Future[Picture]) -> int:
     return number_in(asked.result(PATIENCE_S).image)
 
 
@@ -192,7 +192,7 @@ class RealTime:
 
 def test_a_source_that_falls_silent_is_frozen(monkeypatch: pytest.MonkeyPatch) -> None:
     time = RealTime(monkeypatch)
-    with Bench(Terms("bench", 2.0)) as bench:
+    with Bench(ReaderOptions("bench", 2.0)) as bench:
         bench.await_reading()
         bench.give(1)
         time.now_s += 2.0
@@ -206,7 +206,7 @@ def test_a_source_that_falls_silent_is_frozen(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_caller_learns_that_the_source_falls_silent_while_it_waits() -> None:
-    with Bench(Terms("bench", 0.05)) as bench:
+    with Bench(ReaderOptions("bench", 0.05)) as bench:
         bench.await_reading()
         with pytest.raises(NotReadyError, match=r"bench is frozen: no picture for \d+\.\d s"):
             run(bench.reader.newer())
@@ -214,14 +214,14 @@ def test_a_caller_learns_that_the_source_falls_silent_while_it_waits() -> None:
 
 def test_a_source_that_shows_the_same_for_ever_is_frozen(monkeypatch: pytest.MonkeyPatch) -> None:
     time = RealTime(monkeypatch)
-    with Bench(Terms("bench", PATIENCE_S, frozen_after_s=5.0)) as bench:
+    with Bench(ReaderOptions("bench", PATIENCE_S, frozen_after_s=5.0)) as bench:
         bench.await_reading()
         for number in (6, 7, 7, 7):
             bench.give(number)
             assert bench.reader.why_not_ready() is None
             time.now_s += 2.0
         bench.give(7)
-        assert bench.reader.why_not_ready() == "bench is frozen: the same picture, to the last bit, for 6.0 s"
+        assert bench.reader.why_not_ready() == "bench is frozen: an identical picture for 6.0 s"
         with pytest.raises(NotReadyError, match="frozen"):
             run(bench.reader.newer())
         bench.give(8)
@@ -230,7 +230,7 @@ def test_a_source_that_shows_the_same_for_ever_is_frozen(monkeypatch: pytest.Mon
 
 def test_what_was_taken_before_may_show_the_same_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     time = RealTime(monkeypatch)
-    with Bench(Terms("bench", PATIENCE_S, frozen_after_s=None)) as bench:
+    with Bench(ReaderOptions("bench", PATIENCE_S, frozen_after_s=None)) as bench:
         bench.await_reading()
         for _ in range(5):
             bench.give(7)
@@ -247,7 +247,7 @@ def test_a_single_bit_makes_another_picture() -> None:
 
 
 def test_a_fast_clock_ends_the_wait_of_a_caller_but_not_of_the_source() -> None:
-    bench = Bench(Terms("bench", PATIENCE_S))
+    bench = Bench(ReaderOptions("bench", PATIENCE_S))
     bench.clock.of_real = lambda duration_s: duration_s * 1e5  # type: ignore[method-assign]  # as its rate were
     with bench:
         bench.await_reading()
@@ -259,7 +259,7 @@ def test_a_fast_clock_ends_the_wait_of_a_caller_but_not_of_the_source() -> None:
 
 
 def test_wishes_are_asked_at_each_opening() -> None:
-    with Bench(Terms("bench", PATIENCE_S, wishes={"width": 320})) as bench:
+    with Bench(ReaderOptions("bench", PATIENCE_S, wishes={"width": 320})) as bench:
         bench.await_reading()
         wish = bench.wish({"fps": 15.0})
         bench.give(1)
@@ -304,7 +304,7 @@ def test_what_is_refused_is_told_and_not_asked_again() -> None:
 
 
 def test_what_is_refused_at_the_opening_is_logged() -> None:
-    bench = Bench(Terms("bench", PATIENCE_S, wishes={"width": 1000}, place={"robot": "rob"}))
+    bench = Bench(ReaderOptions("bench", PATIENCE_S, wishes={"width": 1000}, place={"robot": "rob"}))
     bench.source.refuses = ["width: the camera has no 1000 px"]
     with structlog.testing.capture_logs() as lines, bench:
         bench.await_reading()
@@ -316,7 +316,7 @@ def test_a_picture_too_large_for_its_description_is_no_picture() -> None:
         bench.await_reading()
         asked = bench.call()
         bench.source.given.put(picture(1)[:8])
-        with pytest.raises(NotReadyError, match="its pictures are of 64 x 8 px, beyond 16 to 4096 px"):
+        with pytest.raises(NotReadyError, match="its pictures have 64 x 8 px, outside 16 to 4096 px"):
             asked.result(PATIENCE_S)
         bench.await_reading()
 
@@ -336,9 +336,9 @@ def test_a_source_that_hangs_is_told_and_abandoned(tmp_path: Path, monkeypatch: 
     pipe = tmp_path / "hangs.avi"
     os.mkfifo(pipe)  # who opens it waits until somebody writes
     monkeypatch.setattr(module, "_JOIN_S", 0.05)
-    reader = Reader(lambda: VideoFile(pipe, loop=False), Terms("hangs.avi", 0.05), ManualClock())
+    reader = SourceReader(lambda: VideoFile(pipe, loop=False), ReaderOptions("hangs.avi", 0.05), ManualClock())
     reader.start()
-    with pytest.raises(NotReadyError, match=r"hangs.avi has not opened, nor failed to, for \d+\.\d s"):
+    with pytest.raises(NotReadyError, match=r"hangs.avi has neither opened nor failed for \d+\.\d s"):
         run(reader.newer())
     with structlog.testing.capture_logs() as lines:
         reader.close()

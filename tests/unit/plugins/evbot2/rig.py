@@ -55,7 +55,7 @@ class MemoryPort:
         return len(data)
 
     def deliver(self, piece: bytes) -> None:
-        """Have the device get a piece, whoever sent it."""
+        """Deliver bytes to the device."""
         for reply in self.device.replies(piece, self.now()):
             if not self.is_deaf:
                 for arrived in self.back.carry(reply) if self.back else [reply]:
@@ -177,7 +177,7 @@ class Rig:
             delay_s = next(activity)
         except StopIteration as end:
             self._results[number] = end.value
-        except Exception as error:  # noqa: BLE001  # whoever runs it gets it
+        except Exception as error:  # noqa: BLE001  # raised again in the test
             self._results[number] = error
         else:
             heapq.heappush(self._due, (self.clock.now() + delay_s, number, activity))

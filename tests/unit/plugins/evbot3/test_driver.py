@@ -21,7 +21,7 @@ STEP_M = 0.0002
 
 
 class Logged:
-    """What a device's actuators carried out, in order: (verb, numbers)."""
+    """The actions of a device's actuators in order: (verb, numbers)."""
 
     def __init__(self, rig: Rig3) -> None:
         self.orders: list[tuple[str, tuple[int, ...]]] = []

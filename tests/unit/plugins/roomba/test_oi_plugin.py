@@ -29,7 +29,7 @@ from tests.unit.plugins.roomba.oi_rig import OiRig
 ROOT = Path(__file__).parents[4]
 FOLDER = bundled_path("plugins/roomba")
 ONE_CONTROLLER = ("Base", "Bump", "Cliff", "Wall", "Battery", "Odometry", "Song")
-"""What is the same of every Roomba, real or simulated; the others have other lights, buttons and drops."""
+"""The resources of every Roomba, real or simulated; lights, buttons and drops differ."""
 
 
 @contextmanager

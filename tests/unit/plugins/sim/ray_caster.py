@@ -24,7 +24,7 @@ Array = NDArray[Any]
 
 @dataclass
 class Surface:
-    """What a ray may meet.
+    """A surface that a ray may hit.
 
     Attributes:
         meet: how many times its direction each ray goes until it meets the surface, infinite where it does not.

@@ -1,4 +1,4 @@
-"""Batteries of simulated robots: drained by time and by driving, whoever looks."""
+"""Batteries of simulated robots: drained by time and driving, independent of readers."""
 
 from __future__ import annotations
 

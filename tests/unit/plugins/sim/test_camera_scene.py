@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from eal_actors.device.world import Texture as TextureModel
+from eal_actors.device.world import SurfaceTexture as TextureModel
 from plugins.sim.camera.cutting import without_overlaps
 from plugins.sim.camera.light import SIDES, RoomLight
 from plugins.sim.camera.patterns import PatternCanvas, draw

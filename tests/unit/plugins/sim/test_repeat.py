@@ -59,7 +59,7 @@ class RecordedWorld(SimWorld):
             x_m, y_m, yaw_rad = robot.pose
             self.paths.setdefault(name, []).append((x_m.hex(), y_m.hex(), yaw_rad.hex()))
 
-        robot.arrive = arrive_and_tell  # type: ignore[method-assign]  # at every tick of a motion, whoever runs it
+        robot.arrive = arrive_and_tell  # type: ignore[method-assign]  # at every tick of a motion
         return robot
 
 
@@ -112,7 +112,7 @@ def path_of(
         task = min(running, key=lambda task: running[task])
         clock.advance(max(0.0, running[task] - clock.now()))
         with world.caught_up():
-            robot.space.point_query_nearest((0.0, 0.0), 1.0, robot.filter)  # whoever looks changes nothing
+            robot.space.point_query_nearest((0.0, 0.0), 1.0, robot.filter)  # reading changes nothing
         wait_s = next(task, None)
         if wait_s is None:
             del running[task]

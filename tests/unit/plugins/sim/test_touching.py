@@ -1,4 +1,4 @@
-"""What happens where robots push walls, boxes and each other."""
+"""Contacts of robots with walls, boxes and each other."""
 
 from __future__ import annotations
 

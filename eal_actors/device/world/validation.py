@@ -1,25 +1,26 @@
-"""What each part of a world may be, but the whole cannot."""
+"""Checks of a whole world, whose parts are valid each by itself."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations
-from typing import Final
+from typing import Final, TypeAlias
 
 from eal_actors.device.world.formation import Formation
 from eal_actors.device.world.geometry import corners, covers, overlap
 from eal_actors.device.world.model import WorldModel
-from eal_actors.device.world.parts import Beacon, MovableBox, Partition, Placed, Poster, StartPose
+from eal_actors.device.world.parts import Beacon, FloorItem, MovableBox, Partition, Poster, StartPose
 from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
 
-Contradiction = tuple[YamlPath, str]
+WorldProblem: TypeAlias = tuple[YamlPath, str]
+"""The path of a value and the error there."""
 
 _ROUNDING_M: Final = 1e-9
 
 
-def contradictions(world: WorldModel) -> Iterator[Contradiction]:
-    """Yield the path and a description of everything that cannot be so."""
+def validate(world: WorldModel) -> Iterator[WorldProblem]:
+    """Yield every problem of a world."""
     yield from _unknown_textures(world)
     yield from _repeated_names(world)
     yield from _outside(world)
@@ -30,7 +31,7 @@ def contradictions(world: WorldModel) -> Iterator[Contradiction]:
     yield from _bad_starts(world)
 
 
-def _unknown_textures(world: WorldModel) -> Iterator[Contradiction]:
+def _unknown_textures(world: WorldModel) -> Iterator[WorldProblem]:
     used: list[tuple[YamlPath, str | None]] = [
         (("surfaces", part), getattr(world.surfaces, part)) for part in ("floor", "walls", "ceiling")
     ]
@@ -42,7 +43,7 @@ def _unknown_textures(world: WorldModel) -> Iterator[Contradiction]:
             yield path, f"no texture {name!r} in textures{hint}"
 
 
-def _repeated_names(world: WorldModel) -> Iterator[Contradiction]:
+def _repeated_names(world: WorldModel) -> Iterator[WorldProblem]:
     named: tuple[tuple[str, Sequence[MovableBox | Beacon]], ...] = (("boxes", world.boxes), ("beacons", world.beacons))
     for kind, things in named:
         first: dict[str, int] = {}
@@ -51,7 +52,7 @@ def _repeated_names(world: WorldModel) -> Iterator[Contradiction]:
                 yield (kind, number, "name"), f"{kind}[{first[thing.name]}] is named {thing.name!r} already"
 
 
-def _outside(world: WorldModel) -> Iterator[Contradiction]:
+def _outside(world: WorldModel) -> Iterator[WorldProblem]:
     for number, obstacle in enumerate(world.obstacles):
         if isinstance(obstacle, Partition):
             for end in ("start_m", "end_m"):
@@ -59,7 +60,7 @@ def _outside(world: WorldModel) -> Iterator[Contradiction]:
                     yield ("obstacles", number, end), f"is outside {_room(world)}"
         elif _is_outside(world, obstacle.x_m, obstacle.y_m):
             yield ("obstacles", number), f"its middle is outside {_room(world)}"
-    others: Iterable[tuple[YamlPath, Sequence[Placed]]] = (
+    others: Iterable[tuple[YamlPath, Sequence[FloorItem]]] = (
         (("boxes",), world.boxes),
         (("beacons",), world.beacons),
         (("drops",), world.drops),
@@ -85,7 +86,7 @@ def _ceiling(world: WorldModel) -> str:
     return f"the ceiling, which is {world.height_m:g} m high"
 
 
-def _too_high(world: WorldModel) -> Iterator[Contradiction]:
+def _too_high(world: WorldModel) -> Iterator[WorldProblem]:
     for kind, things in (("obstacles", world.obstacles), ("boxes", world.boxes), ("beacons", world.beacons)):
         for number, thing in enumerate(things):
             if thing.height_m > world.height_m:
@@ -95,7 +96,7 @@ def _too_high(world: WorldModel) -> Iterator[Contradiction]:
             yield ("lighting", "lamps", number, "z_m"), f"with {lamp.z_m:g} m it is above {_ceiling(world)}"
 
 
-def _misplaced_posters(world: WorldModel) -> Iterator[Contradiction]:
+def _misplaced_posters(world: WorldModel) -> Iterator[WorldProblem]:
     for number, poster in enumerate(world.posters):
         length_m = world.size_m[0 if poster.wall in ("north", "south") else 1]
         left_m, right_m, _, top_m = _extent(poster)
@@ -110,7 +111,7 @@ def _misplaced_posters(world: WorldModel) -> Iterator[Contradiction]:
 
 
 def _extent(poster: Poster) -> tuple[float, float, float, float]:
-    """Return from where to where it reaches along its wall, and its lower and upper edge, in metres."""
+    """Return its extent along its wall, and its lower and upper edge, in metres."""
     width_m, height_m = poster.size_m
     return (
         poster.at_m - width_m / 2,
@@ -126,7 +127,7 @@ def _share_wall(one: tuple[float, float, float, float], other: tuple[float, floa
     return along_m > _ROUNDING_M and up_m > _ROUNDING_M
 
 
-def _misplaced_boxes(world: WorldModel) -> Iterator[Contradiction]:
+def _misplaced_boxes(world: WorldModel) -> Iterator[WorldProblem]:
     for number, box in enumerate(world.boxes):
         if _is_outside(world, box.x_m, box.y_m):
             continue
@@ -143,18 +144,18 @@ def _misplaced_boxes(world: WorldModel) -> Iterator[Contradiction]:
             yield ("boxes", second), f"it overlaps boxes[{first}]"
 
 
-def _hidden_beacons(world: WorldModel) -> Iterator[Contradiction]:
+def _hidden_beacons(world: WorldModel) -> Iterator[WorldProblem]:
     for number, beacon in enumerate(world.beacons):
         for other, obstacle in enumerate(world.solid_obstacles):
             if covers(obstacle, beacon.x_m, beacon.y_m):
                 yield ("beacons", number), f"it is inside obstacles[{other}], through which no robot finds it"
 
 
-def _bad_starts(world: WorldModel) -> Iterator[Contradiction]:
-    """Find start poses where no robot can stand, of whatever size; of a formation only the first."""
+def _bad_starts(world: WorldModel) -> Iterator[WorldProblem]:
+    """Yield start poses where no robot of any size can stand; of a formation only the first."""
     is_formation = isinstance(world.starts, Formation)
     for number, pose in enumerate(world.start_poses):
-        if reason := _wrong_with(world, pose):
+        if reason := _start_problem(world, pose):
             if is_formation:
                 yield ("starts",), f"place {number + 1} of the formation, x {pose.x_m:g} m, y {pose.y_m:g} m, {reason}"
                 return
@@ -167,7 +168,7 @@ def _bad_starts(world: WorldModel) -> Iterator[Contradiction]:
                 yield ("starts", number), f"it is at the same place as starts[{same}]"
 
 
-def _wrong_with(world: WorldModel, pose: StartPose) -> str | None:
+def _start_problem(world: WorldModel, pose: StartPose) -> str | None:
     if _is_outside(world, pose.x_m, pose.y_m):
         return f"is outside {_room(world)}"
     for verb, kind, things in (
