@@ -20,10 +20,10 @@ from eal_actors.managers.manifest import ManifestFile
 
 
 class EALConfigManager:
-    """Reads the configuration and hands it to all other parts.
+    """Reads the configuration of a fleet for all other parts.
 
     Source: thesis §4.3.1 gives the manager this purpose, but leaves it an interface that returns hard-coded values.
-    Departs from §4.3.1: the configuration does not change while a fleet runs, so nobody has to follow changes.
+    Departs from §4.3.1: the configuration does not change while a fleet runs, so there are no change notifications.
 
     Attributes:
         fleet: the whole fleet.
@@ -38,7 +38,7 @@ class EALConfigManager:
 
         Args:
             path: the fleet file, or the name of one that comes with the framework, such as `sim`.
-            environment: what `${NAME}` in fleet files stands for; the process's environment if None.
+            environment: values of `${NAME}` in fleet files; the process's environment if None.
 
         Raises:
             ConfigError: with every problem of all the files.
@@ -49,13 +49,13 @@ class EALConfigManager:
     def of(
         cls, content: Mapping[str, object], *, name: str = "fleet", environment: Mapping[str, str] | None = None
     ) -> EALConfigManager:
-        """Take from memory what a fleet file would say; the same checks follow.
+        """Read a fleet from memory, with the checks of a file.
 
         Args:
             content: the content of a fleet file. Tuples may stand for lists, and paths for text; paths in it are
-                relative to the working directory, and `${NAME}` stands for itself.
-            name: what problems call it, and the fleet's name where the content gives none.
-            environment: what `${NAME}` in included files stands for; the process's environment if None.
+                relative to the working directory, and `${NAME}` is not replaced.
+            name: its name in problems, and the fleet's name if the content has none.
+            environment: values of `${NAME}` in included files; the process's environment if None.
 
         Raises:
             ConfigError: with every problem of the content and of the files it refers to.
@@ -115,11 +115,11 @@ class EALConfigManager:
 
 
 def world_of(content: WorldModel | Mapping[str, object], *, name: str = "world") -> WorldModel:
-    """Take from memory what a world file would say; the same checks follow.
+    """Read a world from memory, with the checks of a file.
 
     Args:
-        content: the content of a world file, or a model made in Python, of which nobody has checked the whole yet.
-        name: what problems call it.
+        content: the content of a world file, or a model made in Python, which is checked as a whole.
+        name: its name in problems.
 
     Raises:
         ConfigError: with every problem of the content.
@@ -140,7 +140,7 @@ def manifest_schema() -> dict[str, Any]:
 
 
 def fleet_schema() -> dict[str, Any]:
-    """Return the JSON Schema of fleet files, for editors that complete and check while one types."""
+    """Return the JSON Schema of fleet files, for editors."""
     return _schema(FleetFile)
 
 

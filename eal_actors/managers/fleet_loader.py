@@ -1,4 +1,4 @@
-"""From fleet files to a FleetConfig: includes, levels, numbered robots, and all that can be wrong with them."""
+"""Builds a FleetConfig from fleet files: includes, levels, numbered robots, and their problems."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:
 
     Args:
         path: the fleet file, or the name of one that comes with the framework.
-        environment: what `${NAME}` in the files stands for.
+        environment: values of `${NAME}` in the files.
 
     Raises:
         ConfigError: with every problem of all the files.
@@ -40,12 +40,12 @@ def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:
 
 
 def fleet_of(content: Mapping[str, object], name: str, environment: Mapping[str, str]) -> FleetConfig:
-    """Make a fleet of what its file would say, and of what that refers to.
+    """Build a fleet from the content of its file, and of the files it refers to.
 
     Args:
-        content: the content of a fleet file. A `${NAME}` in it stands for itself.
-        name: what problems call it. Paths in it are relative to the working directory.
-        environment: what `${NAME}` in the files that it includes stands for.
+        content: the content of a fleet file. A `${NAME}` in it is not replaced.
+        name: its name in problems. Paths in it are relative to the working directory.
+        environment: values of `${NAME}` in the included files.
 
     Raises:
         ConfigError: with every problem of the content and of all the files.
@@ -56,7 +56,7 @@ def fleet_of(content: Mapping[str, object], name: str, environment: Mapping[str,
 
 
 def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetConfig:
-    """Make a fleet of merged files; raises ConfigError with every problem so far and from here on."""
+    """Build a fleet from merged files; raises ConfigError with every problem."""
     if root is None:
         raise ConfigError(reader.problems)
     resolver = _Resolver(YamlTree(root), sound=reader.sound)
@@ -86,8 +86,8 @@ class _Reader:
     """Reads a fleet file merged over the files it includes, and checks each file by itself.
 
     Attributes:
-        problems: what was found wrong.
-        sound: every file was found and every section is a mapping, so what is missing now is really missing.
+        problems: the problems found.
+        sound: every file was found and every section is a mapping, so a missing key is really missing.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
@@ -144,8 +144,8 @@ class _Reader:
 class _Resolver:
     """Applies types and defaults to the robots of a merged fleet.
 
-    It works on the files' own values, which a model may have refused, so that one pass reports everything: what has
-    the wrong form is passed over here.
+    It works on the files' own values, which a model may have refused, so that one pass reports everything: values of
+    the wrong form are skipped here.
     """
 
     def __init__(self, tree: YamlTree, *, sound: bool) -> None:
@@ -245,7 +245,7 @@ class _Resolver:
         return [(key.replace("{n}", str(number)), _with_number(entry, number)) for number in numbers]
 
     def _numbers(self, key: str, entry: MarkedDict) -> range:
-        """Return the numbers of an entry's robots; none if what it says about them is wrong."""
+        """Return the numbers of an entry's robots; none if they are wrong."""
         nothing = range(0)
         count, span = entry.get("count"), entry.get("range")
         if count is not None and span is not None:
@@ -311,10 +311,10 @@ def _beside(mark: Mark, target: str) -> Path:
 
 
 def _find(mark: Mark, target: str, kind: Kind) -> Path:
-    """Return the file that a path or a name means in the file in which it is written.
+    """Return the file that a path or a name refers to in the file in which it is written.
 
     Raises:
-        FileNotFoundError: there is none; its text says what there is.
+        FileNotFoundError: there is none; the message lists similar files.
     """
     try:
         path = find_file(target, kind, Path(mark.file).parent)

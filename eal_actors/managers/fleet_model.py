@@ -1,4 +1,4 @@
-"""What a fleet file may say, and the fleet that comes of it."""
+"""The model of fleet files, and the resolved fleet."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class PluginSection(StrictModel):
 
 
 class Level(StrictModel):
-    """What defaults, types and robots may all say. A level replaces what the levels below it say, key by key."""
+    """The keys of defaults, types and robots. A level replaces the keys of the levels below it."""
 
     tags: tuple[Text, ...] = Field(default=(), strict=False)
     """Words to select robots by. As every list, tags replace those of lower levels."""
@@ -80,11 +80,11 @@ class Level(StrictModel):
     restart: Restart = "permanent"
     """When an actor that ended is started again: always, after a crash, or never."""
     max_restarts: NonNegativeInt = 3
-    """How many restarts within `restart_window_s` are borne before the robot is given up."""
+    """Restarts within `restart_window_s` after which the robot has failed."""
     restart_window_s: PositiveFloat = 5.0
     """In seconds of the fleet's clock."""
     exclusive: tuple[Text, ...] | None = Field(default=None, strict=False)
-    """Resources that obey one controller at a time where the robot is on the network; every actuator if left out."""
+    """Resources that one controller at a time may command over the network; every actuator if left out."""
     plugins: dict[Name, PluginSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
     """Name of the instance to its settings."""
 
@@ -105,7 +105,7 @@ class RobotSection(TypeSection):
     """Make robots from the first number to the last, both included."""
     address: AddressText | None = None
     """Where controllers reach the robot, such as `tcp/192.168.1.11:50000`, or `router` if it dials out to the network's
-    routers; a robot without an address lives in the controller's process."""
+    routers; a robot without an address runs in the controller's process."""
     listen: EndpointText | None = None
     """Where the robot listens, if that is not its address, such as `tcp/0.0.0.0:50000`."""
 
@@ -118,14 +118,14 @@ class FleetFile(StrictModel):
     """The fleet's name; the file's name without its ending if left out."""
     clock: ClockSection = ClockSection()
     seed: NonNegativeInt = 0
-    """Where all randomness of the fleet starts from."""
+    """The seed of all random generators of the fleet."""
     world: Text | None = None
     """World file of the simulated robots, relative to this file, or the name of one that comes with the framework."""
     plugin_dirs: tuple[Text, ...] = Field(default=(), strict=False)
     """Folders of plugins, relative to this file; the bundled plugins are always found."""
     python_steps: tuple[StepText, ...] = Field(default=(), strict=False)
-    """What the `python` steps of scenarios may run beside installed steps, as `module:function`. The modules lie beside
-    this file, or where Python finds them."""
+    """Functions for the `python` steps of scenarios besides installed steps, as `module:function`. The modules are
+    beside this file, or on Python's path."""
     include: tuple[Text, ...] = Field(default=(), strict=False)
     """Fleet files to build on, relative to this file, or names of those that come with the framework; later ones
     override earlier ones, and this file all of them."""
@@ -152,7 +152,7 @@ class PluginSettings:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """What the plugin is configured with."""
+        """The plugin's settings."""
         return self.tree.root
 
     def problem(self, path: YamlPath, message: str) -> Problem:
@@ -160,7 +160,7 @@ class PluginSettings:
         return self.tree.problem(path, message)
 
     def problems_from(self, error: ValidationError, model: type[BaseModel]) -> list[Problem]:
-        """Return what the plugin's model found wrong with the settings."""
+        """Return the problems that the plugin's model found in the settings."""
         return problems_from(error, self.tree, model)
 
 
@@ -176,10 +176,10 @@ class RobotConfig:
         timeout_s: deadline of a call that gives none, in seconds of the fleet's clock.
         mailbox: how many calls may wait in an actor's mailbox.
         restart: `permanent`, `transient` (after a crash only) or `temporary` (never).
-        max_restarts: restarts within the window that are borne.
+        max_restarts: restarts that are allowed within the window.
         restart_window_s: the window, in seconds of the fleet's clock.
-        plugins: by name of the instance; empty only where the robot has an address, for those who serve it know them.
-        address: endpoint at which controllers reach it, `router` if it dials out to the routers, or None if it lives
+        plugins: by name of the instance; may be empty for a robot with an address, whose server has them.
+        address: endpoint at which controllers reach it, `router` if it dials out to the routers, or None if it runs
             in the controller's process.
         listen: endpoint at which it listens, or None if that is its address.
         exclusive: names of the resources that one controller at a time may command; None for every actuator.
@@ -208,13 +208,13 @@ class FleetConfig:
         name: the fleet's name.
         source: the file it was read from, as the user gave it.
         rate: seconds of fleet time in one real second, or `max`.
-        seed: where all randomness of the fleet starts from.
+        seed: the seed of all random generators of the fleet.
         world: the arena of the simulated robots, if there is one.
         plugin_dirs: folders to search for plugins before the bundled ones, in this order.
         robots: by name, in the order of the file; never empty.
         network: how robots that have an address are reached.
-        content: what the file and those it includes say together, as plain values.
-        python_steps: what the `python` steps of scenarios may run, as `module:function`.
+        content: the merged content of the file and its includes, as plain values.
+        python_steps: functions for the `python` steps of scenarios, as `module:function`.
     """
 
     name: str
@@ -230,7 +230,7 @@ class FleetConfig:
 
 
 def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> RobotConfig:
-    """Make a robot of its merged levels, which the models have accepted one by one."""
+    """Build a robot from its merged levels, which the models have accepted one by one."""
     section = RobotSection.model_validate(merged)
     plugins = {
         instance: _plugin_settings(name, instance, merged["plugins"], section.plugins[instance].plugin)

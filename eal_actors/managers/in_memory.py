@@ -1,4 +1,4 @@
-"""What a file would say, given in memory: the tree that the YAML reader makes, so that the same checks follow."""
+"""Content given in memory, as the tree that the YAML reader makes, so that the checks are the same."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from eal_actors.kernel.yaml_tree import Mark, MarkedDict, MarkedList, YamlPath, 
 
 
 def tree_of(content: Mapping[str, object], name: str) -> YamlTree:
-    """Return the content of a file that was never written.
+    """Return given content as the tree of a file.
 
     Args:
-        content: what YAML can hold: text, numbers, true, false and nothing, in lists and in mappings with text as keys.
-            Tuples stand for lists, and paths for text.
-        name: what problems call it. It has no lines; paths in it are relative to the working directory.
+        content: values that YAML can hold: text, numbers, true, false and null, in lists and in mappings with text as
+            keys. Tuples become lists, and paths become text.
+        name: its name in problems. It has no lines; paths in it are relative to the working directory.
 
     Raises:
-        ConfigError: with everything in it that YAML cannot hold.
+        ConfigError: with every value that YAML cannot hold.
     """
     copier = _Copier(Mark(name, 0, 0))
     root = copier.mapping(content, ())
@@ -35,7 +35,7 @@ class _Copier:
         self._mark = mark
 
     def mapping(self, content: Mapping[str, object], path: YamlPath) -> MarkedDict:
-        """Return a copy of a mapping; what is wrong with it is noted."""
+        """Return a copy of a mapping, and note its problems."""
         copy = MarkedDict(self._mark)
         for key, value in content.items():
             if isinstance(key, str):

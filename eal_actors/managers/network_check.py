@@ -1,4 +1,4 @@
-"""What can be wrong with a network only in view of the whole fleet: addresses, keys and roles against the robots."""
+"""Checks of a network against the whole fleet: addresses, keys and roles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def no_lock_step(robot: str) -> str:
 
 
 def network_problems(tree: YamlTree, robots: Mapping[str, tuple[str, MarkedDict]]) -> list[Problem]:
-    """Return what is wrong between the `network:` section and the robots; what the models refuse is passed over.
+    """Return the contradictions between the `network:` section and the robots; refused values are skipped.
 
     Args:
         tree: the merged fleet file.
@@ -32,7 +32,7 @@ def network_problems(tree: YamlTree, robots: Mapping[str, tuple[str, MarkedDict]
 
 
 class _NetworkCheck:
-    """Looks at the values of the files, which the models have checked one by one."""
+    """Checks the values of the files, which the models have checked one by one."""
 
     def __init__(self, tree: YamlTree, network: MarkedDict, robots: Mapping[str, tuple[str, MarkedDict]]) -> None:
         self._tree = tree
@@ -42,7 +42,7 @@ class _NetworkCheck:
         self._security = security if isinstance(security, MarkedDict) else None
 
     def clock(self) -> Iterator[Problem]:
-        """Yield what is wrong with the clock in view of the robots."""
+        """Yield contradictions between the clock and the robots."""
         clock = self._tree.root.get("clock")
         if isinstance(clock, MarkedDict) and clock.get("rate") == MAX:
             remote = [name for name, (_, levels) in self._robots.items() if levels.get("address") is not None]
@@ -50,7 +50,7 @@ class _NetworkCheck:
                 yield self._tree.problem(("clock", "rate"), no_lock_step(remote[0]))
 
     def addresses(self) -> Iterator[Problem]:
-        """Yield what is wrong with the robots' addresses."""
+        """Yield the problems of the robots' addresses."""
         owners: dict[str, str] = {}
         for name, (key, levels) in self._robots.items():
             address, listen = levels.get("address"), levels.get("listen")
@@ -95,7 +95,7 @@ class _NetworkCheck:
             )
 
     def routers(self) -> Iterator[Problem]:
-        """Yield what is wrong with the routers' endpoints."""
+        """Yield the problems of the routers' endpoints."""
         for index, text in enumerate(self._routers):
             at: YamlPath = ("network", "routers", index)
             if isinstance(text, str):
@@ -104,7 +104,7 @@ class _NetworkCheck:
                     yield self._tree.problem(at, f"'{text}' is named already")
 
     def roles(self) -> Iterator[Problem]:
-        """Yield what is wrong with the names in the roles."""
+        """Yield the problems of the names in the roles."""
         if self._security is None:
             return
         roles = self._security.get("roles")

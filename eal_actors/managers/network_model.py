@@ -1,4 +1,4 @@
-"""What a fleet file may say about its network, and the network that comes of it."""
+"""The model of a fleet file's network section, and the resolved network."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from eal_actors.kernel.strict_model import Name, StrictModel, did_you_mean
 PROTOCOLS: Final = ("tcp", "tls", "quic", "udp")
 SECURE_PROTOCOLS: Final = ("tls", "quic")
 BEHIND_ROUTER: Final = "router"
-"""The address of a robot that listens nowhere and dials out to the network's routers."""
+"""The address of a robot that does not listen, but connects to the network's routers."""
 
 _HOST_NAME: Final = re.compile(r"(?=.{1,253}$)[A-Za-z0-9_]([A-Za-z0-9_-]*[A-Za-z0-9_])?(\.[A-Za-z0-9_-]+)*\.?")
 _FORM: Final = "write it as tcp/192.168.1.11:50000"
@@ -26,7 +26,7 @@ Role = Literal["controller", "observer"]
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """Where somebody listens.
+    """An address to listen at or to connect to.
 
     Attributes:
         protocol: one of PROTOCOLS.
@@ -40,10 +40,10 @@ class Endpoint:
 
 
 def parse_endpoint(text: str) -> Endpoint:
-    """Take an endpoint such as `tls/robot.local:50000` or `tcp/[::1]:50000` apart.
+    """Parse an endpoint such as `tls/robot.local:50000` or `tcp/[::1]:50000`.
 
     Raises:
-        ValueError: it is none; the message says what is wrong and what was meant.
+        ValueError: it is no endpoint; the message explains it.
     """
     protocol, slash, place = text.partition("/")
     if not slash:
@@ -52,13 +52,13 @@ def parse_endpoint(text: str) -> Endpoint:
         raise ValueError(f"unknown protocol {protocol!r} in {text!r}{did_you_mean(protocol, PROTOCOLS)}")
     host, colon, port = place.rpartition(":")
     if not colon or "]" in port or (":" in host and not host.startswith("[")):
-        raise ValueError(f"{text!r} {_what_is_amiss(place)}")
+        raise ValueError(f"{text!r} {_explain_place(place)}")
     if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
         raise ValueError(f"the port in {text!r} must be a whole number from 1 to 65535, not {port!r}")
     return Endpoint(protocol, _host(host, text), int(port))
 
 
-def _what_is_amiss(place: str) -> str:
+def _explain_place(place: str) -> str:
     if place.count(":") > 1 and not place.endswith("]"):
         return "has an IPv6 address without brackets; write it as tcp/[fe80::1]:50000"
     return f"lacks the port; {_FORM}"
@@ -85,10 +85,10 @@ def _check_endpoint(text: str) -> str:
 
 
 def check_address(text: str) -> str:
-    """Return what a robot's address says, if it is something that a controller can dial; `{n}` may stand for a number.
+    """Return a robot's address if a controller can connect to it; `{n}` is a placeholder for a number.
 
     Raises:
-        ValueError: it is not.
+        ValueError: a controller cannot connect to it.
     """
     if text == BEHIND_ROUTER:
         return text
@@ -99,10 +99,10 @@ def check_address(text: str) -> str:
 
 
 EndpointText = Annotated[str, AfterValidator(_check_endpoint)]
-"""An endpoint, in which `{n}` may stand for a robot's number."""
+"""An endpoint, in which `{n}` is replaced by a robot's number."""
 
 AddressText = Annotated[str, AfterValidator(check_address)]
-"""Where a robot is reached: an endpoint, or `router`."""
+"""The address of a robot: an endpoint, or `router`."""
 
 
 class GrantSection(StrictModel):
@@ -117,14 +117,14 @@ class GrantSection(StrictModel):
 
 
 class RolesSection(StrictModel):
-    """Who may do what, by the names of certificates; whoever is not named may do nothing."""
+    """Permissions by the names of certificates; a certificate that is not named has none."""
 
     controllers: tuple[Name | GrantSection, ...] = Field(default=(), strict=False)
     """May do everything."""
     observers: tuple[Name | GrantSection, ...] = Field(default=(), strict=False)
     """May read values, states, events and streams, and send requests."""
     routers: tuple[Name, ...] = Field(default=(), strict=False)
-    """Pass on what others send, and check what those may do."""
+    """Forward the traffic of others, and check their permissions."""
 
 
 class SecuritySection(StrictModel):
@@ -133,7 +133,7 @@ class SecuritySection(StrictModel):
     keys: Annotated[str, Field(min_length=1)] = "keys"
     """Folder of certificates, relative to this file."""
     controller: Name = "controller"
-    """Name of the certificate that programs which use this file dial with."""
+    """Name of the certificate of programs that use this file."""
     roles: RolesSection = RolesSection()
 
 
@@ -147,16 +147,16 @@ class NetworkSection(StrictModel):
     compression: bool = False
     """Compress all traffic; for slow links only, and nothing is compressed unless both ends do it."""
     discovery: bool = False
-    """Let robots that listen, and routers, answer to `eal discover`, which asks by multicast."""
+    """Let listening robots and routers answer `eal discover`, a multicast."""
     routers: tuple[EndpointText, ...] = Field(default=(), strict=False)
-    """Endpoints of routers, which robots with the address `router`, and controllers, dial out to."""
+    """Endpoints of routers, to which controllers and robots with the address `router` connect."""
     security: SecuritySection | None = None
-    """Left out, anybody on the network may command the robots."""
+    """Without it, everybody on the network may command the robots."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """What a role allows to whom.
+    """The permissions of one certificate.
 
     Attributes:
         name: name of the certificate.
@@ -173,12 +173,12 @@ class Grant:
 
 @dataclass(frozen=True, slots=True)
 class SecurityConfig:
-    """Who may do what, and the keys that prove who somebody is.
+    """Permissions, and the keys that prove identities.
 
     Attributes:
         keys: folder of the certificates.
-        controller: name of the certificate that this fleet's controllers dial with.
-        grants: what is allowed; everything else is not.
+        controller: name of the certificate of this fleet's controllers.
+        grants: the permissions; everything else is denied.
         routers: names of the routers' certificates.
     """
 
@@ -196,7 +196,7 @@ class NetworkConfig:
         lease_s: silence after which the other end of a connection counts as lost, in real seconds.
         dead_man_s: silence of the controller after which a robot halts what it moves, in real seconds.
         compression: whether all traffic is compressed.
-        discovery: whether robots and routers answer when asked by multicast.
+        discovery: whether robots and routers answer a discovery by multicast.
         routers: endpoints of routers.
         security: keys and roles, or None for an open network.
     """
@@ -210,14 +210,14 @@ class NetworkConfig:
 
 
 DEFAULT_NETWORK: Final = NetworkConfig()
-"""The network of a fleet whose file says nothing about it."""
+"""The network of a fleet without a network section."""
 
 
 def network_config(section: NetworkSection, folder: Path) -> NetworkConfig:
-    """Make the network of its section.
+    """Build the network from its section.
 
     Args:
-        section: what the fleet file says.
+        section: the section of the fleet file.
         folder: folder of the file that names the keys.
     """
     security = section.security

@@ -1,4 +1,4 @@
-"""EALPluginManager: imports the plugins that a robot names, connects them, and hands out their resources."""
+"""EALPluginManager: imports a robot's plugins, connects them, and offers their resources."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ _import_lock = threading.RLock()
 
 
 def import_plugin(manifest: PluginManifest) -> ModuleType:
-    """Import a plugin's `plugin.py`, as a module of a package of its own so that it can import its neighbours.
+    """Import a plugin's `plugin.py` in a package of its own, so that it can import its neighbours.
 
-    The packages of the plugins that it uses stand beside its own, so that it can import from them too.
+    The packages of the plugins that it uses are beside its own, so that it can import from them too.
 
     Raises:
         PluginError: a module that it requires or a plugin that it uses is missing, or its code raised.
@@ -71,7 +71,7 @@ def _require_modules(plugin: PluginManifest, user: PluginManifest) -> None:
 
 
 def _make_importable(plugin: PluginManifest, user: PluginManifest) -> None:
-    """Give a plugin that another one uses the package that the other one imports from."""
+    """Make a used plugin importable for the plugin that uses it."""
     package = _package_for(plugin.folder.resolve(), plugin.name)
     if package != f"{_PACKAGE}.{plugin.name}":
         there = sys.modules[f"{_PACKAGE}.{plugin.name}"].__path__[0]
@@ -92,12 +92,12 @@ def _package_for(folder: Path, name: str) -> str:
             module.__path__ = [str(folder)]
         if list(module.__path__) == [str(folder)]:
             return package
-    raise PluginError(f"plugin {name!r} cannot be told from another plugin of that name")
+    raise PluginError(f"plugin {name!r} cannot be distinguished from another plugin of that name")
 
 
 @dataclass(frozen=True)
 class PluginResource(ResourceFactory):
-    """One resource that a connected plugin offers: makes and unmakes it."""
+    """A resource of a connected plugin: creates and destroys it."""
 
     create_function: Callable[..., Any]
     destroy_function: Callable[..., Any]
@@ -121,7 +121,7 @@ class ConnectedPlugins(OpenPlugins):
 
     Attributes:
         resources: by final name.
-        errors: what kept plugins out.
+        errors: the errors of plugins that did not connect.
     """
 
     resources: Mapping[str, PluginResource]
@@ -129,7 +129,7 @@ class ConnectedPlugins(OpenPlugins):
     _connected: tuple[tuple[str, ModuleType, EALPlugin], ...]
 
     def close(self) -> None:
-        """Disconnect every plugin; one that fails does not keep the others.
+        """Disconnect every plugin; one that fails does not stop the others.
 
         Raises:
             PluginError: which plugins failed, and how.
@@ -152,14 +152,14 @@ class EALPluginManager:
 
     Attributes:
         manifests: the plugins found, by name.
-        errors: what is wrong with those that could not be read.
+        errors: the errors of plugins that could not be read.
     """
 
     def __init__(self, plugin_dirs: Iterable[Path] = ()) -> None:
         self.manifests, self.errors = discover(plugin_dirs)
 
     def check(self, robot: RobotConfig) -> tuple[list[Problem], list[PluginError]]:
-        """Return what the file says wrongly of a robot's plugins, and which of those it names do not import."""
+        """Return the problems of a robot's plugins in the file, and the errors of those that do not import."""
         problems: list[Problem] = []
         broken: list[PluginError] = []
         for settings in robot.plugins.values():
@@ -172,12 +172,12 @@ class EALPluginManager:
         return problems, broken
 
     def connect(self, robot: RobotConfig, services: FleetServices) -> ConnectedPlugins:
-        """Connect a robot's plugins. One that fails leaves an error, and the others go on.
+        """Connect a robot's plugins. One that fails leaves an error, and the others connect.
 
         Resources of the same name in two plugins are both renamed to `<instance>.<Resource>`, whatever the order in
         which they are found.
 
-        Thread: the robot's actor; a plugin may take its time.
+        Thread: the robot's actor; a plugin may block.
         """
         errors: list[EALError] = []
         connected: list[tuple[str, ModuleType, EALPlugin]] = []
@@ -188,7 +188,7 @@ class EALPluginManager:
                     self._connect_one(robot.name, settings, services, connected, offers)
                 except EALError as error:
                     errors.append(error.at(robot.name))
-        except BaseException:  # abandoned, or interrupted: what is connected must not stay so
+        except BaseException:  # interrupted: disconnect the connected ones
             ConnectedPlugins({}, (), tuple(connected)).close()
             raise
         return ConnectedPlugins(_with_unique_names(offers), tuple(errors), tuple(connected))
@@ -212,7 +212,7 @@ class EALPluginManager:
             raise PluginError(f"plugin {manifest.name!r}: connect raised {error_text(error)}") from error
         if not isinstance(plugin, EALPlugin):
             raise PluginError(f"plugin {manifest.name!r}: connect returned {plugin!r}, which is no EALPlugin")
-        connected.append((settings.instance, module, plugin))  # from here on it is owed a disconnect
+        connected.append((settings.instance, module, plugin))  # from here on it must be disconnected
         promised, named = set(manifest.file.resources), set(plugin.list_resources())
         strays = named - promised if promised else set()
         if strays or (promised and named != promised and checked is None):  # settings may leave out some

@@ -1,4 +1,4 @@
-"""EALResourceManager: numeric ids, look-up by name, and the librarian of resources that are checked out."""
+"""EALResourceManager: numeric ids, look-up by name, and the list of checked-out resources."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ T = TypeVar("T")
 
 
 class EALResourceManager(Generic[T]):
-    """Knows one connection's resources (Source: thesis §4.3.3).
+    """The resources of one connection (Source: thesis §4.3.3).
 
-    Ids are handed out when a resource is first asked for, so that they differ between connections (§4.4).
+    A resource gets its id at the first look-up, so ids differ between connections (§4.4).
 
     Args:
-        resources: what stands behind each name.
+        resources: the objects by name.
 
     Thread: any.
     """
@@ -52,7 +52,7 @@ class EALResourceManager(Generic[T]):
             return self._id_by_name[name]
 
     def get(self, resource_id: int) -> T:
-        """Return what stands behind an id that `find` gave.
+        """Return the object of an id from `find`.
 
         Raises:
             ResourceNotFoundError: no resource has that id in this connection.
@@ -65,15 +65,15 @@ class EALResourceManager(Generic[T]):
             ) from None
 
     def check_out(self, name: str, lent: object) -> None:
-        """Note that something of a resource is lent; each lending must be returned (Source: thesis B.2.4.1)."""
+        """Check out an object of a resource; each must be returned (Source: thesis B.2.4.1)."""
         with self._lock:
             self._lent.append((name, lent))
 
     def check_in(self, lent: object) -> None:
-        """Take back one lending (Source: thesis B.2.4.2).
+        """Return one checked-out object (Source: thesis B.2.4.2).
 
         Raises:
-            ResourceInUseError: it is not lent.
+            ResourceInUseError: it is not checked out.
         """
         with self._lock:
             for entry in self._lent:
@@ -83,7 +83,7 @@ class EALResourceManager(Generic[T]):
         raise ResourceInUseError(f"{lent!r} is not checked out, or was returned already")
 
     def check_all_returned(self) -> None:
-        """Raise ResourceInUseError, naming them, if resources are still lent (Source: thesis B.2.4.1)."""
+        """Raise ResourceInUseError with their names if resources are still checked out (Source: thesis B.2.4.1)."""
         with self._lock:
             out = Counter(name for name, _ in self._lent)
         if out:

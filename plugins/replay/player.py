@@ -1,4 +1,4 @@
-"""Where the play of a record is."""
+"""The playback position of a record."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from eal_actors.recording.recorded_run import RecordedRun
 
 
 class Player:
-    """Plays one record for all the robots of it. Its time runs from when it is made, with the fleet's clock.
+    """Plays one record for all its robots. Its time starts at its creation and follows the fleet's clock.
 
     Args:
         run: the record.
@@ -32,11 +32,11 @@ class Player:
         return gone_s % self.run.duration_s if self._loop and self.run.duration_s else gone_s
 
     def to_clock(self, time_s: float) -> float:
-        """Return the time by the fleet's clock at which a time of the record is, or was last."""
+        """Return the fleet's clock time of the latest playback of a record time."""
         return self._clock.now() - (self.time_s - time_s)
 
     def over(self) -> str | None:
-        """Return why there is nothing more to play; None while there is."""
+        """Return why the playback has ended; None during playback."""
         if self._loop or self.time_s <= self.run.duration_s:
             return None
         return f"the record ended at {self.run.duration_s:.3f} s"

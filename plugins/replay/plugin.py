@@ -1,4 +1,4 @@
-"""The replay plugin: sensors say what they said, commands take the time they took."""
+"""The replay plugin: sensors return recorded values, commands take their recorded time."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .resource import Replayed
 
 
 class Settings(PluginSettingsModel):
-    """What the fleet file may set."""
+    """The plugin's settings in the fleet file."""
 
     record: str = Field(min_length=1)
-    """The `run.mcap` of the run, or the folder that it is in; a relative path counts from the working directory."""
+    """The `run.mcap` of the run, or its folder; relative to the working directory."""
     robot: str | None = None
-    """The robot of the record; the one of the same name if left out."""
+    """The robot of the record; default: the one of the same name."""
     loop: bool = False
-    """Begin again at the end. Otherwise the robot is not ready any more once the record is over."""
+    """Restart at the end. Otherwise the robot is not ready after the end."""
 
 
 class ReplayPlugin(EALPlugin):
@@ -39,7 +39,7 @@ class ReplayPlugin(EALPlugin):
 
 
 def connect(context: PluginContext) -> ReplayPlugin:
-    """Read the record, once for all robots of the fleet that play it.
+    """Read the record, once for all robots of the fleet.
 
     Raises:
         PluginError: there is no such record, or the robot is not in it.
@@ -69,16 +69,16 @@ def _open(context: PluginContext, path: Path) -> Player:
 
 
 def disconnect(plugin: ReplayPlugin) -> None:
-    """Let go of what `connect` took: nothing."""
+    """Do nothing."""
 
 
 def __getattr__(name: str) -> Callable[..., Any]:
-    """Return `create_<Resource>` and `destroy_<Resource>` for whatever the record names."""
+    """Return `create_<Resource>` or `destroy_<Resource>`, because the record names the resources."""
     action, _, resource = name.partition("_")
     if action == "create" and resource:
 
         def create(context: PluginContext) -> Resource:
-            """Make the resource."""
+            """Create the resource."""
             return Replayed(context.plugin.player, context.plugin.robot, resource)
 
         return create
@@ -88,4 +88,4 @@ def __getattr__(name: str) -> Callable[..., Any]:
 
 
 def _destroy(resource: Resource) -> None:
-    """Let go of what `create_...` took: nothing, the record is the plugin's."""
+    """Do nothing: the plugin owns the record."""

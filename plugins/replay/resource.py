@@ -1,4 +1,4 @@
-"""A resource as a record knows it."""
+"""A recorded resource."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .player import Player
 
 
 class Replayed(Resource):
-    """Says what the resource said at this time of its run, and does what it did.
+    """Returns the recorded values of a resource, and replays its commands.
 
     A command must be the one that the record has next for the resource. It takes the time that it took then, and fails
     as it failed then. What a record does not hold, such as configurations, is not supported.
@@ -44,7 +44,7 @@ class Replayed(Resource):
         self._next = 0
 
     def info(self) -> ResourceInfo:
-        """Return what the resource said of itself, without what the record does not hold."""
+        """Return the recorded description, without members that the record lacks."""
         held = ({"get_value"} if self._has_values else set()) | ({"send_cmd"} if self._calls else set())
         return replace(
             self._recorded,
@@ -56,17 +56,17 @@ class Replayed(Resource):
         )
 
     def _commands(self) -> tuple[CommandInfo, ...]:
-        """Return the commands that the record has, each once, by their whole texts."""
+        """Return the recorded commands, each once, by their full texts."""
         known = {command.name: command for command in self._recorded.commands}
         texts = dict.fromkeys(call.command for call in self._calls)
         return tuple(known.get(text, CommandInfo(text, description="As the record has it.")) for text in texts)
 
     def not_ready(self) -> str | None:
-        """Return that the record is over, once it is."""
+        """Return that the record has ended, after its end."""
         return self._player.over()
 
     def get_value(self) -> EALData:
-        """Return what the resource said last, with the time since then as its age.
+        """Return the last recorded value, with the time since then as its age.
 
         Raises:
             UnavailableError: it had said nothing by now, or its values were not recorded.
@@ -80,7 +80,7 @@ class Replayed(Resource):
         return value.with_meta(stamp_s=self._player.to_clock(stamp_s))
 
     def send_cmd(self, cmd: str, data: EALData | None = None) -> Any:
-        """Take as long as the command took, and end as it ended.
+        """Take the recorded time of the command, and return its recorded result.
 
         Raises:
             ArgumentError: the resource knows no such command.

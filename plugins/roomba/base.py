@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from typing_extensions import override
+
 from eal_actors.plugin import (
     Activity,
     DifferentialBase,
@@ -62,7 +64,7 @@ class RoombaBase(DifferentialBase):
             yield max(0.0, until_s - clock.now())
 
     def get_status(self) -> int:
-        """Return 0 while it stands, 1 while it moves, 2 while something holds it up."""
+        """Return 0 while it stands, 1 while it moves, 2 while it is blocked."""
         if not self._in_motion and self._twist_until_s is None:
             return 0
         contacts = self._roomba.latest().contacts
@@ -75,8 +77,8 @@ class RoombaBase(DifferentialBase):
         self._roomba.stop()
 
     @property
+    @override
     def calibration(self) -> WheelCalibration:
-        """See DifferentialBase."""
         return self._roomba.calibration
 
     @calibration.setter
@@ -85,12 +87,12 @@ class RoombaBase(DifferentialBase):
 
     # Motions.
 
+    @override
     def drive(self, distance_m: float, speed_m_s: float) -> Activity:
-        """See DifferentialBase."""
         return self._run(WheelMotion.straight(distance_m, speed_m_s, self.calibration))
 
+    @override
     def turn(self, angle_rad: float, turn_rate_rad_s: float) -> Activity:
-        """See DifferentialBase."""
         return self._run(WheelMotion.turn(angle_rad, turn_rate_rad_s, self.drivetrain.track_m, self.calibration))
 
     def _run(self, motion: WheelMotion) -> Activity:
@@ -162,8 +164,8 @@ class RoombaBase(DifferentialBase):
 
     # Twists.
 
+    @override
     def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
-        """See DifferentialBase."""
         drive = self._roomba.twist(speed_m_s, turn_rate_rad_s)
         forward = drive.goes_forward
         _require_ground(self._roomba.latest().contacts, forward=forward)
@@ -176,7 +178,7 @@ class RoombaBase(DifferentialBase):
         self.halt()
 
     def _watch_twist(self) -> None:
-        """End a twist whose time is over, or under which the ground has gone, for it may have no caller any more."""
+        """End a twist at its end, or at a cliff or drop; its caller may have gone."""
         if self._twist_until_s is None:
             return
         if self._roomba.is_due(self._twist_until_s):

@@ -1,4 +1,4 @@
-"""Bodies for emulators: what they drive and feel, and one that stands in free space for want of a world."""
+"""The bodies that emulators drive: the interface, and a body on an endless floor."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
+from typing_extensions import override
+
 from .odometry import DeadReckoning
 
 _ACCELERATION_M_S2: Final = 0.8
 
 
 class RoombaBatteryReading(Protocol):
-    """What a body's battery shows."""
+    """The state of a body's battery."""
 
     @property
     def voltage_v(self) -> float:
@@ -27,12 +29,12 @@ class RoombaBatteryReading(Protocol):
 
     @property
     def charge_ah(self) -> float:
-        """What is left."""
+        """Remaining charge."""
         ...
 
     @property
     def capacity_ah(self) -> float:
-        """What it holds when it is full."""
+        """Charge when full."""
         ...
 
     @property
@@ -42,14 +44,14 @@ class RoombaBatteryReading(Protocol):
 
 
 class RoombaBody(Protocol):
-    """What an emulator needs of a robot's body, simulated or made up."""
+    """The body of a robot, as an emulator drives and reads it."""
 
     def drive(self, left_m_s: float, right_m_s: float) -> None:
         """Set the wheels' speeds until the next call; both 0 stops."""
         ...
 
     def travel_m(self) -> tuple[float, float]:
-        """Return what the left and the right wheel's encoder have counted in all, forward positive."""
+        """Return the totals of the left and the right wheel's encoder, forward positive."""
         ...
 
     def bumps(self) -> tuple[bool, bool]:
@@ -69,13 +71,13 @@ class RoombaBody(Protocol):
         ...
 
     def battery(self) -> RoombaBatteryReading:
-        """Return what the battery shows."""
+        """Return the state of the battery."""
         ...
 
 
 @dataclass
 class ConstantBattery:
-    """A battery that shows the same all day."""
+    """A battery in a constant state."""
 
     voltage_v: float = 16.1
     current_a: float = -0.3
@@ -101,11 +103,11 @@ class FreeWheel:
         self.travel_m += (before_m_s + self.speed_m_s) / 2 * ramp_s + self.speed_m_s * (duration_s - ramp_s)
 
 
-class FreeRoombaBody:
-    """A body in free space, which feels what it is made to feel.
+class FreeRoombaBody(RoombaBody):
+    """A body on an endless floor; a test sets its sensors.
 
     Args:
-        now: tells the time in seconds.
+        now: returns the time in seconds.
         wheelbase_m: distance of its wheels.
         acceleration_m_s2: of each wheel.
 
@@ -147,32 +149,32 @@ class FreeRoombaBody:
             wheel.advance(duration_s, self._acceleration_m_s2)
         self._place.add(left.travel_m - before_m[0], right.travel_m - before_m[1])
 
+    @override
     def drive(self, left_m_s: float, right_m_s: float) -> None:
-        """See Body."""
         self._catch_up()
         self.left.target_m_s, self.right.target_m_s = left_m_s, right_m_s
 
+    @override
     def travel_m(self) -> tuple[float, float]:
-        """See Body."""
         self._catch_up()
         return self.left.travel_m, self.right.travel_m
 
+    @override
     def bumps(self) -> tuple[bool, bool]:
-        """See Body."""
         return self.bumped
 
+    @override
     def drops(self) -> tuple[bool, bool, bool]:
-        """See Body."""
         return self.dropped
 
+    @override
     def cliffs(self) -> tuple[bool, bool, bool, bool]:
-        """See Body."""
         return self.over_cliffs
 
+    @override
     def wall(self) -> bool:
-        """See Body."""
         return self.by_wall
 
+    @override
     def battery(self) -> ConstantBattery:
-        """See Body."""
         return self.charge

@@ -1,4 +1,4 @@
-"""What the drivers of all Roombas have in common: modes, readings and travel, shared by several resources."""
+"""The common base of the drivers: modes, readings and travel, shared by several resources."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class RoombaDriver(Listener):
     ways: ClassVar[Mapping[Mode, tuple[int, Mode]]]
     """From each mode, the op code that leads to the next, and that mode."""
     count_m: ClassVar[float]
-    """What the encoders resolve."""
+    """Resolution of the encoders."""
     stop_data: ClassVar[bytes]
     """The bytes that stop the wheels."""
 
@@ -60,14 +60,14 @@ class RoombaDriver(Listener):
         self._mode = Mode.OFF  # as far as is known
         self._quiet_until_s = clock.now()
         self._commanded_m_s = (0.0, 0.0)  # the left and the right wheel
-        self._said = 0  # how often it was told to go on to the next mode
+        self._said = 0  # how often the command to the next mode was sent
         self._goes_forward = False
         self._greeted = 0
         self._is_asleep = False
         self._is_to_stand = False
         self._stopped_s = self._stop_sent_s = clock.now()
 
-    # What differs from one kind of Roomba to the other.
+    # Differences between the protocols.
 
     @abstractmethod
     def wheels(self, left_mm_s: int, right_mm_s: int) -> WheelCommand:
@@ -103,7 +103,7 @@ class RoombaDriver(Listener):
         return self.silence()
 
     def fall_asleep(self) -> Activity:
-        """Stop it and put it to sleep, as its button does; nothing but `wake_up` is of use then."""
+        """Stop it and put it to sleep, as its button does; only `wake_up` works then."""
         self.stop()
         yield from self.command(bytes([Op.POWER]))
         with self._lock:
@@ -124,7 +124,7 @@ class RoombaDriver(Listener):
             self._link.pull_device_detect(low=False)
         with self._lock:
             self._is_asleep = False
-            self._greeted = -1  # whoever polls greets it anew
+            self._greeted = -1  # the poller starts the interface again
         begun_s = self.clock.now()
         while (reading := self._reading) is None or reading.stamp_s < begun_s:
             if self.clock.now() - begun_s > _WAKE_UP_S:
@@ -133,7 +133,7 @@ class RoombaDriver(Listener):
 
     @property
     def interruption(self) -> str | None:
-        """Why the Roomba has ended the latest motion by itself, where it tells; None if it has not."""
+        """Why the Roomba itself ended the latest motion, if it reports that; None if it did not."""
         return None
 
     @property
@@ -152,7 +152,7 @@ class RoombaDriver(Listener):
         return self._mode
 
     def release(self) -> None:
-        """Stop it and leave it to itself, in passive mode, if it can be reached."""
+        """Stop it and release it into passive mode, if it can be reached."""
         with self._lock:
             if self._link.why_not_ready() is None and not self._is_asleep:
                 self._stop()
@@ -160,16 +160,16 @@ class RoombaDriver(Listener):
                 self._note_mode(Mode.PASSIVE)
 
     def farewell(self) -> Activity:
-        """Leave the Roomba to itself if a command took control after its release, and see to it that it hears so."""
+        """Release the Roomba again if a command took control after the release, and wait until it is sent."""
         try:
             if self._mode in (Mode.SAFE, Mode.FULL):
                 self.release()
             yield from self._say_all()
         except UnavailableError as error:
-            self._log.warning("the Roomba may not have heard that it is left to itself", reason=error.message)
+            self._log.warning("the Roomba may not have been released", reason=error.message)
 
     def _say_all(self) -> Activity:
-        """Wait until all that it was told has gone out; where it may get lost, tell it again."""
+        """Wait until everything is sent; on a lossy link, repeat it."""
         if self._link.why_not_ready() is not None:
             return
         begun_s, repeats = self.clock.now(), self._link.repeats - 1
@@ -202,7 +202,7 @@ class RoombaDriver(Listener):
         yield from until(lambda: self._try_command(drive.data, drive))
 
     def stop(self) -> None:
-        """Stop the wheels whatever the mode, and at once; who polls repeats it until they stand.
+        """Stop the wheels at once, in any mode; the poller repeats it until they stand.
 
         Raises:
             UnavailableError: the link is broken, and it may be moving.
@@ -213,7 +213,7 @@ class RoombaDriver(Listener):
                 self._stop()
 
     def doubt(self) -> None:
-        """Note that it does not do as it is told: the next command brings it into its mode anew."""
+        """Note that it ignores commands: the next command sets its mode again."""
         with self._lock:
             self._mode = Mode.PASSIVE
 
@@ -271,7 +271,7 @@ class RoombaDriver(Listener):
             self._mode, self._said = mode, 0
         self._quiet_until_s = self.clock.now() + _MODE_PAUSE_S
 
-    # What the poller does.
+    # Polling.
 
     def _poll_turn(self) -> Activity:
         if self._is_asleep or self._link.why_not_ready() is not None:
@@ -286,7 +286,7 @@ class RoombaDriver(Listener):
         self._insist_on_standing()
 
     def _forget_state(self) -> None:
-        """Begin anew with a Roomba that may be another, or have been switched off and on."""
+        """Reset the state: the Roomba may be another one, or have been switched off and on."""
         with self._lock:
             self._greeted = self._link.openings
             self._link.receive()
@@ -302,7 +302,7 @@ class RoombaDriver(Listener):
         yield from self._enter(Mode.PASSIVE)
 
     def _insist_on_standing(self) -> None:
-        """Repeat a stop until a reading shows that it was heard."""
+        """Repeat a stop until a reading confirms it."""
         now_s = self.clock.now()
         with self._lock:
             reading = self._reading

@@ -1,4 +1,4 @@
-"""What the emulators of all Roombas have in common: commands from bytes, modes, reflexes, wheels, songs and sleep."""
+"""The common base of the emulators: command parsing, modes, reflexes, wheels, songs and sleep."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ class EmulatedRoomba(ABC):
 
     def _obey(self, op: int, data: bytes, now_s: float) -> bytes:
         if self.mode not in self.accepted_in.get(op, CONTROLLED):
-            self.refused += 1  # it happens to who cannot know its mode, and makes sense otherwise
+            self.refused += 1  # no complaint: the driver cannot know the mode
             return b""
         if op in self.leads_to:
             self._enter(self.leads_to[op])

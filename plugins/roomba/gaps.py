@@ -1,4 +1,4 @@
-"""Travel that was lost with a reply: the counters of the Serial Command Interface begin anew at each reading."""
+"""Travel that was lost with a reply: each reading resets the counters of the Serial Command Interface."""
 
 from __future__ import annotations
 

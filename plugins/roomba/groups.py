@@ -79,7 +79,7 @@ CONTACT_FLAGS: Final = tuple(field.name for field in fields(Contacts))[:16]
 """The names of the flags among the contacts, in the order of the wire."""
 
 NO_REMOTE: Final = 255
-"""What the remote control's byte holds while no button of it is pressed."""
+"""The remote control's byte while none of its buttons is pressed."""
 
 
 @dataclass(frozen=True, slots=True)

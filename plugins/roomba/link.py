@@ -1,10 +1,12 @@
-"""The way to a Roomba: bytes there and bytes back, whatever carries them."""
+"""The connection to a Roomba: the interface of every link, and the serial link."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Final, Protocol, TypeVar
+
+from typing_extensions import override
 
 from eal_actors.plugin import BytePort, PluginContext, ReopeningPort, UnavailableError, open_serial
 
@@ -18,26 +20,26 @@ _CHUNK_BYTES: Final = 4096
 
 
 class RoombaLink(Protocol):
-    """What carries the interface's bytes. Nothing of it blocks. Thread: one at a time; its owner locks it."""
+    """Carries the interface's bytes. No method blocks. Thread: one at a time; its owner locks it."""
 
     @property
     def name(self) -> str:
-        """What it goes through, for messages, such as `/dev/ttyUSB0`."""
+        """Its name in messages, such as `/dev/ttyUSB0`."""
         ...
 
     @property
     def openings(self) -> int:
-        """How often it has been opened; when that changes, what is at the other end may be new."""
+        """How often it was opened; after a change the Roomba may be another one."""
         ...
 
     @property
     def repeats(self) -> int:
-        """How often to say what must not be lost on the way."""
+        """How often to send a command that must not be lost."""
         ...
 
     @property
     def reading_lasts_s(self) -> float:
-        """How long a reading must count at least, for the replies that are lost on the way."""
+        """Minimum age until which a reading is valid, because replies may be lost."""
         ...
 
     @property
@@ -62,7 +64,7 @@ class RoombaLink(Protocol):
         ...
 
     def urge(self, data: bytes) -> None:
-        """Send bytes at once, in place of whatever waits to be sent.
+        """Send bytes at once, and drop all waiting bytes.
 
         Raises:
             UnavailableError: they do not go out.
@@ -82,16 +84,16 @@ class RoombaLink(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of it; harmless if it is closed."""
+        """Close it; harmless if it is closed."""
         ...
 
 
 class Port(BytePort, Protocol):
-    """What links use of a port: it is a ReopeningPort, or one in memory."""
+    """A port of a link: a ReopeningPort, or one in memory."""
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """Its name in messages."""
         ...
 
     @property
@@ -104,11 +106,11 @@ class Port(BytePort, Protocol):
         ...
 
     def use(self, action: Callable[[BytePort], _T]) -> _T:
-        """Do something with the open port while nobody else does."""
+        """Call the action with the open port, exclusively."""
         ...
 
 
-class SerialLink:
+class SerialLink(RoombaLink):
     """A Link over a serial port.
 
     Args:
@@ -123,29 +125,29 @@ class SerialLink:
         self._port = port
 
     @property
+    @override
     def name(self) -> str:
-        """See Link."""
         return self._port.name
 
     @property
+    @override
     def openings(self) -> int:
-        """See Link."""
         return self._port.openings
 
+    @override
     def why_not_ready(self) -> str | None:
-        """See Link."""
         return self._port.why_not_ready()
 
-    def send(self, data: bytes, *, supersedes: bool = False) -> None:  # noqa: ARG002  # nothing waits
-        """See Link."""
+    @override
+    def send(self, data: bytes, *, supersedes: bool = False) -> None:  # nothing waits
         self._port.write(data)
 
     def urge(self, data: bytes) -> None:
         """See Link: nothing waits."""
         self._port.write(data)
 
+    @override
     def receive(self) -> bytes:
-        """See Link."""
         return self._port.read(_CHUNK_BYTES)
 
     def pull_device_detect(self, *, low: bool) -> None:
@@ -159,8 +161,8 @@ class SerialLink:
         with suppress(UnavailableError):
             self._port.use(pull)
 
+    @override
     def close(self) -> None:
-        """See Link."""
         self._port.close()
 
 

@@ -1,4 +1,4 @@
-"""What is known of a Roomba by listening to it: the latest reading, how old it is, and the travel in all."""
+"""The latest reading of a Roomba, its age, and the total travel."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .odometry import DeadReckoning
 from .reading import RoombaReading
 
 POLLS_A_READING_LASTS: Final = 3
-"""How many polls old a reading may become before it is no answer any more."""
+"""Maximum age of a valid reading, in polls."""
 LOOK_S: Final = 0.004  # how often to look whether a reply is complete; 26 bytes take 5 ms at 57600 baud
 
-_SILENCE_S: Final = 1.0  # after which it may have been switched off and on, and is started anew
+_SILENCE_S: Final = 1.0  # until the interface is started again: the Roomba may have been switched off and on
 _ROUNDING_S: Final = 1e-6
 
 
@@ -66,7 +66,7 @@ class Listener(ABC):
         return self._link.why_not_ready()
 
     def silence(self) -> str | None:
-        """Return why it cannot be heard at present; None if it can, or if it has fallen silent a moment ago."""
+        """Return why it does not answer; None if it does, or if the silence is short."""
         if (reason := self._link.why_not_ready()) is not None:
             return reason
         reading = self._reading
@@ -97,7 +97,7 @@ class Listener(ABC):
 
     @property
     def _silence_s(self) -> float:
-        """After this time without a reading, it is started anew; from then on no command comes between."""
+        """After this time without a reading, the interface is started again."""
         return max(_SILENCE_S, self._lasts_s)
 
     def _too_old(self, reading: RoombaReading) -> str:
@@ -123,12 +123,12 @@ class Listener(ABC):
             return self.latest().stamp_s, self._odometry.pose
 
     def place(self, x_m: float, y_m: float, yaw_rad: float) -> None:
-        """Say where it is."""
+        """Set the pose."""
         with self._lock:
             self._odometry.place(x_m, y_m, yaw_rad)
 
     def poll(self) -> Activity:
-        """Read it again and again, for ever, whatever becomes of the link. Only one may do so."""
+        """Poll forever, in spite of link errors. Only one caller may do so."""
         while True:
             due_s = self.clock.now() + self.period_s
             try:
@@ -143,7 +143,7 @@ class Listener(ABC):
                 is_over = self.is_due(due_s)
 
     def _see_to_link(self) -> None:
-        """Let the link go on with what it has to send."""
+        """Give the link a chance to send."""
         if self._link.is_busy:
             with self._lock:
                 try:
@@ -164,7 +164,7 @@ class Listener(ABC):
         """
 
     def _add_travel(self, left_m: float, right_m: float) -> None:
-        """Go on by what the encoders counted. Thread: holds the lock."""
+        """Add the encoders' counts. Thread: holds the lock."""
         self._left_m += left_m
         self._right_m += right_m
         ahead_m, arc_m = self.calibration.travelled(left_m, right_m)

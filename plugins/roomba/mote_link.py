@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
+from typing_extensions import override
+
 from eal_actors.plugin import Clock, DataError, UnavailableError, get_logger
 
-from .link import Port
+from .link import Port, RoombaLink
 from .tinyos import Ack, TinyosFraming
 
 ACK_TIMEOUT_S: Final = 0.1
@@ -18,7 +20,7 @@ _REPEATS: Final = 3
 _READING_LASTS_S: Final = 1.0
 
 
-class MoteLink:
+class MoteLink(RoombaLink):
     """A Link to the base mote at a serial port, whose radio reaches the mote on the robot.
 
     One packet at a time is under way to the base mote. One that is not acknowledged is sent again, with the same
@@ -51,22 +53,22 @@ class MoteLink:
         self._log = get_logger(port=port.name)
 
     @property
+    @override
     def name(self) -> str:
-        """See Link."""
         return self._port.name
 
     @property
+    @override
     def openings(self) -> int:
-        """See Link."""
         return self._port.openings
 
     @property
+    @override
     def is_busy(self) -> bool:
-        """See Link."""
         return self._under_way is not None or bool(self._waiting)
 
+    @override
     def why_not_ready(self) -> str | None:
-        """See Link."""
         return self._port.why_not_ready()
 
     def send(self, data: bytes, *, supersedes: bool = False) -> None:
@@ -106,8 +108,8 @@ class MoteLink:
     def pull_device_detect(self, *, low: bool) -> None:
         """See Link: the motes have no such line."""
 
+    @override
     def close(self) -> None:
-        """See Link."""
         self._port.close()
 
     def _packets(self, data: bytes) -> list[bytes]:
@@ -125,7 +127,7 @@ class MoteLink:
             self._send_again()
 
     def _greet_if_new(self) -> None:
-        """Begin anew with a port that was opened anew.
+        """Reset the link after the port was reopened.
 
         The first packet carries nothing: if the mote has heard its number just before, it does not forward it.
         """

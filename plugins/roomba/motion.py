@@ -11,7 +11,7 @@ from eal_actors.plugin import WheelCalibration
 from .reading import RoombaReading
 
 MAX_SPEED_MM_S: Final = 500
-"""What each wheel of every Roomba reaches."""
+"""Maximum speed of a wheel of every Roomba."""
 MAX_TURN_RATE_DEG_S: Final = 180.0
 _BRAKE_M_S2: Final = 0.3
 _CREEP_M_S: Final = 0.02

@@ -18,15 +18,15 @@ class DeadReckoning:
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """Where it is: x in m, y in m, yaw in rad, in (-pi, pi]."""
+        """The pose: x in m, y in m, yaw in rad, in (-pi, pi]."""
         return self._x_m, self._y_m, _wrapped_rad(self._yaw_rad)
 
     def place(self, x_m: float, y_m: float, yaw_rad: float) -> None:
-        """Say where it is."""
+        """Set the pose."""
         self._x_m, self._y_m, self._yaw_rad = x_m, y_m, yaw_rad
 
     def add(self, left_m: float, right_m: float) -> None:
-        """Go on by the wheels' travels, along the arc that they make."""
+        """Advance by the wheels' travels, along their arc."""
         turn_rad = (right_m - left_m) / self._wheelbase_m
         chord_m = (left_m + right_m) / 2 * (math.sin(turn_rad / 2) / (turn_rad / 2) if turn_rad else 1.0)
         heading_rad = self._yaw_rad + turn_rad / 2

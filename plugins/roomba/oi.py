@@ -26,11 +26,11 @@ WHEELBASE_M: Final = 0.235
 METRES_A_COUNT: Final = math.pi * 0.072 / 508.8
 """Travel of a wheel of 72 mm in one of the 508.8 counts of its encoder."""
 COUNTS: Final = 1 << 16
-"""So many counts, and an encoder begins anew."""
+"""Counts of an encoder before it wraps."""
 SONGS: Final = 4
 MAX_SPEED_MM_S: Final = 500
 MODES: Final = (Mode.OFF, Mode.PASSIVE, Mode.SAFE, Mode.FULL)
-"""The modes at the place of the number that sensor packet 35 tells."""
+"""The modes in the order of their numbers in sensor packet 35."""
 
 
 class OiOp(enum.IntEnum):

@@ -6,6 +6,8 @@ from collections.abc import Generator, Mapping
 from types import MappingProxyType
 from typing import Final
 
+from typing_extensions import override
+
 from eal_actors.plugin import Clock
 
 from . import oi, packets
@@ -35,7 +37,7 @@ STREAMED: Final = (
     packets.LEFT_COUNTS,
     packets.RIGHT_COUNTS,
 )
-"""What is asked for: a frame of them takes 4 of the 15 ms."""
+"""The streamed packets; a frame of them takes 4 of the 15 ms."""
 
 _REPLY_S: Final = 0.1
 _UNDER_WAY_S: Final = 0.004  # a frame of the stream
@@ -45,7 +47,7 @@ _ROLL_OUT_M: Final = 0.1  # what a wheel may travel beyond its highest speed bet
 
 
 class OiDriver(RoombaDriver):
-    """See RoombaDriver: it streams its sensors, tells its mode, and its encoders count on and on."""
+    """Drives a Roomba that streams its sensors, reports its mode, and never resets its encoders."""
 
     protocol = "oi"
     ways = MappingProxyType(
@@ -66,20 +68,20 @@ class OiDriver(RoombaDriver):
         self._counts: tuple[int, int] | None = None
         self._interruption: str | None = None
 
+    @override
     def wheels(self, left_mm_s: int, right_mm_s: int) -> WheelCommand:
-        """See RoombaDriver."""
         return WheelCommand(oi.drive_direct(left_mm_s, right_mm_s), left_mm_s / 1000, right_mm_s / 1000)
 
+    @override
     def twist(self, speed_m_s: float, turn_rate_rad_s: float) -> WheelCommand:
-        """See RoombaDriver."""
         track_m = self.wheelbase_m * self.calibration.track_factor
         speed_m_s, turn_rate_rad_s = slowed(speed_m_s, turn_rate_rad_s, track_m)
         left_m_s, right_m_s = self.calibration.counted(speed_m_s, turn_rate_rad_s * self.wheelbase_m / 2)
         return self.wheels(_reached(left_m_s), _reached(right_m_s))
 
     @property
+    @override
     def interruption(self) -> str | None:
-        """See RoombaDriver: it has left the mode in which it can be driven."""
         return self._interruption
 
     def release(self) -> None:
@@ -147,7 +149,7 @@ class OiDriver(RoombaDriver):
         )
         most_m = _ROLL_OUT_M + MAX_SPEED_MM_S / 1000 * (stamp_s - self._reading.stamp_s)
         if max(abs(left), abs(right)) * METRES_A_COUNT > most_m:
-            self._log.warning("the encoders have begun anew; what was travelled meanwhile is not known")
+            self._log.warning("the encoders were reset; the travel in between is unknown")
             return 0.0, 0.0
         return left * METRES_A_COUNT, right * METRES_A_COUNT
 

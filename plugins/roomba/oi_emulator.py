@@ -108,13 +108,13 @@ class OiEmulator(EmulatedRoomba):
         self._distance, self._angle = Counter(distance_mm), Counter(angle_deg)
 
     def feed(self, data: bytes, now_s: float) -> bytes:
-        """See EmulatedRoomba; what has streamed by now is part of the reply."""
+        """Return the reply and the stream's frame that is due; see EmulatedRoomba."""
         reply = super().feed(data, now_s)
         if self.is_asleep or self.mode is Mode.OFF:
             self._streams = False
         if not self._streams or now_s < self._streamed_s + STREAM_PERIOD_S - _ROUNDING_S:
             return reply
-        self._streamed_s = now_s  # nobody asked for the time between: frames of it would all say the same
+        self._streamed_s = now_s  # one frame is enough: skipped ones would be equal
         return reply + packets.stream_frame(self._values(self._streamed, now_s))
 
     def _more_bytes(self, op: int, begun: bytes | bytearray) -> int:
@@ -182,7 +182,7 @@ class OiEmulator(EmulatedRoomba):
         return values
 
     def _felt(self) -> Mapping[int, int]:
-        """Return what the body feels."""
+        """Return the packets of the body's sensors."""
         (bump_left, bump_right), (drop_left, drop_right, _) = self._body.bumps(), self._body.drops()
         cliffs, power = self._body.cliffs(), power_of(self._body)
         return {
@@ -211,7 +211,7 @@ class OiEmulator(EmulatedRoomba):
         }
 
     def _own(self, now_s: float) -> Mapping[int, int]:
-        """Return what it knows of itself."""
+        """Return the packets of its own state."""
         playing = self.playing(now_s)
         return {
             packets.BUTTONS: bits(*(name in self.pressed for name in packets.BUTTON_NAMES)),

@@ -197,7 +197,7 @@ class RoombaSong(Resource):
     """Plays songs of notes; get_status: 0 is silent, 1 plays."""
 
     places = sci.SONGS
-    """How many songs the Roomba itself keeps; the others are told to it before they are played."""
+    """Number of songs that the Roomba stores; others are sent before they are played."""
 
     types = ResourceType.ACTUATOR
 

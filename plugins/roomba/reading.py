@@ -1,4 +1,4 @@
-"""What a driver knows of its Roomba at a time, and what it tells the wheels: the same for every kind of Roomba."""
+"""Readings and wheel commands, the same for both protocols."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from .groups import Contacts, PowerGroup
 
 @dataclass(frozen=True, slots=True)
 class RoombaReading:
-    """What the sensors said at one time.
+    """A reading of all sensors.
 
     Attributes:
-        stamp_s: a time at which it was not yet measured, in seconds of the fleet's clock: it is no older.
-        contacts: what the Roomba touches and sees around itself.
+        stamp_s: a lower bound of the time of measurement, in seconds of the fleet's clock.
+        contacts: bumpers, cliffs, drops and walls.
         power: its battery.
         pressed: the buttons that are pressed.
-        left_m: the left wheel's travel in all.
-        right_m: the right wheel's travel in all.
+        left_m: the left wheel's total travel.
+        right_m: the right wheel's total travel.
         stands: whether neither wheel has turned since the reading before it.
     """
 
@@ -46,5 +46,5 @@ class WheelCommand:
 
     @property
     def goes_forward(self) -> bool:
-        """Whether it leads to where the cliff sensors look."""
+        """Whether it moves towards the side of the cliff sensors."""
         return self.left_m_s + self.right_m_s > 0

@@ -186,7 +186,7 @@ class RoombaOdometry(RoombaSensor):
         return EALData.of(pose, frame_id=f"{self._roomba.name}/odom", stamp_s=stamp_s)
 
     def set_value(self, data: EALData) -> None:
-        """Set the pose that it goes on from.
+        """Set the current pose.
 
         Raises:
             ArgumentError: part of it is no number.

@@ -6,6 +6,8 @@ from collections.abc import Generator
 from types import MappingProxyType
 from typing import Final
 
+from typing_extensions import override
+
 from eal_actors.plugin import Clock, DataError
 
 from . import sci
@@ -24,7 +26,7 @@ _ASK: Final = sci.ask_sensors(0)
 
 
 class SciDriver(RoombaDriver):
-    """See RoombaDriver: it is asked for its sensors, and each reading begins the counts of travel anew."""
+    """Drives a Roomba 4xx: it is polled, and each reading resets its counts of travel."""
 
     protocol = "sci"
     ways = MappingProxyType(
@@ -44,15 +46,15 @@ class SciDriver(RoombaDriver):
         self._gaps = TravelGaps()
         self._reply_s = _REPLY_ON_A_LOSSY_WAY_S if link.repeats > 1 else _REPLY_S
 
+    @override
     def wheels(self, left_mm_s: int, right_mm_s: int) -> WheelCommand:
-        """See RoombaDriver."""
         if (left_mm_s < 0) == (right_mm_s < 0):  # no radius that Drive knows is as near to straight as two wheels are
             return self._drive(round((left_mm_s + right_mm_s) / 2), STRAIGHT)
         in_place = COUNTER_CLOCKWISE if right_mm_s > 0 else CLOCKWISE
         return self._drive(round(abs(right_mm_s - left_mm_s) / 2), in_place)
 
+    @override
     def twist(self, speed_m_s: float, turn_rate_rad_s: float) -> WheelCommand:
-        """See RoombaDriver."""
         return self._drive(*twist_drive(speed_m_s, turn_rate_rad_s, self.calibration.track_factor))
 
     @staticmethod
@@ -61,8 +63,8 @@ class SciDriver(RoombaDriver):
         return WheelCommand(sci.drive(velocity_mm_s, radius_mm), left_m_s, right_m_s)
 
     @property
+    @override
     def travel_doubt_m(self) -> float:
-        """See RoombaDriver."""
         return self._gaps.doubt_m
 
     def _poll_once(self) -> Generator[float, None, bool]:
@@ -78,7 +80,7 @@ class SciDriver(RoombaDriver):
         with self._lock:
             if not self.is_due(self._quiet_until_s):
                 return self._quiet_until_s - self.clock.now()
-            self._take_bytes(self._link.receive())  # one that comes late tells of travel all the same
+            self._take_bytes(self._link.receive())  # a late reply contains travel too
             self._reply.clear()
             self._link.send(_ASK, supersedes=True)
             self._asked_s = self.clock.now()
@@ -106,7 +108,7 @@ class SciDriver(RoombaDriver):
         left_m = (controls.distance_mm - controls.angle_mm) / 1000
         right_m = (controls.distance_mm + controls.angle_mm) / 1000
         missing_left_m, missing_right_m = self._gaps.answer((left_m, right_m), self._commanded_m_s)
-        if self._reading is not None:  # what it counted before it was known is nobody's travel
+        if self._reading is not None:  # counts from before the first reading are not ours
             self._add_travel(left_m + missing_left_m, right_m + missing_right_m)
         self._take(
             RoombaReading(

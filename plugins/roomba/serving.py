@@ -81,7 +81,7 @@ async def on_pty(serving: PacedLine) -> AsyncIterator[tuple[str, asyncio.Task[No
 
     def go_on(data: bytes = b"") -> None:
         if reply := serving.go_on(data, loop.time()):
-            with contextlib.suppress(BlockingIOError):  # nobody reads: what does not fit is lost, as on a wire
+            with contextlib.suppress(BlockingIOError):  # without a reader, bytes that do not fit are lost, as on a wire
                 os.write(master, reply)
 
     async def keep_going() -> None:

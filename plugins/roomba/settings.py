@@ -27,19 +27,19 @@ class MoteSettings(PluginSettingsModel):
     ack_byte: int | None = Field(default=None, ge=0, le=255)
     """Protocol byte of an acknowledgement; that of the form if left out."""
     reliable_byte: int | None = Field(default=None, ge=0, le=255)
-    """Protocol byte of a packet that wants an acknowledgement; that of the form if left out."""
+    """Protocol byte of a packet with acknowledgement; that of the form if left out."""
     plain_byte: int | None = Field(default=None, ge=0, le=255)
-    """Protocol byte of a packet that wants none; that of the form if left out."""
+    """Protocol byte of a packet without acknowledgement; that of the form if left out."""
     am_type: int = Field(default=0x89, ge=0, le=255)
     """Active message type of the packets that carry the Roomba's bytes."""
     destination: int = Field(default=0xFFFF, ge=0, le=0xFFFF)
-    """Address of the mote on the robot; 65535 is everybody."""
+    """Address of the mote on the robot; 65535 is broadcast."""
     group: int = Field(default=0x22, ge=0, le=255)
     """Group of both motes."""
     payload_bytes: int = Field(default=28, ge=1, le=114)
-    """What one packet holds at most."""
+    """Maximum payload of a packet."""
     tries: int = Field(default=5, ge=1, le=20)
-    """How often a packet is sent in all before the link gives up for want of an acknowledgement."""
+    """Number of tries of a packet without an acknowledgement before the link fails."""
 
     def framing(self) -> TinyosFraming:
         """Return the form of the packets."""

@@ -175,7 +175,7 @@ class TinyosFraming:
 
     @property
     def longest_bytes(self) -> int:
-        """What a body and its CRC have at most."""
+        """Maximum size of a body and its CRC."""
         return 3 + 8 + self.payload_bytes + _CRC_BYTES
 
     def deframer(self) -> Deframer:

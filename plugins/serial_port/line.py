@@ -1,4 +1,4 @@
-"""Line: a communication resource over a stream of bytes that may vanish and come back."""
+"""A communication resource over a byte stream that may be lost and reopened."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from eal_actors.plugin import (
 )
 
 MOST_BYTES: Final = 1 << 20
-"""Bytes that are kept until somebody reads them; more of them wait in the operating system, or at the sender."""
+"""Size of the receive buffer; further bytes wait in the operating system or at the sender."""
 LOOK_S: Final = 0.01
-"""How often to look after the port while somebody waits for it."""
+"""Poll interval during a read or a write."""
 TIMEOUT: Final = ValueInfo(DataType.DOUBLE, "s", 0, 3600)
 
 _IDLE_LOOK_S: Final = 0.05
@@ -32,12 +32,12 @@ _PIECE_BYTES: Final = 65536
 
 
 class Line(Resource):
-    """Bytes there and back, in order; get_status answers how many wait to be read.
+    """Sends and receives bytes; get_status: the number of bytes to read.
 
     Args:
-        port: the way to the other end.
+        port: the port.
         clock: the fleet's clock.
-        timeout_s: how long a read or a write waits at most.
+        timeout_s: longest wait of a read or a write.
     """
 
     types = ResourceType.COMMUNICATION
@@ -55,31 +55,31 @@ class Line(Resource):
         return self._port.why_not_ready()
 
     def get_status(self) -> int:
-        """Return how many bytes wait to be read."""
-        self._take_in()
+        """Return the number of bytes to read."""
+        self._receive()
         return len(self._waiting)
 
     def read_comm(self, length: int) -> Generator[float, None, bytes]:
-        """Return exactly so many bytes, as soon as they are there.
+        """Return exactly `length` bytes; wait for them if necessary.
 
-        Reads are served in their order. If too few come in time, those that came stay for the next read.
+        Reads are served in order. After a time-out, the received bytes stay for the next read.
 
         Raises:
-            ArgumentError: the length is below 0, or more than is ever kept.
-            NotReadyError: the port is away.
-            UnavailableError: too few came within the timeout.
+            ArgumentError: the length is below 0, or exceeds the receive buffer.
+            NotReadyError: the port is absent.
+            UnavailableError: too few bytes arrived within the time-out.
         """
         if not 0 <= length <= MOST_BYTES:
             raise ArgumentError(f"a read is of 0..{MOST_BYTES} bytes, not {length}")
         return self._read(length)
 
     def write_comm(self, data: EALData, length: int) -> Activity:
-        """Write the first `length` bytes and return how many they were; writes never interleave.
+        """Write the first `length` bytes and return `length`; writes never interleave.
 
         Raises:
-            ArgumentError: the data has not so many.
-            NotReadyError: the port is away, or broke; some may have been sent.
-            UnavailableError: the other end did not take them all within the timeout.
+            ArgumentError: the data is shorter.
+            NotReadyError: the port is absent or was lost; some bytes may have been sent.
+            UnavailableError: the peer did not accept all bytes within the time-out.
         """
         payload = bytes(data.payload)
         if not 0 <= length <= len(payload):
@@ -88,34 +88,34 @@ class Line(Resource):
 
     @command("discard")
     def discard(self) -> None:
-        """Forget what has come and was not read."""
-        self._take_in()
+        """Discard all unread bytes."""
+        self._receive()
         self._waiting.clear()
 
     @config("timeout_s", TIMEOUT)
     def timeout_s(self) -> float:
-        """How long a read or a write waits at most."""
+        """Longest wait of a read or a write."""
         return self._timeout_s
 
     @config_setter("timeout_s")
     def set_timeout_s(self, timeout_s: float) -> None:
-        """Set how long a read or a write waits at most."""
+        """Set the longest wait of a read or a write."""
         self._timeout_s = float(timeout_s)
 
     def background(self) -> Activity:
-        """Take in what comes, so that nothing overflows, and a port that breaks is noticed without a call."""
+        """Receive continuously, to prevent an overflow and to detect a lost port without a call."""
         while True:
             try:
-                self._take_in()
-            except UnavailableError:  # not_ready says so
+                self._receive()
+            except UnavailableError:  # not_ready reports it
                 self._port.why_not_ready()
             yield _IDLE_LOOK_S
 
     def send(self, data: memoryview) -> int:
-        """Send some of the bytes, as many as may go out now, and return how many those were."""
+        """Send as many bytes as possible now; return their number."""
         return self._port.write(bytes(data[:_PIECE_BYTES]))
 
-    def _take_in(self) -> None:
+    def _receive(self) -> None:
         while room := min(MOST_BYTES - len(self._waiting), _PIECE_BYTES):
             piece = self._port.read(room)
             self._waiting += piece
@@ -127,7 +127,7 @@ class Line(Resource):
         self._readers.append(turn)
         try:
             while True:
-                self._take_in()
+                self._receive()
                 if self._readers[0] is turn and len(self._waiting) >= length:
                     data = bytes(self._waiting[:length])
                     del self._waiting[:length]

@@ -32,12 +32,12 @@ _STOPBITS: Final = ValueInfo(DataType.INT, "bit", choices=(1, 2))
 
 
 class Settings(PluginSettingsModel):
-    """What the fleet file may set."""
+    """The plugin's settings in the fleet file."""
 
     port: str = Field(min_length=1)
-    """A device path, such as /dev/ttyUSB0, or a URL that pyserial knows, such as socket://host:port."""
+    """A device path, such as /dev/ttyUSB0, or a URL of pyserial, such as socket://host:port."""
     baudrate: int = Field(default=9600, ge=50, le=4_000_000)
-    """Bits a second."""
+    """Bits per second."""
     bytesize: Literal[5, 6, 7, 8] = 8
     """Data bits."""
     parity: Literal["N", "E", "O", "M", "S"] = "N"
@@ -45,14 +45,14 @@ class Settings(PluginSettingsModel):
     stopbits: Literal[1, 2] = 1
     """Stop bits."""
     timeout_s: float = Field(default=1.0, ge=0, le=3600)
-    """How long a read or a write waits at most."""
+    """Longest wait of a read or a write."""
     name: str = Field(default="SerialPort", pattern=r"^[A-Za-z][A-Za-z0-9_]*$")
     """The resource's name."""
 
 
 @dataclass(frozen=True)
-class Framing:
-    """How bytes become bits; the attributes are named as pyserial's."""
+class SerialFraming:
+    """The serial line format; the attributes have pyserial's names."""
 
     baudrate: int
     bytesize: int
@@ -60,38 +60,38 @@ class Framing:
     stopbits: int
 
     def bytes_per_s(self) -> float:
-        """Return how many bytes can go out in a second."""
+        """Return the throughput in bytes per second."""
         return self.baudrate / (1 + self.bytesize + (self.parity != "N") + self.stopbits)
 
 
 class SerialPort(Line):
-    """A serial port: bytes there and back, in order; get_status answers how many wait to be read.
+    """A serial port; get_status: the number of bytes to read.
 
     Args:
         url: see Settings.port.
-        framing: how bytes become bits, until it is changed.
+        framing: the initial line format.
         clock: the fleet's clock.
-        timeout_s: how long a read or a write waits at most.
+        timeout_s: longest wait of a read or a write.
     """
 
-    def __init__(self, url: str, framing: Framing, clock: Clock, timeout_s: float) -> None:
+    def __init__(self, url: str, framing: SerialFraming, clock: Clock, timeout_s: float) -> None:
         self._url = url
         self._framing = framing
         self.port = ReopeningPort(self._open_port, clock, url)
         super().__init__(self.port, clock, timeout_s)
 
     def send(self, data: memoryview) -> int:
-        """Send what goes out until the next look, so that neither the driver's buffer nor a stop has to wait."""
+        """Send only the bytes of one poll interval, so that a stop need not wait for a full buffer."""
         return self._port.write(bytes(data[: max(int(self._framing.bytes_per_s() * LOOK_S), 1)]))
 
     @config("baudrate", _BAUDRATE)
     def baudrate(self) -> int:
-        """Bits a second."""
+        """Bits per second."""
         return self._framing.baudrate
 
     @config_setter("baudrate")
     def set_baudrate(self, baudrate: int) -> None:
-        """Set the bits a second."""
+        """Set the bits per second."""
         self._frame(replace(self._framing, baudrate=baudrate))
 
     @config("bytesize", _BYTESIZE)
@@ -134,11 +134,11 @@ class SerialPort(Line):
             stopbits=framing.stopbits,
         )
 
-    def _frame(self, framing: Framing) -> None:
-        """Change the framing of the open port, and of those that are opened after it.
+    def _frame(self, framing: SerialFraming) -> None:
+        """Change the line format, now and after each reopening.
 
         Raises:
-            ArgumentError: the port cannot do that, and goes on as before.
+            ArgumentError: the port does not support it; the format stays unchanged.
         """
         before = self._framing
 
@@ -153,14 +153,14 @@ class SerialPort(Line):
         self._framing = framing
 
 
-def _apply(framing: Framing, port: Any) -> None:
+def _apply(framing: SerialFraming, port: Any) -> None:
     for key, value in vars(framing).items():
-        if getattr(port, key, value) != value:  # a connection through a network has none of them
+        if getattr(port, key, value) != value:  # a network connection has none of these attributes
             setattr(port, key, value)
 
 
 class SerialPlugin(EALPlugin):
-    """Holds the one port."""
+    """A plugin with one port."""
 
     def __init__(self, name: str, resource: SerialPort) -> None:
         super().__init__(name)
@@ -168,15 +168,15 @@ class SerialPlugin(EALPlugin):
 
 
 def connect(context: PluginContext) -> SerialPlugin:
-    """Open the port; one that is absent is opened when it comes.
+    """Open the port; an absent port is opened when it appears.
 
     Raises:
-        PluginError: no port can be behind these settings.
+        PluginError: the settings are invalid.
 
-    Thread: the robot's; a connection through a network may take seconds.
+    Thread: the robot's; a network connection may block for seconds.
     """
     settings: Settings = context.settings
-    framing = Framing(settings.baudrate, settings.bytesize, settings.parity, settings.stopbits)
+    framing = SerialFraming(settings.baudrate, settings.bytesize, settings.parity, settings.stopbits)
     resource = SerialPort(settings.port, framing, context.clock, settings.timeout_s)
     resource.port.open()
     return SerialPlugin(settings.name, resource)
@@ -188,7 +188,7 @@ def disconnect(plugin: SerialPlugin) -> None:
 
 
 def __getattr__(name: str) -> Callable[..., Any]:
-    """Return `create_<name>` and `destroy_<name>`, whatever name the settings give the resource."""
+    """Return `create_<name>` or `destroy_<name>`, because the settings name the resource."""
     if name.startswith("create_"):
         return _create
     if name.startswith("destroy_"):
@@ -197,10 +197,10 @@ def __getattr__(name: str) -> Callable[..., Any]:
 
 
 def _create(context: PluginContext) -> SerialPort:
-    """Return the resource, which the plugin holds with its port."""
+    """Return the plugin's resource."""
     resource: SerialPort = context.plugin.resource
     return resource
 
 
 def _destroy(resource: SerialPort) -> None:
-    """Let go of what `_create` took: nothing, the port is the plugin's."""
+    """Do nothing: the plugin owns the port."""

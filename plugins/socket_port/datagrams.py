@@ -35,7 +35,7 @@ class Datagrams(Line):
         return sum(map(len, self._datagrams))
 
     def discard(self) -> None:
-        """Discard all unread datagrams."""
+        """Discard all unread bytes."""
         self._receive()
         self._datagrams.clear()
 

@@ -1,4 +1,4 @@
-"""The gauges of a computer: sensors that are read now and again, and answer at once."""
+"""The gauges of a computer: sensors that are polled, and answer at once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BYTES: Final = ValueInfo(DataType.INT, "B", minimum=0)
 
 
 class Cpu(Resource):
-    """How busy the processor is, 0..1 of all its cores, over the last period.
+    """Processor load, 0..1 of all cores, over the last period.
 
     Args:
         period_s: how often it is read.
@@ -29,32 +29,32 @@ class Cpu(Resource):
         self._busy = 0.0
 
     def open(self) -> None:
-        """Begin to count."""
+        """Begin to measure."""
         psutil.cpu_percent()
 
     def get_value(self) -> float:
-        """Return how busy it is."""
+        """Return the load."""
         return self._busy
 
     def background(self) -> Activity:
-        """Read it again and again."""
+        """Poll the load."""
         while True:
             yield self._period_s
             self._busy = min(psutil.cpu_percent() / 100, 1.0)  # since the last call in this thread
 
     @request("cores", ValueInfo(DataType.INT, minimum=1, description="cores that programs can use"))
     def cores(self) -> int:
-        """Tell how many cores there are, threads of cores counted too."""
+        """Return the number of logical cores."""
         return psutil.cpu_count() or 1
 
     @request("load", ValueInfo(DataType.DOUBLE, shape=(3,), description="programs that run or want to"))
     def load(self) -> list[float]:
-        """Tell the load average over 1, 5 and 15 minutes."""
+        """Return the load average over 1, 5 and 15 minutes."""
         return list(psutil.getloadavg())
 
 
 class Memory(Resource):
-    """How full the memory is, 0..1; what programs could have at once counts as free."""
+    """Memory use, 0..1; memory available to programs counts as free."""
 
     types = ResourceType.SENSOR
     value = ValueInfo(DataType.DOUBLE, minimum=0, maximum=1, description="share of the memory")
@@ -66,17 +66,17 @@ class Memory(Resource):
 
     @request("total", BYTES)
     def total(self) -> int:
-        """Tell the memory's size."""
+        """Return the memory's size."""
         return psutil.virtual_memory().total
 
     @request("available", BYTES)
     def available(self) -> int:
-        """Tell how much programs could have at once."""
+        """Return the memory available to programs."""
         return psutil.virtual_memory().available
 
 
 class Disk(Resource):
-    """How full a file system is, 0..1, as ordinary users see it.
+    """Use of a file system, 0..1, for ordinary users.
 
     Args:
         path: where it is mounted, or any path on it.
@@ -89,7 +89,7 @@ class Disk(Resource):
         self._path = path
 
     def not_ready(self) -> str | None:
-        """Return that the path is not there, such as a card that is pulled out."""
+        """Return that the path is missing, such as a removed card."""
         return None if Path(self._path).exists() else f"{self._path} is not there: nothing is mounted"
 
     def get_value(self) -> float:
@@ -98,17 +98,17 @@ class Disk(Resource):
 
     @request("total", BYTES)
     def total(self) -> int:
-        """Tell the file system's size."""
+        """Return the file system's size."""
         return psutil.disk_usage(self._path).total
 
     @request("free", BYTES)
     def free(self) -> int:
-        """Tell how much ordinary users may still write."""
+        """Return the space available to ordinary users."""
         return psutil.disk_usage(self._path).free
 
 
 class Temperature(Resource):
-    """The temperature of the hottest part that has a sensor.
+    """The temperature of the hottest component with a sensor.
 
     Args:
         period_s: how often the sensors are read: some take their time.
@@ -132,23 +132,23 @@ class Temperature(Resource):
         return "this computer shows no temperature: its operating system knows of no sensor"
 
     def get_value(self) -> float:
-        """Return the temperature of the hottest part."""
+        """Return the temperature of the hottest component."""
         return max(self._parts_c.values())
 
     def background(self) -> Activity:
-        """Read the sensors again and again."""
+        """Poll the sensors."""
         while True:
             yield self._period_s
             self._parts_c = _temperatures_c()
 
     @request("parts", ValueInfo(DataType.CHAR, description="a JSON object"))
     def parts(self) -> str:
-        """Tell the temperature of each part in degC, as a JSON object."""
+        """Return the temperature of each component in degC, as a JSON object."""
         return json.dumps(self._parts_c)
 
 
 def _temperatures_c() -> dict[str, float]:
-    """Return the temperatures of the parts; none where the system has no way to tell."""
+    """Return the temperatures of the components; empty if the system does not report any."""
     sensors: dict[str, list[Any]] = getattr(psutil, "sensors_temperatures", dict)()
     found: dict[str, float] = {}
     for chip, readings in sensors.items():
@@ -158,7 +158,7 @@ def _temperatures_c() -> dict[str, float]:
 
 
 class Network(Resource):
-    """What comes in and goes out in a second, over the last period.
+    """Bytes received and sent per second, over the last period.
 
     Args:
         interface: which; None for all but the loopback.
@@ -177,22 +177,22 @@ class Network(Resource):
         self._is_there = True
 
     def open(self) -> None:
-        """Look whether the interface is there."""
+        """Check that the interface exists."""
         self._is_there = self._counters() is not None
 
     def not_ready(self) -> str | None:
-        """Return that there is no such interface, such as an adapter that is pulled out."""
+        """Return that the interface is missing, such as an unplugged adapter."""
         if self._is_there:
             return None
         there = ", ".join(sorted(psutil.net_io_counters(pernic=True))) or "none"
         return f"there is no network interface {self._interface!r} now; there are: {there}"
 
     def get_value(self) -> list[float]:
-        """Return the bytes received and sent in a second."""
+        """Return the bytes received and sent per second."""
         return list(self._rates)
 
     def background(self) -> Activity:
-        """Count again and again."""
+        """Poll the counters."""
         before, before_s = self._counters(), self._clock.now()
         while True:
             yield self._period_s
@@ -205,22 +205,22 @@ class Network(Resource):
 
     @request("received", BYTES)
     def received(self) -> int:
-        """Tell how many bytes have come in since it was switched on."""
+        """Return the bytes received since boot."""
         return (self._counters() or (0, 0))[0]
 
     @request("sent", BYTES)
     def sent(self) -> int:
-        """Tell how many bytes have gone out since it was switched on."""
+        """Return the bytes sent since boot."""
         return (self._counters() or (0, 0))[1]
 
     @request("addresses", ValueInfo(DataType.CHAR, description="a JSON object"))
     def addresses(self) -> str:
-        """Tell the addresses of each interface, as a JSON object."""
+        """Return the addresses of each interface, as a JSON object."""
         found = {name: [address.address for address in had] for name, had in psutil.net_if_addrs().items()}
         return json.dumps(found)
 
     def _counters(self) -> tuple[int, int] | None:
-        """Return the bytes received and sent; None if the interface is not there."""
+        """Return the bytes received and sent; None if the interface is missing."""
         counters = psutil.net_io_counters(pernic=True)
         if self._interface is not None:
             counters = {name: counted for name, counted in counters.items() if name == self._interface}
@@ -231,11 +231,11 @@ class Network(Resource):
 
 
 class Uptime(Resource):
-    """How long the computer has been on."""
+    """The time since boot."""
 
     types = ResourceType.SENSOR
     value = ValueInfo(DataType.DOUBLE, "s", minimum=0)
 
     def get_value(self) -> float:
-        """Return how long."""
+        """Return the time since boot."""
         return max(datetime.now(UTC).timestamp() - psutil.boot_time(), 0.0)

@@ -1,6 +1,6 @@
-"""The system plugin: the computer that the robot's process runs on."""
+"""The system plugin: gauges of the computer that runs the robot's process."""
 
-# ruff: noqa: N816  # create_Cpu and its like are what the plugin API calls
+# ruff: noqa: N816  # the plugin API requires names such as create_Cpu
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Gauge = Literal["Cpu", "Memory", "Disk", "Temperature", "Network", "Uptime"]
 
 
 class Settings(PluginSettingsModel):
-    """What the fleet file may set."""
+    """The plugin's settings in the fleet file."""
 
     resources: tuple[Gauge, ...] = Field(
         default=("Cpu", "Memory", "Disk", "Temperature", "Network", "Uptime"), min_length=1, strict=False
     )
-    """Which there are."""
+    """The resources to provide."""
     disk: str = Field(default="/", min_length=1)
-    """A path on the file system that `Disk` tells of; not one on another machine, which may not answer."""
+    """A path on the file system of `Disk`; it must be local, because a remote one may block."""
     interface: str | None = Field(default=None, min_length=1)
-    """The network interface, such as wlan0; all but the loopback together if it is left out."""
+    """The network interface, such as wlan0; default: the sum of all but the loopback."""
     period_s: float = Field(default=1.0, ge=0.1, le=3600)
-    """How often `Cpu`, `Temperature` and `Network` are read."""
+    """Poll interval of `Cpu`, `Temperature` and `Network`."""
 
 
 def connect(context: PluginContext) -> EALPlugin:
@@ -36,19 +36,19 @@ def connect(context: PluginContext) -> EALPlugin:
 
 
 def disconnect(plugin: EALPlugin) -> None:
-    """Let go of what `connect` took: nothing."""
+    """Do nothing."""
 
 
 def _creator(make: Callable[[PluginContext], Resource]) -> Callable[[PluginContext], Resource]:
     def create(context: PluginContext) -> Resource:
-        """Make the resource."""
+        """Create the resource."""
         return make(context)
 
     return create
 
 
 def _destroy(resource: Resource) -> None:
-    """Let go of what `create_...` took: nothing."""
+    """Do nothing."""
 
 
 create_Cpu, destroy_Cpu = _creator(lambda context: Cpu(context.settings.period_s)), _destroy

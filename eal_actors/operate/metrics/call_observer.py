@@ -20,7 +20,7 @@ def observe_calls(clock: Clock, on_end: Callable[[Call[Any], str, float], None])
     """Call back at the end of each call of a fleet, for the length of a `with` block.
 
     Args:
-        clock: the fleet's clock, which tells its calls from those of other fleets in this process.
+        clock: the fleet's clock, to tell its calls apart from those of other fleets.
         on_end: receives the call, its outcome (`done` or an error code), and its duration in seconds of the fleet's
             clock. Called in the thread that ends the call; it must not block.
     """

@@ -105,7 +105,7 @@ class CallStep(TimedStep):
     def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
         super().check_placement(check, path, scope)
         if scope.role is None:
-            message = f"which robot? '{self.kind}' must stand in the 'do' of an 'on'"
+            message = f"which robot? '{self.kind}' must be in the 'do' of an 'on'"
             check.report((*path, self.kind), message, key=True)
 
     @override

@@ -209,4 +209,4 @@ def test_the_schema_describes_the_keys() -> None:
     schema = fleet_schema()
 
     jsonschema.Draft202012Validator.check_schema(schema)
-    assert schema["properties"]["seed"]["description"] == "Where all randomness of the fleet starts from."
+    assert schema["properties"]["seed"]["description"] == "The seed of all random generators of the fleet."

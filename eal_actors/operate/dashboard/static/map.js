@@ -1,7 +1,7 @@
 // The world from above: walls and obstacles of the world file, the robots, and their trails.
 
 import { colour, el, fitCanvas, setText } from "./dom.js";
-import { stateOf, store } from "./store.js";
+import { stateOf, store, worldBounds } from "./store.js";
 
 /** @import { World, WorldShape, Point, View } from "./types" */
 /** @typedef {CanvasRenderingContext2D} Context */
@@ -16,7 +16,6 @@ const REDRAW_TRAILS_MS = 1500;
 const ZOOM = 1.3;
 const GRID_M = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50];
 const GRID_PX = 34;
-const DEFAULT_BOUNDS = [-2, -1.5, 2, 1.5];
 
 /** @param {HTMLElement} root @returns {View} */
 export function mapView(root) {
@@ -121,7 +120,7 @@ class FleetMap {
   }
 
   fit() {
-    const [left, low, right, high] = bounds();
+    const [left, low, right, high] = worldBounds();
     const { clientWidth, clientHeight } = this.frame;
     const scale = Math.min(clientWidth / (right - left), clientHeight / (high - low)) * 0.94;
     this.camera = { x: (left + right) / 2, y: (low + high) / 2, scale: Math.max(1, scale), isFitted: true };
@@ -393,23 +392,4 @@ class FleetMap {
     });
     if (hit) location.hash = `#/robot/${encodeURIComponent(hit)}`;
   }
-}
-
-/** Return the extent to show, in metres: left, low, right, high. */
-function bounds() {
-  const world = store.hello?.world;
-  if (world) {
-    const [width_m, height_m] = world.size_m;
-    return [-width_m / 2, -height_m / 2, width_m / 2, height_m / 2];
-  }
-  const points = [...Object.values(store.poses).map((pose) => pose.at), ...Object.values(store.trails).flat()];
-  if (!points.length) return DEFAULT_BOUNDS;
-  let [left, low, right, high] = [Infinity, Infinity, -Infinity, -Infinity];
-  for (const [x, y] of points) {
-    left = Math.min(left, x);
-    right = Math.max(right, x);
-    low = Math.min(low, y);
-    high = Math.max(high, y);
-  }
-  return [left - 1, low - 1, right + 1, high + 1];
 }

@@ -9,6 +9,7 @@ const MAX_EVENTS = 20000;
 const MAX_TRAIL_POINTS = 300;
 const TRAIL_STEP_M = 0.02;
 const RATE_WINDOW_MS = 2000;
+const DEFAULT_BOUNDS = [-2, -1.5, 2, 1.5];
 
 class Store {
   /** @type {Hello | null} */
@@ -204,4 +205,23 @@ export function stateOf(robot) {
   if (robot.state === "ready" && robot.stopped) return ["■", "stopped", "bad"];
   if (robot.state === "ready" && Object.keys(robot.not_ready).length) return ["◐", "partly ready", "warn"];
   return STATES[robot.state] ?? ["?", robot.state, "warn"];
+}
+
+/** Return the extent of the world, else of the poses and trails, in metres: left, low, right, high. */
+export function worldBounds() {
+  const world = store.hello?.world;
+  if (world) {
+    const [width_m, height_m] = world.size_m;
+    return [-width_m / 2, -height_m / 2, width_m / 2, height_m / 2];
+  }
+  const points = [...Object.values(store.poses).map((pose) => pose.at), ...Object.values(store.trails).flat()];
+  if (!points.length) return DEFAULT_BOUNDS;
+  let [left, low, right, high] = [Infinity, Infinity, -Infinity, -Infinity];
+  for (const [x, y] of points) {
+    left = Math.min(left, x);
+    right = Math.max(right, x);
+    low = Math.min(low, y);
+    high = Math.max(high, y);
+  }
+  return [left - 1, low - 1, right + 1, high + 1];
 }

@@ -143,7 +143,7 @@ def wait_until_ready(port: ResourceHandle) -> None:
 
 def test_a_framing_that_the_port_cannot_do_is_refused_and_changes_nothing(cable: Cable) -> None:
     with line(cable) as port:
-        with pytest.raises(ArgumentError, match="cannot do Framing"):
+        with pytest.raises(ArgumentError, match="cannot do SerialFraming"):
             port.set_config("parity", "E").get()  # a pseudo-terminal has no parity bit
         assert port.get_config("parity").get().value == "N"
         port.write_comm("x").get()
