@@ -132,7 +132,7 @@ class Emulated(Generic[B]):
 
     def stands(self) -> bool:
         """Return whether it comes to rest, and stays there for a minute, if nothing is said to it."""
-        self.wire.settle()
+        self.wire.drain()
         with self._lock:
             self._body_later_s += 5.0
             pose = self.body.pose

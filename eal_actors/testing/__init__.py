@@ -1,11 +1,11 @@
-"""Simulated fleets for tests: a world in a line, time that a test moves, and the truth to assert on.
+"""Simulated fleets for tests: a world in one line, time that the test advances, and true poses for assertions.
 
     with Simulation({"scout": "roomba"}) as simulation:
         simulation["scout"]["Base"].send_cmd("f1")
         simulation.advance(10.0)
         assert simulation.pose("scout").x_m > 0.9
 
-Whoever has pytest gets the fixture `simulation`, which makes simulations and closes them when the test is over.
+The pytest fixture `simulation` makes simulations, and closes them at the end of the test.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _HOMES: Final = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for: pytest imports this package in every run, and most runs do not use it."""
+    """Import a public name lazily: pytest imports this package in every run, and most runs do not use it."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)

@@ -1,4 +1,4 @@
-"""Makes a test's simulations, and sees to their end."""
+"""Factory of a test's simulations, which closes them at the end."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from eal_actors.testing.making import Robots, World
 from eal_actors.testing.simulation import Simulation
 
 _GRACE_S: Final = 2.0
-"""Real seconds for threads to end once their simulation is closed."""
+"""Real seconds that threads have to end after their simulation is closed."""
 
 
 class SimulationFactory:
-    """What the fixture `simulation` is: called as `Simulation` is, it returns one that is open.
+    """The value of the fixture `simulation`: a callable with the arguments of `Simulation` that returns an open one.
 
     Args:
-        seed: of simulations that are given none; None leaves it to them.
+        seed: seed of simulations without one; None leaves their default.
     """
 
     def __init__(self, seed: int | None = None) -> None:
@@ -33,18 +33,18 @@ class SimulationFactory:
         seed: int | None = None,
         plugin_dirs: Sequence[str | Path] = (),
     ) -> Simulation:
-        """Return a new simulation, connected; see Simulation and its `open` for the arguments and errors."""
+        """Return a new connected simulation; arguments and errors as for `Simulation` and its `open`."""
         chosen = self._seed if seed is None else seed
         simulation = Simulation(robots, world, seed=chosen, plugin_dirs=plugin_dirs)
         self._made.append(simulation)
         return simulation.open()
 
     def describe(self) -> str:
-        """Return a line for each simulation on what a failed test needs to be run again."""
+        """Return a line for each simulation, with the seed that repeats a failed test."""
         return "\n".join(f"{made!r}, {made.now_s:g} s since the start, --eal-seed={made.seed}" for made in self._made)
 
     def close(self) -> tuple[str, ...]:
-        """Close every simulation; return the names of threads that go on nevertheless. Thread: blocks the caller."""
+        """Close every simulation; return the names of threads that still run. Thread: blocks the caller."""
         for simulation in self._made:
             simulation.close()
         end_s = REAL_TIME.now() + _GRACE_S

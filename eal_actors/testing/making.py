@@ -1,4 +1,4 @@
-"""From the short way in which a test names its robots and its world to a fleet's configuration."""
+"""Fleet configuration from a test's short description of robots and world."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from eal_actors.managers.fleet_model import FleetConfig, RobotSection
 from eal_actors.managers.manifest import simulating_plugin
 
 Robots: TypeAlias = Mapping[str, str | Mapping[str, Any]] | str | Path
-"""Each robot's name to its model or to its settings; or a fleet file."""
+"""Maps each robot's name to its model or settings; or a fleet file."""
 
 World: TypeAlias = str | Path | WorldModel | Mapping[str, Any]
-"""The name of a world that comes with the framework, a world file, a model, or what a world file would say."""
+"""Name of a bundled world, a world file, a model, or the content of a world file."""
 
 _NAME: Final = "simulation"
 _EMPTY: Final = "empty"
@@ -32,27 +32,27 @@ _T = TypeVar("_T")
 def simulated_fleet(
     robots: Robots, world: World | None, seed: int | None, plugin_dirs: Sequence[str | Path]
 ) -> FleetConfig:
-    """Return the configuration of a fleet whose clock goes as fast as the machine.
+    """Return the configuration of a fleet whose clock runs as fast as possible.
 
     Args:
-        robots: see Simulation.
-        world: see Simulation.
-        seed: see Simulation.
-        plugin_dirs: see Simulation.
+        robots: as for Simulation.
+        world: as for Simulation.
+        seed: as for Simulation.
+        plugin_dirs: as for Simulation.
 
     Raises:
-        ConfigError: everything that is wrong with the robots and the world.
+        ConfigError: the robots or the world are wrong; names every problem.
     """
     problems: list[Problem] = []
-    config = _noting(problems, lambda: _fleet(robots, seed, plugin_dirs))
+    config = _collect_problems(problems, lambda: _fleet(robots, seed, plugin_dirs))
     wanted = _EMPTY if world is None and isinstance(robots, Mapping) else world
-    arena = _noting(problems, lambda: None if wanted is None else _world(wanted))
+    arena = _collect_problems(problems, lambda: None if wanted is None else _world(wanted))
     if config is None or problems:
         raise ConfigError(problems)
     return replace(config, rate=MAX, world=arena or config.world)
 
 
-def _noting(problems: list[Problem], read: Callable[[], _T]) -> _T | None:
+def _collect_problems(problems: list[Problem], read: Callable[[], _T]) -> _T | None:
     try:
         return read()
     except ConfigError as error:
@@ -74,7 +74,7 @@ def _fleet(robots: Robots, seed: int | None, plugin_dirs: Sequence[str | Path]) 
 
 
 def _robot(name: str, entry: object, simulator: str) -> object:
-    """Return a robot of a fleet file; a key that no robot has is a setting of the plugin that simulates."""
+    """Return a robot of a fleet file; keys unknown to robots are settings of the simulation's plugin."""
     if isinstance(entry, str):
         return {"plugins": {simulator: {"model": entry}}}
     if not isinstance(entry, Mapping):
@@ -88,7 +88,9 @@ def _robot(name: str, entry: object, simulator: str) -> object:
     plugins = robot.get("plugins", {})
     if isinstance(plugins, Mapping):
         if simulator in plugins:
-            message = f"the plugin has settings already: {', '.join(map(str, settings))}; give them all in one place"
+            message = (
+                f"has settings in two places, also here: {', '.join(map(str, settings))}; put all of them in one place"
+            )
             raise _wrong(f"robots.{name}.plugins.{simulator}", message)
         robot["plugins"] = {simulator: settings, **plugins}
     return robot
@@ -110,7 +112,7 @@ def _world(world: World) -> WorldModel:
     file = bundled_path("fleets/worlds") / f"{world}.yaml"
     if not file.is_file():
         known = did_you_mean(world, (file.stem for file in file.parent.glob("*.yaml")))
-        raise _wrong("world", f"no world {world!r} comes with the framework{known}")
+        raise _wrong("world", f"there is no bundled world {world!r}{known}")
     return load_world(file)
 
 

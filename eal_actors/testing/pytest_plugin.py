@@ -1,7 +1,7 @@
-"""The pytest plugin: the fixture `simulation`, scenario files as test cases, and the seed where it is needed.
+"""The pytest plugin: the fixture `simulation`, scenario files as test cases, and the seed in failure reports.
 
-pytest imports this module in every run of every project that has the framework installed, so it imports what is heavy
-only where a test uses it.
+pytest imports this module in every run of every project with the framework installed. So heavy modules are imported
+lazily.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         _SEED_OPTION,
         type=_seed,
         metavar="SEED",
-        help="seed of simulations to which their test gives none (0, or that of their fleet file, if left out)",
+        help="seed of simulations whose test gives none (default: that of their fleet file, or 0)",
     )
     group.addoption(
         "--eal",
         action="store_true",
-        help="run scenario files (.yaml) that hold an `expect`, or are named themselves, as test cases in simulation",
+        help="run scenario files (.yaml) as test cases in simulation, if they have an `expect` or are named explicitly",
     )
-    group.addoption("--eal-all", action="store_true", help="run scenario files without any `expect` as well")
+    group.addoption("--eal-all", action="store_true", help="also run scenario files without an `expect`")
     group.addoption(
         "--eal-fleet",
         type=Path,
         metavar="FILE",
-        help="fleet file for all scenarios, in place of SCENARIO.fleet.yaml or fleet.yaml beside each",
+        help="fleet file for all scenarios, instead of SCENARIO.fleet.yaml or fleet.yaml beside each",
     )
     group.addoption(
         "--eal-set",
@@ -60,14 +60,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=[],
         type=_setting,
         metavar="NAME=VALUE",
-        help="the value of a parameter, for all scenarios that have it; may be repeated",
+        help="value of a parameter, for all scenarios that have it; repeatable",
     )
     group.addoption(
         "--eal-keep",
         action="append",
         default=[],
         metavar="PLUGIN",
-        help="a plugin that moves nothing real, and runs as it is; may be repeated",
+        help="use this plugin itself, not a simulated one: it must not move anything real; repeatable",
     )
 
 
@@ -75,7 +75,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def simulation(request: pytest.FixtureRequest) -> Iterator[SimulationFactory]:
     """Return a function that makes simulated fleets: `simulation({"scout": "roomba"}, world="lab")`.
 
-    They are closed when the test is over; a test that leaves threads of theirs behind fails.
+    They are closed at the end of the test. The test fails if it leaves threads of theirs behind.
     """
     from eal_actors.testing.factory import SimulationFactory
 
@@ -90,7 +90,7 @@ def simulation(request: pytest.FixtureRequest) -> Iterator[SimulationFactory]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Say with a failure which seed repeats it."""
+    """Add the seed that repeats a failure to its report."""
     report = yield
     factory = item.stash.get(_FACTORY, None)
     if factory is not None and report.failed:
@@ -99,7 +99,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
-    """Take scenario files for test cases, if that is wanted."""
+    """Collect scenario files as test cases, with --eal."""
     if not parent.config.getoption("--eal") or file_path.suffix not in (".yaml", ".yml"):
         return None
     from eal_actors.testing.scenario_cases import collect_scenario
@@ -108,7 +108,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Refuse values for parameters that no scenario has: they are misspelt."""
+    """Refuse values for parameters that no scenario has."""
     if config.getoption("--eal") and config.getoption("--eal-set"):
         from eal_actors.testing.scenario_cases import check_settings
 

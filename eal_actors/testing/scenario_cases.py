@@ -1,4 +1,4 @@
-"""Scenario files as test cases of pytest: `pytest --eal scenarios/`."""
+"""Scenario files as pytest test cases: `pytest --eal scenarios/`."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ def collect_scenario(path: Path, parent: pytest.Collector) -> pytest.Collector |
     """Return a collector for a scenario file; None for any other YAML file, such as a fleet."""
     if not _STEPS.search(path.read_text(encoding="utf-8", errors="replace")):
         return None
-    return ScenarioFile.from_parent(parent, path=path)
+    return ScenarioCaseFile.from_parent(parent, path=path)
 
 
 def check_settings(config: pytest.Config, items: Iterable[pytest.Item]) -> None:
-    """Refuse values of parameters that no collected scenario has.
+    """Check that every value of --eal-set belongs to a parameter of a collected scenario.
 
     Raises:
-        UsageError: there is such a value.
+        UsageError: no collected scenario has the parameter.
     """
     known = {name for item in items if isinstance(item, ScenarioCase) for name in item.scenario.file.parameters}
     for name, _ in config.getoption("--eal-set"):
         if name not in known:
             hint = did_you_mean(name, known)
-            raise pytest.UsageError(f"--eal-set: no scenario that was collected has a parameter '{name}'{hint}")
+            raise pytest.UsageError(f"--eal-set: no collected scenario has a parameter '{name}'{hint}")
 
 
-class ScenarioFile(pytest.File):
-    """A scenario file: one case, if it holds an `expect`, or is wanted all the same."""
+class ScenarioCaseFile(pytest.File):
+    """A scenario file: one test case, if it has an `expect` or is selected explicitly."""
 
     def collect(self) -> Iterator[pytest.Item]:
-        """Yield its case."""
+        """Yield the test case."""
         try:
             scenario = load_scenario(self.path)
         except ConfigError as error:
@@ -59,19 +59,19 @@ class ScenarioFile(pytest.File):
             yield ScenarioCase.from_parent(self, name=scenario.name, scenario=scenario)
 
 
-class _CaseFailed(Exception):  # noqa: N818  # it is what pytest calls a failure
-    """A run that was not done, or an expectation that did not hold."""
+class _CaseFailed(Exception):  # noqa: N818  # pytest calls it a failure
+    """A run is not done, or an expectation failed."""
 
     def __init__(self, lines: Sequence[str]) -> None:
         super().__init__("\n".join(lines))
 
 
 class ScenarioCase(pytest.Item):
-    """A scenario, run once in simulation, as fast as the machine goes.
+    """One run of a scenario in simulation, as fast as possible.
 
     Args:
-        scenario: what is run.
-        keywords: see pytest.Item.
+        scenario: the scenario.
+        keywords: passed to pytest.Item.
     """
 
     def __init__(self, *, scenario: Scenario, **keywords: Any) -> None:
@@ -82,21 +82,23 @@ class ScenarioCase(pytest.Item):
         """Run the scenario.
 
         Raises:
-            EALError: it could not begin.
-            _CaseFailed: it was not done, or an expectation did not hold.
+            EALError: the run could not start.
+            _CaseFailed: the run is not done, or an expectation failed.
         """
         fleet = self._fleet_file()
         config = EALConfigManager.load(fleet).fleet
         seed = self.config.getoption("--eal-seed")
         config = replace(config, seed=config.seed if seed is None else seed)
-        self.user_properties += [("eal_fleet", str(_shown(fleet))), ("eal_seed", config.seed)]
+        self.user_properties += [("eal_fleet", str(_relative_path(fleet))), ("eal_seed", config.seed)]
         directory = _new_folder(self.config, self.name)
         report = self._run(config, directory)
         if report.outcome == "done" and not any(map(self._is_broken, report.steps)):
             shutil.rmtree(directory)
             return
         lines = [
-            self._told(step) for step in report.steps if self._is_broken(step) or step.outcome in ("failed", "dropped")
+            self._failure_line(step)
+            for step in report.steps
+            if self._is_broken(step) or step.outcome in ("failed", "dropped")
         ]
         if not lines and report.error is not None:
             lines.append(report.error.message)
@@ -110,17 +112,17 @@ class ScenarioCase(pytest.Item):
         scenario = with_parameters(self.scenario, read_settings(self.scenario.file, own))
         robots = {name for names in find_candidates(scenario, config).values() for name in names}
         twins = simulated(config, robots, self.config.getoption("--eal-keep"))
-        self._say([*_sentences(twins.replaced, ""), *_sentences(twins.left_out, "left out: ")])
+        self._report_changes([*_sentences(twins.replaced, ""), *_sentences(twins.left_out, "left out: ")])
         with Fleet(twins.config).connect(robots) as opened:
             for problem in opened.problems:
                 raise problem
             return run_scenario(scenario, opened, directory=directory)
 
     def _fleet_file(self) -> Path:
-        """Return the fleet file of the command line, or that of the scenario, or that of its folder.
+        """Return the fleet file of the command line, of the scenario, or of its folder.
 
         Raises:
-            ArgumentError: there is none.
+            ArgumentError: none exists.
         """
         given: Path | None = self.config.getoption("--eal-fleet")
         if given is not None:
@@ -130,7 +132,7 @@ class ScenarioCase(pytest.Item):
         if found is None:
             names = " nor ".join(file.name for file in beside)
             raise ArgumentError(
-                f"no fleet for {_shown(self.path)}: give --eal-fleet FILE; beside the scenario stands neither {names}"
+                f"no fleet for {_relative_path(self.path)}: give --eal-fleet FILE; there is neither {names}"
             )
         return found
 
@@ -139,35 +141,35 @@ class ScenarioCase(pytest.Item):
         is_expectation = step.step in self.scenario.expectations()
         return is_expectation and step.outcome not in ("done", "aborted", "stopped")
 
-    def _told(self, step: StepRecord) -> str:
+    def _failure_line(self, step: StepRecord) -> str:
         place = self.scenario.position_of(step.step)
         who = f" ({step.robot})" if step.robot is not None else ""
         why = step.error.message if step.error is not None else step.outcome
         what = "" if step.step in self.scenario.expectations() else f"{step.label} {step.outcome}: "
-        return f"{_shown(Path(place.file))}:{place.line}:{place.column}: {step.step}{who}: {what}{why}"
+        return f"{_relative_path(Path(place.file))}:{place.line}:{place.column}: {step.step}{who}: {what}{why}"
 
-    def _say(self, lines: Sequence[str]) -> None:
-        """Have the report tell what is not as the fleet file says, should the case fail."""
+    def _report_changes(self, lines: Sequence[str]) -> None:
+        """Add the differences from the fleet file to the report of a failed case."""
         if lines:
             self.add_report_section("call", _SECTION, "\n".join(lines))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], *arguments: Any) -> Any:
-        """Return what went wrong, without a traceback where the scenario is to blame."""
+        """Return the failure, without a traceback if the scenario caused it."""
         if not isinstance(excinfo.value, _CaseFailed | EALError):
             return super().repr_failure(excinfo, *arguments)
         facts = dict(self.user_properties)
-        told = [str(excinfo.value)]
+        lines = [str(excinfo.value)]
         if "eal_seed" in facts:
-            told.append(f"fleet {facts['eal_fleet']}, --eal-seed={facts['eal_seed']}")
-        return "\n".join(told)
+            lines.append(f"fleet {facts['eal_fleet']}, --eal-seed={facts['eal_seed']}")
+        return "\n".join(lines)
 
     def reportinfo(self) -> tuple[Path, int, str]:
-        """Return where it stands, and its name."""
+        """Return the file, the line and the name."""
         return self.path, 0, f"scenario {self.name}"
 
 
 def _new_folder(config: pytest.Config, name: str) -> Path:
-    """Return a folder beside those of the fixture `tmp_path`, which pytest keeps of its last three runs."""
+    """Return a folder beside those of `tmp_path`, which pytest keeps for its last three runs."""
     factory: pytest.TempPathFactory = config._tmp_path_factory  # type: ignore[attr-defined]  # noqa: SLF001  # as its own items do
     return factory.mktemp(re.sub(r"\W", "_", name)[:30], numbered=True)
 
@@ -176,6 +178,6 @@ def _sentences(reasons: Any, lead: str) -> list[str]:
     return [f"{name}: {lead}{why}" for name, why in reasons.items()]
 
 
-def _shown(path: Path) -> Path:
+def _relative_path(path: Path) -> Path:
     here = Path.cwd()
     return path.relative_to(here) if path.is_relative_to(here) else path

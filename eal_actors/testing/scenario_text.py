@@ -1,4 +1,4 @@
-"""Scenarios that stand in a test as text."""
+"""Scenarios given as text in a test."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _NAME: Final = "scenario"
 
 
 def read_scenario(source: str | Path) -> Scenario:
-    """Read a scenario from its text, which may be indented as a whole, or from its file.
+    """Read a scenario from its text, which may be indented, or from its file.
 
     Args:
-        source: text of more than one line; anything else is the path of a file.
+        source: text of more than one line, or else the path of a file.
 
     Raises:
-        ConfigError: with every problem of the scenario.
+        ConfigError: the scenario is wrong; names every problem.
     """
     if isinstance(source, Path) or "\n" not in source:
         return load_scenario(source)

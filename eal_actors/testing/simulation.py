@@ -1,4 +1,4 @@
-"""A simulated fleet whose time a test moves."""
+"""Simulated fleet whose time the test advances."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple, Self
+
+from typing_extensions import override
 
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.device.info import unknown_name
@@ -21,7 +22,7 @@ from eal_actors.testing.scenario_text import read_scenario
 
 
 class Pose(NamedTuple):
-    """Where a robot truly is, in the world's frame: origin in the middle of the floor, x right, y up."""
+    """True pose of a robot in the map frame: origin at the centre of the floor, x to the right, y up."""
 
     x_m: float
     y_m: float
@@ -33,28 +34,28 @@ class Pose(NamedTuple):
 
 
 class Simulation:
-    """Simulated robots in a world, and time that stands still until the test moves it.
+    """Simulated robots in a world, with time that stands still until the test advances it.
 
         with Simulation({"scout": "roomba", "mate": {"model": "evbot3", "start": (1.0, 0.0, 90)}}) as simulation:
             simulation["scout"]["Base"].send_cmd("f1")
             simulation.advance_until(lambda: simulation.is_bumping("scout"))
 
-    Time goes on in `advance`, `advance_until` and `run`, and wherever the test waits for a robot, for as long as the
-    answer takes. So the same test sees the same values whenever it is run.
+    Time advances in `advance`, `advance_until` and `run`, and while the test waits for a robot's answer. So a test
+    sees the same values in every run.
 
     Args:
-        robots: each robot's name to its model, or to the settings of the sim plugin, of which `start` may be
-            (x_m, y_m) or (x_m, y_m, yaw_deg), and to what else a robot of a fleet file may have, such as `tags` and
-            `plugins`. `{n}` in a name together with `count` makes several. Or the path of a fleet file.
-        world: the name of a world that comes with the framework, such as "lab"; or a world file, a WorldModel, or what
-            a world file would say. None is the fleet file's world, or "empty" where there is no fleet file.
-        seed: where all randomness starts from; None is the fleet file's seed, or 0.
-        plugin_dirs: folders of further plugins.
+        robots: maps each robot's name to its model, or to settings of the simulation's plugin (`start` may be
+            (x_m, y_m) or (x_m, y_m, yaw_deg)) and other keys of a robot in a fleet file, such as `tags` and `plugins`.
+            `{n}` in a name together with `count` makes several robots. Or the path of a fleet file.
+        world: name of a bundled world, such as "lab"; or a world file, a WorldModel, or the content of a world file.
+            None is the fleet file's world, or "empty" without a fleet file.
+        seed: seed of all randomness; None is the fleet file's seed, or 0.
+        plugin_dirs: additional folders of plugins.
 
     Raises:
-        ConfigError: everything that is wrong with the robots and the world.
+        ConfigError: the robots or the world are wrong; names every problem.
 
-    Thread: one; start controllers in other threads with `simulation.fleet.tasks`.
+    Thread: use it from one thread; `simulation.fleet.tasks` starts controllers in other threads.
     """
 
     def __init__(
@@ -66,8 +67,8 @@ class Simulation:
         plugin_dirs: Sequence[str | Path] = (),
     ) -> None:
         self._config = simulated_fleet(robots, world, seed, plugin_dirs)
-        self._clock = _NotingClock()
-        self._fleet: Fleet | None = None  # while it is open: whoever keeps a closed simulation keeps no world
+        self._clock = _TrackingClock()
+        self._fleet: Fleet | None = None  # only while open: a closed simulation keeps no world in memory
 
     def __repr__(self) -> str:
         return f"<Simulation of {', '.join(self._config.robots)}: {'closed' if self._fleet is None else 'open'}>"
@@ -75,16 +76,16 @@ class Simulation:
     # Opening and closing.
 
     def open(self) -> Self:
-        """Connect the robots; harmless if they are connected. After a close it begins anew, at time 0.
+        """Connect the robots; do nothing if they are connected. After a close, time starts again at 0.
 
         Raises:
-            ConfigError: a plugin that does not exist, or settings that it refuses.
-            PluginError: a robot lacks a plugin that did not connect, such as for a start that is not free.
+            ConfigError: a plugin does not exist, or refuses its settings.
+            PluginError: a plugin did not connect, for example because its start is occupied.
             RobotFailedError: a robot could not start.
             UnavailableError: a robot did not start in time.
         """
         if self._fleet is None:
-            self._clock = _NotingClock()
+            self._clock = _TrackingClock()
             fleet = Fleet(self._config, self._clock)
             try:
                 _connect_all(fleet)
@@ -103,9 +104,7 @@ class Simulation:
     def __enter__(self) -> Self:
         return self.open()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_exc_info: object) -> None:
         self.close()
 
     # The fleet.
@@ -125,21 +124,21 @@ class Simulation:
         """Return a robot.
 
         Raises:
-            RobotNotFoundError: there is no robot of that name.
+            RobotNotFoundError: the fleet has no robot of this name.
             UnavailableError: the simulation is not open.
         """
         return self.fleet[robot]
 
     @property
     def seed(self) -> int:
-        """Where all randomness starts from."""
+        """Seed of all randomness."""
         return self._config.seed
 
     def threads_left(self, timeout_s: float) -> tuple[str, ...]:
-        """Wait for the threads that live by the simulation's clock to end; return the names of those that go on.
+        """Wait until the threads on the simulation's clock have ended; return the names of those that still run.
 
         Args:
-            timeout_s: real seconds to wait at most.
+            timeout_s: longest wait, in real seconds.
 
         Thread: blocks the caller.
         """
@@ -157,7 +156,7 @@ class Simulation:
         return self._clock.now()
 
     def advance(self, duration_s: float) -> None:
-        """Let time go on: whatever robots do in these seconds is done when this returns.
+        """Advance time; return when the robots have done everything that they do in this time.
 
         Args:
             duration_s: simulated seconds, at least 0.
@@ -166,60 +165,62 @@ class Simulation:
             ArgumentError: the duration is under 0 or not finite.
             UnavailableError: the simulation is not open.
         """
-        self.fleet.clock.sleep(_checked_s("duration_s", duration_s))
+        self.fleet.clock.sleep(_require_duration("duration_s", duration_s))
 
     def advance_until(
         self, condition: Callable[[], object], timeout_s: float = 60.0, *, every_s: float = 0.05
     ) -> float:
-        """Let time go on until a condition holds.
+        """Advance time until a condition is true.
 
         Args:
-            condition: is asked at once and then every `every_s`; what is truthy holds.
-            timeout_s: simulated seconds after which to give up.
-            every_s: simulated seconds between two looks, over 0.
+            condition: called at once and then every `every_s`.
+            timeout_s: time limit, in simulated seconds.
+            every_s: polling period in simulated seconds, over 0.
 
         Returns:
-            The simulated seconds that it took.
+            The elapsed simulated seconds.
 
         Raises:
-            WaitTimeoutError: it does not hold by then; the message tells where the robots are.
-            ArgumentError: a duration is under 0, 0 between two looks, or not finite.
+            WaitTimeoutError: the condition is still false at the time limit; the message has the robots' poses.
+            ArgumentError: a duration is negative or not finite, or the period is 0.
             UnavailableError: the simulation is not open.
         """
         clock, start_s = self.fleet.clock, self.now_s
-        end_s = start_s + _checked_s("timeout_s", timeout_s)
-        if _checked_s("every_s", every_s) == 0:
-            raise ArgumentError("every_s must be over 0, or time would stand still")
+        end_s = start_s + _require_duration("timeout_s", timeout_s)
+        if _require_duration("every_s", every_s) == 0:
+            raise ArgumentError("every_s must be over 0")
         while not condition():
             left_s = end_s - clock.now()
             if left_s <= 0:
-                raise WaitTimeoutError(f"{_described(condition)} did not hold within {timeout_s:g} s; {self._places()}")
+                raise WaitTimeoutError(
+                    f"{_name_condition(condition)} was not met within {timeout_s:g} s; {self._format_poses()}"
+                )
             clock.sleep(min(every_s, left_s))
         return clock.now() - start_s
 
-    # What there is to assert on.
+    # Assertions.
 
     def pose(self, robot: str) -> Pose:
-        """Return where a robot truly is, by its resource Pose.
+        """Return the true pose of a robot, from its resource Pose.
 
         Raises:
-            RobotNotFoundError: there is no robot of that name.
-            ResourceNotFoundError: it has no resource Pose.
+            RobotNotFoundError: the fleet has no robot of this name.
+            ResourceNotFoundError: the robot has no resource Pose.
             UnavailableError: the simulation is not open.
         """
         x_m, y_m, yaw_rad = map(float, self[robot]["Pose"].get_value().get().value)
         return Pose(x_m, y_m, yaw_rad)
 
     def distance_m(self, robot: str, other: str | tuple[float, float]) -> float:
-        """Return the distance between the middles of two robots, or from a robot to a point.
+        """Return the distance between the centres of two robots, or from a robot to a point.
 
         Args:
             robot: a robot's name.
             other: another robot's name, or x and y in metres.
 
         Raises:
-            RobotNotFoundError: there is no robot of that name.
-            ResourceNotFoundError: it has no resource Pose.
+            RobotNotFoundError: the fleet has no robot of this name.
+            ResourceNotFoundError: the robot has no resource Pose.
             UnavailableError: the simulation is not open.
         """
         x_m, y_m = self.pose(other)[:2] if isinstance(other, str) else other
@@ -227,30 +228,30 @@ class Simulation:
         return math.hypot(here.x_m - x_m, here.y_m - y_m)
 
     def is_bumping(self, robot: str) -> bool:
-        """Return whether something presses a robot's bumper, by its resource Bump.
+        """Return whether a robot's bumper is pressed, from its resource Bump.
 
         Raises:
-            RobotNotFoundError: there is no robot of that name.
-            ResourceNotFoundError: it has no resource Bump.
+            RobotNotFoundError: the fleet has no robot of this name.
+            ResourceNotFoundError: the robot has no resource Bump.
             UnavailableError: the simulation is not open.
         """
         return bool(self[robot]["Bump"].get_value().get().value)
 
-    # What goes wrong on purpose.
+    # Faults.
 
     def inject(self, robot: str, **faults: bool | float | str | Sequence[str]) -> None:
-        """Make something wrong with a robot, by its resource Faults, which says what there is.
+        """Inject faults into a robot through its resource Faults, which lists the possible faults.
 
             simulation.inject("scout", motor_left=0.5, frozen=["Range", "Camera"])
 
         Args:
             robot: its name.
-            faults: what becomes wrong; what is not named stays as it is.
+            faults: the faults to set; others stay unchanged.
 
         Raises:
-            ArgumentError: there is no such fault, or not with such a value.
-            RobotNotFoundError: there is no robot of that name.
-            ResourceNotFoundError: it has no resource Faults.
+            ArgumentError: the fault does not exist, or the value is not valid for it.
+            RobotNotFoundError: the fleet has no robot of this name.
+            ResourceNotFoundError: the robot has no resource Faults.
             UnavailableError: the simulation is not open.
         """
         resource = self[robot]["Faults"]
@@ -259,15 +260,15 @@ class Simulation:
             if name not in known:
                 raise ArgumentError(unknown_name("fault", name, known), robot=robot)
         for name, value in faults.items():
-            plain = value if isinstance(value, bool | int | float | str) else ",".join(value)
-            resource.set_config(name, plain).get()
+            scalar = value if isinstance(value, bool | int | float | str) else ",".join(value)
+            resource.set_config(name, scalar).get()
 
     def clear_faults(self, robot: str) -> None:
-        """End all faults of a robot; what its fault plan still holds happens nevertheless.
+        """End all faults of a robot; its fault plan continues.
 
         Raises:
-            RobotNotFoundError: there is no robot of that name.
-            ResourceNotFoundError: it has no resource Faults.
+            RobotNotFoundError: the fleet has no robot of this name.
+            ResourceNotFoundError: the robot has no resource Faults.
             UnavailableError: the simulation is not open.
         """
         self[robot]["Faults"].send_cmd("clear").get()
@@ -275,41 +276,41 @@ class Simulation:
     # Scenarios.
 
     def run(self, scenario: str | Path | Scenario, *, directory: Path | None = None) -> Report:
-        """Run a scenario from beginning to end.
+        """Run a scenario to its end.
 
         Args:
-            scenario: a scenario, the path of its file, or its text, which has more than one line.
-            directory: the run's folder for what it leaves behind; None keeps nothing.
+            scenario: a scenario, the path of its file, or its text of more than one line.
+            directory: the run's folder; None keeps no files.
 
         Raises:
-            ConfigError: what is wrong with the scenario, or what the robots cannot do.
-            ScenarioError: it saves files, and there is no directory.
+            ConfigError: the scenario is wrong, or the robots cannot perform it.
+            ScenarioError: the scenario saves files, and there is no directory.
             UnavailableError: the simulation is not open.
         """
         fleet = self.fleet
         loaded = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
         return run_scenario(loaded, fleet, directory=directory)
 
-    def _places(self) -> str:
+    def _format_poses(self) -> str:
         places = [f"{name} is at {self.pose(name)}" for name, robot in self.fleet.items() if "Pose" in robot]
         return "; ".join([f"{self.now_s:g} s since the start", *places])
 
 
-class _NotingClock(LockStepClock):
-    """A clock that knows the threads that live by it."""
+class _TrackingClock(LockStepClock):
+    """A clock that records the threads started on it."""
 
     def __init__(self) -> None:
         super().__init__()
         self.started: list[threading.Thread] = []
 
+    @override
     def start(self, thread: threading.Thread) -> None:
-        """See Clock."""
         self.started.append(thread)
         super().start(thread)
 
 
 def _connect_all(fleet: Fleet) -> None:
-    """Connect a fleet, and raise what keeps any of its robots from being there as a whole."""
+    """Connect a fleet; raise an error unless every robot is complete."""
     fleet.connect()
     for robot in fleet.values():
         robot.require_started()
@@ -317,12 +318,12 @@ def _connect_all(fleet: Fleet) -> None:
         raise problem
 
 
-def _checked_s(name: str, duration_s: float) -> float:
+def _require_duration(name: str, duration_s: float) -> float:
     if not 0 <= duration_s < math.inf:
         raise ArgumentError(f"{name} must be at least 0 and finite, not {duration_s}")
     return duration_s
 
 
-def _described(condition: Callable[[], object]) -> str:
+def _name_condition(condition: Callable[[], object]) -> str:
     name = getattr(condition, "__name__", "<lambda>")
     return "the condition" if name == "<lambda>" else f"the condition {name}"

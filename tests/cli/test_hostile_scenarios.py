@@ -115,7 +115,7 @@ def nested_loops() -> str:
         ),
         (
             "steps: [{scenario: s.yaml}]\n",
-            "s.yaml:4:20: steps[0].scenario: s.yaml: goes round in a circle: s.yaml -> s.yaml",
+            "s.yaml:4:20: steps[0].scenario: s.yaml: includes itself: s.yaml -> s.yaml",
         ),
     ],
     ids=lambda text: "" if "steps: [" in text else None,

@@ -100,7 +100,7 @@ def test_parameters_and_robots_of_the_command_line(eal: Any, slides: Path, trial
         (["--bind", "movers"], "must be ROLE=ROBOT,ROBOT, not 'movers'"),
         (["--events", "-", "--json"], "not both"),
         (["--events", "/nowhere/x"], "/nowhere/x cannot be written: No such file or directory"),
-        (["--resume", "none"], "none holds no record of a run: No such file or directory"),
+        (["--resume", "none"], "none has no record of a run: No such file or directory"),
         (["--resume", "none", "--set", "to=1"], "not with --resume: the run keeps its values"),
     ],
 )
@@ -132,7 +132,7 @@ def test_a_run_goes_on(eal: Any, slides: Path, trial: Path, tmp_path: Path) -> N
     (directory,) = runs.iterdir()
     again = eal("run", "--resume", directory)
     assert again.exit_code == 2
-    assert "came to its end" in " ".join(again.stderr.replace("│", "").split())
+    assert "has ended" in " ".join(again.stderr.replace("│", "").split())
 
     (directory / "summary.json").unlink()
     lines = (directory / "events.jsonl").read_text().splitlines()

@@ -222,7 +222,7 @@ def test_finished_runs_are_kept_for_the_same_files_only(eal: Any, fleet: Path, w
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert "another sweep uses" in sweep().stderr
     (out / "sweep.json").unlink()
-    assert "is no folder of a sweep" in sweep().stderr
+    assert "is not the folder of a sweep" in sweep().stderr
 
 
 @pytest.mark.parametrize(

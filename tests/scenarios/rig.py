@@ -19,7 +19,7 @@ RATE = 20.0
 MANIFEST = """\
 version: 1
 name: rig
-description: A base and an eye that do as they are told.
+description: A base and an eye for tests.
 plugin_version: "1"
 resources: [Base, Eye]
 """

@@ -232,7 +232,7 @@ def test_a_listener_that_raises_is_told_no_more(two: Fleet, tmp_path: Path) -> N
 def test_a_run_overwrites_no_other(two: Fleet, tmp_path: Path) -> None:
     run(two, tmp_path, "steps: [{log: x}]", directory=tmp_path / "run")
 
-    with pytest.raises(ScenarioError, match="holds the record of a run already"):
+    with pytest.raises(ScenarioError, match="already has the record of a run"):
         run(two, tmp_path, "steps: [{log: x}]", directory=tmp_path / "run")
 
 
@@ -240,7 +240,7 @@ def test_a_run_is_for_once(two: Fleet, tmp_path: Path) -> None:
     once = Run(make_plan(scenario(tmp_path, "steps: [{log: x}]"), two), two)
     once.start().get()
 
-    with pytest.raises(ScenarioError, match="a run is for once"):
+    with pytest.raises(ScenarioError, match="this run was started already"):
         once.start()
 
 

@@ -174,7 +174,7 @@ def test_a_run_goes_on_where_its_controller_died(tmp_path: Path) -> None:
     times_s = [event["time_s"] for event in events]
     assert times_s == sorted(times_s)
     assert json.loads((tmp_path / "run/summary.json").read_text()) == report.model_dump(mode="json")
-    with pytest.raises(ScenarioError, match="came to its end"):
+    with pytest.raises(ScenarioError, match="has ended"):
         read_run(tmp_path / "run")
 
 
@@ -189,18 +189,18 @@ def test_a_step_that_is_not_safe_is_not_repeated(tmp_path: Path) -> None:
         with pytest.raises(ScenarioError, match="has changed since the run"):
             Run(make_plan(scenario(tmp_path, STEPS), fleet), fleet, resumption.directory, [], resumption)
 
-    assert "was cut off in steps[2] (on, " in caught.value.message
-    assert "trial.yaml:15), which the scenario does not call safe_to_repeat" in caught.value.message
+    assert "was interrupted in steps[2] (on, " in caught.value.message
+    assert "trial.yaml:15), which is not safe_to_repeat" in caught.value.message
 
 
 def test_what_is_no_run_that_was_cut_off(two: Fleet, tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match="holds no record of a run: No such file"):
+    with pytest.raises(ScenarioError, match="has no record of a run: No such file"):
         read_run(tmp_path)
     (tmp_path / "events.jsonl").write_text("hello\n")
-    with pytest.raises(ScenarioError, match=r"events.jsonl:1: is no JSON"):
+    with pytest.raises(ScenarioError, match=r"events.jsonl:1: is not JSON"):
         read_run(tmp_path)
     (tmp_path / "events.jsonl").write_text('{"event": "log"}\n')
-    with pytest.raises(ScenarioError, match="does not begin as the record of a run does"):
+    with pytest.raises(ScenarioError, match="does not begin with the event run_started"):
         read_run(tmp_path)
 
 

@@ -154,7 +154,7 @@ def test_a_variable_that_cannot_be_put_in_fails_the_step(two: Fleet, tmp_path: P
     record = records(report, "slow")[-1]
     assert (record.outcome, record.attempts) == ("dropped", 0)
     assert record.error is not None
-    assert "${image} is of type list, which cannot stand in a text" in record.error.message
+    assert "${image} is of type list, which has no form in a text" in record.error.message
 
 
 def test_what_cannot_be_saved_fails_the_step(two: Fleet, tmp_path: Path) -> None:
@@ -177,4 +177,4 @@ def test_a_log_that_cannot_be_made_is_no_hang(two: Fleet, tmp_path: Path) -> Non
 
     assert report.outcome == "failed"
     assert report.error is not None
-    assert "cannot stand in a text" in report.error.message
+    assert "has no form in a text" in report.error.message

@@ -122,7 +122,7 @@ def test_problems_inside_a_part_are_told_with_its_own_places(two: Fleet, tmp_pat
 def test_circles_and_missing_files_are_refused(tmp_path: Path) -> None:
     step = "steps: [{scenario: trial.yaml}]"
     assert problems(tmp_path, step) == [
-        "trial.yaml:8:20: steps[0].scenario: trial.yaml: goes round in a circle: trial.yaml -> trial.yaml"
+        "trial.yaml:8:20: steps[0].scenario: trial.yaml: includes itself: trial.yaml -> trial.yaml"
     ]
     assert problems(tmp_path, "steps: [{scenario: none.yaml}]") == [
         "trial.yaml:8:20: steps[0].scenario: none.yaml: no such file"
@@ -233,7 +233,7 @@ def test_what_a_part_inside_an_on_may_not_say(tmp_path: Path) -> None:
     assert roles.endswith(
         "do[0].roles: has no meaning inside 'on: all': each robot takes all roles of the scenario by itself"
     )
-    assert "do[0].scenario: inside 'on: all' each robot carries it out by itself, but role 'again' of " in needs
+    assert "do[0].scenario: inside 'on: all' each robot runs it by itself, but role 'again' of " in needs
     assert needs.endswith("scenario 'scout' needs at least 2")
     assert "signals.sene: scenario 'scout' does not give the signal 'sene'; did you mean 'seen'?" in signal
     assert [problem.split(":")[1] for problem in found] == ["12", "13", "14"]

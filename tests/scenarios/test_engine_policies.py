@@ -95,7 +95,7 @@ finally:
     assert lines == {("a", "a 0 of 2, x 10"), ("c", "c 1 of 2, x 11")}
     (replaced,) = [event for event in watch.events if isinstance(event, RobotReplaced)]
     assert (replaced.robot, replaced.by, replaced.role) == ("b", "c", "all")
-    assert stops == [1, 1, 1], "whoever took part takes part in the end"
+    assert stops == [1, 1, 1], "every robot that took part performs finally"
 
 
 def test_without_a_spare_left_the_robot_is_dropped(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ def test_a_block_that_takes_too_long_is_stopped_and_has_failed(two: Fleet, tmp_p
 
     kind = block.partition(":")[0]
     assert report.outcome == "done", report.error
-    assert ("slow", kind, "skipped", f"{kind} was not through within 4 s") in failed_steps(report)
+    assert ("slow", kind, "skipped", f"{kind} did not end within 4 s") in failed_steps(report)
     assert texts(watch) == ["fast goes on", "slow goes on"]
     assert ("send_cmd Base go9", "stopped", 1) in brief(report, "slow")
     assert ask(two, "slow", "halts") >= 1
@@ -72,7 +72,7 @@ def test_each_robot_of_an_on_has_its_own_time_out(two: Fleet, tmp_path: Path) ->
     assert (report.outcome, outcomes(report)) == ("failed", {"fast": "done", "slow": "dropped"})
     assert brief(report, "fast") == [("send_cmd Base go9", "done", 1), ("send_cmd Base now", "done", 1)]
     assert report.error is not None
-    assert report.error.message == "on was not through within 4 s"
+    assert report.error.message == "on did not end within 4 s"
 
 
 def test_a_block_that_failed_is_tried_again(tmp_path: Path) -> None:
@@ -126,7 +126,7 @@ def test_a_block_of_the_run_drops_who_is_at_work_in_it(two: Fleet, tmp_path: Pat
 
     assert (report.outcome, outcomes(report)) == ("failed", {"fast": "done", "slow": "dropped"})
     assert brief(report, "fast")[-1] == ("send_cmd Base now", "done", 1)
-    assert failed_steps(report)[-1] == (None, "parallel", "dropped", "parallel was not through within 4 s")
+    assert failed_steps(report)[-1] == (None, "parallel", "dropped", "parallel did not end within 4 s")
 
 
 def test_a_block_of_the_run_ends_it_by_itself(two: Fleet, tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ world: world.yaml
 WORLD = "version: 1\nname: world\nsize_m: [10.0, 6.0]\n"
 
 COUNT_M = {"evbot2-1": 0.0005, "evbot3-1": 0.0002, "roomba-1": 0.001, "create-1": math.pi * 0.072 / 508.8}
-"""What each robot's encoders resolve."""
+"""The resolution of each robot's encoders."""
 ARM_M = {"evbot2-1": 0.12, "evbot3-1": 0.15, "roomba-1": 0.129, "create-1": 0.129}
 """From each robot's middle to its wheels."""
 OFF_COUNTS = 2.0

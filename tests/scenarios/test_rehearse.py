@@ -316,7 +316,7 @@ def test_the_command_says_who_hit_what_when_where_and_doing_what(
 
     clear = eal(scenario, "--fleet", file)
     assert clear.exit_code == 0, clear.output
-    assert clear.stdout.splitlines()[-1] == "collide on trial, seeds 0, 1, 2: clear: nothing comes nearer than 0.1 m"
+    assert clear.stdout.splitlines()[-1] == "collide on trial, seeds 0, 1, 2: clear: no gap is smaller than 0.1 m"
 
     hit = eal(scenario, "--fleet", file, "--set", "metres=1", "--seed", 5)
     assert hit.exit_code == 1

@@ -109,7 +109,7 @@ def test_everything_wrong_is_told_at_once() -> None:
         ),
         "simulation: robots.a.mailbox: must be over 0, not 0",
         "simulation: seed: must be at least 0, not -1",
-        "simulation: world: no world 'maez' comes with the framework; did you mean 'maze'?",
+        "simulation: world: there is no bundled world 'maez'; did you mean 'maze'?",
     ]
 
 
@@ -125,7 +125,7 @@ def test_everything_wrong_is_told_at_once() -> None:
         ),
         (
             {"a": {"noise": False, "plugins": {"sim": {"model": "roomba"}}}},
-            "robots.a.plugins.sim: the plugin has settings already: noise; give them all in one place",
+            "robots.a.plugins.sim: has settings in two places, also here: noise; put all of them in one place",
         ),
     ],
 )

@@ -181,7 +181,7 @@ def test_nothing_real_is_opened(pytester: pytest.Pytester, folder: Path) -> None
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ("--eal-set=meters=1", "*--eal-set: no scenario that was collected has a parameter 'meters'; did you mean*"),
+        ("--eal-set=meters=1", "*--eal-set: no collected scenario has a parameter 'meters'; did you mean*"),
         ("--eal-set=metres", "*argument --eal-set: must be NAME=VALUE, not 'metres'"),
     ],
 )

@@ -100,10 +100,10 @@ def test_a_condition_that_never_holds_tells_where_the_robots_are(pair: Simulatio
         pair.advance_until(it_rains, 1.5)
     assert isinstance(caught.value, TimeoutError)
     assert str(caught.value) == (
-        "the condition it_rains did not hold within 1.5 s; 1.5 s since the start; "
+        "the condition it_rains was not met within 1.5 s; 1.5 s since the start; "
         "left is at x -1.000 m, y 0.000 m, yaw 0.0 deg; right is at x 1.000 m, y 0.000 m, yaw 180.0 deg"
     )
-    with pytest.raises(WaitTimeoutError, match=r"^the condition did not hold within 0 s; "):
+    with pytest.raises(WaitTimeoutError, match=r"^the condition was not met within 0 s; "):
         pair.advance_until(lambda: False, 0)
 
 

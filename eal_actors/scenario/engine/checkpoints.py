@@ -86,7 +86,7 @@ def restore(run: RunContext, resumption: Resumption) -> None:
         for index, seat in enumerate(seats):
             robot = run.robots.get(seat["robot"])
             if robot is None:
-                raise ScenarioError(f"robot '{seat['robot']}' of role '{role}' takes no part any more")
+                raise ScenarioError(f"robot '{seat['robot']}' of role '{role}' is not part of the run")
             robot.has_taken_part = True
             variables = {name: from_record(value) for name, value in seat["variables"].items()}
             slots.append(RoleSlot(role, index, len(seats), robot, variables))

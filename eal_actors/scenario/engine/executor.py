@@ -145,7 +145,7 @@ def perform_within(
         yield from group.perform([(task, inside(replace(context, task=task)))])
         if group.late is not None:
             action.late = group.late if context.slot is None else ()
-            raise DeadlineError(f"{step.kind} was not through within {timeout_s:g} s")
+            raise DeadlineError(f"{step.kind} did not end within {timeout_s:g} s")
 
     make = partial(Action, run, context, step.kind, attempt)
     yield from perform_step(run, context, step, path, make, is_quiet=True)

@@ -121,7 +121,7 @@ class StepTask:
         return f"branch '{self.branch}'" if self.branch is not None else "the scenario"
 
     def touch(self, resource: str | None) -> None:
-        """Record a call of a resource; None stands for any resource."""
+        """Record a call of a resource; None means any resource."""
         task: StepTask | None = self
         while task is not None:
             if resource is None:
@@ -224,7 +224,7 @@ class ExecutionContext:
             ScenarioError: there is no slot; the loader refuses such files.
         """
         if self.slot is None:
-            raise ScenarioError("there is no robot here to do it")
+            raise ScenarioError("the step needs a robot, but is outside of 'on'")
         return self.slot.robot
 
     @property

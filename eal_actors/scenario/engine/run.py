@@ -122,7 +122,7 @@ class Run:
         Thread: any, once; does not block.
         """
         if self._is_started:
-            raise ScenarioError("this run was started already; a run is for once")
+            raise ScenarioError("this run was started already; make a new one")
         self._is_started = True
         self._journal = Journal(self._directory, self._listeners, is_resumed=self._resumption is not None)
         if self._saves:
@@ -155,7 +155,7 @@ class Run:
         self._loop.post(self._apply_aborts)
 
     def pause(self) -> None:
-        """Begin no more steps; those under way continue. Time-outs of meetings and waits stand still.
+        """Begin no more steps; those under way continue. Time-outs of meetings and waits do not advance.
 
         It has no effect on a run that is paused, or whose steps are over. Thread: any; never blocks.
         """

@@ -279,7 +279,7 @@ class PauseControl:
         return self._paused_s + (self._clock.now() - self._since_s if self._since_s is not None else 0.0)
 
     def active_s(self) -> float:
-        """Return a time that stands still while the run is paused."""
+        """Return a time that does not advance during pauses."""
         return self._clock.now() - self.paused_s
 
     def pause(self) -> None:

@@ -129,7 +129,7 @@ class _Loader:
         real = path.resolve()
         if real in self._open:
             circle = " -> ".join(open_path.name for open_path in [*self._open[self._open.index(real) :], real])
-            raise ConfigError([Problem(str(path), 0, 0, "", f"goes round in a circle: {circle}")])
+            raise ConfigError([Problem(str(path), 0, 0, "", f"includes itself: {circle}")])
         if len(self._open) >= MAX_PARTS_DEEP:
             raise ConfigError([Problem(str(path), 0, 0, "", f"is the {MAX_PARTS_DEEP + 1}th scenario inside another")])
         if real not in self._done:

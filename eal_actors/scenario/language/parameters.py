@@ -99,7 +99,7 @@ def _format(value: object) -> str:
 
 
 def unit_problem(value: object, file: ScenarioFile, wanted: str | None, what: str) -> str | None:
-    """Return why a value has the wrong unit, or None. The unit is known only of a parameter that stands alone."""
+    """Return why a value has the wrong unit, or None. The unit is known only for a sole parameter."""
     unit = unit_of(value, file)
     if unit is None or not wanted or unit == wanted:
         return None

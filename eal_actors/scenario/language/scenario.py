@@ -57,7 +57,7 @@ class RoleSection(StrictModel):
     spares: NonNegativeInt = 0
     """So many of the other robots that fit are kept in reserve for one that fails."""
     on_failure: OnFailure | None = None
-    """What happens when a step of its robots fails; defaults to that of the file."""
+    """The policy when a step of its robots fails; defaults to that of the file."""
 
 
 class ScenarioFile(StrictModel):
@@ -72,7 +72,7 @@ class ScenarioFile(StrictModel):
     timeout_s: PositiveFloat | None = None
     """Default deadline of a call, in seconds of the fleet's clock; defaults to that of the fleet file."""
     on_failure: OnFailure = "abort"
-    """What happens when a step fails."""
+    """The policy when a step fails."""
     safe_to_repeat: bool = False
     """A resumed run may repeat the step at which it was interrupted."""
     steps: Steps

@@ -205,13 +205,13 @@ class ScopeCheck:
                 hint = did_you_mean(name.name, known) if known else "; no variable is known here"
                 message = f"unknown variable '{name.name}'{hint}"
                 if is_bare and expression.text.strip() == name.name:
-                    message += f"; a text stands in quotes of its own: \"'{name.name}'\""
+                    message += f"; a text needs quotes of its own: \"'{name.name}'\""
                 self.report(path, message, inside=(text, offset + name.offset))
         unsure = [
             name for name in expression.names if name.name in known - scope.facts - self.constants - scope.static_loops
         ]
         if static and unsure:
-            message = f"{static} must be known before the run, and '{unsure[0].name}' is saved during it"
+            message = f"{static} must be known before the run, and '{unsure[0].name}' is assigned during it"
             self.report(path, message, inside=(text, offset + unsure[0].offset))
 
     def _readings(
@@ -222,7 +222,7 @@ class ScopeCheck:
             if static:
                 self.report(path, f"{static} must be known before the run, and {reading} is not", inside=inside)
             elif scope.role is None:
-                message = f"{reading} asks a robot, so it must stand in the 'do' of an 'on'"
+                message = f"{reading} reads from a robot, so it must be in the 'do' of an 'on'"
                 self.report(path, message, inside=inside)
 
     def is_static(self, value: object, scope: Scope) -> bool:
@@ -251,11 +251,11 @@ class ScopeCheck:
     def variable_name(self, name: str, path: YamlPath, *, key: bool = False) -> None:
         """Refuse the name of a variable that has another meaning."""
         if name in ROBOT_FACTS or name == RUN:
-            meaning = "has a meaning already"
+            meaning = "is a built-in name"
         elif name in FUNCTIONS or name in READINGS or name in CONSTANTS:
-            meaning = "has a meaning in expressions already"
+            meaning = "is a built-in name of expressions"
         elif keyword.iskeyword(name):
-            meaning = "is a word of the expression language"
+            meaning = "is a keyword of expressions"
         else:
             return
         self.report(path, f"'{name}' {meaning}, and cannot be the name of a variable", key=key)

@@ -32,7 +32,7 @@ def check_file_name(name: str) -> None:
     """Raise ScenarioError if a file name of a scenario leads out of its folder."""
     path = PurePosixPath(name)
     if not path.name or path.is_absolute() or ".." in path.parts or "\0" in name:
-        raise ScenarioError(f"{name!r} is no name of a file inside the run's folder")
+        raise ScenarioError(f"{name!r} is not a file name inside the run's folder")
 
 
 def suffix_problem(name: str) -> str | None:

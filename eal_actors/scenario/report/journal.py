@@ -44,7 +44,7 @@ class Journal:
                 "a" if is_resumed else "x", encoding="utf-8", buffering=1
             )  # by lines
         except FileExistsError:
-            raise ScenarioError(f"{directory} holds the record of a run already") from None
+            raise ScenarioError(f"{directory} already has the record of a run") from None
         except OSError as error:
             raise ScenarioError(f"the run's folder {directory} cannot be written: {error}") from error
 

@@ -67,8 +67,8 @@ class Resumption:
         if self.was_begun and not file.is_safe(self.first_step):
             place = scenario.tree.mark_at(("steps", self.first_step))
             raise ScenarioError(
-                f"the run in {self.directory} was cut off in steps[{self.first_step}] ({step.kind}, "
-                f"{place.file}:{place.line}), which the scenario does not call safe_to_repeat"
+                f"the run in {self.directory} was interrupted in steps[{self.first_step}] ({step.kind}, "
+                f"{place.file}:{place.line}), which is not safe_to_repeat"
             )
 
 
@@ -79,27 +79,25 @@ def read_run(directory: Path) -> Resumption:
         ScenarioError: there is no such run, it has ended, or it cannot be resumed.
     """
     if (directory / SUMMARY).exists():
-        raise ScenarioError(f"the run in {directory} came to its end; only one that was cut off can be resumed")
+        raise ScenarioError(f"the run in {directory} has ended; only an interrupted run can be resumed")
     try:
         lines = (directory / EVENTS).read_text(encoding="utf-8", errors="replace").split("\n")
     except OSError as error:
-        raise ScenarioError(f"{directory} holds no record of a run: {error.strerror}") from error
+        raise ScenarioError(f"{directory} has no record of a run: {error.strerror}") from error
     events = [_read(line, directory, number) for number, line in enumerate(lines[:-1], 1)]  # the last one was cut off
     if not events or events[0].get("event") != "run_started":
-        raise ScenarioError(f"{directory / EVENTS} does not begin as the record of a run does")
+        raise ScenarioError(f"{directory / EVENTS} does not begin with the event run_started")
     try:
         return _gather(directory, events)
     except (KeyError, TypeError, ValueError, ValidationError) as error:
-        raise ScenarioError(
-            f"{directory / EVENTS} is not a record that this release can go on from: {error}"
-        ) from error
+        raise ScenarioError(f"{directory / EVENTS} is not a record that this release can resume: {error}") from error
 
 
 def _read(line: str, directory: Path, number: int) -> dict[str, Any]:
     try:
         event = json.loads(line)
     except ValueError as error:
-        raise ScenarioError(f"{directory / EVENTS}:{number}: is no JSON: {error}") from error
+        raise ScenarioError(f"{directory / EVENTS}:{number}: is not JSON: {error}") from error
     return event if isinstance(event, dict) else {}
 
 
@@ -111,13 +109,11 @@ def _gather(directory: Path, events: list[dict[str, Any]]) -> Resumption:
             case "checkpoint":
                 checkpoint, was_begun = event, False
             case "run_ended":
-                raise ScenarioError(f"the run in {directory} came to its end; only one that was cut off can be resumed")
+                raise ScenarioError(f"the run in {directory} has ended; only an interrupted run can be resumed")
             case "step_started" | "signal":
                 was_begun = True
     if not checkpoint:
-        raise ScenarioError(
-            f"the run in {directory} cannot be resumed: its scenario calls none of its steps safe_to_repeat"
-        )
+        raise ScenarioError(f"the run in {directory} cannot be resumed: none of its steps is safe_to_repeat")
     return Resumption(
         directory=directory,
         started=events[0],

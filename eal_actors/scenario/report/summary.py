@@ -33,7 +33,7 @@ it was under way).
 A robot is `done` if it went through all of its steps, `failed` if a step of its ended the run, if one of its steps in
 `finally` failed or if it could not be halted, `dropped` if it left the run, `replaced` if a spare took its place,
 `aborted` if the run was stopped around it, and `spare` if it was kept in reserve and never needed. The run is `done`
-only if nobody failed, was dropped or was stopped by an abort; it is `failed` if a robot failed or was dropped, if a
+only if no robot failed, was dropped or was stopped by an abort; it is `failed` if a robot failed or was dropped, if a
 step of no robot failed, or if the engine itself had an error, and otherwise `aborted`. Steps that were never reached
 have no entry.
 """

@@ -17,7 +17,7 @@ from eal_actors.scenario.steps.base import Show, WaitingStep
 
 
 class BarrierStep(WaitingStep):
-    """Meet with everyone whose `on` or branch has a barrier of this name."""
+    """Wait for all robots and branches that have a barrier of this name."""
 
     kind = "barrier"
     barrier: Name
@@ -30,7 +30,7 @@ class BarrierStep(WaitingStep):
     def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
         super().check_placement(check, path, scope)
         if not scope.is_beside:
-            message = "nobody is there to meet: a barrier stands inside an 'on' or a 'parallel'"
+            message = "a barrier must be inside an 'on' or a 'parallel'"
             check.report((*path, "barrier"), message, key=True)
 
     @override

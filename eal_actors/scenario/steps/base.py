@@ -130,7 +130,7 @@ class Step(StrictModel):
     def check(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
         """Check the step against its surroundings, and then the steps inside it."""
         if self.safe_to_repeat is not None and not (scope.is_top and path[0] == "steps"):
-            check.report((*path, "safe_to_repeat"), "stands only with steps of the top level", key=True)
+            check.report((*path, "safe_to_repeat"), "is allowed only for steps of the top level", key=True)
         self.check_placement(check, path, scope)
         self.check_values(check, path, scope)
         inside = self.scope_inside(check, scope)
@@ -252,7 +252,7 @@ class FallibleStep(Step):
     is_instant: ClassVar[bool] = False
 
     on_failure: OnFailure | None = None
-    """What happens then; defaults to that of the block around it, of the role or of the file."""
+    """The policy if it fails; defaults to that of the block around it, of the role or of the file."""
 
     @property
     def own_role(self) -> str | None:
@@ -275,7 +275,7 @@ class FallibleStep(Step):
         if role is not None:
             check.spares(self.on_failure, here, [role])
         elif not self.children() and self.part_file is None:
-            check.report(here, f"there is no robot to {action} here: the step stands in no 'on'", key=True)
+            check.report(here, f"there is no robot to {action}: the step is outside of 'on'", key=True)
 
     @property
     def label(self) -> str:

@@ -28,7 +28,7 @@ from eal_actors.scenario.steps.wording import describe_names, short_value
 
 
 class ExpectStep(FallibleStep):
-    """Fail unless something is as expected."""
+    """Fail unless an expression is true, or has a value."""
 
     kind = "expect"
     is_expectation = True

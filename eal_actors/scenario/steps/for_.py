@@ -51,7 +51,7 @@ LoopValues = Annotated[
 
 
 class ForStep(LoopStep):
-    """Go through steps once for each value of a list."""
+    """Perform steps once for each value of a list."""
 
     kind = "for"
     for_: Annotated[dict[VariableName, LoopValues], BeforeValidator(_refuse_other_than_one)] = Field(
@@ -142,5 +142,5 @@ class ForStep(LoopStep):
     def _list(self, names: Namespace) -> list[Any]:
         found = to_plain(render(self.values, names), "the list")
         if not isinstance(found, list):
-            raise ScenarioError(f"a loop goes through a list, and this is none: {short_value(found)}")
+            raise ScenarioError(f"a loop needs a list, not {short_value(found)}")
         return found

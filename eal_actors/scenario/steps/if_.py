@@ -22,7 +22,7 @@ from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step, Steps
 
 
 class IfStep(BlockStep):
-    """Go one way or another."""
+    """Perform steps if an expression is true, and others if it is not."""
 
     kind = "if"
     if_: ExpressionText = Field(alias="if")

@@ -26,7 +26,7 @@ from eal_actors.scenario.steps.wording import until_words
 
 
 class OnStep(BlockStep):
-    """Let every robot of a role go through steps, all robots at once; over when the last robot is through."""
+    """Perform steps with every robot of a role, all robots at the same time, until the last robot is through."""
 
     kind = "on"
     on: Name
@@ -56,7 +56,7 @@ class OnStep(BlockStep):
         if self.on not in roles:
             check.report((*path, "on"), f"unknown role '{self.on}'{did_you_mean(self.on, roles)}")
         if scope.role is not None:
-            message = f"stands inside 'on: {scope.role}'; a robot goes through one 'on' at a time"
+            message = f"is inside 'on: {scope.role}'; a robot performs one 'on' at a time"
             check.report((*path, "on"), message, key=True)
         check.until(self.until, path)
 

@@ -47,7 +47,7 @@ Branches: TypeAlias = Annotated[
 
 
 class ParallelStep(BlockStep):
-    """Go through several branches at once."""
+    """Perform several branches at the same time."""
 
     kind = "parallel"
     parallel: Branches

@@ -170,7 +170,7 @@ def join_threads(threads: Sequence[threading.Thread], clock: Clock) -> None:
             thread.join(max(0.0, end_s - REAL_TIME.now()))
     for thread in alive:
         if thread.is_alive():
-            get_logger(thread=thread.name).error("does not end though nobody waits for it; it was left behind")
+            get_logger(thread=thread.name).error("the function did not return after the run; its thread keeps running")
 
 
 # The functions of a scenario, found before the run.

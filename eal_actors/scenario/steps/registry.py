@@ -68,6 +68,6 @@ def _check_kind(value: object) -> object:
 
 
 def _modifiers() -> set[str]:
-    """Return the keys that stand beside the one that names the kind."""
+    """Return the keys of steps that do not name a kind."""
     fields = {field.alias or name for kind in kinds().values() for name, field in kind.model_fields.items()}
     return fields - set(kinds())

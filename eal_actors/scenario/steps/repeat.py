@@ -23,7 +23,7 @@ from eal_actors.scenario.steps.loop import LoopStep
 
 
 class RepeatStep(LoopStep):
-    """Go through steps several times; `${i}` counts them from 0."""
+    """Perform steps several times; `${i}` is the number of the round, from 0."""
 
     kind = "repeat"
     repeat: Repeats

@@ -30,7 +30,7 @@ from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step, count_ca
 
 
 class ScenarioStep(BlockStep):
-    """Carry out another scenario, with variables of its own; inside an `on` each robot by itself, in all of its roles.
+    """Run another scenario, with variables of its own. Inside an `on`, each robot runs it alone, in all of its roles.
 
     `on_failure` is for its parameters and for its time-out. Its steps have policies of their own.
     """
@@ -89,14 +89,14 @@ class ScenarioStep(BlockStep):
         self._check_parameters(check, part, path)
 
     def _check_alone(self, check: ScopeCheck, part: Scenario, path: YamlPath, role: str) -> None:
-        """Check a scenario that each robot of an `on` runs by itself."""
+        """Check a scenario that each robot of an `on` runs alone."""
         if self.roles:
             message = f"has no meaning inside 'on: {role}': each robot takes all roles of the scenario by itself"
             check.report((*path, "roles"), message, key=True)
         for theirs, section in part.file.roles.items():
             if section.min > 1:
                 message = (
-                    f"inside 'on: {role}' each robot carries it out by itself, "
+                    f"inside 'on: {role}' each robot runs it by itself, "
                     f"but role '{theirs}' of scenario '{part.name}' needs at least {section.min}"
                 )
                 check.report((*path, "scenario"), message)
@@ -112,9 +112,7 @@ class ScenarioStep(BlockStep):
                 check.report(here, f"unknown role '{ours}'{did_you_mean(ours, known)}")
         for theirs in part.file.roles:
             if theirs not in self.roles and theirs not in known:
-                message = (
-                    f"which robots take role '{theirs}' of scenario '{part.name}'? Say so: roles: {{{theirs}: ...}}"
-                )
+                message = f"which robots take role '{theirs}' of scenario '{part.name}'? Add roles: {{{theirs}: ...}}"
                 check.report((*path, "scenario"), message)
 
     def _check_parameters(self, check: ScopeCheck, part: Scenario, path: YamlPath) -> None:

@@ -14,7 +14,7 @@ from eal_actors.scenario.steps.base import BlockStep, Keys, Step, Steps
 
 
 class SequenceStep(BlockStep):
-    """Go through steps one after the other: for what they have in common, such as a time-out."""
+    """Perform steps one after the other, with common settings such as a time limit."""
 
     kind = "sequence"
     sequence: Steps

@@ -18,7 +18,7 @@ from eal_actors.scenario.steps.base import FallibleStep, Keys, Show
 
 
 class SignalStep(FallibleStep):
-    """Tell everyone who waits for this signal, now or later."""
+    """Give a signal to all who wait for it, now or later."""
 
     kind = "signal"
     is_instant = True

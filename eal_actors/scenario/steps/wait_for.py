@@ -47,7 +47,7 @@ class WaitForStep(WaitingStep):
         super().check_placement(check, path, scope)
         if self.wait_for not in check.signals:
             hint = did_you_mean(self.wait_for, check.signals) or "; the scenario gives no signal"
-            check.report((*path, "wait_for"), f"nobody gives the signal '{self.wait_for}'{hint}")
+            check.report((*path, "wait_for"), f"no step gives the signal '{self.wait_for}'{hint}")
 
     @override
     def words(self, show: Show) -> str:

@@ -1,4 +1,4 @@
-"""The step `wait_s`: let time pass."""
+"""The step `wait_s`: wait for a time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from eal_actors.scenario.steps.wording import short_number
 
 
 class WaitStep(FallibleStep):
-    """Let time pass."""
+    """Wait for a time."""
 
     kind = "wait_s"
     wait_s: Seconds

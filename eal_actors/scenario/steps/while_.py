@@ -27,7 +27,7 @@ from eal_actors.scenario.steps.loop import LoopStep
 
 
 class WhileStep(LoopStep):
-    """Go through steps as long as an expression is true; `${i}` counts the rounds from 0."""
+    """Perform steps as long as an expression is true; `${i}` is the number of the round, from 0."""
 
     kind = "while"
     while_: ExpressionText = Field(alias="while")
@@ -35,7 +35,7 @@ class WhileStep(LoopStep):
     limit: Repeats
     """Maximum number of rounds."""
     at_limit: Literal["fail", "go_on"] = "fail"
-    """What happens if the expression is still true after them."""
+    """The outcome if the expression is still true after them."""
     do: Steps
 
     @override

@@ -1,7 +1,7 @@
-"""Conformance: what every plugin must do, checked in a real fleet.
+"""Conformance checks: the contract of all plugins, checked in a real fleet.
 
-`eal plugin check` runs the checks for an author, `tests/testing/conformance` for the bundled plugins. A check uses
-fleets and handles, as users do, and knows no plugin by name.
+`eal plugin check` runs the checks for plugin authors, `tests/testing/conformance` runs them for the bundled plugins.
+The checks use fleets and handles, as users do, and know no plugin by name.
 """
 
 from eal_actors.testing.conformance.bench import Bench, Findings, settings_of

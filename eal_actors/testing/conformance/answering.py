@@ -1,4 +1,4 @@
-"""Checks of calls that must answer, and of calls that must be refused."""
+"""Checks of calls that must answer and of calls that must be refused."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import EALData, ValueInfo
 from eal_actors.device.info import METHODS
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError
-from eal_actors.testing.conformance.bench import Bench, Findings, settle
+from eal_actors.testing.conformance.bench import Bench, Findings, wait_until_started
 from eal_actors.testing.conformance.moving import start_lasting_command
 from eal_actors.testing.conformance.values import bad_commands, bad_values
 
 _NOBODY: Final = "eal-conformance-nobody"
-"""The name of no command, request or configuration key."""
+"""A name that no command, request or configuration key has."""
 
 _ANY_CALL: Final[dict[str, Callable[[ResourceHandle], Future[Any]]]] = {
     "get_status": lambda handle: handle.get_status(),
@@ -35,7 +35,7 @@ def says_what_it_lacks(bench: Bench, findings: Findings) -> None:
     with bench.robot() as robot:
         for name, handle in robot.items():
             for method in METHODS:
-                read_only = method == "set_config" and handle.info.configs  # each key refuses, for itself
+                read_only = method == "set_config" and handle.info.configs  # each key refuses by itself
                 if method in handle.info.methods or read_only:
                     continue
                 error = findings.refusal(_ANY_CALL[method](handle), UnsupportedError)
@@ -45,7 +45,7 @@ def says_what_it_lacks(bench: Bench, findings: Findings) -> None:
 
 
 def answers(bench: Bench, findings: Findings) -> None:
-    """Status, value, configuration and requests without argument answer in time, with the promised type and unit."""
+    """Status, value, configuration and requests without argument answer in time, with the declared type and unit."""
     with bench.robot() as robot:
         for name, handle in robot.items():
             info = handle.info
@@ -68,11 +68,11 @@ def _check_answer(findings: Findings, what: str, future: Future[EALData], promis
     problem = promised.problem(data)
     findings.expect(holds=problem is None, problem=f"{what}: the answer {problem}")
     same_unit = data.unit is None or data.unit == promised.unit
-    findings.expect(holds=same_unit, problem=f"{what}: the answer is in {data.unit}, promised was {promised.unit}")
+    findings.expect(holds=same_unit, problem=f"{what}: the answer is in {data.unit}, declared is {promised.unit}")
 
 
 def keeps_configuration(bench: Bench, findings: Findings) -> None:
-    """A writable configuration key takes back what it answered, and answers it again."""
+    """A writable configuration key accepts its own value, and returns it again."""
     with bench.robot() as robot:
         for name, handle in robot.items():
             for key in handle.info.configs:
@@ -82,7 +82,7 @@ def keeps_configuration(bench: Bench, findings: Findings) -> None:
                 after = findings.answer(handle.get_config(key.name))
                 same = after is not None and (after.type, after.payload) == (before.type, before.payload)
                 findings.expect(
-                    holds=same, problem=f"{name}: {key.name} was {before!r}, but set to it, it is {after!r}"
+                    holds=same, problem=f"{name}: {key.name} was {before!r}; set to this value, it is {after!r}"
                 )
 
 
@@ -113,19 +113,19 @@ def refuses_bad_arguments(bench: Bench, findings: Findings) -> None:
                 after = findings.answer(handle.get_config(key.name))
                 if before is not None and after is not None:
                     same = before.payload == after.payload
-                    findings.expect(holds=same, problem=f"{name}: {key.name}: a refused value was kept: {after!r}")
+                    findings.expect(holds=same, problem=f"{name}: {key.name}: a refused value changed it to {after!r}")
             if handle.info.value is not None and "set_value" in handle.info.methods:
                 for value in bad_values(handle.info.value):
                     findings.refusal(handle.set_value(value), ArgumentError)
 
 
 def _refuse_commands(findings: Findings, handle: ResourceHandle) -> None:
-    """Send bad commands to an idle resource, then again while a command runs, which they must not disturb."""
+    """Send bad commands to an idle resource, then during a running command, which they must not disturb."""
     info = handle.info
     calls = [
         (text, data)
         for command in info.commands
-        if not (command.urgent and command.argument is None)  # a stop with a word too many had better stop
+        if not (command.urgent and command.argument is None)  # a stop with an extra argument may stop
         for text, data in bad_commands(command)
     ]
     asks_status = "get_status" in info.methods
@@ -140,10 +140,8 @@ def _refuse_commands(findings: Findings, handle: ResourceHandle) -> None:
     running = start_lasting_command(handle, findings) if calls else None
     if running is not None:
         findings.refusal(handle.send_cmd(*calls[0]), ArgumentError)
-        settle(handle, running.describe())
-        findings.expect(
-            holds=not running.done(), problem=f"{running.describe()} was stopped by a command that was refused"
-        )
+        wait_until_started(handle, running.describe())
+        findings.expect(holds=not running.done(), problem=f"a refused command stopped {running.describe()}")
         findings.answer(handle.halt())
 
 

@@ -1,4 +1,4 @@
-"""The bench: a plugin in a fleet of its own, and a notebook for what is found wrong with it."""
+"""Test bench for a plugin: a fleet of its own, and the record of findings."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from eal_actors.kernel.errors import DeadlineError, EALError, PluginError
 from eal_actors.kernel.yaml_tree import Mark, MarkedDict, YamlTree
 from eal_actors.managers.fleet_model import FleetConfig, PluginSettings, RobotConfig
 from eal_actors.managers.manifest import PluginManifest, read_manifest
-from eal_actors.testing.conformance.stand_in import StandIn, stand_in_for
+from eal_actors.testing.conformance.emulated_device import EmulatedDevice, emulate_device
 
 T = TypeVar("T")
 
 Resources = Mapping[str, ResourceHandle]
-"""The resources of a robot on the bench, by name."""
+"""Resources of a robot on the bench, by name."""
 
 ROBOTS: Final = ("first", "second")
 """The robots on the bench."""
@@ -34,12 +34,12 @@ _ARENA: Final = WorldModel(version=1, name="bench", size_m=(12.0, 8.0))
 
 
 @dataclass(frozen=True)
-class Place:
+class BenchRobot:
     """A robot on the bench.
 
     Attributes:
         robot: the robot.
-        resources: its resources that the checks are shown.
+        resources: the resources to check.
     """
 
     robot: RobotHandle
@@ -48,15 +48,15 @@ class Place:
 
 @dataclass(frozen=True)
 class Bench:
-    """A plugin's folder, and how to set the plugin up.
+    """A plugin's folder, with settings for the plugin.
 
     Attributes:
         folder: the plugin's folder.
-        settings: what a fleet file would say under the plugin's name; see `settings_of`.
+        settings: the plugin's settings, as in a fleet file; see `settings_of`.
         timeout_s: deadline of each call.
-        left_out: names of resources that the checks are not shown.
-        ready_within_s: real seconds in which a device must be found and greeted: the longest pause between two tries
-            to open a port, and a greeting.
+        left_out: names of resources that are not checked.
+        ready_within_s: real seconds until a device must be ready: the longest pause between two attempts to open a
+            port, and the handshake.
     """
 
     folder: Path
@@ -70,7 +70,7 @@ class Bench:
         return read_manifest(self.folder)
 
     def config(self, settings: Sequence[YamlTree]) -> FleetConfig:
-        """Return a fleet whose every robot has the plugin, alone, each set up in its own way."""
+        """Return a fleet of robots that have only this plugin, each with its own settings."""
         return FleetConfig(
             name="bench",
             source=self.folder,
@@ -98,7 +98,7 @@ class Bench:
 
     @contextmanager
     def robot(self) -> Iterator[Resources]:
-        """Connect one robot for the length of a `with` block, and hand out its resources by name.
+        """Connect one robot during the `with` block, and yield its resources by name.
 
         Raises:
             ConfigError: the manifest or the settings are wrong.
@@ -111,16 +111,16 @@ class Bench:
 
     @contextmanager
     def robots(self, count: int) -> Iterator[tuple[Resources, ...]]:
-        """Connect several robots, each with its own instance of the plugin and its own stand-in; see `robot`."""
+        """Connect several robots like `robot`, each with its own instance and its own emulated device."""
         with ExitStack() as stack:
-            stand_ins = [stack.enter_context(self.stand_in()) for _ in range(count)]
-            places = stack.enter_context(self.connected(stand_ins))
+            devices = [stack.enter_context(self.stand_in()) for _ in range(count)]
+            places = stack.enter_context(self.connected(devices))
             yield tuple(place.resources for place in places)
 
     @contextmanager
-    def stand_in(self) -> Iterator[StandIn | None]:
-        """Plug in an emulator of the plugin's device, if it has one and the settings name no device."""
-        stand_in = stand_in_for(self.manifest(), self.settings.root)
+    def stand_in(self) -> Iterator[EmulatedDevice | None]:
+        """Connect an emulator of the plugin's device, if it has one and the settings name no device."""
+        stand_in = emulate_device(self.manifest(), self.settings.root)
         try:
             yield stand_in
         finally:
@@ -128,14 +128,16 @@ class Bench:
                 stand_in.close()
 
     @contextmanager
-    def connected(self, stand_ins: Sequence[StandIn | None], *, ready: bool = True) -> Iterator[tuple[Place, ...]]:
-        """Connect a robot for each stand-in, or for None; raises as `robot` does.
+    def connected(
+        self, devices: Sequence[EmulatedDevice | None], *, ready: bool = True
+    ) -> Iterator[tuple[BenchRobot, ...]]:
+        """Connect a robot for each emulated device, or for None; raises like `robot`.
 
         Args:
-            stand_ins: what each robot's device is.
-            ready: wait until the devices can be used.
+            devices: each robot's emulated device; None for a robot without one.
+            ready: wait until the devices are ready.
         """
-        settings = [self.settings if one is None else settings_of(one.settings) for one in stand_ins]
+        settings = [self.settings if one is None else settings_of(one.settings) for one in devices]
         with Fleet(self.config(settings)) as fleet:
             robots = tuple(fleet.values())
             for robot in robots:
@@ -143,7 +145,7 @@ class Bench:
                 if ready:
                     _require_ready(robot, self.ready_within_s)
             yield tuple(
-                Place(robot, {name: handle for name, handle in robot.items() if name not in self.left_out})
+                BenchRobot(robot, {name: handle for name, handle in robot.items() if name not in self.left_out})
                 for robot in robots
             )
 
@@ -160,7 +162,7 @@ def _require_up(robot: RobotHandle) -> None:
 
 
 def comes_true(holds: Callable[[], bool], within_s: float) -> bool:
-    """Look again and again, in real seconds, because hardware does not tell. Thread: blocks the caller."""
+    """Poll a condition in real time, because hardware sends no events. Thread: blocks the caller."""
     end_s = REAL_TIME.now() + within_s
     while not (found := holds()) and REAL_TIME.now() < end_s:
         REAL_TIME.sleep(_LOOK_S)
@@ -173,7 +175,7 @@ def _require_ready(robot: RobotHandle, within_s: float) -> None:
 
 
 def settings_of(settings: Mapping[str, Any]) -> YamlTree:
-    """Return settings as if a file said so, in which problems are named `settings`."""
+    """Return settings as from a file; problems refer to it as `settings`."""
     mark = Mark("settings", 0, 0)
     root = MarkedDict(mark)
     for key, value in settings.items():
@@ -183,25 +185,25 @@ def settings_of(settings: Mapping[str, Any]) -> YamlTree:
 
 @dataclass
 class Findings:
-    """What a check found.
+    """Findings of a check.
 
     Attributes:
-        problems: what is wrong, each with the resource's name.
-        tried: how much was looked at; a check that found nothing to look at was skipped.
+        problems: the problems, each with the resource's name.
+        tried: number of things checked; a check with none counts as skipped.
     """
 
     problems: list[str] = field(default_factory=list)
     tried: int = 0
 
     def expect(self, *, holds: bool, problem: str) -> bool:
-        """Note a problem unless something holds; returns whether it does."""
+        """Record a problem unless a condition holds; return the condition."""
         self.tried += 1
         if not holds:
             self.problems.append(problem)
         return holds
 
     def answer(self, future: Future[T]) -> T | None:
-        """Wait for a call that must succeed; returns None, and notes why, if it does not."""
+        """Return the answer of a call that must succeed; record a problem and return None if it fails."""
         self.tried += 1
         try:
             return future.get()
@@ -210,7 +212,7 @@ class Findings:
             return None
 
     def refusal(self, future: Future[Any], wanted: type[EALError]) -> EALError | None:
-        """Wait for a call that must fail with a certain error; returns that error."""
+        """Return the error of a call that must fail with it; record a problem and return None otherwise."""
         self.tried += 1
         what = future.describe().partition("/")[2]
         error = future.exception()
@@ -223,8 +225,8 @@ class Findings:
         return None
 
 
-class BlockedActor(Exception):  # noqa: N818  # it ends a check, and never leaves the runner
-    """A resource is stuck in a command, so that nothing more can be found out about it.
+class BlockedActor(Exception):  # noqa: N818  # ends a check, and never leaves the runner
+    """A command blocks a resource's actor, so that the resource cannot be checked further.
 
     Attributes:
         resource: its name.
@@ -235,19 +237,21 @@ class BlockedActor(Exception):  # noqa: N818  # it ends a check, and never leave
         self.resource = resource
 
 
-def settle(handle: ResourceHandle, what: str) -> None:
-    """Wait until the resource has begun with what was sent to it before.
+def wait_until_started(handle: ResourceHandle, what: str) -> None:
+    """Wait until the resource has started the previous command.
 
     Args:
         handle: the resource.
-        what: the command that was sent, for people.
+        what: the command, for messages.
 
     Raises:
-        BlockedActor: it is stuck in that.
+        BlockedActor: the command blocks the actor.
 
     Thread: blocks the caller.
     """
-    error = handle.get_config("eal-conformance-settle").exception()  # refused, but only when its turn has come
+    error = handle.get_config(
+        "eal-conformance-settle"
+    ).exception()  # refused, but only after the previous command has started
     if isinstance(error, DeadlineError):
         raise BlockedActor(handle.name, what)
 

@@ -1,4 +1,4 @@
-"""Checks of what a plugin says of itself."""
+"""Checks of a plugin's description of itself."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _MEASURED = (DataType.FLOAT, DataType.DOUBLE)
 
 
 def comes_up(bench: Bench, findings: Findings) -> None:
-    """Its manifest can be read and holds, `connect` names only what the manifest names, and every resource comes up."""
+    """Its manifest is valid and matches its folder, `connect` names declared resources, and every resource starts."""
     manifest = bench.manifest()
     if contradictions := manifest.contradictions():
         findings.problems += contradictions
@@ -24,19 +24,19 @@ def comes_up(bench: Bench, findings: Findings) -> None:
     found = EALPluginManager([bench.folder.resolve().parent]).manifests[manifest.name].folder
     findings.expect(
         holds=found.resolve() == bench.folder.resolve(),
-        problem=f"the plugin in {found} has the same name, and hides it",
+        problem=f"the plugin in {found} has the same name and hides it",
     )
     with bench.robot() as robot:
         promised, there = set(manifest.file.resources), set(robot)
-        has_settings = hasattr(import_plugin(manifest), "Settings")  # they may leave out some, or name all of them
+        has_settings = hasattr(import_plugin(manifest), "Settings")  # settings may select the resources
         findings.expect(
             holds=promised == there or (has_settings and (there < promised or not promised)),
-            problem=f"the manifest names {', '.join(sorted(promised))}, but there are {', '.join(sorted(there))}",
+            problem=f"the manifest declares {', '.join(sorted(promised))}, but it has {', '.join(sorted(there))}",
         )
 
 
 def describes_itself(bench: Bench, findings: Findings) -> None:
-    """Every resource, command, request and configuration key is described, and what is measured has a unit."""
+    """Every resource, command, request and configuration key has a description, and measured values have a unit."""
     with bench.robot() as robot:
         for name, handle in robot.items():
             for gap in _gaps(handle.info):
@@ -71,11 +71,11 @@ def _value_gaps(what: str, value: ValueInfo) -> Iterator[str]:
     if value.type in _MEASURED and value.unit is None and not value.description:
         yield f"{what} has no unit; a number without one needs a description in its ValueInfo"
     if value.minimum is not None and value.maximum is not None and value.minimum > value.maximum:
-        yield f"{what} has a range that holds nothing: {value.minimum:g}..{value.maximum:g}"
+        yield f"{what} has an empty range: {value.minimum:g}..{value.maximum:g}"
 
 
 def survives_json(bench: Bench, findings: Findings) -> None:
-    """What a resource says of itself is the same after a way through JSON."""
+    """A resource's description survives a round trip through JSON."""
     with bench.robot() as robot:
         for name, handle in robot.items():
             info = handle.info
@@ -83,4 +83,4 @@ def survives_json(bench: Bench, findings: Findings) -> None:
                 again: object = ResourceInfo.from_dict(json.loads(json.dumps(info.to_dict())))
             except (TypeError, ValueError, LookupError) as error:
                 again = f"{type(error).__name__}: {error}"
-            findings.expect(holds=again == info, problem=f"{name}: {info} came back as {again}")
+            findings.expect(holds=again == info, problem=f"{name}: {info} became {again}")

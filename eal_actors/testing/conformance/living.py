@@ -1,4 +1,4 @@
-"""Checks of a plugin's life: it comes and goes without a trace, and does not disturb its like."""
+"""Checks of a plugin's life cycle: reconnection, clean-up, and independence of its instances."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def comes_back(bench: Bench, findings: Findings) -> None:
 
 
 def leaves_no_thread(bench: Bench, findings: Findings) -> None:
-    """After the robot is closed, in the middle of a command, no thread is left."""
+    """After closing the robot during a command, no thread is left."""
     before = set(threading.enumerate())
     with bench.robot() as robot:
         for handle in robot.values():
@@ -34,17 +34,15 @@ def shares_nothing(bench: Bench, findings: Findings) -> None:
     try:
         with bench.robots(2) as (first, second):
             for name in first:
-                _compare(findings, first, second, name)
+                _check_independence(findings, first, second, name)
     except PluginError:
-        with bench.robot():  # alone it comes up, so it is the second that finds the hardware taken
+        with bench.robot():  # a single one starts, so the second one finds the hardware in use
             return
 
 
-def _compare(findings: Findings, first: Resources, second: Resources, name: str) -> None:
+def _check_independence(findings: Findings, first: Resources, second: Resources, name: str) -> None:
     one, other = first[name], second[name]
-    findings.expect(
-        holds=one.resource() is not other.resource(), problem=f"{name}: both robots were given the same object"
-    )
+    findings.expect(holds=one.resource() is not other.resource(), problem=f"{name}: both robots have the same object")
     running = start_lasting_command(one, findings)
     if running is not None:
         findings.answer(other.halt())
@@ -52,7 +50,7 @@ def _compare(findings: Findings, first: Resources, second: Resources, name: str)
         findings.answer(one.halt())
     for key in one.info.configs:
         if key.writable:
-            _compare_key(findings, one, other, key.name)
+            _check_key(findings, one, other, key.name)
     if {"get_value", "set_value"} <= one.info.methods and one.info.value is not None:
         present = findings.answer(other.get_value())
         value = other_value(one.info.value, present) if present is not None else None
@@ -62,12 +60,12 @@ def _compare(findings: Findings, first: Resources, second: Resources, name: str)
             findings.expect(holds=apart, problem=f"{name}: setting one robot's value set the other's")
 
 
-def _compare_key(findings: Findings, one: ResourceHandle, other: ResourceHandle, key: str) -> None:
+def _check_key(findings: Findings, one: ResourceHandle, other: ResourceHandle, key: str) -> None:
     before, kept = findings.answer(other.get_config(key)), findings.answer(one.get_config(key))
     if before is None or kept is None:
         return
     value = other_value(one.info.config(key).value, before)
-    if value is None or one.set_config(key, value).exception() is not None:  # a make may allow less than its kind
+    if value is None or one.set_config(key, value).exception() is not None:  # a model may allow less than the type
         return
     after = findings.answer(other.get_config(key))
     same = after is not None and after.payload == before.payload

@@ -1,4 +1,4 @@
-"""The list of checks, and how they are run."""
+"""List of the checks, and functions that run them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from eal_actors.testing.conformance.bench import Bench, BlockedActor, Findings
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check.
+    """A conformance check.
 
     Attributes:
-        run: looks at the plugin and notes what it finds; its docstring says what must hold.
-        nothing: why there may be nothing to look at, for the record of a check that was skipped.
+        run: checks the plugin and records findings; its docstring states the requirement.
+        nothing: why there may be nothing to check; the reason of a skipped check.
     """
 
     run: Callable[[Bench, Findings], None]
@@ -30,19 +30,19 @@ class Check:
 
     @property
     def description(self) -> str:
-        """What must hold."""
+        """The requirement."""
         return (self.run.__doc__ or "").strip()
 
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What came of one check.
+    """The result of a check.
 
     Attributes:
         check: the check.
         outcome: `ok`, `failed` or `skipped`.
-        problems: what is wrong, or why it was skipped, as a whole or for some resources.
-        blocked: the resource that one of its commands blocked, which ended the check.
+        problems: the problems, or why the check, or part of it, was skipped.
+        blocked: the resource whose actor a command blocked, which ended the check.
     """
 
     check: Check
@@ -56,31 +56,31 @@ CHECKS: Final = (
     Check(describing.describes_itself),
     Check(describing.survives_json),
     Check(answering.says_what_it_lacks, "every resource supports all nine methods"),
-    Check(answering.answers, "nothing can be asked without an argument"),
+    Check(answering.answers, "no call works without an argument"),
     Check(answering.keeps_configuration, "no configuration key is writable"),
     Check(answering.refuses_unknown_names, "no commands, requests or configuration keys are listed"),
-    Check(moving.carries_out_commands, "no argument can be made up for any command"),
+    Check(moving.carries_out_commands, "no command has an argument that can be chosen"),
     Check(answering.refuses_bad_arguments, "no argument has a type"),
     Check(moving.can_be_halted, "it has no actuator"),
     Check(moving.stops_what_runs, "no command of an actuator takes time"),
-    Check(living.shares_nothing, "two of it do not come up side by side"),
-    Check(wiring.keeps_calls_apart, "nothing can be asked without an argument"),
-    Check(wiring.waits_for_its_device, "no emulator stands in for a device that could be away"),
-    Check(wiring.bears_unplugging, "no emulator stands in for a device that could be pulled out"),
+    Check(living.shares_nothing, "two instances cannot run side by side"),
+    Check(wiring.keeps_calls_apart, "no call works without an argument"),
+    Check(wiring.waits_for_its_device, "there is no emulated device to be absent"),
+    Check(wiring.bears_unplugging, "there is no emulated device to unplug"),
     Check(living.leaves_no_thread),
-    Check(wiring.frees_its_port, "this system does not tell what is open"),
+    Check(wiring.frees_its_port, "this system does not list open files"),
     Check(living.comes_back),
 )
-"""Every check, in the order in which an author wants to hear of them."""
+"""Every check, from basic to specific."""
 
 
 def run_check(check: Check, bench: Bench) -> CheckResult:
-    """Run one check in a fleet of its own.
+    """Run one check in its own fleet.
 
     Raises:
         ConfigError: the plugin's manifest or the settings are wrong.
 
-    Thread: blocks the caller; what can move will move, for a moment.
+    Thread: blocks the caller; actuators move for a moment.
     """
     findings = Findings()
     try:
@@ -99,29 +99,29 @@ def run_check(check: Check, bench: Bench) -> CheckResult:
 
 
 def run_checks(bench: Bench) -> Iterator[CheckResult]:
-    """Run every check, and yield each result as it is there; see run_check.
+    """Run every check, and yield each result at once; raises like `run_check`.
 
-    A plugin that does not come up fails the first check, and the others are skipped. So are all further checks of a
-    resource that one of its commands blocked.
+    If the plugin does not start, the first check fails and the others are skipped. Resources with a blocked actor are
+    skipped in all further checks.
     """
     first = run_check(CHECKS[0], bench)
     yield first
     for check in CHECKS[1:]:
         if first.outcome != "ok":
-            yield CheckResult(check, "skipped", ("it did not come up",))
+            yield CheckResult(check, "skipped", ("the plugin did not start",))
             continue
-        result = _run_on_the_rest(check, bench)
+        result = _run_on_unblocked(check, bench)
         yield result
         if result.blocked is not None:
             bench = replace(bench, left_out=bench.left_out | {result.blocked})
 
 
-def _run_on_the_rest(check: Check, bench: Bench) -> CheckResult:
-    """Run a check on what is not blocked, and tell of what is."""
+def _run_on_unblocked(check: Check, bench: Bench) -> CheckResult:
+    """Run a check without the blocked resources, and name these."""
     if not bench.left_out:
         return run_check(check, bench)
-    reason = f"not of {', '.join(sorted(bench.left_out))}, which a command blocked"
-    resources = bench.manifest().file.resources  # none where only the settings tell them
+    reason = f"without {', '.join(sorted(bench.left_out))}, which a command blocked"
+    resources = bench.manifest().file.resources  # empty if only the settings determine them
     if resources and bench.left_out.issuperset(resources):
         return CheckResult(check, "skipped", (reason,))
     result = run_check(check, bench)

@@ -1,4 +1,4 @@
-"""Good and bad values for a ValueInfo."""
+"""Valid and invalid values for a ValueInfo."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _NUMBERS: Final = (DataType.INT, DataType.FLOAT, DataType.DOUBLE)
 
 
 def bad_values(info: ValueInfo) -> Iterator[Any]:
-    """Yield values of the wrong type, and values just outside the range."""
+    """Yield values of a wrong type, and values just outside of the range."""
     yield "a text" if info.type is not DataType.CHAR else 4.5
     if info.type is not DataType.BOOL:
         yield True
@@ -20,17 +20,17 @@ def bad_values(info: ValueInfo) -> Iterator[Any]:
         yield 0.5
     if info.type in _NUMBERS and not info.shape:
         if info.minimum is not None:
-            yield _like(info, info.minimum - 1)
+            yield _of_type(info, info.minimum - 1)
         if info.maximum is not None:
-            yield _like(info, info.maximum + 1)
+            yield _of_type(info, info.maximum + 1)
 
 
-def _like(info: ValueInfo, number: float) -> float | int:
+def _of_type(info: ValueInfo, number: float) -> float | int:
     return int(number) if info.type is DataType.INT else float(number)
 
 
 def bad_commands(info: CommandInfo) -> Iterator[tuple[str, Any]]:
-    """Yield text and data of calls of a command, or request, whose argument is missing, unwanted or wrong."""
+    """Yield text and data of calls whose argument is missing, unexpected or wrong, of a command or request."""
     if info.argument is None:
         yield info.name, 1
         return
@@ -47,7 +47,7 @@ def bad_commands(info: CommandInfo) -> Iterator[tuple[str, Any]]:
 
 
 def lasting_argument(info: CommandInfo) -> tuple[str, Any] | None:
-    """Return text and data that let a command last as long as it may; None if no argument can be made up."""
+    """Return text and data that make a command last as long as possible; None if no argument can be chosen."""
     argument = info.argument
     if argument is None:
         return info.name, None
@@ -56,14 +56,14 @@ def lasting_argument(info: CommandInfo) -> tuple[str, Any] | None:
     if argument.choices:
         value: Any = argument.choices[-1]
     elif argument.maximum is not None:
-        value = _like(argument, argument.maximum)
+        value = _of_type(argument, argument.maximum)
     else:
-        value = _like(argument, max(100.0, argument.minimum or 0.0))
+        value = _of_type(argument, max(100.0, argument.minimum or 0.0))
     return (info.name, value) if info.prefix is None else (f"{info.prefix}{value}", None)
 
 
 def other_value(info: ValueInfo, present: EALData) -> Any:
-    """Return a value that is allowed and differs from the present one; None if none is found."""
+    """Return a valid value that differs from the present one; None if none is found."""
     if info.shape:
         return None
     candidates: list[Any] = list(info.choices)
@@ -71,7 +71,7 @@ def other_value(info: ValueInfo, present: EALData) -> Any:
         candidates = [True, False]
     elif info.type in _NUMBERS and not candidates:
         limits = [limit for limit in (info.minimum, info.maximum) if limit is not None]
-        candidates = [_like(info, number) for number in (*limits, 1, 2)]
+        candidates = [_of_type(info, number) for number in (*limits, 1, 2)]
     for value in candidates:
         data = EALData.of(value)
         if data.value != present.value and info.problem(data) is None:

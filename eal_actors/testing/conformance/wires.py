@@ -1,4 +1,4 @@
-"""Wires to an emulator that stands in for a device, which can be pulled out and plugged in again."""
+"""Wires between a plugin and an emulated device, which can be unplugged and plugged in again."""
 
 from __future__ import annotations
 
@@ -15,106 +15,108 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Protocol
 
+from typing_extensions import override
+
 from eal_actors.kernel.clock import REAL_TIME
 
 TICK_S: Final = 0.01
-"""How often (real time) an emulator gets nothing, so that it can say something of its own accord."""
+"""Real seconds between calls of an emulator without input, which let it send by itself."""
 _MOST_BYTES: Final = 4096
-_SETTLE_S: Final = 5.0  # at most, of an emulator that never stops to listen
+_DRAIN_S: Final = 5.0  # limit for an emulator whose input never pauses
 
 
-class Emulator(Protocol):
-    """What stands in for a device: bytes in, bytes out. Thread: its wire's."""
+class DeviceEmulator(Protocol):
+    """An emulated device: bytes in, bytes out. Thread: its wire's."""
 
     def feed(self, data: bytes, now_s: float) -> bytes:
-        """Take what came, which may be nothing, and return what it says by then."""
+        """Process received bytes, possibly none, and return the bytes that it sends by `now_s`."""
         ...
 
 
-class Wire(ABC):
-    """A place where an emulator can be found while it is plugged in; each time it is a new one.
+class EmulatorWire(ABC):
+    """A port with an emulator behind it while plugged in; each plugging in makes a new emulator.
 
     Attributes:
-        address: the device path, or `host:port`; the same for as long as the wire lives.
-        emulator: what is plugged in, or was last.
+        address: the device path, or `host:port`; constant.
+        emulator: the current or last emulator.
 
-    Thread: its owner's; the emulator runs in one of its own.
+    Thread: its owner's; the emulator runs in its own thread.
     """
 
     address: str
     _selector: selectors.BaseSelector
 
-    def __init__(self, make: Callable[[], Emulator]) -> None:
+    def __init__(self, make: Callable[[], DeviceEmulator]) -> None:
         self._make = make
         self._thread: threading.Thread | None = None
-        self._ears, self._mouth = socket.socketpair()
-        self._has_heard_all = threading.Event()
+        self._stop_reader, self._stop_writer = socket.socketpair()
+        self._is_drained = threading.Event()
         self.emulator = make()
 
     @abstractmethod
     def _begin(self) -> None:
-        """Make the place."""
+        """Create the port."""
 
     @abstractmethod
     def _end(self) -> None:
-        """Remove the place."""
+        """Remove the port."""
 
     @abstractmethod
     def _watch(self) -> None:
-        """Register with the selector what bytes come from."""
+        """Register the sources of bytes with the selector."""
 
     @abstractmethod
     def _exchange(self, ready: set[int]) -> None:
-        """Carry bytes both ways; `ready` holds the descriptors with something to read."""
+        """Transfer bytes in both directions; `ready` has the readable descriptors."""
 
     def plug_in(self) -> None:
-        """Have it found."""
+        """Create the port, with a new emulator behind it."""
         self.emulator = self._make()
         self._begin()
         self._thread = threading.Thread(target=self._serve, name=f"emulator at {self.address}", daemon=True)
         self._thread.start()
 
     def unplug(self) -> None:
-        """Have it vanish; harmless if it is not there."""
+        """Remove the port; do nothing if it is unplugged."""
         if self._thread is not None:
-            self._mouth.send(b"x")
+            self._stop_writer.send(b"x")
             self._thread.join()
-            self._ears.recv(1)
+            self._stop_reader.recv(1)
             self._thread = None
             self._end()
 
-    def settle(self) -> None:
-        """Wait until the emulator has heard whatever is on its way. Thread: blocks the caller."""
-        self._has_heard_all.clear()
+    def drain(self) -> None:
+        """Wait until the emulator has read all bytes on the wire. Thread: blocks the caller."""
+        self._is_drained.clear()
         if self._thread is not None:
-            self._has_heard_all.wait(_SETTLE_S)
+            self._is_drained.wait(_DRAIN_S)
 
     def close(self) -> None:
-        """Remove everything."""
+        """Unplug, and release all resources."""
         self.unplug()
-        self._ears.close()
-        self._mouth.close()
+        self._stop_reader.close()
+        self._stop_writer.close()
 
     def _serve(self) -> None:
         with selectors.DefaultSelector() as self._selector:
-            self._selector.register(self._ears, selectors.EVENT_READ)
+            self._selector.register(self._stop_reader, selectors.EVENT_READ)
             self._watch()
             while True:
                 ready = {key.fd for key, _ in self._selector.select(TICK_S)}
-                if self._ears.fileno() in ready:
+                if self._stop_reader.fileno() in ready:
                     return
                 self._exchange(ready)
                 if not ready:
-                    self._has_heard_all.set()
+                    self._is_drained.set()
 
     def _reply_to(self, data: bytes) -> bytes:
         return self.emulator.feed(data, REAL_TIME.now())
 
 
-class PtyWire(Wire):
+class PtyWire(EmulatorWire):
     """A pseudo-terminal under a path of its own: a serial port."""
 
-    def __init__(self, make: Callable[[], Emulator]) -> None:
+    def __init__(self, make: Callable[[], DeviceEmulator]) -> None:
         super().__init__(make)
         self._folder = tempfile.TemporaryDirectory(prefix="eal-")
         self._path = Path(self._folder.name) / "tty"
@@ -122,7 +124,7 @@ class PtyWire(Wire):
         self._device = self._port = -1
 
     def _begin(self) -> None:
-        self._device, self._port = pty.openpty()  # kept open, or the device would see its only user hang up
+        self._device, self._port = pty.openpty()  # kept open: otherwise the device sees a hang-up of its only user
         tty.setraw(self._port)
         os.set_blocking(self._device, False)
         self._path.symlink_to(os.ttyname(self._port))
@@ -138,19 +140,19 @@ class PtyWire(Wire):
     def _exchange(self, ready: set[int]) -> None:
         reply = self._reply_to(os.read(self._device, _MOST_BYTES) if self._device in ready else b"")
         if reply:
-            with contextlib.suppress(BlockingIOError):  # nobody reads: the line loses it
+            with contextlib.suppress(BlockingIOError):  # a full buffer without a reader: the bytes are lost
                 os.write(self._device, reply)
 
+    @override
     def close(self) -> None:
-        """See Wire."""
         super().close()
         self._folder.cleanup()
 
 
-class TcpWire(Wire):
-    """A TCP server on this machine; of its clients, the last one is heard."""
+class TcpWire(EmulatorWire):
+    """A TCP server on this machine; only its last client is connected."""
 
-    def __init__(self, make: Callable[[], Emulator]) -> None:
+    def __init__(self, make: Callable[[], DeviceEmulator]) -> None:
         super().__init__(make)
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self._port = int(probe.getsockname()[1])
@@ -196,10 +198,10 @@ class TcpWire(Wire):
         self._hang_up()
 
 
-class UdpWire(Wire):
-    """A UDP socket on this machine, which answers whoever spoke last."""
+class UdpWire(EmulatorWire):
+    """A UDP socket on this machine, which answers the last sender."""
 
-    def __init__(self, make: Callable[[], Emulator]) -> None:
+    def __init__(self, make: Callable[[], DeviceEmulator]) -> None:
         super().__init__(make)
         with socket.socket(type=socket.SOCK_DGRAM) as probe:
             probe.bind(("127.0.0.1", 0))
@@ -222,7 +224,7 @@ class UdpWire(Wire):
 
     def _exchange(self, ready: set[int]) -> None:
         data = b""
-        with contextlib.suppress(OSError):  # nobody listens at the other end any more
+        with contextlib.suppress(OSError):  # the other end is closed
             if self._socket.fileno() in ready:
                 data, self._peer = self._socket.recvfrom(65536)
             reply = self._reply_to(data)
@@ -230,5 +232,9 @@ class UdpWire(Wire):
                 self._socket.sendto(reply, self._peer)
 
 
-WIRES: Final[dict[str, Callable[[Callable[[], Emulator]], Wire]]] = {"pty": PtyWire, "tcp": TcpWire, "udp": UdpWire}
-"""The wires by the name that a plugin's `conformance.py` gives them."""
+WIRES: Final[dict[str, Callable[[Callable[[], DeviceEmulator]], EmulatorWire]]] = {
+    "pty": PtyWire,
+    "tcp": TcpWire,
+    "udp": UdpWire,
+}
+"""Wires by the name in a manifest's `emulator`."""

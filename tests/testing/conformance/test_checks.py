@@ -49,7 +49,7 @@ MISTAKES = {
     "no type": ("describes itself", "ResourceType.SENSOR | ResourceType.ACTUATOR", "ResourceType(0)", "has no type"),
     "no unit": ("describes itself", 'DOUBLE, "m/s"', "DOUBLE, None", "'speed_m_s' has no unit"),
     "no word about a command": ("describes itself", '"""Move to a position."""', '""', "'to<metres>' has no desc"),
-    "an empty range": ("describes itself", "0.01, 0.5", "0.5, 0.01", "range that holds nothing: 0.5..0.01"),
+    "an empty range": ("describes itself", "0.01, 0.5", "0.5, 0.01", "empty range: 0.5..0.01"),
     "what JSON cannot hold": ("survives json", '"m", 0, 1)', '"m", 0, 1, choices=(b"x",))', "TypeError"),
     "a method denied": (
         "says what it lacks",
@@ -65,9 +65,9 @@ MISTAKES = {
         "answers",
         "return self._position_m",
         "from eal_actors.plugin import EALData\n        return EALData.of(self._position_m, unit='cm')",
-        "answer is in cm, promised was m",
+        "answer is in cm, declared is m",
     ),
-    "a setter that adds": ("keeps configuration", "float(speed_m_s)", "float(speed_m_s) + 0.1", "but set to it"),
+    "a setter that adds": ("keeps configuration", "float(speed_m_s)", "float(speed_m_s) + 0.1", "set to this value"),
     "a config that takes any key": (
         "refuses unknown names",
         INIT,
@@ -125,7 +125,7 @@ MISTAKES = {
         "_EVERYBODY.speed_m_s",
         "of one robot changed the other's",
     ),
-    "one object for all": ("shares nothing", "return Slide()", "return _ONLY", "given the same object"),
+    "one object for all": ("shares nothing", "return Slide()", "return _ONLY", "have the same object"),
     "connects once": ("comes back", "return EALPlugin(", "_ONCE.pop()\n    return EALPlugin(", "pop from empty list"),
 }
 
@@ -190,7 +190,7 @@ def test_a_command_that_blocks_its_actor_is_told_once_and_the_rest_is_not_waited
         "`Slide: send_cmd to1.0` blocked its actor: make it a generator and yield the seconds instead of sleeping",
     )
     assert {(result.outcome, result.problems) for result in results[at + 1 :]} == {
-        ("skipped", ("not of Slide, which a command blocked",))
+        ("skipped", ("without Slide, which a command blocked",))
     }
 
 
@@ -225,7 +225,7 @@ def test_missing_modules_and_a_namesake_are_told(slide: Path) -> None:
     assert "required modules are not installed: no_such_module" in run(slide, "comes up").problems
     namesake = write_plugin("a_slide", slide.parent)
     spoil(namesake, "plugin.yaml", "name: a_slide", "name: slide")
-    assert f"the plugin in {namesake} has the same name, and hides it" in run(slide, "comes up").problems
+    assert f"the plugin in {namesake} has the same name and hides it" in run(slide, "comes up").problems
 
 
 def test_wrong_settings_are_the_user_s_fault_not_the_plugin_s(slide: Path) -> None:

@@ -157,13 +157,13 @@ MISTAKES = {
         "waits for its device",
         "return self.plugin.port.why_not_ready()",
         "return None",
-        "its device is absent, but no resource says it is not ready",
+        "its device is absent, but no resource reports that it is not ready",
     ),
     "says nothing when it is pulled out": (
         "bears unplugging",
         "return self.plugin.port.why_not_ready()",
         "return None",
-        "its device was pulled out, but no resource says it is not ready",
+        "its device was unplugged, but no resource reports that it is not ready",
     ),
     "does not come up without its device": (
         "waits for its device",
@@ -175,7 +175,7 @@ MISTAKES = {
         "bears unplugging",
         "    def not_ready(self):\n",
         "    def halt(self):\n        assert self.not_ready() is None\n\n    def not_ready(self):\n",
-        "halt while its device is away failed with ResourceFaultError",
+        "halt while its device is absent failed with ResourceFaultError",
     ),
     "writes a line in two pieces": (
         "keeps calls apart",
@@ -184,7 +184,7 @@ MISTAKES = {
             "        self.plugin.port.write(self.letter * 2)\n        self.plugin.both.wait(9)\n"
             '        return self.plugin.port.write(self.letter * 2 + b"\\n")\n'
         ),
-        "the emulator was sent what makes no sense",
+        "the emulator received invalid input",
     ),
     "keeps a file": (
         "frees its port",

@@ -83,8 +83,8 @@ def test_what_comes_of_an_expression(text: str, value: object) -> None:
     ("text", "flaw", "offset"),
     [
         ("", "an expression is missing", 0),
-        ("1 +", "'1 +' is no expression: invalid syntax", 0),
-        ("a = 1", "'a = 1' is no expression: invalid syntax", 2),
+        ("1 +", "'1 +' is not an expression: invalid syntax", 0),
+        ("a = 1", "'a = 1' is not an expression: invalid syntax", 2),
         ("x.y", "'.y' is not part of the expression language; items are written with [...]", 0),
         ("1 + x.__class__", "'.__class__' is not part of the expression language; items are written with [...]", 4),
         ("run.sed", "unknown fact of the run 'sed'; did you mean 'seed'?", 0),
@@ -105,7 +105,7 @@ def test_what_comes_of_an_expression(text: str, value: object) -> None:
         ("max(*pair)", "'*pair' is not part of the expression language", 4),
         ("value(word)", "value() takes names in quotes, such as value('Range'); they are checked before the run", 0),
         ("config('Base')", "config() takes 2 texts, such as config('Base', 'step_m')", 0),
-        ("1\n+ 2", "must stand in one line", 1),
+        ("1\n+ 2", "must be on one line", 1),
         ("1+" * 600 + "1", "is longer than 1000 characters", 0),
         ("-" * 900 + "1", "is nested more than 40 levels deep", 41),
     ],
@@ -127,19 +127,19 @@ def test_nesting_breaks_nothing(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("2 ** 10 ** 10", "a whole number of more than 256 bits comes of it"),
-        ("9 ** 9 ** 9", "a whole number of more than 256 bits comes of it"),
-        ("2 ** 255 * 9", "a whole number of more than 256 bits comes of it"),
+        ("2 ** 10 ** 10", "the result is a whole number of more than 256 bits"),
+        ("9 ** 9 ** 9", "the result is a whole number of more than 256 bits"),
+        ("2 ** 255 * 9", "the result is a whole number of more than 256 bits"),
         ("10.0 ** 400", "Numerical result out of range"),
-        ("1e308 * 10", "no finite number comes of it"),
-        ("(-1) ** 0.5", "no real number comes of it"),
+        ("1e308 * 10", "the result is not a finite number"),
+        ("(-1) ** 0.5", "the result is not a real number"),
         ("'a' * 1000000000", "'*' takes numbers, not text"),
         ("'%1000000000d' % 1", "'%' takes numbers, not text"),
         ("range(10 ** 9)", "range() gives at most 10000 items"),
         ("range(1e9)", "range() takes whole numbers, not 1000000000.0"),
         ("range(1, 5, 0)", "range() arg 3 must not be zero"),
         ("round(5, -1000000000)", "round() takes a number of digits from -20 to 20"),
-        ("range(9000) + range(9000)", "more than 10000 items come of it"),
+        ("range(9000) + range(9000)", "the result has more than 10000 items"),
         ("1 / 0", "a division by zero"),
         ("[1][3]", "the list or text has no such item"),
         ("answer['y']", "'y'"),
@@ -233,12 +233,12 @@ def test_a_text_stays_text() -> None:
 def test_a_broken_reference_is_told(text: str) -> None:
     (flaw,) = parse_template(text).flaws
 
-    assert flaw == ("${ must go on as ${expression}; write $${ for a literal ${", text.index("${"))
+    assert flaw == ("${ must be closed, as in ${expression}; write $${ for a literal ${", text.index("${"))
 
 
 @pytest.mark.parametrize("value", [(1, 2), EALData.of(np.zeros(2)), None])
 def test_what_is_no_text_cannot_stand_in_one(value: object) -> None:
-    with pytest.raises(ScenarioError, match=r"\$\{v\} is of type .*, which cannot stand in a text"):
+    with pytest.raises(ScenarioError, match=r"\$\{v\} is of type .*, which has no form in a text"):
         render("a${v}", Namespace({"v": value}))
 
 

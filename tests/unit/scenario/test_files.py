@@ -136,5 +136,5 @@ def test_announced_answers_go_into_their_files(name: str, answer: ValueInfo, fit
 
 @pytest.mark.parametrize("name", ["", ".", "/etc/x", "../x", "a/../../x", "a\0b"])
 def test_a_name_stays_in_the_folder(name: str) -> None:
-    with pytest.raises(ScenarioError, match="is no name of a file inside the run's folder"):
+    with pytest.raises(ScenarioError, match="is not a file name inside the run's folder"):
         check_file_name(name)

@@ -114,11 +114,11 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         ("steps: [{on: q, do: [{log: x}]}]", "5:14: steps[0].on: unknown role 'q'; known: r"),
         (
             "steps: [{on: r, do: [{on: r, do: [{log: x}]}]}]",
-            "5:23: steps[0].do[0].on: stands inside 'on: r'; a robot goes through one 'on' at a time",
+            "5:23: steps[0].do[0].on: is inside 'on: r'; a robot performs one 'on' at a time",
         ),
         (
             "steps: [{halt: {resource: Base}}]",
-            "5:10: steps[0].halt: which robot? 'halt' must stand in the 'do' of an 'on'",
+            "5:10: steps[0].halt: which robot? 'halt' must be in the 'do' of an 'on'",
         ),
         (
             in_role("send_cmd: {resource: Base}"),
@@ -156,7 +156,10 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             in_role("for: {name: [1]}\n    do: [{log: '${nme}'}]"),
             "9:19: steps[0].do[0].do[0].log: unknown variable 'nme'; did you mean 'name'?",
         ),
-        (in_role("log: '${'"), "8:11: steps[0].do[0].log: ${ must go on as ${expression}; write $${ for a literal ${"),
+        (
+            in_role("log: '${'"),
+            "8:11: steps[0].do[0].log: ${ must be closed, as in ${expression}; write $${ for a literal ${",
+        ),
         (
             in_role("for: {a: [1]}\n    do: [{get_value: {resource: Eye}, save_as: a}]"),
             "9:48: steps[0].do[0].do[0].save_as: 'a' is the variable of a loop around this step",
@@ -165,7 +168,7 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             in_role("get_value: {resource: Eye}\n    save_as: a", "halt: {resource: '${a}'}"),
             (
                 "10:25: steps[0].do[1].halt.resource: "
-                "the resource must be known before the run, and 'a' is saved during it"
+                "the resource must be known before the run, and 'a' is assigned during it"
             ),
         ),
         (
@@ -220,7 +223,7 @@ def test_a_problem_in_plain_words(tmp_path: Path, body: str, expected: str) -> N
 def test_all_problems_come_at_once(tmp_path: Path) -> None:
     assert problems(tmp_path, in_role("log: '${a}'", "on: r\n    do: [{log: '${b}'}]")) == [
         "s.yaml:8:13: steps[0].do[0].log: unknown variable 'a'; known: count, index, robot, role",
-        "s.yaml:9:5: steps[0].do[1].on: stands inside 'on: r'; a robot goes through one 'on' at a time",
+        "s.yaml:9:5: steps[0].do[1].on: is inside 'on: r'; a robot performs one 'on' at a time",
         "s.yaml:10:19: steps[0].do[1].do[0].log: unknown variable 'b'; known: count, index, robot, role",
     ]
 

@@ -74,15 +74,15 @@ def test_what_may_not_be_given(tmp_path: Path, given: dict[str, object], expecte
         ("a: {default: 3}", "6:6: parameters.a.type: is missing"),
         (
             "robot: {type: int}",
-            "6:3: parameters.robot: 'robot' has a meaning already, and cannot be the name of a variable",
+            "6:3: parameters.robot: 'robot' is a built-in name, and cannot be the name of a variable",
         ),
         (
             "min: {type: int}",
-            "6:3: parameters.min: 'min' has a meaning in expressions already, and cannot be the name of a variable",
+            "6:3: parameters.min: 'min' is a built-in name of expressions, and cannot be the name of a variable",
         ),
         (
             "if: {type: int}",
-            "6:3: parameters.if: 'if' is a word of the expression language, and cannot be the name of a variable",
+            "6:3: parameters.if: 'if' is a keyword of expressions, and cannot be the name of a variable",
         ),
     ],
 )

@@ -21,15 +21,15 @@ def problems(folder: Path, body: str, head: str = HEAD) -> list[str]:
     [
         (
             "steps: [{barrier: b, timeout_s: 1}]",
-            "4:10: steps[0].barrier: nobody is there to meet: a barrier stands inside an 'on' or a 'parallel'",
+            "4:10: steps[0].barrier: a barrier must be inside an 'on' or a 'parallel'",
         ),
         (
             "steps: [{wait_for: redy, timeout_s: 1}, {signal: ready}]",
-            "4:20: steps[0].wait_for: nobody gives the signal 'redy'; did you mean 'ready'?",
+            "4:20: steps[0].wait_for: no step gives the signal 'redy'; did you mean 'ready'?",
         ),
         (
             "steps: [{wait_for: ready, timeout_s: 1}]",
-            "4:20: steps[0].wait_for: nobody gives the signal 'ready'; the scenario gives no signal",
+            "4:20: steps[0].wait_for: no step gives the signal 'ready'; the scenario gives no signal",
         ),
         (
             "steps: [{on: r, until: frist, do: [{log: x}]}]",
@@ -41,11 +41,11 @@ def problems(folder: Path, body: str, head: str = HEAD) -> list[str]:
         ),
         (
             "steps: [{on: r, do: [{log: x, safe_to_repeat: true}]}]",
-            "4:31: steps[0].do[0].safe_to_repeat: stands only with steps of the top level",
+            "4:31: steps[0].do[0].safe_to_repeat: is allowed only for steps of the top level",
         ),
         (
             "steps: [{expect: 1 == 1, on_failure: drop}]",
-            "4:26: steps[0].on_failure: there is no robot to drop here: the step stands in no 'on'",
+            "4:26: steps[0].on_failure: there is no robot to drop: the step is outside of 'on'",
         ),
         (
             "steps: [{on: r, do: [{log: x, on_failure: substitute}]}]",
@@ -53,7 +53,7 @@ def problems(folder: Path, body: str, head: str = HEAD) -> list[str]:
         ),
         (
             "steps: [{log: \"${value('Range')}\"}]",
-            "4:18: steps[0].log: value('Range') asks a robot, so it must stand in the 'do' of an 'on'",
+            "4:18: steps[0].log: value('Range') reads from a robot, so it must be in the 'do' of an 'on'",
         ),
         (
             "steps: [{on: r, do: [{halt: {resource: \"${value('B')}\"}}]}]",
@@ -63,7 +63,7 @@ def problems(folder: Path, body: str, head: str = HEAD) -> list[str]:
             "steps: [{let: {x: far}}]",
             (
                 "4:19: steps[0].let.x: unknown variable 'far'; no variable is known here; "
-                "a text stands in quotes of its own: \"'far'\""
+                "a text needs quotes of its own: \"'far'\""
             ),
         ),
         (
@@ -80,7 +80,7 @@ def problems(folder: Path, body: str, head: str = HEAD) -> list[str]:
         ),
         (
             "steps: [{if: '1 +', then: [{log: x}]}]",
-            "4:15: steps[0].if: '1 +' is no expression: invalid syntax",
+            "4:15: steps[0].if: '1 +' is not an expression: invalid syntax",
         ),
         (
             "steps: [{on: r, do: [{if: \"index + valu('Range')\", then: [{log: x}]}]}]",

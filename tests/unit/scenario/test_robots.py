@@ -133,7 +133,7 @@ def test_a_scenario_that_fits_has_no_problems(tmp_path: Path) -> None:
         ),
         (
             "get_value: {resource: Eye}\n    save: ../x.png",
-            "9:11: steps[0].do[0].save: '../x.png' is no name of a file inside the run's folder",
+            "9:11: steps[0].do[0].save: '../x.png' is not a file name inside the run's folder",
         ),
         (
             "send_req: {resource: Base, req: number}\n    save: x.png",
@@ -155,7 +155,7 @@ def test_a_scenario_that_fits_has_no_problems(tmp_path: Path) -> None:
         ),
         (
             "for: {n: [[1, 2]]}\n    do: [{send_cmd: {resource: Base, cmd: 'r${n}'}}]",
-            ("9:43: steps[0].do[0].do[0].send_cmd.cmd: a: ${n} is of type list, which cannot stand in a text"),
+            ("9:43: steps[0].do[0].do[0].send_cmd.cmd: a: ${n} is of type list, which has no form in a text"),
         ),
     ],
 )

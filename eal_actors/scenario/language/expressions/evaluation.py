@@ -50,7 +50,7 @@ class Namespace:
 def evaluate(expression: Expression, names: Namespace) -> Any:
     """Return the value of an expression: a number, a text, a truth value, None or a list of them.
 
-    A variable that stands alone is returned as it is.
+    A sole variable is returned unchanged.
 
     Raises:
         ScenarioError: a variable has no value, or the expression has none.
@@ -156,7 +156,7 @@ def _evaluator() -> _Evaluator:
 
 # Texts.
 
-_BROKEN: Final = "${ must go on as ${expression}; write $${ for a literal ${"
+_BROKEN: Final = "${ must be closed, as in ${expression}; write $${ for a literal ${"
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,8 +275,8 @@ def _as_text(expression: Expression, value: object) -> str:
         try:
             return as_text(found)
         except ValueError as error:  # Python writes no numbers of thousands of digits
-            raise ScenarioError(f"${{{expression.text}}} is too long a number to stand in a text") from error
-    raise ScenarioError(f"${{{expression.text}}} is of type {type(found).__name__}, which cannot stand in a text")
+            raise ScenarioError(f"${{{expression.text}}} is too long a number for a text") from error
+    raise ScenarioError(f"${{{expression.text}}} is of type {type(found).__name__}, which has no form in a text")
 
 
 def parse_bare(text: str) -> tuple[Expression, int]:

@@ -34,11 +34,11 @@ class RefusalError(ValueError):
 
 def _bounded(value: Any) -> Any:
     if isinstance(value, int) and value.bit_length() > MAX_BITS:
-        raise RefusalError(f"a whole number of more than {MAX_BITS} bits comes of it")
+        raise RefusalError(f"the result is a whole number of more than {MAX_BITS} bits")
     if isinstance(value, float) and not math.isfinite(value):
-        raise RefusalError("no finite number comes of it")
+        raise RefusalError("the result is not a finite number")
     if isinstance(value, str | list) and len(value) > MAX_ITEMS:
-        raise RefusalError(f"more than {MAX_ITEMS} items come of it")
+        raise RefusalError(f"the result has more than {MAX_ITEMS} items")
     return value
 
 
@@ -64,7 +64,7 @@ def _arithmetic(symbol: str, work: Callable[[Any, Any], Any]) -> Callable[[Any, 
 def _add(left: Any, right: Any) -> Any:
     if type(left) is type(right) and isinstance(left, str | list):
         if len(left) + len(right) > MAX_ITEMS:
-            raise RefusalError(f"more than {MAX_ITEMS} items come of it")
+            raise RefusalError(f"the result has more than {MAX_ITEMS} items")
         return left + right
     if isinstance(left, str | list) or isinstance(right, str | list):
         raise RefusalError(
@@ -77,10 +77,10 @@ def _add(left: Any, right: Any) -> Any:
 def _power(base: Any, exponent: Any) -> Any:
     _numbers("**", base, exponent)
     if isinstance(base, int) and isinstance(exponent, int) and exponent * max(base.bit_length(), 1) > MAX_BITS:
-        raise RefusalError(f"a whole number of more than {MAX_BITS} bits comes of it")
+        raise RefusalError(f"the result is a whole number of more than {MAX_BITS} bits")
     result = base**exponent
     if isinstance(result, complex):
-        raise RefusalError("no real number comes of it")
+        raise RefusalError("the result is not a real number")
     return _bounded(result)
 
 

@@ -1,4 +1,4 @@
-"""The small language of expressions: what stands in one is known, and held against the rules, before any is worked out.
+"""The grammar of expressions, and the parser that checks them before any is evaluated.
 
     ${speed_m_s * 2}    ${'left' if index % 2 == 0 else 'right'}    ${value('Range') < 0.5 and not found}
 
@@ -113,7 +113,7 @@ def parse_expression(text: str) -> Expression:
     if len(text) > MAX_LENGTH:
         return Expression(text, None, flaws=(Flaw(f"is longer than {MAX_LENGTH} characters", 0),))
     if "\n" in stripped:
-        return Expression(text, None, flaws=(Flaw("must stand in one line", text.index("\n")),))
+        return Expression(text, None, flaws=(Flaw("must be on one line", text.index("\n")),))
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of doubtful code, such as `1()`, which is refused anyway
@@ -122,7 +122,7 @@ def parse_expression(text: str) -> Expression:
         offset = max((error.offset or 1) - 1, 0)
         return Expression(text, None, flaws=(Flaw(_syntax_message(stripped, error), _lead(text) + offset),))
     except (RecursionError, MemoryError, ValueError):
-        return Expression(text, None, flaws=(Flaw("is nested too deep, or holds what is no text", 0),))
+        return Expression(text, None, flaws=(Flaw("is nested too deep, or contains invalid characters", 0),))
     reader = _Reader(stripped, _lead(text))
     reader.visit(tree, 0)
     names = tuple(Name(name, offset) for name, offset in reader.names.items())
@@ -138,7 +138,7 @@ def _lead(text: str) -> int:
 def _syntax_message(text: str, error: SyntaxError) -> str:
     reason = (error.msg or "invalid syntax").split(". Maybe you meant")[0]
     hint = "; write == to compare" if "=" in text and "cannot assign" in reason else ""
-    return f"{text!r} is no expression: {reason}{hint}"
+    return f"{text!r} is not an expression: {reason}{hint}"
 
 
 def _symbols(node: ast.AST) -> list[ast.AST]:

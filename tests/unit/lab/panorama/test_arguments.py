@@ -51,7 +51,7 @@ def test_ten_degrees_of_overlap_are_enough() -> None:
 
 
 def test_messages_call_frames_by_their_names() -> None:
-    with pytest.raises(ArgumentError, match=r"b\.png is only"):
+    with pytest.raises(ArgumentError, match=r"b\.png is 64 x 20 px"):
         stitch([FRAME, FRAME[:20]], [0.0, 0.5], VIEW_RAD, names=["a.png", "b.png"])
 
 

@@ -16,17 +16,17 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import PluginError, error_text
 from eal_actors.managers.manifest import EmulatorSection, PluginManifest
 from eal_actors.managers.plugins import import_plugin
-from eal_actors.testing.conformance.wires import WIRES, Wire
+from eal_actors.testing.conformance.wires import WIRES, EmulatorWire
 
 
-class StandIn:
+class EmulatedDevice:
     """A connected emulator, and the settings that lead the plugin to it.
 
     Attributes:
         settings: the plugin's settings in a fleet file.
     """
 
-    def __init__(self, wire: Wire, settings: Mapping[str, Any]) -> None:
+    def __init__(self, wire: EmulatorWire, settings: Mapping[str, Any]) -> None:
         self.settings = settings
         self._wire = wire
         wire.plug_in()
@@ -41,7 +41,7 @@ class StandIn:
 
     def complaints(self) -> Sequence[str]:
         """Return the emulator's complaints since it was plugged in. Thread: waits until it has read everything."""
-        self._wire.settle()
+        self._wire.drain()
         complaints: Sequence[str] = getattr(self._wire.emulator, "complaints", ())
         return tuple(complaints)
 
@@ -50,7 +50,7 @@ class StandIn:
         self._wire.close()
 
 
-def stand_in_for(manifest: PluginManifest, settings: Mapping[str, Any]) -> StandIn | None:
+def emulate_device(manifest: PluginManifest, settings: Mapping[str, Any]) -> EmulatedDevice | None:
     """Return the emulator of a plugin's device; None if there is none, or the settings name a device themselves.
 
     Raises:
@@ -65,10 +65,10 @@ def stand_in_for(manifest: PluginManifest, settings: Mapping[str, Any]) -> Stand
         raise PluginError(f"plugin {manifest.name!r}: emulator {section.module}.py: {error_text(error)}") from error
 
 
-def _connect(manifest: PluginManifest, section: EmulatorSection, settings: Mapping[str, Any]) -> StandIn | None:
+def _connect(manifest: PluginManifest, section: EmulatorSection, settings: Mapping[str, Any]) -> EmulatedDevice | None:
     package = import_plugin(manifest).__package__
     emulate = importlib.import_module(f"{package}.{section.module}").emulate
     if section.wire is None or emulate(settings, REAL_TIME.now) is None:
         return None
     wire = WIRES[section.wire](lambda: emulate(settings, REAL_TIME.now))
-    return StandIn(wire, {**settings, **section.driver_settings(wire.address)})
+    return EmulatedDevice(wire, {**settings, **section.driver_settings(wire.address)})
