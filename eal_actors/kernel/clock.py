@@ -203,7 +203,7 @@ def wait_in_scope(clock: Clock, waiter: threading.Lock, timeout_s: float | None)
 
     Thread: blocks the caller.
     """
-    scope = current_scope()
+    scope: CancelScope | None = getattr(_local, "scope", None)  # not current_scope(): every wait of a caller is here
     return clock.wait(waiter, timeout_s) if scope is None else scope.wait(clock, waiter, timeout_s)
 
 

@@ -102,7 +102,6 @@ class MailboxMachine(RuleBasedStateMachine):
         self.urgent: list[Waiting] = []
         self.normal: list[Waiting] = []
         self.refused: list[Waiting] = []
-        self.notes = 0
         self.expected: list[str] = []
 
     def make(self) -> Turnstile:
@@ -144,7 +143,7 @@ class MailboxMachine(RuleBasedStateMachine):
     @rule(timeout_s=st.sampled_from([1.0, 1e6]))
     def status(self, timeout_s: float) -> None:
         waiting = Waiting("status", self.handle.get_status(timeout_s=timeout_s), self.clock.now() + timeout_s, 1e9)
-        if len(self.urgent) + self.notes >= CAPACITY:
+        if len(self.urgent) >= CAPACITY:
             waiting.error = BusyError
             self.refused.append(waiting)
         else:
@@ -173,7 +172,6 @@ class MailboxMachine(RuleBasedStateMachine):
         waiting = data.draw(st.sampled_from(self.normal))
         if waiting.future.cancel():
             waiting.error = CallCancelledError
-            self.notes += 1
 
     # Letting go.
 
@@ -187,7 +185,7 @@ class MailboxMachine(RuleBasedStateMachine):
             self.expect(waiting)
         for waiting in [*self.urgent, *self.normal, *self.refused]:
             self.check(waiting)
-        self.urgent, self.normal, self.refused, self.notes = [], [], [], 0
+        self.urgent, self.normal, self.refused = [], [], []
         assert self.handle.get_value().get(timeout=WAIT_S).value == DONE  # what came before it has been run now
         self.expected.append("value")
         assert self.gate.ran == self.expected

@@ -88,6 +88,7 @@ NUMBERS: Final[dict[DataType, tuple[type, ...]]] = {
     DataType.FLOAT: (float, int),
     DataType.DOUBLE: (float, int),
 }
+NUMERIC_TYPES: Final = (DataType.INT, DataType.FLOAT, DataType.DOUBLE)
 BUILTINS: Final = frozenset({int, float, bool, str, bytes, bytearray, memoryview, list, tuple, type(None)})
 MOST_DIMENSIONS: Final = 32  # of numpy 1.26
 SHOWN_ELEMENTS: Final = 6

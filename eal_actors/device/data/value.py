@@ -19,13 +19,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, final
 
 from eal_actors.device.data.c_types import (
     ARRAY_BY_DTYPE,
     BOOL,
     DOUBLE,
     INT,
+    NUMERIC_TYPES,
     CType,
     DataType,
     find_c_type,
@@ -278,10 +279,9 @@ class EALData:
     @property
     def payload(self) -> Payload:
         """The bytes as C lays them out, little-endian; a view without a copy for a contiguous numpy array."""
-        payload = self._payload
-        if payload is None:
-            payload = self._payload = pack(self._c_type, self._value, self._length, self._shape)
-        return payload
+        if self._payload is None:
+            self._payload = pack(self._c_type, self._value, self._length, self._shape)
+        return self._payload
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EALData):
@@ -307,8 +307,7 @@ def _array_content(value: Any) -> tuple[CType, Stored] | None:
     numpy = sys.modules.get("numpy")
     if numpy is None or not isinstance(value, numpy.ndarray):
         return None
-    c_type = ARRAY_BY_DTYPE.get(value.dtype.str)
-    if c_type is None:  # refused with a message by `infer`
+    if (c_type := ARRAY_BY_DTYPE.get(value.dtype.str)) is None:  # `infer` refuses it with a message
         return None
     view = value.view()
     view.flags.writeable = False
@@ -325,9 +324,6 @@ def _checked_meta(unit: object, frame_id: object, stamp_s: object) -> float | No
     if isinstance(stamp_s, bool) or not isinstance(stamp_s, (int, float)) or not abs(stamp_s) <= sys.float_info.max:
         raise DataError(f"stamp_s: {short_repr(stamp_s)} is no finite number of seconds")
     return float(stamp_s)
-
-
-_NUMERIC_TYPES: Final = (DataType.INT, DataType.FLOAT, DataType.DOUBLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -359,7 +355,7 @@ class ValueInfo:
 
     def problem(self, data: EALData) -> str | None:
         """Return the error of a value as the end of a sentence that begins with its name, or None."""
-        numeric = self.type in _NUMERIC_TYPES and data.type in _NUMERIC_TYPES
+        numeric = self.type in NUMERIC_TYPES and data.type in NUMERIC_TYPES
         whole = self.type is DataType.INT and data.type is not DataType.INT
         if (data.type is not self.type and not numeric) or whole:
             return f"must be {self.describe()}, not {repr_of(data)}"
@@ -368,7 +364,7 @@ class ValueInfo:
         value = data.value
         if self.choices and value not in self.choices:
             return f"must be one of {', '.join(map(str, self.choices))}, not {value!r}"
-        return self._number_problem(data, value) if self.type in _NUMERIC_TYPES else None
+        return self._number_problem(data, value) if self.type in NUMERIC_TYPES else None
 
     def _number_problem(self, data: EALData, value: Any) -> str | None:
         if not isinstance(value, int | float):
@@ -378,9 +374,8 @@ class ValueInfo:
         return f"must be {self.describe()}, not {value:g}" if below or above or value != value else None  # NaN differs
 
     def _shape_problem(self, data: EALData) -> str | None:
-        shape = data.shape
+        shape, value = data.shape, data.value if data.shape is None else None
         if shape is None:
-            value = data.value
             shape = (len(value),) if isinstance(value, list | tuple) else ()
         fits = len(shape) == len(self.shape) and all(
             want is None or want == have for want, have in zip(self.shape, shape, strict=True)

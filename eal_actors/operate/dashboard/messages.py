@@ -54,26 +54,26 @@ class ReleaseRobot(StrictModel):
     robot: Word
 
 
-class _Request(StrictModel):
+class _AnsweredMessage(StrictModel):
     """A message that is answered under its number."""
 
     id: Number
 
 
-class Describe(_Request):
+class Describe(_AnsweredMessage):
     """Describe a robot's resources."""
 
     do: Literal["describe"]
     robot: Word
 
 
-class ListScenarios(_Request):
+class ListScenarios(_AnsweredMessage):
     """List the scenarios and their parameters."""
 
     do: Literal["scenarios"]
 
 
-class CallResource(_Request):
+class CallResource(_AnsweredMessage):
     """Call a method of a resource."""
 
     do: Literal["call"]
@@ -85,19 +85,19 @@ class CallResource(_Request):
     value: CallValue = None
 
 
-class StopAll(_Request):
+class StopAll(_AnsweredMessage):
     """Stop every robot: the emergency stop."""
 
     do: Literal["stop"]
 
 
-class ResumeAll(_Request):
+class ResumeAll(_AnsweredMessage):
     """End the emergency stop."""
 
     do: Literal["resume"]
 
 
-class StartRun(_Request):
+class StartRun(_AnsweredMessage):
     """Run a scenario."""
 
     do: Literal["start"]
@@ -105,7 +105,7 @@ class StartRun(_Request):
     parameters: dict[Word, Scalar | Annotated[tuple[Scalar, ...], Field(strict=False)]] = Field(default={})
 
 
-class ControlRun(_Request):
+class ControlRun(_AnsweredMessage):
     """Control the run."""
 
     do: Literal["control"]

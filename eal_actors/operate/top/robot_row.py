@@ -11,7 +11,7 @@ from eal_actors.operate.top.call_statistics import CallStatistics, RecentCalls
 
 
 @dataclass(frozen=True, slots=True)
-class RobotRow:
+class TableRow:
     """The state of a robot.
 
     Attributes:
@@ -33,11 +33,11 @@ class RobotRow:
     notes: tuple[str, ...]
 
 
-def robot_row(robot: RobotHandle, calls: RecentCalls, pings: RecentCalls, ping: Ping | None) -> RobotRow:
+def robot_row(robot: RobotHandle, calls: RecentCalls, pings: RecentCalls, ping: Ping | None) -> TableRow:
     """Return a robot's row, where `ping` is its last answer, if there is one. Thread: any; does not block."""
     mailboxes = _mailboxes(robot, ping)
     restarts = robot.restarts if not robot.is_remote else None if ping is None else ping.restarts
-    return RobotRow(
+    return TableRow(
         name=robot.name,
         state=robot.state.value if robot.stopped_because is None else "STOP",
         is_remote=robot.is_remote,

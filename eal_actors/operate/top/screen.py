@@ -23,7 +23,7 @@ from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError
 from eal_actors.operate.top.call_statistics import RecentCalls
-from eal_actors.operate.top.robot_row import RobotRow, robot_row
+from eal_actors.operate.top.robot_row import TableRow, robot_row
 from eal_actors.operate.top.run_progress import RunProgress, latest_run
 
 UPDATE_PERIOD_S: Final = 0.5
@@ -84,7 +84,7 @@ class TopApp(App[None]):
     ) -> None:
         super().__init__()
         self.fleet = fleet
-        self.rows: dict[str, RobotRow] = {}
+        self.rows: dict[str, TableRow] = {}
         self._calls, self._pings = calls, RecentCalls()
         self._runs_dir = runs_dir
         self._lines = log or LogBuffer()
@@ -200,12 +200,12 @@ class Details(Screen[None]):
             yield Static(id="details")
         yield Footer()
 
-    def show(self, robot: RobotHandle, row: RobotRow) -> None:
+    def show(self, robot: RobotHandle, row: TableRow) -> None:
         """Show the robot's current state."""
         self.query_one("#details", Static).update(Text("\n".join(_details(robot, row))))
 
 
-def _cells(row: RobotRow) -> list[Text | str]:
+def _cells(row: TableRow) -> list[Text | str]:
     running = "; ".join(
         f"{run.resource} {run.command} {_percent(run.progress.fraction if run.progress else None)}".rstrip()
         for run in row.running
@@ -224,7 +224,7 @@ def _cells(row: RobotRow) -> list[Text | str]:
     ]
 
 
-def _details(robot: RobotHandle, row: RobotRow) -> list[str]:
+def _details(robot: RobotHandle, row: TableRow) -> list[str]:
     kind = f" ({robot.type})" if robot.type else ""
     lines = [f"{row.name}{kind}: {row.state}, {'in another process' if row.is_remote else 'in this process'}", ""]
     restarts = robot.restarts

@@ -136,8 +136,7 @@ def _misfit(suffix: str, value: object, plain: object) -> str | None:
     shape = value.shape if isinstance(value, EALData) else None
     match suffix:
         case ".png":
-            is_image = isinstance(value, EALData) and value.dtype == "|u1" and shape is not None and shape[2:] == (3,)
-            return None if is_image else _NO_IMAGE
+            return None if _is_image(value) else _NO_IMAGE
         case ".npy":
             return None if shape is not None or isinstance(plain, list) else "no array"
         case ".txt":
@@ -145,6 +144,10 @@ def _misfit(suffix: str, value: object, plain: object) -> str | None:
         case ".csv":
             return None if _is_row(plain, shape or ()) else _NO_ROW
     return "bytes, which JSON has no form for; save them as .txt" if isinstance(plain, bytes) else None
+
+
+def _is_image(value: object) -> bool:
+    return isinstance(value, EALData) and value.dtype == "|u1" and (value.shape or ())[2:] == (3,)
 
 
 def _is_row(plain: object, shape: tuple[int, ...]) -> bool:

@@ -25,7 +25,7 @@ from eal_actors.scenario.language.parameters import unit_of, unit_problem
 from eal_actors.scenario.language.robot_check import CallLocations, Location, RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import ScenarioFile
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
-from eal_actors.scenario.language.values import Text
+from eal_actors.scenario.language.values import Text, VariableName
 from eal_actors.scenario.report.files import answer_problem, check_file_name, name_problems, save_answer
 from eal_actors.scenario.steps.base import Keys, Show, TimedStep
 
@@ -198,6 +198,37 @@ class CallStep(TimedStep):
     @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
         return perform_step(run, context, self, path, partial(_CallAction, run, context, self, path))
+
+
+class StartStep(CallStep):
+    """A call that can begin at an agreed time."""
+
+    together: bool = False
+    """All robots of the `on` meet, and begin it at the same time."""
+
+    @property
+    @override
+    def is_together(self) -> bool:
+        return self.together
+
+
+class AnswerStep(CallStep):
+    """A call that is answered with a value."""
+
+    save_as: VariableName | None = None
+    """Variable for the answer, for the later steps of the same role."""
+    save: Text | None = None
+    """File for the answer, in the robot's folder of the run directory; its suffix sets the format."""
+
+    @property
+    @override
+    def answer_file(self) -> str | None:
+        return self.save
+
+    @property
+    @override
+    def answer_variable(self) -> str | None:
+        return self.save_as
 
 
 def _taker(method: str, info: ResourceInfo, given: Mapping[str, Any]) -> ValueInfo | None:

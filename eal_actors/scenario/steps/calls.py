@@ -6,10 +6,9 @@ They are one kind with ten methods. Each adds only the model of its arguments.
 from __future__ import annotations
 
 from pydantic import PositiveInt
-from typing_extensions import override
 
-from eal_actors.scenario.language.values import Text, Value, VariableName
-from eal_actors.scenario.steps.call import CallStep, ResourceArguments
+from eal_actors.scenario.language.values import Text, Value
+from eal_actors.scenario.steps.call import AnswerStep, CallStep, ResourceArguments, StartStep
 
 
 class ValueArguments(ResourceArguments):
@@ -56,37 +55,6 @@ class ConfigArguments(KeyArguments):
     """For set_config."""
 
     value: Value | None = None
-
-
-class StartStep(CallStep):
-    """A call that can begin at an agreed time."""
-
-    together: bool = False
-    """All robots of the `on` meet, and begin it at the same time."""
-
-    @property
-    @override
-    def is_together(self) -> bool:
-        return self.together
-
-
-class AnswerStep(CallStep):
-    """A call that is answered with a value."""
-
-    save_as: VariableName | None = None
-    """Variable for the answer, for the later steps of the same role."""
-    save: Text | None = None
-    """File for the answer, in the robot's folder of the run directory; its suffix sets the format."""
-
-    @property
-    @override
-    def answer_file(self) -> str | None:
-        return self.save
-
-    @property
-    @override
-    def answer_variable(self) -> str | None:
-        return self.save_as
 
 
 class GetStatus(CallStep):
