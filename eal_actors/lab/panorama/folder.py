@@ -174,28 +174,40 @@ def _from_pose(pose: Path, frame: Path, problems: list[Problem]) -> float:
 
 def _from_table(table: Path, files: Sequence[Path]) -> list[float]:
     """Return the yaw of each file from a table; raise ConfigError with all of the table's problems."""
-    problems: list[Problem] = []
     with table.open(newline="", encoding="utf-8-sig") as stream:
         reader = csv.DictReader(stream, skipinitialspace=True)
         columns = reader.fieldnames or ()
-        unit = next((name for name in ("yaw_rad", "yaw_deg") if name in columns), None)
+        unit = _first_in(columns, ("yaw_rad", "yaw_deg"))
         if unit is None:
             message = f"needs a column yaw_rad or yaw_deg; it has {', '.join(columns) or 'none'}"
             raise ConfigError([Problem(str(table), 1, 1, "", message)])
-        key = next((name for name in _FILE_COLUMNS if name in columns), None)
-        defaults = iter(file.name for file in files)
-        found: dict[str, float] = {}
-        for number, row in enumerate(reader):
-            name = str(row[key]).strip() if key else next(defaults, f"row {number}")
-            yaw_rad = _angle(row[unit], unit)
-            if yaw_rad is None or name in found:
-                wrong = f"{unit} must be a number, not {row[unit]!r}" if yaw_rad is None else f"{name} is repeated"
-                problems.append(Problem(str(table), reader.line_num, 1, "", wrong))
-            found[name] = yaw_rad or 0.0
+        key = _first_in(columns, _FILE_COLUMNS)
+        found, problems = _read_rows(table, reader, unit, key, files)
     problems += _missing_rows(table, found, files, by_row=key is None)
     if problems:
         raise ConfigError(problems)
     return [found[_table_name(file, found)] for file in files]
+
+
+def _first_in(columns: Sequence[str], names: Sequence[str]) -> str | None:
+    return next((name for name in names if name in columns), None)
+
+
+def _read_rows(
+    table: Path, reader: csv.DictReader[str], unit: str, key: str | None, files: Sequence[Path]
+) -> tuple[dict[str, float], list[Problem]]:
+    """Return the yaws by file name, and the problems of the rows; without a key, rows are in the order of the files."""
+    names = iter(file.name for file in files)
+    found: dict[str, float] = {}
+    problems: list[Problem] = []
+    for number, row in enumerate(reader):
+        name = str(row[key]).strip() if key else next(names, f"row {number}")
+        yaw_rad = _angle(row[unit], unit)
+        if yaw_rad is None or name in found:
+            wrong = f"{unit} must be a number, not {row[unit]!r}" if yaw_rad is None else f"{name} is repeated"
+            problems.append(Problem(str(table), reader.line_num, 1, "", wrong))
+        found[name] = yaw_rad or 0.0
+    return found, problems
 
 
 def _angle(text: str | None, unit: str) -> float | None:
