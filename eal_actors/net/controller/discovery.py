@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
@@ -27,8 +27,7 @@ _MAX_PROBES: Final = 8
 _MAX_ANSWERS: Final = 10_000
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class FoundRobot:
+class FoundRobot(NamedTuple):
     """Robot that was found.
 
     Attributes:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 from typing_extensions import override
 
@@ -39,8 +39,7 @@ _HELLO_RETRY_S: Final = 0.5
 _PING_PERIOD_S: Final = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class RemoteSpec:
+class RemoteSpec(NamedTuple):
     """Specification of a remote robot.
 
     Attributes:
