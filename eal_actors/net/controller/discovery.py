@@ -22,10 +22,6 @@ if TYPE_CHECKING:
 PROBE_S: Final = 2.0
 """Real seconds to wait for an answer at an endpoint."""
 
-_TOKENS_S: Final = 1.0
-_MAX_PROBES: Final = 8
-_MAX_ANSWERS: Final = 10_000
-
 
 class FoundRobot(NamedTuple):
     """Robot that was found.
@@ -52,6 +48,11 @@ class Discovery:
 
     robots: tuple[FoundRobot, ...]
     closed: tuple[str, ...]
+
+
+_TOKENS_S: Final = 1.0
+_MAX_PROBES: Final = 8
+_MAX_ANSWERS: Final = 10_000
 
 
 def robots_at(endpoint: str, fleet: FleetConfig | None = None, timeout_s: float = PROBE_S) -> list[FoundRobot]:
