@@ -32,10 +32,6 @@ from eal_actors.net.wire.packing import check_version
 CONNECT_S: Final = 3.0
 """Real seconds after which a fleet no longer waits for a robot that does not answer."""
 
-_REQUEST_TIMEOUT_S: Final = 2.0
-_LEAVE_TIMEOUT_S: Final = 0.5
-_HELLO_RETRY_S: Final = 0.5
-
 
 class RemoteSpec(NamedTuple):
     """Specification of a remote robot.
@@ -53,6 +49,11 @@ class RemoteSpec(NamedTuple):
     clock: Clock
     timeout_s: float
     link: FaultyLink
+
+
+_REQUEST_TIMEOUT_S: Final = 2.0
+_LEAVE_TIMEOUT_S: Final = 0.5
+_HELLO_RETRY_S: Final = 0.5
 
 
 class RemoteRobot(EALActor):
