@@ -6,7 +6,6 @@ import math
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -157,26 +156,15 @@ steps:
 @pytest.fixture
 def lab(tmp_path: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
     """Start `eal lab` in a process of its own, which nods by so many degrees."""
-    processes: list[subprocess.Popen[str]] = []
     (tmp_path / "fleet.yaml").write_text(QUICK, encoding="utf-8")
 
-    def start(angle_deg: str) -> subprocess.Popen[str]:
-        (tmp_path / "nod.yaml").write_text(NOD.replace("${ANGLE}", angle_deg), encoding="utf-8")
-        process = subprocess.Popen(
-            [sys.executable, "-m", "eal_actors", "lab", "nod.yaml", "--fleet", "fleet.yaml"],
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(bundled_path(".")), "NO_COLOR": "1"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        processes.append(process)
-        return process
+    with eal_processes(tmp_path, {**os.environ, "NO_COLOR": "1"}) as start:
 
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
+        def start_lab(angle_deg: str) -> subprocess.Popen[str]:
+            (tmp_path / "nod.yaml").write_text(NOD.replace("${ANGLE}", angle_deg), encoding="utf-8")
+            return start("lab", "nod.yaml", "--fleet", "fleet.yaml")
+
+        yield start_lab
 
 
 def test_the_lab_tells_what_it_started_and_where_the_robots_got_to(lab: Callable[[str], subprocess.Popen[str]]) -> None:
@@ -253,6 +241,7 @@ import sys
 import threading
 from ..evbot2.protocol import BAUD_RATE
 from .words import ENDING
+from tests.processes import eal_processes
 ended = threading.Event()
 signal.signal(signal.SIGTERM, lambda *_: ended.set())
 print("port of", *sys.argv[1:], BAUD_RATE, flush=True)
