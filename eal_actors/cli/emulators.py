@@ -23,8 +23,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import EmulatorSection, PluginManifest, discover
 
 _PREFIX: Final = "LAB_"
-_STOP_S: Final = 5.0
-"""Real seconds until an emulator that does not end is killed."""
+_STOP_S: Final = 5.0  # real seconds until an emulator that does not end is killed
 _POSE: Final = re.compile(r"^pose (\S+) m (\S+) m (\S+) deg$", re.MULTILINE)
 
 _ROOT: Final = str(Path(eal_actors.__file__).parents[1])

@@ -20,8 +20,7 @@ from eal_actors.kernel.lock_step import LockStepClock
 from eal_actors.scenario import Report, Scenario, load_scenario, parse_scenario, run_scenario
 from eal_actors.testing.fleet_config import Robots, World, simulated_fleet
 
-_GRACE_S: Final = 2.0
-"""Real seconds that threads have to end after their simulation is closed."""
+_GRACE_S: Final = 2.0  # real seconds that threads have to end after their simulation is closed
 
 
 class Pose(NamedTuple):

@@ -14,8 +14,7 @@ from eal_actors.testing.conformance.bench import Bench, Findings, wait_until_sta
 from eal_actors.testing.conformance.motion_checks import start_lasting_command
 from eal_actors.testing.conformance.values import bad_commands, bad_values
 
-_UNKNOWN: Final = "eal-conformance-unknown"
-"""A name that no command, request or configuration key has."""
+_UNKNOWN: Final = "eal-conformance-unknown"  # a name that no command, request or configuration key has
 
 _ANY_CALL: Final[dict[str, Callable[[ResourceHandle], Future[Any]]]] = {
     "get_status": lambda handle: handle.get_status(),
