@@ -11,7 +11,7 @@ from typing_extensions import override
 
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import Action
+from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import (
     evaluate,
@@ -63,7 +63,7 @@ class ExpectStep(FallibleStep):
         return f"expect {self.expect}{equals}"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         expression, _ = parse_bare(self.expect)
         expressions = [expression, *expressions_in((self.equals, self.says))]
         names = yield from action.run.read(action.context, expressions)

@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from eal_actors.kernel.strict_model import NAMES_ONLY
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import Action
+from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import bare_expressions, evaluate_bare
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
@@ -56,7 +56,7 @@ class LetStep(FallibleStep):
         return f"let {', '.join(self.let)}"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         for name, value in self.let.items():
             names = yield from action.run.read(action.context, bare_expressions(value))
             action.run.assign(action.context, name, evaluate_bare(value, names))

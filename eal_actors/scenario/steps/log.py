@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from typing_extensions import override
 
-from eal_actors.scenario.engine.executor import Action
+from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render_text
 from eal_actors.scenario.language.values import Text
@@ -34,6 +34,6 @@ class LogStep(FallibleStep):
         return f"log {show(self.log)}"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         names = yield from action.read(self.log)
         action.run.log(action.context.robot_name, render_text(self.log, names))

@@ -16,7 +16,7 @@ from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.engine.synchronization import TaskGroup, find_meetings
+from eal_actors.scenario.engine.synchronization import StepGroup, find_meetings
 from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Text
@@ -117,4 +117,4 @@ class ParallelStep(BlockStep):
             task = StepTask(context.task, context.slot, str(keys[-1]), find_meetings(context.frame, steps))
             branch = f"{path}.{format_path(keys)}"
             tasks.append((task, perform_steps(run, steps, branch, replace(inside, task=task))))
-        yield from TaskGroup(run, context, self.until).perform(tasks)
+        yield from StepGroup(run, context, self.until).perform(tasks)

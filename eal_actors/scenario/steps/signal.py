@@ -8,7 +8,7 @@ from typing import Any
 from typing_extensions import override
 
 from eal_actors.kernel.strict_model import Name
-from eal_actors.scenario.engine.executor import Action
+from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render
 from eal_actors.scenario.language.values import Value
@@ -39,7 +39,7 @@ class SignalStep(FallibleStep):
         return f"give signal {self.signal}"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         robot = action.context.robot_name
         value: Any = robot
         if self.value is not None:

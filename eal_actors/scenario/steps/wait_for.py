@@ -10,7 +10,7 @@ from typing_extensions import override
 from eal_actors.kernel.errors import DeadlineError
 from eal_actors.kernel.strict_model import Name, did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import Action
+from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
@@ -56,7 +56,7 @@ class WaitForStep(WaitingStep):
         return f"wait for signal {self.wait_for}{times}, at most {show(self.timeout_s)} s{default}"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         run, context = action.run, action.context
         count = int((yield from action.number(self.count, "count", "count")))
         timeout_s = yield from action.number(self.timeout_s, "timeout", "timeout_s")

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing_extensions import override
 
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import Action
+from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Seconds, Wanted
@@ -40,7 +40,7 @@ class WaitStep(FallibleStep):
         return f"wait {show(self.wait_s)} s"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         duration_s = yield from action.number(self.wait_s, "seconds", "wait_s")
         action.label = f"wait_s {short_number(duration_s)}"
         yield from action.run.sleep(action.context, duration_s)

@@ -9,7 +9,7 @@ from pydantic import PositiveFloat
 from typing_extensions import override
 
 from eal_actors.kernel.errors import DeadlineError
-from eal_actors.scenario.engine.executor import Action
+from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import evaluate, parse_bare, to_plain
 from eal_actors.scenario.language.values import ExpressionText
@@ -37,7 +37,7 @@ class WaitUntilStep(WaitingStep):
         return f"wait until {self.wait_until}, at most {show(self.timeout_s)} s"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         run, context = action.run, action.context
         expression, _ = parse_bare(self.wait_until)
         timeout_s = yield from action.number(self.timeout_s, "timeout", "timeout_s")
