@@ -1,19 +1,28 @@
 """The evbot2 plugin: a tracked base over a serial line (Source: thesis §6.1.1)."""
 
-# ruff: noqa: N802, N816  # the plugin API requires names such as create_Base
+# ruff: noqa: N816  # the plugin API requires names such as create_Base
 
 from __future__ import annotations
 
 from typing import Final, Literal
 
-from eal_actors.plugin import Drivetrain, Field, PluginContext, Resource, open_serial
+from eal_actors.plugin import Drivetrain, Field, PluginContext, open_serial
 
-from .base import Base
-from .connecting import EvBotPlugin, SessionSettings, open_base_port, start_session
+from .connecting import (
+    EvBotPlugin,
+    SessionSettings,
+    create_Base,
+    create_Odometry,
+    destroy,
+    disconnect,
+    open_base_port,
+    start_session,
+)
 from .emulator import TRACKS, simulated_evbot2
 from .messages import Channel
-from .odometry import Odometry
 from .protocol import BAUD_RATE, MODEL, HostLineCodec
+
+__all__ = ["Settings", "connect", "create_Base", "create_Odometry", "disconnect"]
 
 DRIVETRAIN: Final = Drivetrain("evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0)
 """The EvBot II."""
@@ -47,26 +56,7 @@ def connect(context: PluginContext) -> EvBotPlugin:
     session, odometer = start_session(
         context, port, HostLineCodec(), model=MODEL, channels=(Channel.WHEELS,), track_m=DRIVETRAIN.track_m
     )
-    return EvBotPlugin(session, odometer, "Base", "Odometry")
+    return EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry")
 
 
-def disconnect(plugin: EvBotPlugin) -> None:
-    """Close the port; the base is stopped already."""
-    plugin.session.close()
-
-
-def create_Base(context: PluginContext) -> Base:
-    """Create the base."""
-    return Base(context.plugin.session, context.plugin.odometer, DRIVETRAIN)
-
-
-def create_Odometry(context: PluginContext) -> Odometry:
-    """Create the odometry."""
-    return Odometry(context.plugin.session, context.plugin.odometer)
-
-
-def _destroy(resource: Resource) -> None:
-    """Do nothing: the plugin owns the session."""
-
-
-destroy_Base, destroy_Odometry = _destroy, _destroy
+destroy_Base, destroy_Odometry = destroy, destroy

@@ -9,16 +9,25 @@ from urllib.parse import urlsplit
 
 from pydantic import field_validator
 
-from eal_actors.plugin import BytePort, Drivetrain, Field, PluginContext, Resource, UdpPort, open_tcp
+from eal_actors.plugin import BytePort, Drivetrain, Field, PluginContext, UdpPort, open_tcp
 
-from ..evbot2.base import Base
-from ..evbot2.connecting import EvBotPlugin, SessionSettings, open_base_port, start_session
+from ..evbot2.connecting import (
+    EvBotPlugin,
+    SessionSettings,
+    create_Base,
+    create_Odometry,
+    destroy,
+    disconnect,
+    open_base_port,
+    start_session,
+)
 from ..evbot2.messages import Channel
-from ..evbot2.odometry import Odometry
 from .emulator import WHEELS, simulated_evbot3
 from .protocol import MODEL, HostFrameCodec
 from .sensors import Battery, Bump
 from .turret import Turret
+
+__all__ = ["Settings", "connect", "create_Base", "create_Odometry", "disconnect"]
 
 DRIVETRAIN: Final = Drivetrain("evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_m_s, 90.0, 150.0)
 """The EvBot III."""
@@ -72,22 +81,7 @@ def connect(context: PluginContext) -> EvBotPlugin:
     channels = (Channel.WHEELS, Channel.TURRET)
     codec, track_m = HostFrameCodec(), DRIVETRAIN.track_m
     session, odometer = start_session(context, port, codec, model=MODEL, channels=channels, track_m=track_m)
-    return EvBotPlugin(session, odometer, "Base", "Odometry", "Turret", "Bump", "Battery")
-
-
-def disconnect(plugin: EvBotPlugin) -> None:
-    """Close the port; the base is stopped already."""
-    plugin.session.close()
-
-
-def create_Base(context: PluginContext) -> Base:
-    """Create the base."""
-    return Base(context.plugin.session, context.plugin.odometer, DRIVETRAIN)
-
-
-def create_Odometry(context: PluginContext) -> Odometry:
-    """Create the odometry."""
-    return Odometry(context.plugin.session, context.plugin.odometer)
+    return EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry", "Turret", "Bump", "Battery")
 
 
 def create_Turret(context: PluginContext) -> Turret:
@@ -105,8 +99,4 @@ def create_Battery(context: PluginContext) -> Battery:
     return Battery(context.plugin.session)
 
 
-def _destroy(resource: Resource) -> None:
-    """Do nothing: the plugin owns the session."""
-
-
-destroy_Base = destroy_Odometry = destroy_Turret = destroy_Bump = destroy_Battery = _destroy
+destroy_Base = destroy_Odometry = destroy_Turret = destroy_Bump = destroy_Battery = destroy

@@ -18,7 +18,7 @@ from typing_extensions import override
 from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.strict_model import DeferredType, StrictModel
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import Action, perform_step, perform_within
+from eal_actors.scenario.engine.executor import StepAction, perform_step, perform_within
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.expressions import LocatedExpression, Namespace, locate_expressions, render
@@ -282,7 +282,7 @@ class FallibleStep(Step):
         """The step in records, for people: its kind, and the value under the key of the kind."""
         return f"{self.kind} {short_number(getattr(self, self.kind))}"
 
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         """Perform the step once.
 
         Raises:
@@ -292,7 +292,7 @@ class FallibleStep(Step):
 
     @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
-        make = partial(Action, run, context, self.label, self.attempt)
+        make = partial(StepAction, run, context, self.label, self.attempt)
         return perform_step(run, context, self, path, make, is_quiet=self.is_instant)
 
 

@@ -16,7 +16,7 @@ from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import compute, perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.engine.synchronization import TaskGroup, find_meetings
+from eal_actors.scenario.engine.synchronization import StepGroup, find_meetings
 from eal_actors.scenario.language.expressions import Namespace, evaluate, parse_bare, to_plain
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Scenario
@@ -168,7 +168,7 @@ class ParallelStep(BlockStep):
             task = StepTask(context.task, context.slot, str(keys[-1]), find_meetings(context.frame, steps))
             branch = f"{path}.{format_path(keys)}"
             tasks.append((task, perform_steps(run, steps, branch, replace(inside, task=task))))
-        yield from TaskGroup(run, context, self.until).perform(tasks)
+        yield from StepGroup(run, context, self.until).perform(tasks)
 
 
 class SequenceStep(BlockStep):

@@ -12,7 +12,7 @@ from typing_extensions import override
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import Action
+from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import (
     bare_expressions,
@@ -68,7 +68,7 @@ class ExpectStep(FallibleStep):
         return f"expect {self.expect}{equals}"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         expression, _ = parse_bare(self.expect)
         expressions = [expression, *expressions_in((self.equals, self.says))]
         names = yield from action.run.read(action.context, expressions)
@@ -133,7 +133,7 @@ class LetStep(FallibleStep):
         return f"let {', '.join(self.let)}"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         for name, value in self.let.items():
             names = yield from action.run.read(action.context, bare_expressions(value))
             action.run.assign(action.context, name, evaluate_bare(value, names))
@@ -160,7 +160,7 @@ class LogStep(FallibleStep):
         return f"log {show(self.log)}"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         names = yield from action.read(self.log)
         action.run.log(action.context.robot_name, render_text(self.log, names))
 
@@ -187,7 +187,7 @@ class SignalStep(FallibleStep):
         return f"give signal {self.signal}"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         robot = action.context.robot_name
         value: Any = robot
         if self.value is not None:

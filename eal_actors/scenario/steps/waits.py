@@ -11,7 +11,7 @@ from typing_extensions import override
 from eal_actors.kernel.errors import DeadlineError
 from eal_actors.kernel.strict_model import Name, did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import Action
+from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.frames import Frame
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import evaluate, parse_bare, render, to_plain
@@ -43,7 +43,7 @@ class BarrierStep(WaitingStep):
         return f"meet at barrier {self.barrier}, within {show(self.timeout_s)} s"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         run, context = action.run, action.context
         if context.is_finally:  # no other task waits there
             return
@@ -98,7 +98,7 @@ class WaitForStep(WaitingStep):
         return f"wait for signal {self.wait_for}{times}, at most {show(self.timeout_s)} s{default}"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         run, context = action.run, action.context
         count = int((yield from action.number(self.count, "count", "count")))
         timeout_s = yield from action.number(self.timeout_s, "timeout", "timeout_s")
@@ -141,7 +141,7 @@ class WaitStep(FallibleStep):
         return f"wait {show(self.wait_s)} s"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         duration_s = yield from action.number(self.wait_s, "seconds", "wait_s")
         action.label = f"wait_s {short_number(duration_s)}"
         yield from action.run.sleep(action.context, duration_s)
@@ -168,7 +168,7 @@ class WaitUntilStep(WaitingStep):
         return f"wait until {self.wait_until}, at most {show(self.timeout_s)} s"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         run, context = action.run, action.context
         expression, _ = parse_bare(self.wait_until)
         timeout_s = yield from action.number(self.timeout_s, "timeout", "timeout_s")
