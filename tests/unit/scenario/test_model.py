@@ -5,13 +5,13 @@ from typing import Any
 
 import jsonschema
 import pytest
-from eal_actors.scenario.steps.calls import GetValue, SendCmd
 
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.scenario import Scenario, check_scenario, load_scenario, scenario_schema
 from eal_actors.scenario.language.values import RetryPolicy
+from eal_actors.scenario.steps.calls import GetValue, SendCmd
 from eal_actors.scenario.steps.loops import ForStep, RepeatStep
 from eal_actors.scenario.steps.on import OnStep
 
