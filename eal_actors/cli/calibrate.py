@@ -35,8 +35,7 @@ from eal_actors.lab.calibration.drive import (
     wheelbase_of,
 )
 from eal_actors.lab.calibration.fit import Fit, fit_squares
-from eal_actors.lab.calibration.square import WAYS, Way
-from eal_actors.lab.calibration.square_ends import Point, SquareEnds, read_square_ends
+from eal_actors.lab.calibration.square import WAYS, Point, SquareEnds, Way, read_square_ends
 from eal_actors.managers.fleet_model import FleetConfig
 
 _WAYS: Final[dict[Way, str]] = {"cw": "clockwise", "ccw": "counter-clockwise"}

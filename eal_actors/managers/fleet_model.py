@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Final, Literal
 
@@ -236,21 +236,9 @@ def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> Robot
         instance: _plugin_settings(name, instance, merged["plugins"], section.plugins[instance].plugin)
         for instance in section.plugins
     }
-    return RobotConfig(
-        name=name,
-        type=section.type,
-        types=types,
-        tags=section.tags,
-        timeout_s=section.timeout_s,
-        mailbox=section.mailbox,
-        restart=section.restart,
-        max_restarts=section.max_restarts,
-        restart_window_s=section.restart_window_s,
-        plugins=plugins,
-        address=section.address,
-        listen=section.listen,
-        exclusive=section.exclusive,
-    )
+    copied = {field.name for field in fields(RobotConfig)} - {"name", "types", "plugins"}
+    values = {key: getattr(section, key) for key in copied}
+    return RobotConfig(name=name, types=types, plugins=plugins, **values)
 
 
 def _plugin_settings(robot: str, instance: str, plugins: MarkedDict, plugin: str | None) -> PluginSettings:

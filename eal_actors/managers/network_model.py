@@ -214,28 +214,12 @@ DEFAULT_NETWORK: Final = NetworkConfig()
 
 
 def network_config(section: NetworkSection, folder: Path) -> NetworkConfig:
-    """Build the network from its section.
-
-    Args:
-        section: the section of the fleet file.
-        folder: folder of the file that names the keys.
-    """
-    security = section.security
-    return NetworkConfig(
-        lease_s=section.lease_s,
-        dead_man_s=section.dead_man_s,
-        compression=section.compression,
-        discovery=section.discovery,
-        routers=section.routers,
-        security=None
-        if security is None
-        else SecurityConfig(
-            keys=folder / security.keys,
-            controller=security.controller,
-            grants=tuple(_grants(security.roles)),
-            routers=security.roles.routers,
-        ),
-    )
+    """Build the network from its section; `folder` is that of the file that names the keys."""
+    values = {name: getattr(section, name) for name in NetworkSection.model_fields}
+    if (security := section.security) is not None:
+        grants = tuple(_grants(security.roles))
+        values["security"] = SecurityConfig(folder / security.keys, security.controller, grants, security.roles.routers)
+    return NetworkConfig(**values)
 
 
 def _grants(roles: RolesSection) -> Iterator[Grant]:

@@ -54,6 +54,12 @@ def build(source: Path, folder: Path, *targets: str) -> None:
     subprocess.run(command, cwd=source, check=True, capture_output=True, timeout=120)
 
 
+def test_a_package_index_can_render_the_long_description(built: Path) -> None:
+    command = [sys.executable, "-m", "twine", "check", "--strict", *map(str, built.iterdir())]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def wheel_in(folder: Path) -> Path:
     (wheel,) = folder.glob("*.whl")
     return wheel

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.cli.emulators import EmulatedDevice, EmulatorProcesses, open_devices
+from eal_actors.cli.emulators import EmulatorProcesses, LabDevice, open_devices
 from eal_actors.cli.lab import commands, destination
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
@@ -215,8 +215,8 @@ def test_an_emulator_that_does_not_start_is_named(capfd: pytest.CaptureFixture[s
     manifests, _ = discover([])
     without = manifests["evbot2"].file.model_copy(update={"emulator": EmulatorSection(arguments=())})
     devices = [
-        EmulatedDevice("lost", replace(manifests["evbot2"], file=without), "LAB_LOST", {}),
-        EmulatedDevice("there", manifests["evbot3"], "LAB_THERE", {}),
+        LabDevice("lost", replace(manifests["evbot2"], file=without), "LAB_LOST", {}),
+        LabDevice("there", manifests["evbot3"], "LAB_THERE", {}),
     ]
     with pytest.raises(UnavailableError, match="lost: its emulator has ended"), EmulatorProcesses(devices):
         pass

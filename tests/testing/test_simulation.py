@@ -24,7 +24,7 @@ from eal_actors.kernel.errors import (
     WaitTimeoutError,
 )
 from eal_actors.testing import Pose, Simulation
-from eal_actors.testing.scenario_text import read_scenario
+from eal_actors.testing.simulation import read_scenario
 
 TURN = """
     version: 1

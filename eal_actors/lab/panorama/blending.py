@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from eal_actors.lab.panorama.cylinder import CameraLens, Floats, Image, project_frame, wrapped_rad
 
 _MOST_BANDS: Final = 5
-_PAD_BANDS: Final = 2
-"""Reach of the coarsest band beyond a column, in its pixels, as a power of two."""
+_PAD_BANDS: Final = 2  # reach of the coarsest band beyond a column, in its pixels, as a power of two
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,7 @@ _T = TypeVar("_T")
 
 _ODOMETRY_SIGMA_RAD: Final = math.radians(3)
 """Assumed error of odometry for one turn: large enough that pictures always outweigh it."""
-_AFTER: Final = 3
-"""Number of following frames that each frame is compared with."""
+_AFTER: Final = 3  # number of following frames that each frame is compared with
 
 Links = Mapping[tuple[int, int], Shift]
 """Measured shifts by (first, second) frame, where the second one is further to the right."""

@@ -130,5 +130,4 @@ class _WorkerProcess:
         self._pipe.close()
 
 
-_GRACE_S: Final = 5.0
-"""Real seconds that a process has to end."""
+_GRACE_S: Final = 5.0  # real seconds that a process has to end
