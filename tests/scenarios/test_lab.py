@@ -23,6 +23,7 @@ from eal_actors.managers.twins import simulated
 from eal_actors.operate.doctor.devices import NamedDevice, named_devices
 from eal_actors.scenario import Report, load_scenario, run_scenario
 from plugins.camera.emulator import PICTURES, draw
+from tests.processes import eal_processes
 
 LAB = bundled_path("fleets/lab.yaml")
 WIRES = {"LAB_EVBOT2": "evbot2-1", "LAB_EVBOT3": "evbot3-1", "LAB_ROOMBA": "roomba-1", "LAB_CREATE": "create-1"}
@@ -241,7 +242,6 @@ import sys
 import threading
 from ..evbot2.protocol import BAUD_RATE
 from .words import ENDING
-from tests.processes import eal_processes
 ended = threading.Event()
 signal.signal(signal.SIGTERM, lambda *_: ended.set())
 print("port of", *sys.argv[1:], BAUD_RATE, flush=True)
