@@ -90,7 +90,7 @@ NO_TYPES = [
     (rig.DOUBLE, rig.LONG, "no long double here, only double; long double has no size common to all machines"),
     (rig.BOOL, rig.UNSIGNED, "no unsigned bool"),
     (rig.VOID, rig.LONG, "no long void"),
-    ("INT", {}, "type: 'INT' is no DataType; there are rig.INT, rig.CHAR, rig.FLOAT, rig.DOUBLE, rig.BOOL, VOID"),
+    ("INT", {}, "type: 'INT' is no DataType; there are INT, CHAR, FLOAT, DOUBLE, BOOL, VOID"),
     (None, {}, "type: None is no DataType"),
     ([], {}, r"type: \[\] is no DataType"),
     (rig.INT, {"is_short": "yes"}, "is_short: 'yes' is no bool"),
