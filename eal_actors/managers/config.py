@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from eal_actors.device.world import WorldModel
-from eal_actors.device.world.validation import validate
+from eal_actors.device.world.loading import validate
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
 from eal_actors.kernel.strict_model import StrictModel, did_you_mean, problems_from
 from eal_actors.managers.fleet_loader import fleet_of, load_fleet, tree_of

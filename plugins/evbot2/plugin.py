@@ -8,27 +8,16 @@ from typing import Final, Literal
 
 from eal_actors.plugin import Drivetrain, Field, PluginContext, open_serial
 
-from .connecting import (
-    EvBotPlugin,
-    SessionSettings,
-    create_Base,
-    create_Odometry,
-    destroy,
-    disconnect,
-    open_base_port,
-    start_session,
-)
+from . import connecting
 from .emulator import TRACKS, simulated_evbot2
 from .messages import Channel
 from .protocol import BAUD_RATE, MODEL, HostLineCodec
-
-__all__ = ["Settings", "connect", "create_Base", "create_Odometry", "disconnect"]
 
 DRIVETRAIN: Final = Drivetrain("evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0)
 """The EvBot II."""
 
 
-class Settings(SessionSettings):
+class Settings(connecting.SessionSettings):
     """The plugin's settings in the fleet file."""
 
     port: str = Field(min_length=1)
@@ -37,7 +26,7 @@ class Settings(SessionSettings):
     """Baud rate of a device path."""
 
 
-def connect(context: PluginContext) -> EvBotPlugin:
+def connect(context: PluginContext) -> connecting.EvBotPlugin:
     """Open the port and greet the base; an absent base is not ready, and greeted when it appears.
 
     Raises:
@@ -46,17 +35,18 @@ def connect(context: PluginContext) -> EvBotPlugin:
     Thread: the robot's; see open_base_port and start_session.
     """
     settings: Settings = context.settings
-    port = open_base_port(
+    port = connecting.open_base_port(
         context,
         settings.port,
         DRIVETRAIN.name,
         simulated_evbot2,
         lambda: open_serial(settings.port, baudrate=settings.baudrate),
     )
-    session, odometer = start_session(
+    session, odometer = connecting.start_session(
         context, port, HostLineCodec(), model=MODEL, channels=(Channel.WHEELS,), track_m=DRIVETRAIN.track_m
     )
-    return EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry")
+    return connecting.EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry")
 
 
-destroy_Base, destroy_Odometry = destroy, destroy
+disconnect, create_Base, create_Odometry = connecting.disconnect, connecting.create_Base, connecting.create_Odometry
+destroy_Base, destroy_Odometry = connecting.destroy, connecting.destroy
