@@ -23,7 +23,7 @@ from eal_actors.managers.twins import simulated
 from eal_actors.operate.doctor.devices import NamedDevice, named_devices
 from eal_actors.scenario import Report, load_scenario, run_scenario
 from plugins.camera.emulator import PICTURES, draw
-from tests.processes import eal_processes
+from tests.program import eal_processes
 
 LAB = bundled_path("fleets/lab.yaml")
 WIRES = {"LAB_EVBOT2": "evbot2-1", "LAB_EVBOT3": "evbot3-1", "LAB_ROOMBA": "roomba-1", "LAB_CREATE": "create-1"}
@@ -158,14 +158,13 @@ steps:
 def lab(tmp_path: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
     """Start `eal lab` in a process of its own, which nods by so many degrees."""
     (tmp_path / "fleet.yaml").write_text(QUICK, encoding="utf-8")
+    with eal_processes(tmp_path) as start_eal:
 
-    with eal_processes(tmp_path, {**os.environ, "NO_COLOR": "1"}) as start:
-
-        def start_lab(angle_deg: str) -> subprocess.Popen[str]:
+        def start(angle_deg: str) -> subprocess.Popen[str]:
             (tmp_path / "nod.yaml").write_text(NOD.replace("${ANGLE}", angle_deg), encoding="utf-8")
-            return start("lab", "nod.yaml", "--fleet", "fleet.yaml")
+            return start_eal("lab", "nod.yaml", "--fleet", "fleet.yaml", environment={**os.environ, "NO_COLOR": "1"})
 
-        yield start_lab
+        yield start
 
 
 def test_the_lab_tells_what_it_started_and_where_the_robots_got_to(lab: Callable[[str], subprocess.Popen[str]]) -> None:
