@@ -34,14 +34,7 @@ LabPose = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class LabDevice:
-    """A setting of a robot that a fleet file takes from an unset variable.
-
-    Attributes:
-        robot: the robot's name.
-        plugin: the manifest of the plugin whose setting it is.
-        variable: the variable's name.
-        settings: all of the plugin's settings.
-    """
+    """A setting of a robot that a fleet file takes from an unset variable, with all of its plugin's settings."""
 
     robot: str
     plugin: PluginManifest
@@ -94,9 +87,6 @@ class EmulatorProcesses:
 
     Each runs in a session of its own, so that Ctrl-C in a terminal reaches the controller only, and the emulators
     receive its last stop. They end with this process, however it ends.
-
-    Args:
-        devices: see `open_devices`.
 
     Attributes:
         addresses: the value of each variable.

@@ -67,12 +67,7 @@ def _compare(pose: LabPose, wanted: LabPose | None) -> tuple[str, str, str]:
 
 
 def commands(robot: str, runs: Iterable[Path]) -> list[str] | None:
-    """Return the commands that a robot's base completed in runs; None if one of them was cut short.
-
-    Args:
-        robot: its name.
-        runs: the folders of the runs, in their order.
-    """
+    """Return the commands that a robot's base completed in runs; None if one of them was cut short."""
     found = []
     for run in runs:
         summary = run / "summary.json"

@@ -49,12 +49,7 @@ KeepOption: TypeAlias = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class GlobalOptions:
-    """The options before the command's name.
-
-    Attributes:
-        log_format: format of log lines.
-        log_level: lowest level shown.
-    """
+    """The options before the command's name: the format of log lines, and the lowest level shown."""
 
     log_format: LogFormat = "human"
     log_level: LogLevel = "warning"

@@ -107,13 +107,7 @@ def run_scenario(
 
 @dataclass(frozen=True, slots=True)
 class _FinishedRun:
-    """A run that has ended.
-
-    Attributes:
-        report: its report.
-        directory: its folder.
-        interrupts: number of signals received.
-    """
+    """A run that has ended: its report, its folder, and the number of signals received."""
 
     report: Report
     directory: Path

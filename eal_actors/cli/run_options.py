@@ -54,7 +54,6 @@ class RunRequest:
 
     Attributes:
         scenario: the scenario, with the values of its parameters.
-        config: the fleet.
         binding: robots by role, as the user bound them; None if the scenario binds them.
         resumption: the point at which an interrupted run continues.
     """
@@ -70,12 +69,10 @@ class RunOptions:
     """The options as the user gave them.
 
     Attributes:
-        scenario: the scenario file; None for that of the resumed run.
-        fleet: the fleet file; None for that of the resumed run.
+        scenario: None for that of the resumed run; so is `fleet`.
         settings: `name=value` for each parameter.
         bindings: `role=robot,robot` for each role.
         rate: a number or `max`.
-        seed: seed of all randomness.
         resume: the folder of the run to continue.
     """
 

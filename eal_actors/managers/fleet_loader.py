@@ -36,31 +36,14 @@ from eal_actors.managers.network_model import network_config
 
 
 def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:
-    """Read a fleet file and what it refers to.
-
-    Args:
-        path: the fleet file, or the name of one that comes with the framework.
-        environment: values of `${NAME}` in the files.
-
-    Raises:
-        ConfigError: with every problem of all the files.
-    """
+    """Read a fleet file and what it refers to; arguments and errors as for `EALConfigManager.load`."""
     reader = _Reader(environment)
     source = find_file(path, "fleet")
     return _resolved(reader, reader.read(source, ()), source)
 
 
 def fleet_of(content: Mapping[str, object], name: str, environment: Mapping[str, str]) -> FleetConfig:
-    """Build a fleet from the content of its file, and of the files it refers to.
-
-    Args:
-        content: the content of a fleet file. A `${NAME}` in it is not replaced.
-        name: its name in problems. Paths in it are relative to the working directory.
-        environment: values of `${NAME}` in the included files.
-
-    Raises:
-        ConfigError: with every problem of the content and of all the files.
-    """
+    """Build a fleet from the content of its file; arguments and errors as for `EALConfigManager.of`."""
     reader = _Reader(environment)
     source = Path(name)
     return _resolved(reader, reader.take(tree_of(content, name), (source,)), source)

@@ -141,7 +141,6 @@ class PluginSettings:
 
     Attributes:
         instance: name of the instance, unique in its robot.
-        plugin: name of the plugin.
         tree: the settings with their places in the file; errors about no setting in particular point to where
             the plugin is named.
     """
@@ -170,7 +169,6 @@ class RobotConfig:
 
     Attributes:
         name: unique in the fleet.
-        type: its own type.
         types: its type, the type that builds on, and so on.
         tags: words to select it by.
         timeout_s: deadline of a call that gives none, in seconds of the fleet's clock.
@@ -205,7 +203,6 @@ class FleetConfig:
     """A fleet, checked and resolved.
 
     Attributes:
-        name: the fleet's name.
         source: the file it was read from, as the user gave it.
         rate: seconds of fleet time in one real second, or `max`.
         seed: the seed of all random generators of the fleet.

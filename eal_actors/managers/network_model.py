@@ -159,7 +159,6 @@ class Grant:
     """The permissions of one certificate.
 
     Attributes:
-        name: name of the certificate.
         role: `controller` for everything, `observer` for reading.
         robots: to which robots it is limited, or None.
         resources: to which resources of each robot it is limited, or None.
@@ -197,7 +196,6 @@ class NetworkConfig:
         dead_man_s: silence of the controller after which a robot halts what it moves, in real seconds.
         compression: whether all traffic is compressed.
         discovery: whether robots and routers answer a discovery by multicast.
-        routers: endpoints of routers.
         security: keys and roles, or None for an open network.
     """
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from textwrap import dedent
@@ -16,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from eal_actors.cli import app
 from eal_actors.cli.plugin import write_plugin
-from eal_actors.kernel.bundled import bundled_path
+from tests.program import eal_processes
 
 Program = Callable[..., Result]
 Write = Callable[[str, str], Path]
@@ -101,31 +100,21 @@ def move(write: Write) -> Path:
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """Start the program in a process of its own, with pipes for its output, or on a terminal that is all its own."""
-    processes: list[subprocess.Popen[str]] = []
+    with eal_processes(tmp_path) as start_eal:
 
-    def start_program(
-        *arguments: object, stdout: int | IO[str] = subprocess.PIPE, terminal: str | None = None
-    ) -> subprocess.Popen[str]:
-        unwanted = {"COLUMNS", "EAL_FLEET", "FORCE_COLOR"}
-        environment = {name: value for name, value in os.environ.items() if name not in unwanted}
-        environment["PYTHONPATH"] = str(bundled_path("."))
-        on_terminal = [] if terminal is None else ["/bin/sh", "-c", 'exec "$@" <>"$0" >&0 2>&0', terminal]
-        process = subprocess.Popen(
-            [*on_terminal, sys.executable, "-m", "eal_actors", *map(str, arguments)],
-            cwd=tmp_path,
-            env=environment,
-            stdout=stdout,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=terminal is not None,  # whose first terminal then is the one that hangs it up
-        )
-        processes.append(process)
-        return process
+        def start_program(
+            *arguments: object, stdout: int | IO[str] = subprocess.PIPE, terminal: str | None = None
+        ) -> subprocess.Popen[str]:
+            unwanted = {"COLUMNS", "EAL_FLEET", "FORCE_COLOR"}
+            environment = {name: value for name, value in os.environ.items() if name not in unwanted}
+            prefix = () if terminal is None else ("/bin/sh", "-c", 'exec "$@" <>"$0" >&0 2>&0', terminal)
+            # A new session makes the terminal its controlling terminal, which sends the hang-up.
+            return start_eal(
+                *arguments,
+                environment=environment,
+                prefix=prefix,
+                stdout=stdout,
+                start_new_session=terminal is not None,
+            )
 
-    yield start_program
-    for process in processes:
-        process.kill()
-        process.wait()
-        for pipe in (process.stdout, process.stderr):
-            if pipe is not None:
-                pipe.close()
+        yield start_program

@@ -126,20 +126,22 @@ def test_what_would_never_end_or_does_not_fit(look: Callable[[str], str], body: 
     assert "1 problem; nothing was done." in told
 
 
-def test_parts_that_explode(look: Callable[[str], str], write: Write) -> None:
+def look_at_nested_parts(look: Callable[[str], str], write: Write, step: str) -> str:
+    """Look at parts that each use the next one forty times, the last of which has one step."""
     for level in range(6):
         write(f"p{level}.yaml", HEAD + f"steps: [{', '.join([f'{{scenario: p{level + 1}.yaml}}'] * 40)}]\n")
-    write("p6.yaml", HEAD + "steps: [{log: x}]\n")
-    told = look("steps: [{scenario: p0.yaml}]\n")
+    write("p6.yaml", HEAD + f"steps: [{{{step}: x}}]\n")
+    return look("steps: [{scenario: p0.yaml}]\n")
+
+
+def test_parts_that_explode(look: Callable[[str], str], write: Write) -> None:
+    told = look_at_nested_parts(look, write, "log")
     assert "scenario: makes more than 100000 steps, each use of a scenario counted" in told
     assert told.startswith("p")
 
 
 def test_a_broken_part_that_is_used_everywhere_is_read_once(look: Callable[[str], str], write: Write) -> None:
-    for level in range(6):
-        write(f"p{level}.yaml", HEAD + f"steps: [{', '.join([f'{{scenario: p{level + 1}.yaml}}'] * 40)}]\n")
-    write("p6.yaml", HEAD + "steps: [{lag: x}]\n")
-    told = look("steps: [{scenario: p0.yaml}]\n")
+    told = look_at_nested_parts(look, write, "lag")
     assert "p6.yaml:4:9: steps[0]: unknown step 'lag'; did you mean 'log'?" in told
 
 

@@ -208,7 +208,7 @@ def test_a_calibration_is_not_written_beside_what_was_installed(installed: Insta
         "--fleet",
     )
     said = " ".join(installed.run(*command, "sim", code=2).stderr.split())
-    assert "write a fleet file of your own that builds on it, with `include: [sim]` below `version: 1`" in said
+    assert "your own fleet file with `include: [sim]` below `version: 1`" in said
 
     (installed.home / "mine.yaml").write_text("version: 1\ninclude: [sim]\n")
     installed.run(*command, "mine.yaml")

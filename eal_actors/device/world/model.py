@@ -189,7 +189,7 @@ class StartPose(FloorItem):
     @classmethod
     def _refuse_formation(cls, value: Any) -> Any:
         if isinstance(value, Mapping) and "shape" in value:
-            raise ValueError("is a formation, which stands alone: `starts: {shape: ...}`, without a list around it")
+            raise ValueError("is a formation; write it without a list: `starts: {shape: ...}`")
         return value
 
 

@@ -22,8 +22,6 @@ class PlacedFrame:
     """A placed frame.
 
     Attributes:
-        frame: the camera's frame.
-        lens: its lens.
         yaw_rad: yaw of its axis.
         down_rad: depression of its axis below the horizon.
         gain: factor on its brightness.
@@ -42,7 +40,6 @@ class PanoramaCanvas:
 
     Attributes:
         left_rad: yaw of its left edge.
-        width: number of columns.
         top_px: row of its upper edge, from the horizon down.
         bottom_px: row of its lower edge.
         px_per_rad: columns per radian.

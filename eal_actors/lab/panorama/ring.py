@@ -26,7 +26,6 @@ class Ring:
     """Frames from left to right.
 
     Attributes:
-        order: the frames' numbers.
         turns_rad: turn to the right from each frame to the next one, and from the last to the first.
         is_closed: whether the turn from the last to the first is within the field of view too.
     """

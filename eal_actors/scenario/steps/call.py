@@ -120,11 +120,7 @@ class CallStep(TimedStep):
 
     @override
     def check_robots(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
-        for keys, value, wanted in self.numbers():
-            if isinstance(value, str):
-                check.number(value, wanted, (*path, *keys), here)
-        for located in self.expressions():
-            check.readings(located, path, here)
+        self.check_numbers(check, path, here)
         self._check_calls(check, path, here)
         if self.answer_file is not None:
             self._check_file_names(check, self.answer_file, (*path, "save"), here)

@@ -26,15 +26,15 @@ from eal_actors.scenario.steps.wording import until_words
 
 
 class OnStep(BlockStep):
-    """Perform steps with every robot of a role, all robots at the same time, until the last robot is through."""
+    """Perform steps with every robot of a role, all robots at the same time, until the last robot has finished."""
 
     kind = "on"
     on: Name
     """The role."""
     do: Steps
     until: Text = "all"
-    """`all`: over when every robot is through; `first`: when the first is; otherwise the name of a signal. Robots that
-    are not through by then are halted."""
+    """`all`: ends when every robot has finished; `first`: when the first has; otherwise the name of a signal. Robots
+    that have not finished by then are halted."""
 
     @property
     @override

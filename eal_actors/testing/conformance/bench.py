@@ -46,7 +46,6 @@ class Bench:
     """A plugin's folder, with settings for the plugin.
 
     Attributes:
-        folder: the plugin's folder.
         settings: the plugin's settings, as in a fleet file; see `settings_of`.
         timeout_s: deadline of each call.
         left_out: names of resources that are not checked.
@@ -183,7 +182,6 @@ class Findings:
     """Findings of a check.
 
     Attributes:
-        problems: the problems, each with the resource's name.
         tried: number of things checked; a check with none counts as skipped.
     """
 

@@ -45,7 +45,6 @@ class CheckResult:
     """The result of a check.
 
     Attributes:
-        check: the check.
         outcome: `ok`, `failed` or `skipped`.
         problems: the problems, or why the check, or part of it, was skipped.
         blocked: the resource whose actor a command blocked, which ended the check.

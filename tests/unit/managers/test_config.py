@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -158,12 +159,15 @@ ROBOTS = "robots: {r: {plugins: {s: {}}}}"
     ],
 )
 def test_model_and_schema_refuse_the_same_fleets(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "f.yaml"
-    path.write_text(text)
+    check_refusal(tmp_path / "f.yaml", text, EALConfigManager.load, fleet_schema())
 
-    assert len(problems_of(lambda: EALConfigManager.load(path))) == 1
+
+def check_refusal(path: Path, text: str, load: Callable[[Path], object], schema: dict[str, Any]) -> None:
+    """Check that a file has one problem, and that the schema refuses it too."""
+    path.write_text(text)
+    assert len(problems_of(lambda: load(path))) == 1
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(load_yaml(path).root, fleet_schema(), jsonschema.Draft202012Validator)
+        jsonschema.validate(load_yaml(path).root, schema, jsonschema.Draft202012Validator)
 
 
 @pytest.mark.parametrize(
@@ -197,12 +201,7 @@ def test_model_and_schema_refuse_the_same_fleets(tmp_path: Path, text: str) -> N
     ],
 )
 def test_model_and_schema_refuse_the_same_worlds(tmp_path: Path, rest: str) -> None:
-    path = tmp_path / "w.yaml"
-    path.write_text(f"version: 1\nname: w\n{rest}\n")
-
-    assert len(problems_of(lambda: load_world(path))) == 1
-    with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(load_yaml(path).root, world_schema(), jsonschema.Draft202012Validator)
+    check_refusal(tmp_path / "w.yaml", f"version: 1\nname: w\n{rest}\n", load_world, world_schema())
 
 
 def test_the_schema_describes_the_keys() -> None:

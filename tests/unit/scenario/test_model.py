@@ -146,7 +146,7 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             in_role("get_value: {resource: Eye}\n    on_failure: {retry: 0}"),
             "9:25: steps[0].do[0].on_failure.retry: must be over 0, not 0",
         ),
-        ("roles: {}\nsteps: [{log: x}]", "5:1: roles: duplicate key; it stands in line 4 already"),
+        ("roles: {}\nsteps: [{log: x}]", "5:1: roles: duplicate key; first defined in line 4"),
         (
             in_role("log: '${nme}'"),
             "8:13: steps[0].do[0].log: unknown variable 'nme'; known: count, index, robot, role",
