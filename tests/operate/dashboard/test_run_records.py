@@ -15,10 +15,7 @@ version: 1
 name: turn
 description: Turn a little.
 roles: {all: {}}
-steps:
-  - on: all
-    do:
-      - send_cmd: {resource: Base, cmd: r20}
+steps: [{on: all, do: [{send_cmd: {resource: Base, cmd: r20}}]}]
 """
 KEPT = {
     "events.jsonl",
