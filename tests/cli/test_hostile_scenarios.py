@@ -20,7 +20,7 @@ MOST_CPU_S = 60.0
 
 @pytest.fixture
 def look(eal: Any, write: Write, tmp_path: Path) -> Callable[[str], str]:
-    """Look ahead at a scenario on three simulated robots; return what it is told, the folder left out."""
+    """Print the plan of a scenario on three simulated robots; return the output without the folder."""
 
     def look_ahead(body: str) -> str:
         scenario = write("s.yaml", HEAD + body)

@@ -22,7 +22,7 @@ SETTINGS: dict[str, list[dict[str, Any]]] = {
     "sim": [{"model": make} for make in ("evbot2", "evbot3", "roomba")],
     "replay": [
         {"record": RECORD, "robot": "evbot2-1", "loop": True}
-    ],  # it was told nothing: all else must follow the record
+    ],  # it received no command: all others must follow the record
     "camera": [{"source": PICTURES, "loop": True, "fps": 50, "fov_deg": 60}],
     "socket_port": [{}, {"protocol": "udp", "host": "127.0.0.1", "port": 9}],
     "system": [{"resources": ["Cpu", "Memory", "Disk", "Network", "Uptime"]}],  # few computers of tests have sensors
