@@ -1,4 +1,4 @@
-"""What every test gets: no thread may outlive it; and in which order files of tests go to how many workers."""
+"""Settings of every test: no thread may outlive it; the order of test files and the number of workers."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def _images_only(encoding: str) -> str:
 
 
 Item: TypeAlias = EALData | EALError | Callable[[], EALData]
-"""What a feed delivers: a value, an error, or a function that makes the value in the reader's thread."""
+"""An item of a feed: a value, an error, or a function that makes the value in the reader's thread."""
 
 Sink: TypeAlias = Callable[[Item], None]
 """Receives the newest item, in place of the one before. Thread: any; does not block."""

@@ -151,10 +151,8 @@ def calibrate_robots(
     if write:
         require_own(config)  # fails before a robot drives
     names = robot or list(config.robots)
-    if ends is not None and len(names) != 1:
-        raise typer.BadParameter("needs one robot: name it with --robot", param_hint="'--ends'")
     console = stderr() if as_json else stdout()
-    test = _SquareTest(side, runs, wheelbase, None if ends is None else read_square_ends(ends), console)
+    test = _SquareTest(side, runs, wheelbase, _read_measured(ends, names), console)
     with Fleet(config).connect(dict.fromkeys(names)) as opened, plugin_advice(opened):
         results = [_calibrate(opened, name, test) for name in dict.fromkeys(names)]
     written = {result.robot: _write_result(config, result, side) for result in results if write and result.is_better}
@@ -165,6 +163,15 @@ def calibrate_robots(
     _print_notes(console, results, written, write=write)
     if not all(result.is_better for result in results):
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _read_measured(ends: Path | None, names: list[str]) -> SquareEnds | None:
+    """Return the measured ends of the one robot, or None without a file."""
+    if ends is None:
+        return None
+    if len(names) != 1:
+        raise typer.BadParameter("needs one robot: name it with --robot", param_hint="'--ends'")
+    return read_square_ends(ends)
 
 
 def _calibrate(fleet: Fleet, name: str, test: _SquareTest) -> _CalibrationResult:

@@ -17,7 +17,7 @@ from eal_actors.plugin import (
     WheelCalibration,
 )
 
-from .messages import Channel, State, Verb, is_newer
+from .messages import OrderChannel, State, Verb, is_newer
 from .odometry import Odometer
 from .session import POLL_S, BaseSession
 from .wheels import STALL_S
@@ -66,7 +66,7 @@ class Base(DifferentialBase):
 
     def halt(self) -> None:
         """Stop at once."""
-        self._session.stop(Channel.WHEELS)
+        self._session.stop(OrderChannel.WHEELS)
 
     @override
     def drive(self, distance_m: float, speed_m_s: float) -> Activity:

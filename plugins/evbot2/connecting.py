@@ -24,7 +24,7 @@ from eal_actors.plugin import (
 from .base import Base
 from .codec import Codec
 from .firmware import BaseEmulator
-from .messages import WATCHDOG_MS, BaseReply, BaseRequest, Channel
+from .messages import WATCHDOG_MS, BaseReply, BaseRequest, OrderChannel
 from .odometry import Odometer, Odometry
 from .session import BaseSession
 
@@ -123,7 +123,7 @@ def start_session(
     codec: Codec[BaseReply, BaseRequest],
     *,
     model: int,
-    channels: tuple[Channel, ...],
+    channels: tuple[OrderChannel, ...],
     track_m: float,
 ) -> tuple[BaseSession, Odometer]:
     """Greet the base; an absent base is greeted when it appears.

@@ -16,7 +16,7 @@ from random import Random
 from typing import Any, Final
 
 from .firmware import BaseEmulator, Firmware, any_boot
-from .messages import Channel
+from .messages import OrderChannel
 from .protocol import BAUD_RATE, MODEL, BaseLineCodec
 from .serving import TICK_S, EmulatorServer, FaultyWire, on_pty, run
 from .vehicle import FreeVehicle, Vehicle
@@ -35,7 +35,7 @@ def evbot2(vehicle: Vehicle, tick_s: float, boot: int = 1) -> BaseEmulator:
         boot: see Firmware.
     """
     wheels = WheelController(vehicle, TRACKS, tick_s)
-    return BaseEmulator(Firmware(MODEL, TRACKS, {Channel.WHEELS: wheels}, boot), BaseLineCodec())
+    return BaseEmulator(Firmware(MODEL, TRACKS, {OrderChannel.WHEELS: wheels}, boot), BaseLineCodec())
 
 
 def simulated_evbot2(vehicle: Any) -> BaseEmulator:

@@ -20,9 +20,9 @@ from .messages import (
     BaseReply,
     BaseRequest,
     BaseWelcome,
-    Channel,
     Code,
     InvalidRequest,
+    OrderChannel,
     State,
     Verb,
     is_newer,
@@ -50,7 +50,7 @@ class Firmware:
         self,
         model: int,
         wheels: WheelModel,
-        actuators: Mapping[Channel, Actuator],
+        actuators: Mapping[OrderChannel, Actuator],
         boot: int,
         senses: Callable[[], tuple[int, ...]] = tuple,
     ) -> None:
@@ -64,7 +64,7 @@ class Firmware:
         self._heard_s = -math.inf
         self._polled = 0
         self._tags = dict.fromkeys(actuators, 0)
-        self._replies: dict[Channel, tuple[Verb, Code]] = {}
+        self._replies: dict[OrderChannel, tuple[Verb, Code]] = {}
 
     @property
     def is_busy(self) -> bool:
@@ -104,7 +104,7 @@ class Firmware:
         for actuator in self._actuators.values():
             actuator.stop(state)
 
-    def _order(self, channel: Channel, request: BaseRequest, now_s: float) -> Code:
+    def _order(self, channel: OrderChannel, request: BaseRequest, now_s: float) -> Code:
         if request.tag == self._tags[channel] and channel in self._replies:
             verb, code = self._replies[channel]
             return code if verb is request.verb else Code.OLD

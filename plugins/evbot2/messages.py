@@ -77,7 +77,7 @@ class Code(IntEnum):
     """Another host holds the lease."""
 
 
-class Channel(Enum):
+class OrderChannel(Enum):
     """A channel: a group of orders with common tags."""
 
     WHEELS = "wheels"
@@ -99,19 +99,21 @@ ARGUMENTS: Final[Mapping[Verb, int]] = MappingProxyType(
 )
 """The count of numbers of each request."""
 
-CHANNELS: Final[Mapping[Verb, Channel]] = MappingProxyType(
+CHANNELS: Final[Mapping[Verb, OrderChannel]] = MappingProxyType(
     {
-        Verb.MOVE: Channel.WHEELS,
-        Verb.VEL: Channel.WHEELS,
-        Verb.STOP: Channel.WHEELS,
-        Verb.SWING: Channel.TURRET,
-        Verb.AIM: Channel.TURRET,
-        Verb.REST: Channel.TURRET,
+        Verb.MOVE: OrderChannel.WHEELS,
+        Verb.VEL: OrderChannel.WHEELS,
+        Verb.STOP: OrderChannel.WHEELS,
+        Verb.SWING: OrderChannel.TURRET,
+        Verb.AIM: OrderChannel.TURRET,
+        Verb.REST: OrderChannel.TURRET,
     }
 )
 """The channel of each order; the other verbs are not orders."""
 
-STOPS: Final[Mapping[Channel, Verb]] = MappingProxyType({Channel.WHEELS: Verb.STOP, Channel.TURRET: Verb.REST})
+STOPS: Final[Mapping[OrderChannel, Verb]] = MappingProxyType(
+    {OrderChannel.WHEELS: Verb.STOP, OrderChannel.TURRET: Verb.REST}
+)
 """The stop order of each channel."""
 
 

@@ -10,7 +10,7 @@ from eal_actors.plugin import Drivetrain, Field, PluginContext, open_serial
 
 from . import connecting
 from .emulator import TRACKS, simulated_evbot2
-from .messages import Channel
+from .messages import OrderChannel
 from .protocol import BAUD_RATE, MODEL, HostLineCodec
 
 DRIVETRAIN: Final = Drivetrain("evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0)
@@ -43,7 +43,7 @@ def connect(context: PluginContext) -> connecting.EvBotPlugin:
         lambda: open_serial(settings.port, baudrate=settings.baudrate),
     )
     session, odometer = connecting.start_session(
-        context, port, HostLineCodec(), model=MODEL, channels=(Channel.WHEELS,), track_m=DRIVETRAIN.track_m
+        context, port, HostLineCodec(), model=MODEL, channels=(OrderChannel.WHEELS,), track_m=DRIVETRAIN.track_m
     )
     return connecting.EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry")
 

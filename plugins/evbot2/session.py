@@ -30,8 +30,8 @@ from .messages import (
     BaseReply,
     BaseRequest,
     BaseWelcome,
-    Channel,
     Code,
+    OrderChannel,
     Verb,
     WheelStatus,
 )
@@ -86,7 +86,7 @@ class _Lease:
     welcome: BaseWelcome
     opening: int
     polled: int
-    tags: dict[Channel, int]
+    tags: dict[OrderChannel, int]
     sent_s: dict[int, float] = field(default_factory=dict)  # polls: when they were sent, by tag
     uptime_ms: int | None = None
 
@@ -115,7 +115,7 @@ class BaseSession:
         clock: Clock,
         *,
         model: int,
-        channels: tuple[Channel, ...],
+        channels: tuple[OrderChannel, ...],
         poll_hz: float,
         watchdog_s: float,
         on_reading: Callable[[BaseWelcome, StatusReading], None],
@@ -133,7 +133,7 @@ class BaseSession:
         self._host = secrets.randbelow(MAX_NUMBER) + 1  # identifies this driver to the base
         self._lock = threading.Lock()
         self._lease: _Lease | None = None
-        self._orders: dict[Channel, _PendingOrder] = {}
+        self._orders: dict[OrderChannel, _PendingOrder] = {}
         self._greeted_s = -math.inf
         self._greeting = 0
         self._absence = f"the base at {port.name} has not answered yet"
@@ -195,7 +195,7 @@ class BaseSession:
                 return order.request.tag
             yield delay_s
 
-    def stop(self, channel: Channel) -> None:
+    def stop(self, channel: OrderChannel) -> None:
         """Send a stop at once, in place of a pending order; `poll` repeats it until it is acknowledged.
 
         Raises:
@@ -212,7 +212,7 @@ class BaseSession:
                     f"{error.message}; if the robot moves, it stops {self.watchdog_s:g} s after its last message"
                 ) from error
 
-    def _begin(self, channel: Channel, verb: Verb, numbers: tuple[int, ...]) -> _PendingOrder:
+    def _begin(self, channel: OrderChannel, verb: Verb, numbers: tuple[int, ...]) -> _PendingOrder:
         lease = self._lease
         if lease is None:
             raise NotReadyError(self._port.why_not_ready() or self._absence)
@@ -223,7 +223,7 @@ class BaseSession:
         self._send(order.request)
         return order
 
-    def _advance(self, channel: Channel, order: _PendingOrder) -> float | None:
+    def _advance(self, channel: OrderChannel, order: _PendingOrder) -> float | None:
         """Resend an order if due; return the time until the next poll, None when it is acknowledged."""
         self._receive()
         verb = order.request.verb.name

@@ -23,7 +23,7 @@ from eal_actors.plugin import PluginError
 
 from ..evbot2.emulator import share
 from ..evbot2.firmware import BaseEmulator, Firmware, any_boot
-from ..evbot2.messages import Channel
+from ..evbot2.messages import OrderChannel
 from ..evbot2.serving import TICK_S, Address, EmulatorServer, FaultyWire, on_tcp, on_udp, run
 from ..evbot2.vehicle import FreeVehicle
 from ..evbot2.wheels import Actuator, WheelController, WheelModel
@@ -50,9 +50,9 @@ def evbot3(vehicle: TurretVehicle, tick_s: float, boot: int = 1) -> BaseEmulator
     """
     if vehicle.turret is None:
         raise PluginError("an EvBot III needs a vehicle with a turret")
-    actuators: dict[Channel, Actuator] = {
-        Channel.WHEELS: WheelController(vehicle, WHEELS, tick_s),
-        Channel.TURRET: TurretController(vehicle.turret),
+    actuators: dict[OrderChannel, Actuator] = {
+        OrderChannel.WHEELS: WheelController(vehicle, WHEELS, tick_s),
+        OrderChannel.TURRET: TurretController(vehicle.turret),
     }
     return BaseEmulator(Firmware(MODEL, WHEELS, actuators, boot, lambda: senses(vehicle)), BaseFrameCodec())
 

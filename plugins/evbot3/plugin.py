@@ -12,7 +12,7 @@ from pydantic import field_validator
 from eal_actors.plugin import BytePort, Drivetrain, Field, PluginContext, UdpPort, open_tcp
 
 from ..evbot2 import connecting
-from ..evbot2.messages import Channel
+from ..evbot2.messages import OrderChannel
 from .emulator import WHEELS, simulated_evbot3
 from .protocol import MODEL, HostFrameCodec
 from .sensors import Battery, Bump
@@ -67,7 +67,7 @@ def connect(context: PluginContext) -> connecting.EvBotPlugin:
     settings: Settings = context.settings
     address = settings.address
     port = connecting.open_base_port(context, address, DRIVETRAIN.name, simulated_evbot3, lambda: _open(address))
-    channels = (Channel.WHEELS, Channel.TURRET)
+    channels = (OrderChannel.WHEELS, OrderChannel.TURRET)
     codec, track_m = HostFrameCodec(), DRIVETRAIN.track_m
     session, odometer = connecting.start_session(context, port, codec, model=MODEL, channels=channels, track_m=track_m)
     return connecting.EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry", "Turret", "Bump", "Battery")

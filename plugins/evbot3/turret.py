@@ -20,7 +20,7 @@ from eal_actors.plugin import (
 )
 
 from ..evbot2.base import run_motion
-from ..evbot2.messages import Channel, State, Verb
+from ..evbot2.messages import OrderChannel, State, Verb
 from ..evbot2.session import BaseSession
 from .firmware import MAX_TURRET_RATE_RAD_S
 from .status import turret_of
@@ -111,7 +111,7 @@ class Turret(TurretCommands):
 
     def halt(self) -> None:
         """Stop at once."""
-        self._session.stop(Channel.TURRET)
+        self._session.stop(OrderChannel.TURRET)
 
     @override
     def swing(self, degrees: float) -> Activity:

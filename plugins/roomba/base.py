@@ -19,7 +19,7 @@ from eal_actors.plugin import (
 
 from .driver import RoombaDriver
 from .groups import Contacts
-from .motion import MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionProgress, WheelMotion
+from .motion import MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionProgress, TimedMotion
 
 _MOST_DOUBT_M: Final = 0.03  # of the travel, in one straight drive
 _MOST_DOUBT_IN_A_TURN_M: Final = 0.01
@@ -89,13 +89,13 @@ class RoombaBase(DifferentialBase):
 
     @override
     def drive(self, distance_m: float, speed_m_s: float) -> Activity:
-        return self._run(WheelMotion.straight(distance_m, speed_m_s, self.calibration))
+        return self._run(TimedMotion.straight(distance_m, speed_m_s, self.calibration))
 
     @override
     def turn(self, angle_rad: float, turn_rate_rad_s: float) -> Activity:
-        return self._run(WheelMotion.turn(angle_rad, turn_rate_rad_s, self.drivetrain.track_m, self.calibration))
+        return self._run(TimedMotion.turn(angle_rad, turn_rate_rad_s, self.drivetrain.track_m, self.calibration))
 
-    def _run(self, motion: WheelMotion) -> Activity:
+    def _run(self, motion: TimedMotion) -> Activity:
         """Carry out a motion, from rest to rest."""
         if self._twist_until_s is not None:
             self.halt()
@@ -127,7 +127,7 @@ class RoombaBase(DifferentialBase):
                 return
             yield self._roomba.next_look_s()
 
-    def _go(self, motion: WheelMotion, start_m: float) -> Activity:
+    def _go(self, motion: TimedMotion, start_m: float) -> Activity:
         """Drive until the encoders have counted the motion's length; slow down before its end."""
         progress = MotionProgress(motion, self._roomba.latest(), start_m, self._roomba.clock.now())
         resent_s, doubted_m = 0.0, self._roomba.travel_doubt_m

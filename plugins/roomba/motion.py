@@ -18,7 +18,7 @@ _CREEP_M_S: Final = 0.02  # the speed at the end of a motion; the robot rests wi
 
 
 @dataclass(frozen=True, slots=True)
-class WheelMotion:
+class TimedMotion:
     """One straight drive or turn in place.
 
     Attributes:
@@ -36,19 +36,19 @@ class WheelMotion:
     calibration: WheelCalibration
 
     @classmethod
-    def straight(cls, distance_m: float, speed_m_s: float, calibration: WheelCalibration) -> WheelMotion:
+    def straight(cls, distance_m: float, speed_m_s: float, calibration: WheelCalibration) -> TimedMotion:
         """Return a straight drive; a negative distance is backwards."""
         return cls(abs(distance_m), speed_m_s, -1 if distance_m < 0 else 1, 0, calibration)
 
     @classmethod
     def turn(
         cls, angle_rad: float, rate_rad_s: float, wheelbase_m: float, calibration: WheelCalibration
-    ) -> WheelMotion:
+    ) -> TimedMotion:
         """Return a turn in place; a positive angle is to the left."""
         arm_m = wheelbase_m / 2
         return cls(abs(angle_rad) * arm_m, rate_rad_s * arm_m, 0, -1 if angle_rad < 0 else 1, calibration)
 
-    def back(self, length_m: float) -> WheelMotion:
+    def back(self, length_m: float) -> TimedMotion:
         """Return the motion back over a length."""
         return replace(self, length_m=length_m, ahead=-self.ahead, arc=-self.arc)
 
@@ -85,7 +85,7 @@ class MotionProgress:
         stalled_s: time without an encoder count while the wheels are driven.
     """
 
-    def __init__(self, motion: WheelMotion, reading: RoombaReading, start_m: float, now_s: float) -> None:
+    def __init__(self, motion: TimedMotion, reading: RoombaReading, start_m: float, now_s: float) -> None:
         self.velocity_mm_s = 0
         self.stalled_s = 0.0
         self._motion = motion

@@ -77,7 +77,7 @@ def answering(session: zenoh.Session, robot: str, asked: list[str] | None = None
 
 
 class Wire:
-    """A TCP link to a port of this machine, which can be cut; whoever dials again gets through.
+    """A TCP link to a port of this machine, which can be cut; a new connection gets through.
 
     Args:
         port: where the other end listens.

@@ -44,7 +44,7 @@ def test_an_emergency_stop_holds_over_the_network(tmp_path: Path) -> None:
             refused = failure(robot["Arm"].send_cmd("step1"), StoppedError)
             assert "somebody is in the way" in str(refused)
             assert robot["Gauge"].get_value().get().value == -42
-        with Fleet(rig.config) as other:  # who comes later is told
+        with Fleet(rig.config) as other:  # a later controller receives it
             assert other["r1"].stopped_because == "somebody is in the way"
             failure(other["r1"]["Arm"].send_cmd("step2"), StoppedError)
         fleet.resume().get()
@@ -192,7 +192,7 @@ def test_a_server_that_loses_its_own_actor_halts_its_robots(rig: Rig) -> None:
         assert eventually(lambda: service.robot["Arm"].get_status().get() == 0)
         assert not rig.notes("end")
         with pytest.raises(UnavailableError, match="r1: its server has crashed; the robot is halted"):
-            service.wait()  # so that `eal serve` ends, and whoever looks after it starts it anew
+            service.wait()  # so that `eal serve` ends and its supervisor restarts it
 
 
 def test_what_a_controller_lets_go_of_another_may_command_at_once(rig: Rig) -> None:

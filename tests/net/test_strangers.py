@@ -212,7 +212,7 @@ def test_a_robot_of_another_version_is_not_let_in(rig: Rig) -> None:
 
 
 def test_a_robot_of_another_release_is_seen_and_told_apart_until_it_is_updated(rig: Rig) -> None:
-    """All that two versions are sure to have in common is the key of the sign of life."""
+    """Two versions share only the key of the liveliness token."""
     other = PROTOCOL_VERSION + 1
     told: dict[str, EALError | None] = {}
     with ExitStack() as old:

@@ -233,7 +233,7 @@ def check_refused(served: Served, config: dict[str, object]) -> None:
 
 
 def test_a_robot_that_is_not_at_its_address_is_refused(keys: Path) -> None:
-    """Whoever got hold of one robot's key cannot listen in another one's place."""
+    """A stolen key of one robot cannot impersonate another robot."""
     make_certificate(keys / "keys", "elsewhere", ["10.99.0.1"])
     address = f"tls/127.0.0.1:{free_port()}"
     fleet = secured(keys, {"r1": address, "r2": f"tls/127.0.0.1:{free_port()}", "elsewhere": "tls/10.99.0.1:50000"})

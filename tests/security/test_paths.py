@@ -122,7 +122,7 @@ def test_names_of_scenarios_which_their_runs_are_named_after(name: str, tmp_path
 @pytest.mark.parametrize("path", ELSEWHERE)
 @pytest.mark.parametrize("way", ["as it is written", "as a parameter says"])
 def test_paths_to_save_at_that_are_known_before_anything_moves(path: str, way: str, tmp_path: Path) -> None:
-    """What a dashboard's user or a command line gives as a parameter decides about no place outside the run."""
+    """Parameters of dashboard users and command lines cannot name a place outside the run."""
     is_parameter = way == "as a parameter says"
     file = written(tmp_path / "s.yaml", save="${where}.csv" if is_parameter else path)
     given = {"where": path.removesuffix(".csv")} if is_parameter else {}

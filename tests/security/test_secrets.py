@@ -89,7 +89,7 @@ steps:
 
 
 class Words:
-    """What must not be found, in all the forms in which it could be written down."""
+    """The secrets that must not be found, in every encoding."""
 
     def __init__(self, *secrets: str) -> None:
         self._forms = {form for secret in secrets for form in _forms(secret)}

@@ -25,7 +25,7 @@ BROADCAST_S: Final = 3.0
 """Real seconds after which a robot that does not answer counts as absent."""
 
 _RETRY_S: Final = 0.5
-"""Real seconds after which a live robot that has not answered is asked again."""
+"""Real seconds after which a live robot without an answer is asked again."""
 
 OnResult = Callable[[str, EALError | None], None]
 """Called with a robot's name and its error, None on success."""
@@ -148,7 +148,7 @@ class _Broadcast:
         with contextlib.suppress(ProtocolError):
             _, robot, version = keys.parse_alive(str(sample.key_expr))
             try:
-                check_version(version, "its sign of life")
+                check_version(version, "its heartbeat")
             except ProtocolError as error:
                 self._enqueue(robot, CallReply(0, error))
             else:

@@ -133,7 +133,7 @@ class RemoteRobot(EALActor):
 
     def _check_version(self, version: int) -> None:
         try:
-            check_version(version, "its sign of life")
+            check_version(version, "its heartbeat")
         except ProtocolError as error:
             self._note_lost(f"is incompatible: {error.message}")
             self.view.started.set(None)

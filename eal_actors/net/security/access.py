@@ -27,7 +27,7 @@ OBSERVER_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "
 OBSERVER_ROBOT_METHODS: Final = (keys.HELLO, keys.PING)
 """Methods of a robot that an observer may call."""
 LIMITED_ROBOT_METHODS: Final = (keys.HELLO, keys.PING, keys.REATTACH, keys.STOP, keys.CANCEL, keys.LEAVE, keys.RELEASE)
-"""Methods of a robot that a controller of single resources may call; whoever moves a robot may stop it."""
+"""Methods of a robot that a controller of single resources may call; who moves a robot may stop it."""
 
 _PUBLISH: Final = ("put",)
 _SUBSCRIBE: Final = ("declare_subscriber",)

@@ -179,7 +179,7 @@ class Publications(Zenoh):
     root = "calls"
 
     def try_once(self) -> None:
-        """What is published before the ends know of each other is lost, and never answered."""
+        """Ask once; a publication before discovery is lost."""
         self._own.ask(["calls/0/get"], timeout_s=0.2)
 
 
@@ -217,8 +217,6 @@ class Pykka(SyncPeer):
         return _ActorHandle(self._actors[0])
 
     def fan_out(self, count: int) -> float:
-        """See Peer."""
-
         def once() -> None:
             pykka.get_all([actor.ask("command", block=False) for actor in self._actors])
 

@@ -254,8 +254,6 @@ class AsyncPeer(Peer):
         return float(self.run(self._median(self.frame_once, count)))
 
     def callers(self, count: int) -> float:
-        """See Peer."""
-
         async def call() -> None:
             for _ in range(count):
                 await self.get_once()
@@ -268,8 +266,6 @@ class AsyncPeer(Peer):
         return float(self.run(all_together())) / (CALLERS * count)
 
     def fan_out(self, count: int) -> float:
-        """See Peer."""
-
         async def all_robots() -> None:
             await asyncio.gather(*(self.command_once(robot) for robot in range(ROBOTS)))
 

@@ -54,7 +54,7 @@ class Notebook:
 
 
 class Arm(Resource):
-    """An actuator that moves for as long as it is told."""
+    """An actuator that moves for the given time."""
 
     types = ResourceType.ACTUATOR
     value = ValueInfo(DataType.DOUBLE, minimum=-1, maximum=1)

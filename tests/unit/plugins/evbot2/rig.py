@@ -13,7 +13,7 @@ from plugins.evbot2.base import Base
 from plugins.evbot2.connecting import start_session
 from plugins.evbot2.emulator import evbot2, free_vehicle
 from plugins.evbot2.firmware import BaseEmulator
-from plugins.evbot2.messages import Channel
+from plugins.evbot2.messages import OrderChannel
 from plugins.evbot2.protocol import MODEL, HostLineCodec
 from plugins.evbot2.serving import FaultyWire
 from plugins.evbot2.vehicle import FreeVehicle
@@ -127,7 +127,7 @@ class Rig:
         return evbot2(self.body, TICK_S, next(self.boots))
 
     def make_session(self) -> Any:
-        codec, channels = HostLineCodec(), (Channel.WHEELS,)
+        codec, channels = HostLineCodec(), (OrderChannel.WHEELS,)
         return start_session(self.context, self.reopening, codec, model=MODEL, channels=channels, track_m=0.24)
 
     # The wire.

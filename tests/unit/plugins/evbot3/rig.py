@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from plugins.evbot2.connecting import start_session
 from plugins.evbot2.firmware import BaseEmulator
-from plugins.evbot2.messages import Channel
+from plugins.evbot2.messages import OrderChannel
 from plugins.evbot3 import plugin as evbot3_plugin
 from plugins.evbot3.emulator import FreeTurretVehicle, evbot3
 from plugins.evbot3.protocol import MODEL, HostFrameCodec
@@ -30,7 +30,7 @@ class Rig3(Rig):
         return evbot3(self.body, TICK_S, next(self.boots))
 
     def make_session(self) -> Any:
-        channels = (Channel.WHEELS, Channel.TURRET)
+        channels = (OrderChannel.WHEELS, OrderChannel.TURRET)
         return start_session(
             self.context, self.reopening, HostFrameCodec(), model=MODEL, channels=channels, track_m=0.30
         )

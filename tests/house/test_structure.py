@@ -1,0 +1,88 @@
+"""The limits of the structure: entries, layers, complexity, protocols, and the files that one call enters."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from radon.complexity import cc_visit  # type: ignore[import-untyped]
+
+from tests.house import prose
+
+ROOT = Path(__file__).parents[2]
+CODE = ("eal_actors", "evbotos", "plugins", "scenarios")
+
+
+def modules(*folders: str) -> list[Path]:
+    return [file for folder in folders for file in sorted((ROOT / folder).rglob("*.py"))]
+
+
+def test_the_framework_has_at_most_fourteen_entries() -> None:
+    entries = {path.name for path in (ROOT / "eal_actors").iterdir() if not path.name.startswith("__")} - {"py.typed"}
+    assert len(entries) <= 14, sorted(entries)
+
+
+def test_the_design_names_the_layers_of_the_import_contract() -> None:
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    (layers,) = [contract["layers"] for contract in contracts if contract["type"] == "layers"]
+    contract = [sorted(layer.split(" | ")) for layer in reversed(layers)]
+    rows = re.findall(r"^\| (\d) \| ([^|]+) \|", (ROOT / "DESIGN.md").read_text(), re.MULTILINE)
+    design = [sorted(re.findall(r"`([\w]+)(?:/|\.py)?`", modules)) for _, modules in rows]
+    assert design == contract
+    assert [int(number) for number, _ in rows] == list(range(1, len(layers) + 1))
+    assert len(layers) <= 9
+
+
+def test_no_function_is_too_complex() -> None:
+    blocks = ((file, block) for file in modules(*CODE) for block in cc_visit(file.read_text()))
+    found = [
+        f"{file.relative_to(ROOT)}:{b.lineno} {b.fullname}: {b.complexity}" for file, b in blocks if b.complexity > 15
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_there_are_few_protocols() -> None:
+    found = [
+        f"{file.relative_to(ROOT)}:{node.lineno} {node.name}"
+        for file in modules("eal_actors")
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.ClassDef) and any("Protocol" in ast.unparse(base) for base in node.bases)
+    ]
+    assert len(found) <= 15, "\n".join(found)
+
+
+def test_a_class_name_means_one_thing() -> None:
+    """Names of the plugin API, of the thesis and of standard resources may recur."""
+    may_recur = {"Settings", "EAL", "Base", "Battery", "Bump", "Camera", "Odometry", "Pose", "Turret"}
+    found: dict[str, list[str]] = {}
+    for file in modules("eal_actors", "plugins"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                found.setdefault(node.name, []).append(str(file.relative_to(ROOT)))
+    twice = {name: files for name, files in found.items() if len(files) > 1 and name not in may_recur}
+    assert not twice
+
+
+def test_the_prose_is_plain_english() -> None:
+    assert not list(prose.findings())
+
+
+@pytest.mark.parametrize("file", [".github/workflows/check.yml", "CITATION.cff"])
+def test_files_for_forges_match_their_schemas(file: str) -> None:
+    schema = "vendor.citation-file-format" if file == "CITATION.cff" else "vendor.github-workflows"
+    command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema, file]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(("what", "limit"), [("value", 12), ("command", 18), ("scenario", 45)])
+def test_one_call_enters_few_files(what: str, limit: int) -> None:
+    command = [sys.executable, "-m", "tests.house.entered", what]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
+    files = done.stdout.splitlines()
+    assert 0 < len(files) <= limit, done.stdout
