@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from textwrap import dedent
-from typing import IO
+from typing import Any
 
 import pytest
 import structlog
@@ -16,7 +15,8 @@ from typer.testing import CliRunner, Result
 
 from eal_actors.cli import app
 from eal_actors.cli.plugin import write_plugin
-from eal_actors.kernel.bundled import bundled_path
+from tests.programs import started_programs
+from tests.scenario_texts import scenario_of
 
 Program = Callable[..., Result]
 Write = Callable[[str, str], Path]
@@ -30,17 +30,13 @@ robots:
   two: {plugins: {slide: {}}}
 """
 
-MOVE = """\
-version: 1
-name: move
-description: Move a little.
-roles: {movers: {}}
-steps:
-  - on: movers
-    do:
-      - send_cmd: {resource: Slide, cmd: to0.02}
-      - get_value: {resource: Slide}
-"""
+MOVE = scenario_of(
+    "send_cmd: {resource: Slide, cmd: to0.02}",
+    "get_value: {resource: Slide}",
+    name="move",
+    role="movers",
+    description="Move a little.",
+)
 
 
 @pytest.fixture
@@ -100,32 +96,16 @@ def move(write: Write) -> Path:
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start the program in a process of its own, with pipes for its output, or on a terminal that is all its own."""
-    processes: list[subprocess.Popen[str]] = []
+    """Start the program with pipes for its output, or on a terminal of its own."""
+    unwanted = {"COLUMNS", "EAL_FLEET", "FORCE_COLOR"}
+    environment = {name: value for name, value in os.environ.items() if name not in unwanted}
+    with started_programs(tmp_path, environment) as start_program:
 
-    def start_program(
-        *arguments: object, stdout: int | IO[str] = subprocess.PIPE, terminal: str | None = None
-    ) -> subprocess.Popen[str]:
-        unwanted = {"COLUMNS", "EAL_FLEET", "FORCE_COLOR"}
-        environment = {name: value for name, value in os.environ.items() if name not in unwanted}
-        environment["PYTHONPATH"] = str(bundled_path("."))
-        on_terminal = [] if terminal is None else ["/bin/sh", "-c", 'exec "$@" <>"$0" >&0 2>&0', terminal]
-        process = subprocess.Popen(
-            [*on_terminal, sys.executable, "-m", "eal_actors", *map(str, arguments)],
-            cwd=tmp_path,
-            env=environment,
-            stdout=stdout,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=terminal is not None,  # whose first terminal then is the one that hangs it up
-        )
-        processes.append(process)
-        return process
+        def start_on(*arguments: object, terminal: str | None = None, **options: Any) -> subprocess.Popen[str]:
+            if terminal is None:
+                return start_program(*arguments, **options)
+            # The first terminal that a new session opens is the one that hangs it up.
+            wrapper = ["/bin/sh", "-c", 'exec "$@" <>"$0" >&0 2>&0', terminal]
+            return start_program(*arguments, wrapper=wrapper, start_new_session=True, **options)
 
-    yield start_program
-    for process in processes:
-        process.kill()
-        process.wait()
-        for pipe in (process.stdout, process.stderr):
-            if pipe is not None:
-                pipe.close()
+        yield start_on

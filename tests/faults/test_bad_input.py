@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.scenario_texts import scenario_of
+
 PLUGIN = '''
 import sys, threading
 from pathlib import Path
@@ -58,17 +60,7 @@ def destroy_Base(resource): pass
 
 MANIFEST = 'version: 1\nname: bad\ndescription: Fails.\nplugin_version: "1"\nresources: [Base]\n'
 FLEET = "version: 1\nplugin_dirs: [plugins]\ndefaults: {timeout_s: 2}\nrobots: {one: {plugins: {bad: {}}}}\n"
-SCENARIO = """\
-version: 1
-name: trouble
-description: Asks for trouble.
-roles: {all: {}}
-steps:
-  - on: all
-    do:
-      - send_cmd: {resource: Base, cmd: hop}
-      - send_cmd: {resource: Base, cmd: CMD}
-"""
+SCENARIO = scenario_of("send_cmd: {resource: Base, cmd: hop}", "send_cmd: {resource: Base, cmd: CMD}", name="trouble")
 
 
 @dataclass

@@ -26,6 +26,8 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Listener, Report, Run, RunEvent, Signalled, StepRetried, load_scenario, make_plan
 from plugins.roomba.bodies import ConstantBattery
 from tests.emulated import PATIENT, WAIT_S, Emulated, a_roomba, an_evbot2, an_evbot3, plugged_in, plugin_of
+from tests.scenarios.rig import HEAD as SCENARIO_HEAD
+from tests.scenarios.running import ON
 
 MAKES: dict[str, Callable[[], Emulated[Any]]] = {"evbot2": an_evbot2, "evbot3": an_evbot3, "roomba": a_roomba}
 SLOW = 0.4
@@ -33,17 +35,7 @@ SLOW = 0.4
 WATCHDOG_S = 3.0
 """Longer than any robot's own watchdog."""
 
-HEAD = """\
-version: 1
-name: trial
-description: A trial.
-roles:
-  all: {}
-timeout_s: 60
-steps:
-- on: all
-  do:
-"""
+HEAD = f"{SCENARIO_HEAD}timeout_s: 60\n{ON}"
 SLOWLY = """
 - set_config: {resource: Base, key: speed_m_s, value: 0.1}
 - set_config: {resource: Base, key: turn_rate_deg_s, value: 20}

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import ConfigError, ProtocolError, UnavailableError
 from eal_actors.net.session import controller_config, open_session, robot_config, router_config
 from tests.net.links import PATIENCE_S, answering, ask, eventually, fleet_of, free_port
+from tests.programs import started_programs
 
 SEGMENTS = Path("/dev/shm")  # noqa: S108  # where shared memory shows
 
@@ -230,6 +232,7 @@ def test_sessions_leave_no_threads_of_the_system_behind() -> None:
 FLOODED = """
 import sys
 from eal_actors.net.session import open_session, robot_config
+from tests.programs import started_programs
 from tests.net.links import fleet_of
 
 with (
@@ -285,27 +288,11 @@ class TestCommand:
 
     @pytest.fixture
     def start(self, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-        processes: list[subprocess.Popen[str]] = []
-
-        def start_router(*arguments: str) -> subprocess.Popen[str]:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "eal_actors", "router", *arguments],
-                env={"PYTHONPATH": str(bundled_path(".")), "COLUMNS": "200", "PATH": ""},
-                cwd=tmp_path,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            processes.append(process)
-            return process
-
-        yield start_router
-        for process in processes:
-            process.kill()
-            process.communicate()
+        with started_programs(tmp_path, {"COLUMNS": "200", "PATH": ""}) as start_program:
+            yield partial(start_program, "router")
 
     @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-    def test_it_routes_until_it_is_told_to_stop(
+    def test_it_routes_until_a_signal(
         self, start: Callable[..., subprocess.Popen[str]], number: signal.Signals
     ) -> None:
         router = endpoint()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -32,13 +32,6 @@ steps:
 
 
 @pytest.fixture
-def served(rig: Rig) -> Iterator[Fleet]:
-    """The robot behind a real server and a real link; both ends are in this process, for one tracer."""
-    with rig.served_here() as fleet:
-        yield fleet
-
-
-@pytest.fixture
 def scenario(tmp_path: Path) -> Path:
     file = tmp_path / "moves.yaml"
     file.write_text(SCENARIO)
@@ -62,10 +55,10 @@ def line_of(found: Sequence[ReadableSpan], last: ReadableSpan) -> list[tuple[str
 INTERNAL, CLIENT, SERVER = trace.SpanKind.INTERNAL, trace.SpanKind.CLIENT, trace.SpanKind.SERVER
 
 
-def test_one_trace_leads_from_the_step_over_the_network_to_the_handler(served: Fleet, scenario: Path) -> None:
+def test_one_trace_leads_from_the_step_over_the_network_to_the_handler(fleet: Fleet, scenario: Path) -> None:
     exporter = InMemorySpanExporter()
     with Tracing(exporter, "test"):
-        run_scenario(scenario, served)
+        run_scenario(scenario, fleet)
     found = exporter.get_finished_spans()
     assert len({span.context.trace_id for span in found}) == 1
     handler = named(found, "Arm/set_value handler", INTERNAL)
@@ -85,10 +78,10 @@ def test_one_trace_leads_from_the_step_over_the_network_to_the_handler(served: F
     assert call.start_time <= call.events[0].timestamp
 
 
-def test_what_fails_says_with_what_at_both_ends(served: Fleet, scenario: Path) -> None:
+def test_what_fails_says_with_what_at_both_ends(fleet: Fleet, scenario: Path) -> None:
     exporter = InMemorySpanExporter()
     with Tracing(exporter, "test"):
-        run_scenario(scenario, served)
+        run_scenario(scenario, fleet)
     found = exporter.get_finished_spans()
     for name, kind in (
         ("step send_cmd", INTERNAL),
@@ -115,13 +108,13 @@ def test_a_robot_of_this_process_is_traced_the_same_way(rig: Rig, scenario: Path
     ]
 
 
-def test_a_program_s_own_span_is_above_its_calls(served: Fleet) -> None:
+def test_a_program_s_own_span_is_above_its_calls(fleet: Fleet) -> None:
     exporter = InMemorySpanExporter()
     above = trace.SpanContext(0xA1, 0xB2, is_remote=False, trace_flags=trace.TraceFlags(trace.TraceFlags.SAMPLED))
     with Tracing(exporter, "test"):
         with trace.use_span(trace.NonRecordingSpan(above)):
-            served["r1"]["Arm"].get_value().get()
-        served["r1"]["Arm"].get_value().get()  # a part of nothing
+            fleet["r1"]["Arm"].get_value().get()
+        fleet["r1"]["Arm"].get_value().get()  # a part of nothing
     found = exporter.get_finished_spans()
     assert {span.context.trace_id for span in found} == {0xA1}
     assert [(span.name, span.kind) for span in found if span.parent and span.parent.span_id == 0xB2] == [
@@ -129,23 +122,23 @@ def test_a_program_s_own_span_is_above_its_calls(served: Fleet) -> None:
     ]
 
 
-def test_nothing_is_carried_or_kept_where_nobody_traces(served: Fleet, scenario: Path) -> None:
+def test_nothing_is_carried_or_kept_where_nobody_traces(fleet: Fleet, scenario: Path) -> None:
     assert spans.tracer is None
-    call = served["r1"]["Arm"].get_value()
+    call = fleet["r1"]["Arm"].get_value()
     call.get()
     assert call.span is None
     exporter = InMemorySpanExporter()
     with Tracing(exporter, "test"):
         pass
-    run_scenario(scenario, served)
+    run_scenario(scenario, fleet)
     assert exporter.get_finished_spans() == ()
 
 
 @pytest.mark.parametrize("traceparent", ["", "nonsense", "00-00000000000000000000000000000000-0000000000000000-01"])
-def test_a_traceparent_that_makes_no_sense_is_passed_over(served: Fleet, traceparent: str) -> None:
+def test_a_traceparent_that_makes_no_sense_is_passed_over(fleet: Fleet, traceparent: str) -> None:
     exporter = InMemorySpanExporter()
     with Tracing(exporter, "test"), spans.within(traceparent):
-        assert served["r1"]["Arm"].get_value().get().value == 0.0
+        assert fleet["r1"]["Arm"].get_value().get().value == 0.0
     assert exporter.get_finished_spans() == ()
 
 

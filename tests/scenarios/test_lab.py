@@ -6,7 +6,6 @@ import math
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +23,7 @@ from eal_actors.managers.twins import simulated
 from eal_actors.operate.doctor.devices import NamedDevice, named_devices
 from eal_actors.scenario import Report, load_scenario, run_scenario
 from plugins.camera.emulator import PICTURES, draw
+from tests.programs import started_programs
 
 LAB = bundled_path("fleets/lab.yaml")
 WIRES = {"LAB_EVBOT2": "evbot2-1", "LAB_EVBOT3": "evbot3-1", "LAB_ROOMBA": "roomba-1", "LAB_CREATE": "create-1"}
@@ -157,26 +157,14 @@ steps:
 @pytest.fixture
 def lab(tmp_path: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
     """Start `eal lab` in a process of its own, which nods by so many degrees."""
-    processes: list[subprocess.Popen[str]] = []
     (tmp_path / "fleet.yaml").write_text(QUICK, encoding="utf-8")
+    with started_programs(tmp_path, {**os.environ, "NO_COLOR": "1"}) as start_program:
 
-    def start(angle_deg: str) -> subprocess.Popen[str]:
-        (tmp_path / "nod.yaml").write_text(NOD.replace("${ANGLE}", angle_deg), encoding="utf-8")
-        process = subprocess.Popen(
-            [sys.executable, "-m", "eal_actors", "lab", "nod.yaml", "--fleet", "fleet.yaml"],
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(bundled_path(".")), "NO_COLOR": "1"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        processes.append(process)
-        return process
+        def start(angle_deg: str) -> subprocess.Popen[str]:
+            (tmp_path / "nod.yaml").write_text(NOD.replace("${ANGLE}", angle_deg), encoding="utf-8")
+            return start_program("lab", "nod.yaml", "--fleet", "fleet.yaml")
 
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
+        yield start
 
 
 def test_the_lab_tells_what_it_started_and_where_the_robots_got_to(lab: Callable[[str], subprocess.Popen[str]]) -> None:

@@ -26,6 +26,7 @@ from eal_actors.plugin import FleetServices, PluginContext
 from eal_actors.scenario import Scenario, load_scenario, parse_scenario
 from plugins.sim import plugin as sim
 from tests.manual_clock import ManualClock
+from tests.scenario_texts import scenario_of
 
 RADIUS_M = 0.17  # of a Roomba
 SPEED_M_S, ACCELERATION_M_S2 = 0.3, 0.8
@@ -162,20 +163,9 @@ def test_robots_that_stand_too_near_are_told_though_nothing_moves(fleet: Callabl
     assert incident.approach.nearest.gap_m == pytest.approx(0.4 - 2 * RADIUS_M)
 
 
-def test_coming_near_twice_is_told_twice(fleet: Callable[..., Path]) -> None:
-    text = """
-        version: 1
-        name: twice
-        roles: {a: {}}
-        steps:
-          - on: a
-            do:
-              - repeat: 2
-                do:
-                  - send_cmd: {resource: Base, cmd: f0.5}
-                  - send_cmd: {resource: Base, cmd: b0.5}
-    """
-    scenario = parse_scenario(dedent(text), "twice.yaml")
+def test_two_approaches_are_two_incidents(fleet: Callable[..., Path]) -> None:
+    drives = "{send_cmd: {resource: Base, cmd: f0.5}}, {send_cmd: {resource: Base, cmd: b0.5}}"
+    scenario = parse_scenario(scenario_of(f"{{repeat: 2, do: [{drives}]}}", role="a"), "twice.yaml")
     start_m = 3.0 - RADIUS_M - 0.55  # half a metre ahead, 5 cm are left to the wall
     rehearsal = rehearsed(fleet({"a": roomba(start_m, 0)}), scenario)
     assert told(rehearsal) == [("a", "the east wall", False)] * 2

@@ -67,9 +67,7 @@ def run(pytester: pytest.Pytester, *arguments: str) -> pytest.RunResult:
     return pytester.runpytest_inprocess(*options, *named, *arguments)
 
 
-def test_a_scenario_that_expects_something_is_a_case_and_nothing_else_is(
-    pytester: pytest.Pytester, folder: Path
-) -> None:
+def test_only_a_scenario_with_expectations_is_a_case(pytester: pytest.Pytester, folder: Path) -> None:
     result = run(pytester, "--eal", "-v", "scenarios")
     result.assert_outcomes(passed=1)
     result.stdout.fnmatch_lines(["scenarios/drive.yaml::drive PASSED*"])

@@ -25,15 +25,9 @@ from eal_actors.kernel.errors import (
 )
 from eal_actors.testing import Pose, Simulation
 from eal_actors.testing.scenario_text import read_scenario
+from tests.scenario_texts import scenario_of
 
-TURN = """
-    version: 1
-    name: turn
-    roles: {all: {}}
-    steps:
-      - on: all
-        do: [{send_cmd: {resource: Base, cmd: l90}}]
-"""
+TURN = scenario_of("send_cmd: {resource: Base, cmd: l90}", name="turn")
 ROOM = {"version": 1, "name": "room", "size_m": (6, 4)}
 
 

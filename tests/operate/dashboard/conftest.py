@@ -1,15 +1,25 @@
-"""A real Chromium, where one is installed."""
+"""A fleet of counting robots, and a real Chromium where one is installed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from eal_actors.facade.fleet import Fleet
 from tests.chromium import FLAGS, MISSING, find_chromium
+from tests.operate.dashboard.rig import counting_fleet
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Iterator[Fleet]:
+    """Yield a connected fleet of two counting robots."""
+    with counting_fleet(tmp_path, "one", "two").connect() as opened:
+        yield opened
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from eal_actors.operate.dashboard import Dashboard
 from eal_actors.operate.dashboard.control import ControlRegistry
 from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop, Twist
 from tests.manual_clock import ManualClock
-from tests.operate.dashboard.rig import WAIT_S, counting_fleet, open_dashboard, page_of, resource_of, wait_for
+from tests.operate.dashboard.rig import WAIT_S, open_dashboard, page_of, resource_of, wait_for
 
 SCENARIO = """\
 version: 1
@@ -30,12 +30,6 @@ steps:
     do:
       - send_cmd: {resource: Base, cmd: hold}
 """
-
-
-@pytest.fixture
-def fleet(tmp_path: Path) -> Iterator[Fleet]:
-    with counting_fleet(tmp_path, "one", "two").connect() as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.operate.dashboard import Dashboard
 from eal_actors.operate.dashboard.access import new_token
 from tests.net.links import free_port
-from tests.operate.dashboard.rig import ROOT, SIM, counting_fleet, open_dashboard, resource_of, wait_for
+from tests.operate.dashboard.rig import ROOT, SIM, open_dashboard, resource_of, wait_for
 
 OpenPage = Callable[..., AbstractContextManager[Page]]
 VIEWS = ("fleet", "map", "cameras", "scenario", "logs", "robot/one")
@@ -28,12 +28,6 @@ POSES = "import('/static/store.js').then((module) => JSON.stringify(module.store
 
 pytestmark = pytest.mark.timeout(180)
 expect.set_options(timeout=20_000)
-
-
-@pytest.fixture
-def fleet(tmp_path: Path) -> Iterator[Fleet]:
-    with counting_fleet(tmp_path, "one", "two").connect() as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -11,20 +11,8 @@ import pytest
 
 from eal_actors.device.data import DataType, EALData
 from eal_actors.kernel.errors import DataError
-from tests.unit.device.data.rig import (
-    BOOL,
-    CHAR,
-    DOUBLE,
-    FLOAT,
-    INT,
-    LONG,
-    PTR,
-    SHORT,
-    UNSIGNED,
-    VOID,
-    modifiers_of,
-    rebuilt,
-)
+from tests.unit.device.data import rig
+from tests.unit.device.data.rig import BOOL, CHAR, DOUBLE, FLOAT, INT, LONG, PTR, SHORT, UNSIGNED, VOID
 
 NUMPY_TYPES = [
     ("|u1", CHAR, UNSIGNED, "01ff", [1, 255]),
@@ -44,14 +32,14 @@ def test_numpy_array_crosses_without_a_copy(
     array = np.array([values], dtype)
     data = EALData.of(array)
 
-    assert (data.type, modifiers_of(data), data.shape, data.dtype) == (kind, modifiers | PTR, (1, 2), dtype)
+    assert (data.type, rig.modifiers_of(data), data.shape, data.dtype) == (kind, modifiers | PTR, (1, 2), dtype)
     assert bytes(data.payload) == bytes.fromhex(layout)
     assert data.length == len(layout) // 2
     assert np.shares_memory(data.value, array)
     assert np.shares_memory(np.frombuffer(data.payload, np.uint8), array)
     assert data == EALData(kind, array, **modifiers, is_ptr=True)
 
-    received = rebuilt(data, data.payload)
+    received = rig.rebuilt(data, data.payload)
     assert np.shares_memory(received.value, array)
     assert received.value.tolist() == [values]
     assert received.value.dtype.str == dtype
@@ -65,7 +53,7 @@ def test_numpy_scalar_becomes_a_plain_value(
 ) -> None:
     scalar = np.array(values, dtype)[1]
     for data in (EALData.of(scalar), EALData(kind, scalar, **modifiers)):
-        assert (data.type, modifiers_of(data), data.shape, data.dtype) == (kind, modifiers, None, None)
+        assert (data.type, rig.modifiers_of(data), data.shape, data.dtype) == (kind, modifiers, None, None)
         assert data.value == values[1]
         assert type(data.value) is type(values[1])
         assert bytes(data.payload) == bytes.fromhex(layout)[len(layout) // 4 :]
@@ -146,7 +134,7 @@ def test_odd_arrays_are_packed_row_by_row(array: Any, layout: str) -> None:
 
     assert bytes(data.payload) == bytes.fromhex(layout)
     assert (data.shape, data.length) == (array.shape, len(layout) // 2)
-    np.testing.assert_array_equal(rebuilt(data).value, array, strict=True)
+    np.testing.assert_array_equal(rig.rebuilt(data).value, array, strict=True)
 
 
 WITHOUT_NUMPY = """

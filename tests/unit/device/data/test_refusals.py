@@ -10,18 +10,7 @@ import pytest
 
 from eal_actors.device.data import DataType, EALData
 from eal_actors.kernel.errors import DataError
-from tests.unit.device.data.rig import (
-    BOOL,
-    CHAR,
-    DOUBLE,
-    FLOAT,
-    INT,
-    LONG,
-    PTR,
-    SHORT,
-    UNSIGNED,
-    VOID,
-)
+from tests.unit.device.data.rig import BOOL, CHAR, DOUBLE, FLOAT, INT, LONG, PTR, SHORT, UNSIGNED, VOID
 
 NO_VALUES = [
     (INT, 2**31, {}, None, "int: 2147483648 is not an int in -2147483648..2147483647"),
