@@ -1,4 +1,4 @@
-"""The program in this process and in one of its own, and a small world of files for it."""
+"""Fixtures that run `eal` in this process or in its own, and the files for it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def eal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Program]:
         return result
 
     yield run
-    structlog.reset_defaults()  # it still knows the captured stderr
+    structlog.reset_defaults()  # it still refers to the captured stderr
 
 
 @pytest.fixture

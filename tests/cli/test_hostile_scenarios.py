@@ -1,4 +1,4 @@
-"""`eal run --dry-run` on scenarios that would take for ever, or more than there is: quick answers, with the place."""
+"""`eal run --dry-run` reports endless and oversized scenarios quickly, with file, line and column."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Write = Callable[[str, str], Path]
 
 HEAD = "version: 1\nname: x\nroles: {all: {}}\n"
 MOST_CPU_S = 60.0
-"""Processor seconds that no answer may take; a quiet machine takes a tenth, and what never ends takes more."""
+"""Limit of processor seconds for an answer; an idle machine takes a tenth of it."""
 
 
 @pytest.fixture
 def look(eal: Any, write: Write, tmp_path: Path) -> Callable[[str], str]:
-    """Look ahead at a scenario on three simulated robots; return what it is told, the folder left out."""
+    """Return the output of a dry run on three simulated robots, without the folder's path."""
 
     def look_ahead(body: str) -> str:
         scenario = write("s.yaml", HEAD + body)
@@ -127,7 +127,7 @@ def test_what_would_never_end_or_does_not_fit(look: Callable[[str], str], body: 
 
 
 def check_parts(look: Callable[[str], str], write: Write, levels: int, uses: int, last_step: str) -> str:
-    """Return the output for a scenario whose parts use the next part so often, over so many levels."""
+    """Return the output for nested scenarios of `levels` levels, each of which uses the next `uses` times."""
     for level in range(levels):
         write(f"p{level}.yaml", HEAD + f"steps: [{', '.join([f'{{scenario: p{level + 1}.yaml}}'] * uses)}]\n")
     write(f"p{levels}.yaml", HEAD + f"steps: [{last_step}]\n")

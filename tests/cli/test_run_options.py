@@ -1,4 +1,4 @@
-"""What `eal run` is told beside its files: parameters, robots, a look ahead, events, and runs to go on with."""
+"""Options of `eal run`: parameters, robots, dry runs, events and resumed runs."""
 
 from __future__ import annotations
 

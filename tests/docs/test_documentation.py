@@ -1,4 +1,4 @@
-"""What the documentation shows, works: its commands run, its code runs, its files are valid, its tables are true."""
+"""The documentation is correct: commands and code run, files are valid, tables match the program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bad input, as a user meets it: `eal run` names the culprit once, stops what moves, keeps the record, and ends."""
+"""`eal run` with bad input: it names the cause once, halts the robots, keeps the record, and ends."""
 
 from __future__ import annotations
 

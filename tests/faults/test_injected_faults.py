@@ -1,4 +1,4 @@
-"""Faults on purpose, as controllers meet them: over the link, by a plan, at `rate: max`."""
+"""Injected faults as controllers see them: over the link, from a plan, at `rate: max`."""
 
 from __future__ import annotations
 
@@ -253,7 +253,7 @@ def test_a_scenario_injects_and_ends_faults_by_ordinary_calls() -> None:
 
 
 def trace(seed: int) -> list[object]:
-    """Return all that a clumsy controller saw on a bad day, as exact text."""
+    """Return all answers and poses of a run with several faults, as exact text."""
     faults = [
         {"at_s": 0.5, "motor_right": 0.7, "link_loss": 0.2, "link_delay_s": 0.05},
         {"at_s": 4, "until_s": 6, "frozen": ["Odometry"]},

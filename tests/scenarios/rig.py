@@ -1,4 +1,4 @@
-"""Fleets whose robots fail, dawdle or hang on demand, and scenarios written beside the assertions."""
+"""Fleets whose robots fail, delay or hang on demand, and scenarios written beside the assertions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run scenarios on rigs, and look at what became of them."""
+"""Run scenarios on rigs and summarise their reports."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def outcomes(report: Report) -> dict[str, str]:
 
 
 class Watch:
-    """A listener that keeps the events, and acts once when a step with a certain label begins."""
+    """A listener that keeps the events and acts once, when a step with a label begins."""
 
     def __init__(self, label: str = "", action: Callable[[], object] = lambda: None) -> None:
         self.events: list[RunEvent] = []

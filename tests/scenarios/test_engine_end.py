@@ -63,7 +63,7 @@ def test_a_robot_that_cannot_be_halted_has_failed(tmp_path: Path) -> None:
 def abort_at(
     fleet: Fleet, folder: Path, label: str, body: str, abort: Callable[[Run], object], times: int = 1
 ) -> Report:
-    """Run a scenario, and abort it from this thread when a step with the label begins."""
+    """Run a scenario; abort it from this thread when a step with the label begins."""
     reached = threading.Event()
     aborted = Run(make_plan(scenario(folder, body), fleet), fleet, None, [Watch(label, reached.set)])
     future: Future[Report] = aborted.start()

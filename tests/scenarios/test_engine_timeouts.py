@@ -1,4 +1,4 @@
-"""Blocks that take too long, and waits that go on without what they waited for."""
+"""Timeouts of blocks, and waits that continue after their timeout."""
 
 from __future__ import annotations
 

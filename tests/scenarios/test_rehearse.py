@@ -1,4 +1,4 @@
-"""`eal rehearse`: distances worked out by hand, collisions, stand-ins for real robots, and what is refused."""
+"""`eal rehearse`: hand-calculated distances, collisions, simulated twins of real robots, and invalid input."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ size_m: [6, 4]
 
 
 def seconds_to(distance_m: float) -> float:
-    """Return how long a Roomba takes that starts from rest and does not slow down before."""
+    """Return the time of a Roomba that starts from rest and does not brake."""
     return distance_m / SPEED_M_S + SPEED_M_S / ACCELERATION_M_S2 / 2
 
 
@@ -130,7 +130,7 @@ def test_two_robots_that_collide_are_told_with_the_time_of_the_first_touch(fleet
     assert {incident.approach.robot, incident.approach.nearest.other} == {"a", "b"}
     assert incident.approach.nearest.time_s == pytest.approx(seconds_to(1.0 - 2 * RADIUS_M), abs=0.05)
     assert incident.approach.start_s == pytest.approx(seconds_to(1.0 - 2 * RADIUS_M - 0.1), abs=0.021)
-    assert [step.robot for step in incident.steps] == ["a"]  # the other one stands by, and has no step
+    assert [step.robot for step in incident.steps] == ["a"]  # the other robot waits and has no step
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_two_approaches_are_two_incidents(fleet: Callable[..., Path]) -> None:
 
 
 def test_nothing_is_missed_between_two_looks() -> None:
-    """The same drives with a look at every robot at every tick come to the same approaches, to the last bit."""
+    """Checking every robot at every tick finds the same approaches, to the last bit."""
 
     class Unresting(ProximityRecorder):
         looks = 0
@@ -282,7 +282,7 @@ def eal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Result]]:
     monkeypatch.setenv("COLUMNS", "160")
     monkeypatch.delenv("EAL_FLEET", raising=False)
     yield lambda *arguments: CliRunner().invoke(app, ["rehearse", *map(str, arguments)])
-    structlog.reset_defaults()  # it still knows the captured stderr
+    structlog.reset_defaults()  # it still refers to the captured stderr
 
 
 COLLIDE = """\

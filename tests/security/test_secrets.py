@@ -1,4 +1,4 @@
-"""Secrets stay where they are: private keys, tokens and passwords stand in no output, log, record or page."""
+"""No output, log, record or page contains private keys, tokens or passwords."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ steps:
 
 
 class Words:
-    """What must not be found, in all the forms in which it could be written down."""
+    """Secrets in every encoding in which they could leak."""
 
     def __init__(self, *secrets: str) -> None:
         self._forms = {form for secret in secrets for form in _forms(secret)}

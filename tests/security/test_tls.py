@@ -1,4 +1,4 @@
-"""What TLS must refuse: who is late, who is not who they say, and who does not speak TLS at all.
+"""Peers that TLS must refuse: expired certificates, false names, and peers without TLS.
 
 `tests/net/test_tls.py` has who may do what, and the impostors of other authorities, without certificates and at other
 addresses; here is the rest, over the whole stack.

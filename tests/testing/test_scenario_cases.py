@@ -71,7 +71,7 @@ def test_only_a_scenario_with_expectations_is_a_case(pytester: pytest.Pytester, 
     result = run(pytester, "--eal", "-v", "scenarios")
     result.assert_outcomes(passed=1)
     result.stdout.fnmatch_lines(["scenarios/drive.yaml::drive PASSED*"])
-    assert not list((pytester.path / "kept").glob("drive*"))  # only what fails leaves its run behind
+    assert not list((pytester.path / "kept").glob("drive*"))  # only failed cases keep their run
 
 
 def test_without_the_option_no_scenario_is_collected(pytester: pytest.Pytester, folder: Path) -> None:

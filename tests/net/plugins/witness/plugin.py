@@ -1,4 +1,4 @@
-"""A plugin whose actuator writes down each beginning, end and halt, to be read from outside its process."""
+"""A plugin whose actuator logs each begin, end and halt to a file that other processes can read."""
 
 # ruff: noqa: N802  # the plugin API names the functions after the resources
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Settings(api.PluginSettingsModel):
     """The settings of the fleet file."""
 
     file: str
-    """Where to write down what happens."""
+    """File of the notes."""
 
 
 class Notebook:
@@ -39,7 +39,7 @@ class Notebook:
 
 
 class Arm(api.Resource):
-    """An actuator that moves for as long as it is told."""
+    """An actuator whose commands last as long as their argument says."""
 
     types = api.ResourceType.ACTUATOR
     value = api.ValueInfo(api.DataType.DOUBLE, minimum=-1, maximum=1)
@@ -198,7 +198,7 @@ class Line(api.Resource):
 
 
 class Watch(api.Resource):
-    """Tells the time that all processes of the machine share, stamped by the robot's own clock."""
+    """Returns the machine's monotonic time, stamped by the robot's own clock."""
 
     types = api.ResourceType.SENSOR | api.ResourceType.COMMUNICATION
 
