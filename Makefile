@@ -44,12 +44,13 @@ test: $(STAMP)  ## run every test
 test-slow: $(STAMP)  ## run the tests that take many seeds
 	$(PYTEST) -m 'slow and not evbotos'
 
-check: $(STAMP)  ## format, lint, types, layers, security, and the docs with all their commands
+check: $(STAMP)  ## format, lint, types, layers, prose, security, JavaScript, and the docs with all their commands
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/bandit --quiet --configfile pyproject.toml --recursive eal_actors evbotos plugins scenarios
+	$(BIN)/python -m tests.house.prose
 	$(BIN)/python -m tests.house.javascript
 	$(BIN)/python -m tests.house.audit
 	$(BIN)/python -m pytest -q -m 'docs and not evbotos'

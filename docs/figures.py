@@ -18,8 +18,7 @@ from eal_actors import Fleet, RobotHandle
 from eal_actors.device.world import load_world
 from eal_actors.lab.calibration.drive import GroundTruth, calibrate_base, drive_squares, wheelbase_of
 from eal_actors.lab.calibration.fit import fit_squares
-from eal_actors.lab.calibration.square import WAYS
-from eal_actors.lab.calibration.square_ends import SquareEnds
+from eal_actors.lab.calibration.square import WAYS, SquareEnds
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import PoseRecorder, draw_trajectory, draw_world
 from eal_actors.recording.arena import draw_grid, new_figure

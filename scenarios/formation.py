@@ -5,7 +5,7 @@ import math
 from functools import partial
 
 from eal_actors import Fleet, RobotHandle
-from eal_actors.device.world.formation import Formation
+from eal_actors.device.world.model import Formation
 from eal_actors.lab.choreography.aiming import drive_to, turn_command
 from eal_actors.lab.choreography.step import clearance_m, plan_shape
 

@@ -9,7 +9,7 @@ from random import Random
 from typing import Any, Generic, Protocol, TypeVar
 
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.testing.conformance.wires import TICK_S, WIRES
+from eal_actors.testing.conformance.emulator_wires import TICK_S, WIRES
 from plugins.evbot2.emulator import evbot2, free_vehicle
 from plugins.evbot2.firmware import BaseEmulator, any_boot
 from plugins.evbot2.serving import FaultyWire

@@ -11,8 +11,7 @@ from typing import Any
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.actors.robot_actor import start_robot
-from eal_actors.actors.robot_spec import RobotSpec
+from eal_actors.actors.robot_actor import RobotSpec, start_robot
 from eal_actors.device.plugin_context import OpenPlugins, ResourceFactory
 from eal_actors.device.resource import Resource
 from eal_actors.kernel.clock import Clock, SystemClock

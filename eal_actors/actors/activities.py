@@ -190,7 +190,7 @@ class ActivityActor(EALActor):
         """Stop the activity that answers a call, and what it moved, because nobody waits for it."""
         if call not in self.calls():
             return
-        reason = "nobody waits for it any more"
+        reason = "its caller has given it up"
         self.busy(self.clock.now())  # its deadline has passed
         try:
             if self._motion is not None and self._motion.call is call:

@@ -30,6 +30,8 @@ class _CombinedFuture(Future[T]):
         )
         self._parts = parts
         self._what = what
+        self._left = len(parts)
+        self._count_lock = threading.Lock()
         self._needs_one_timer = not endless and len({id(part.timekeeper) for part in pending}) <= 1
 
     def watch(self, relay: Relay) -> None:
@@ -38,6 +40,12 @@ class _CombinedFuture(Future[T]):
             part.link(relay)
             if not self._needs_one_timer:
                 part.arm()
+
+    def count_down(self) -> bool:
+        """Count a part that is done; return whether it was the last one. Thread: any."""
+        with self._count_lock:
+            self._left -= 1
+            return not self._left
 
     @override
     def describe(self) -> str:
@@ -81,15 +89,10 @@ def gather(futures: Iterable[Future[T]], *, return_exceptions: bool = False) -> 
     if not parts:
         combined.set([])
         return combined
-    left = len(parts)
-    lock = threading.Lock()
 
     def count(_: Future[T], call_soon: CallSoon | None) -> None:
-        nonlocal left
-        with lock:
-            left -= 1
-            if left:
-                return
+        if not combined.count_down():
+            return
         errors = [part._error for part in parts]  # one family of classes
         failure = next((error for error in errors if error is not None), None)
         if failure is not None and not return_exceptions:
@@ -114,14 +117,9 @@ def first(futures: Iterable[Future[T]]) -> Future[T]:
     if not parts:
         raise CallError("first() needs at least one future")
     combined: _CombinedFuture[T] = _CombinedFuture(parts, "first")
-    left = len(parts)
-    lock = threading.Lock()
 
     def check(part: Future[T], call_soon: CallSoon | None) -> None:
-        nonlocal left
-        with lock:
-            left -= 1
-            is_last = left == 0
+        is_last = combined.count_down()
         error = part._error  # one family of classes
         if error is None:
             if combined._finish(part._value, None, call_soon):

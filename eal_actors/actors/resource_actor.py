@@ -230,6 +230,10 @@ class ResourceActor(ActivityActor):
             self._callbacks.ready(self, reason)
         return reason
 
+    def _require_ready(self, call: Call[Any]) -> None:
+        if not call.stops and (reason := self._check_readiness()) is not None:
+            raise NotReadyError(reason)
+
     # Calls.
 
     @override
@@ -252,25 +256,20 @@ class ResourceActor(ActivityActor):
         if log.debug_enabled or call.span is not None:
             self._trace(call)
         try:
-            self._run(call)
+            if self._reports_readiness and not call.stops and (reason := self._check_readiness()) is not None:
+                raise NotReadyError(reason)  # a function for this would cost every call
+            result = self._methods[call.method](*call.arguments)
+            if type(result) is _PendingResult:
+                self.begin(call, *result)
+            elif not call._finish(result, None):
+                self._undo(call)
         except AbandonedThread:
             raise
-        except BaseException as error:
+        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything
             self._fail_call(call, error)
-            if not isinstance(error, Exception):
-                raise
         finally:
             self.busy_until_s = self._current = None
             log.set_call(None)
-
-    def _run(self, call: Call[Any]) -> None:
-        if self._reports_readiness and not call.stops and (reason := self._check_readiness()) is not None:
-            raise NotReadyError(reason)
-        result = self._methods[call.method](*call.arguments)
-        if type(result) is _PendingResult:
-            self.begin(call, *result)
-        elif not call._finish(result, None) and call.method in MOTION_METHODS and not call.stops:
-            self.guarded(self.opened.halt)  # it was cancelled while it ran
 
     def _may_begin(self, call: Call[Any], deadline_s: float) -> bool:
         """Return whether a call may begin now; one that may not fails, or waits for its start time."""
@@ -301,6 +300,13 @@ class ResourceActor(ActivityActor):
         if may_move and isinstance(error, Exception):  # it may have started a motion; a crash halts by itself
             self.guarded(self.opened.halt)
         call.fail(self.explain(call, error))
+        if not isinstance(error, Exception):
+            raise error
+
+    def _undo(self, call: Call[Any]) -> None:
+        """Halt what a call has started that was cancelled while it ran."""
+        if call.method in MOTION_METHODS and not call.stops:
+            self.guarded(self.opened.halt)
 
     def _schedule(self, call: Call[Any]) -> None:
         """Hold a command until its start time; an invalid one is refused now and disturbs nothing."""

@@ -6,6 +6,7 @@ import contextlib
 import math
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 from typing_extensions import override
@@ -15,14 +16,42 @@ from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.resource_actor import ResourceActor, ResourceCallbacks
-from eal_actors.actors.robot_spec import RobotSpec
 from eal_actors.actors.robot_view import Ping, RobotConnection, RobotState, RobotView, RunningCommand, release
-from eal_actors.actors.supervision import RestartIntensity
+from eal_actors.actors.supervision import Restart, RestartIntensity
 from eal_actors.device.info import ResourceInfo
+from eal_actors.device.link import FaultyLink
 from eal_actors.device.plugin_context import OpenPlugins
-from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, PluginError, RobotFailedError, UnavailableError, error_text
 from eal_actors.kernel.log import get_logger
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSpec:
+    """The specification of a robot.
+
+    Attributes:
+        name: the robot's name.
+        clock: the fleet's clock.
+        open_plugins: connects the robot's plugins; runs in the robot's thread and may take long.
+        timeout_s: the default deadline of a call, and the time a resource may take to start.
+        mailbox: the capacity of each mailbox.
+        restart: when resources are restarted.
+        max_restarts: restarts allowed within the window, for all resources together.
+        restart_window_s: the window in seconds.
+        link: the link that calls to its resources pass; a faultless one if None.
+    """
+
+    name: str
+    clock: Clock
+    open_plugins: Callable[[], OpenPlugins]
+    timeout_s: float = 10.0
+    mailbox: int = 256
+    restart: Restart = Restart.PERMANENT
+    max_restarts: int = 3
+    restart_window_s: float = 5.0
+    link: FaultyLink | None = None
+
 
 HANG_GRACE_S: Final = 1.0
 """Fleet time that a call may run beyond its deadline before its resource counts as stuck."""

@@ -35,8 +35,7 @@ from eal_actors.lab.calibration.drive import (
     wheelbase_of,
 )
 from eal_actors.lab.calibration.fit import Fit, fit_squares
-from eal_actors.lab.calibration.square import WAYS, Way
-from eal_actors.lab.calibration.square_ends import Point, SquareEnds, read_square_ends
+from eal_actors.lab.calibration.square import WAYS, Point, SquareEnds, Way, read_square_ends
 from eal_actors.managers.fleet_model import FleetConfig
 
 _WAYS: Final[dict[Way, str]] = {"cw": "clockwise", "ccw": "counter-clockwise"}
@@ -44,15 +43,7 @@ _WAYS: Final[dict[Way, str]] = {"cw": "clockwise", "ccw": "counter-clockwise"}
 
 @dataclass(frozen=True, slots=True)
 class _SquareTest:
-    """Settings of the square test.
-
-    Attributes:
-        side_m: length of a side.
-        squares: number of squares each way.
-        wheelbase_m: nominal distance of the wheels; None for that of the base.
-        ends: ends measured earlier; None to drive squares.
-        console: shows the progress.
-    """
+    """Settings of the square test. `wheelbase_m` defaults to that of the base; `ends` replaces driving."""
 
     side_m: float
     squares: int
@@ -66,11 +57,8 @@ class _CalibrationResult:
     """The calibration of one robot.
 
     Attributes:
-        robot: its name.
-        wheelbase_m: nominal distance of its wheels.
         known: the calibration that its base used before; None if the base cannot be calibrated.
         before: ends of the squares with that calibration.
-        fit: the calibration fitted to them.
         after: ends of the squares with the fitted calibration; None if there was no second run.
     """
 
@@ -89,10 +77,6 @@ class _CalibrationResult:
 
 class ManualMeasurement(SquareMeasurement):
     """Measurement by a person with a tape measure, who also puts the robot back on its mark.
-
-    Args:
-        robot: the robot's name.
-        clock: the fleet's clock, which does not wait for the person.
 
     Raises:
         ArgumentError: stdin is at its end, so that nobody can answer; raised by its methods.

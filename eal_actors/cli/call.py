@@ -54,8 +54,7 @@ _METHODS: Final[dict[str, tuple[str, int, _Call]]] = {
     "halt": ("", 0, lambda r, _, t: r.halt(timeout_s=t)),
 }
 
-_HALT_S: Final = 0.5
-"""Real seconds within which a resource halts unless its actor is blocked."""
+_HALT_S: Final = 0.5  # real seconds within which a resource halts unless its actor is blocked
 
 
 def call_method(

@@ -27,10 +27,8 @@ class FileCheck:
     """The result of checking a file.
 
     Attributes:
-        file: the file, as the user named it.
         kind: `fleet`, `scenario`, `world` or `plugin`; `unknown` if its content matches none of them.
         summary: a short description of a valid file.
-        problems: the errors in the file.
         warnings: problems that depend on this machine, such as a missing module of a plugin.
     """
 

@@ -15,8 +15,7 @@ from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.output import print_line, stderr
 from eal_actors.kernel.errors import UnavailableError
 
-_STOP_S: Final = 5.0
-"""Real seconds after which a server that has not ended is killed."""
+_STOP_S: Final = 5.0  # real seconds after which a server that has not ended is killed
 _PROGRAM: Final = (sys.executable, "-m", "eal_actors")
 
 

@@ -23,8 +23,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import EmulatorSection, PluginManifest, discover
 
 _PREFIX: Final = "LAB_"
-_STOP_S: Final = 5.0
-"""Real seconds until an emulator that does not end is killed."""
+_STOP_S: Final = 5.0  # real seconds until an emulator that does not end is killed
 _POSE: Final = re.compile(r"^pose (\S+) m (\S+) m (\S+) deg$", re.MULTILINE)
 
 _ROOT: Final = str(Path(eal_actors.__file__).parents[1])
@@ -34,15 +33,8 @@ LabPose = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class EmulatedDevice:
-    """A setting of a robot that a fleet file takes from an unset variable.
-
-    Attributes:
-        robot: the robot's name.
-        plugin: the manifest of the plugin whose setting it is.
-        variable: the variable's name.
-        settings: all of the plugin's settings.
-    """
+class LabDevice:
+    """A setting of a robot that a fleet file takes from an unset variable, with all of its plugin's settings."""
 
     robot: str
     plugin: PluginManifest
@@ -70,7 +62,7 @@ class _MarkedEnvironment(Mapping[str, str]):
         return len(os.environ)
 
 
-def open_devices(fleet: Path) -> list[EmulatedDevice]:
+def open_devices(fleet: Path) -> list[LabDevice]:
     """Return the devices of a fleet that can be emulated: settings `${LAB_...:-...}` of plugins with an emulator.
 
     Raises:
@@ -86,7 +78,7 @@ def open_devices(fleet: Path) -> list[EmulatedDevice]:
                 continue
             settings = plugin.tree.root
             marks = [str(value) for value in settings.values() if str(value).startswith(f"<{_PREFIX}")]
-            found += [EmulatedDevice(robot.name, manifest, mark[1:-1], settings) for mark in marks]
+            found += [LabDevice(robot.name, manifest, mark[1:-1], settings) for mark in marks]
     return found
 
 
@@ -96,15 +88,12 @@ class EmulatorProcesses:
     Each runs in a session of its own, so that Ctrl-C in a terminal reaches the controller only, and the emulators
     receive its last stop. They end with this process, however it ends.
 
-    Args:
-        devices: see `open_devices`.
-
     Attributes:
         addresses: the value of each variable.
         poses: by robot, its pose at the end of the block, from (0, 0, 0) at the beginning.
     """
 
-    def __init__(self, devices: Sequence[EmulatedDevice]) -> None:
+    def __init__(self, devices: Sequence[LabDevice]) -> None:
         self.addresses: dict[str, str] = {}
         self.poses: dict[str, LabPose] = {}
         self._devices = devices
@@ -132,7 +121,7 @@ class EmulatorProcesses:
         self._stack.close()
 
     @contextmanager
-    def _run(self, device: EmulatedDevice) -> Iterator[subprocess.Popen[str]]:
+    def _run(self, device: LabDevice) -> Iterator[subprocess.Popen[str]]:
         process = subprocess.Popen(  # noqa: S603  # the plugin's own program
             device.command(),
             stdin=subprocess.PIPE,  # the emulator ends when this closes
@@ -149,7 +138,7 @@ class EmulatorProcesses:
                 self.poses[device.robot] = x_m, y_m, yaw_deg
 
 
-def _read_address(device: EmulatedDevice, process: subprocess.Popen[str]) -> str:
+def _read_address(device: LabDevice, process: subprocess.Popen[str]) -> str:
     line = process.stdout.readline().strip() if process.stdout is not None else ""
     if not line:
         raise UnavailableError("its emulator has ended; see above", robot=device.robot)

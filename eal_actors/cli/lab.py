@@ -12,7 +12,7 @@ from typing import Annotated, Final
 import typer
 from rich.text import Text
 
-from eal_actors.cli.emulators import EmulatedDevice, EmulatorProcesses, LabPose, open_devices
+from eal_actors.cli.emulators import EmulatorProcesses, LabDevice, LabPose, open_devices
 from eal_actors.cli.output import new_table, stderr, stdout
 from eal_actors.cli.run import run_scenario
 
@@ -41,7 +41,7 @@ def run_lab(
         _print_poses(dict(sorted(emulators.poses.items())), runs)
 
 
-def _print_devices(devices: Sequence[EmulatedDevice], addresses: Mapping[str, str]) -> None:
+def _print_devices(devices: Sequence[LabDevice], addresses: Mapping[str, str]) -> None:
     for device in devices:
         variable = device.variable
         line = f"{device.robot}: {device.plugin.name} at {addresses[variable]}, emulated; ${variable} names another"
@@ -67,12 +67,7 @@ def _compare(pose: LabPose, wanted: LabPose | None) -> tuple[str, str, str]:
 
 
 def commands(robot: str, runs: Iterable[Path]) -> list[str] | None:
-    """Return the commands that a robot's base completed in runs; None if one of them was cut short.
-
-    Args:
-        robot: its name.
-        runs: the folders of the runs, in their order.
-    """
+    """Return the commands that a robot's base completed in runs; None if one of them was cut short."""
     found = []
     for run in runs:
         summary = run / "summary.json"

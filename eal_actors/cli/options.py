@@ -14,16 +14,17 @@ from eal_actors.kernel.log import LogFormat
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 
-FleetOption = Annotated[
-    Path,
-    typer.Option(
-        "--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="Fleet file, or the name of a bundled one."
-    ),
-]
-ScenarioArgument: TypeAlias = Annotated[
-    Path,
-    typer.Argument(metavar="SCENARIO", help="Scenario file, or the name of a bundled one.", show_default=False),
-]
+_FLEET: Any = typer.Option(
+    "--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="Fleet file, or the name of a bundled one."
+)
+_SCENARIO: Any = typer.Argument(
+    metavar="SCENARIO", help="Scenario file, or the name of a bundled one.", show_default=False
+)
+FleetOption: TypeAlias = Annotated[Path, _FLEET]
+ScenarioArgument: TypeAlias = Annotated[Path, _SCENARIO]
+# `eal run --resume` takes both files from the run.
+OptionalFleetOption: TypeAlias = Annotated[Path | None, _FLEET]
+OptionalScenarioArgument: TypeAlias = Annotated[Path | None, _SCENARIO]
 RobotsArgument = Annotated[
     list[str] | None,
     typer.Argument(metavar="[ROBOT]...", show_default=False, help="Names of robots; default: all robots."),
@@ -48,12 +49,7 @@ KeepOption: TypeAlias = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class GlobalOptions:
-    """The options before the command's name.
-
-    Attributes:
-        log_format: format of log lines.
-        log_level: lowest level shown.
-    """
+    """The options before the command's name: the format of log lines, and the lowest level shown."""
 
     log_format: LogFormat = "human"
     log_level: LogLevel = "warning"

@@ -18,10 +18,8 @@ from rich.text import Text
 from eal_actors.device.data import DataType, EALData
 from eal_actors.scenario.report.records import as_json
 
-_PIPE_WIDTH: Final = 160
-"""Columns of a table in a pipe or a file: wide, so that lines stay whole for grep."""
-_MOST_ELEMENTS: Final = 32
-"""Larger arrays are not printed in full."""
+_PIPE_WIDTH: Final = 160  # columns of a table in a pipe or a file: wide, so that lines stay whole for grep
+_MOST_ELEMENTS: Final = 32  # larger arrays are not printed in full
 
 
 def stdout() -> Console:

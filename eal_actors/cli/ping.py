@@ -26,9 +26,7 @@ class _PingResults:
     """The ping results of one robot.
 
     Attributes:
-        name: the robot's name.
-        address: its address; None for a robot that runs in its controller's process.
-        pings: its answers.
+        address: None for a robot that runs in its controller's process.
         error: why the last ping had no answer; None if it had one.
         problems: problems that the robot reports.
     """

@@ -19,22 +19,7 @@ from eal_actors.cli.run_keys import LEGEND, keys_work
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.log import configure_logging
-from eal_actors.scenario import (
-    LogLine,
-    RobotDropped,
-    RobotReplaced,
-    RunContinued,
-    RunEnded,
-    RunEvent,
-    RunPaused,
-    RunResumed,
-    RunStarted,
-    Signalled,
-    StartedTogether,
-    StepEnded,
-    StepRetried,
-    StepStarted,
-)
+from eal_actors.scenario.report import events
 
 STYLES = {
     "done": "green",
@@ -46,8 +31,12 @@ STYLES = {
 }
 """Rich styles of outcomes and states."""
 
-_PRINTED = (LogLine, RobotDropped, RobotReplaced, RunContinued)
-"""Events whose lines scroll above the live table."""
+_PRINTED = (
+    events.LogLine,
+    events.RobotDropped,
+    events.RobotReplaced,
+    events.RunContinued,
+)  # scroll above the live table
 _MOST_NAMES = 6
 _OTHER_LINES = 6  # lines of the terminal that hold no robot's row
 _REFRESHES_PER_S = 8
@@ -65,43 +54,43 @@ class LineProgress:
     def __exit__(self, *_exc_info: object) -> None:
         """Do nothing: every line is printed already."""
 
-    def on_event(self, event: RunEvent) -> None:
+    def on_event(self, event: events.RunEvent) -> None:
         """Print an event. Thread: the run's."""
         if line := event_line(event):
             print_line(self._console, Text(f"{event.time_s:8.2f} s  ").append(line))
 
 
-def event_line(event: RunEvent) -> Text | None:
+def event_line(event: events.RunEvent) -> Text | None:
     """Return the line of an event, without its time; None if it has none."""
     match event:
-        case RunStarted():
+        case events.RunStarted():
             names = ", ".join(event.robots[:_MOST_NAMES]) + (", ..." if len(event.robots) > _MOST_NAMES else "")
             return Text(f"{event.scenario} on {event.fleet}: {counted(len(event.robots), 'robot')} ({names})")
-        case RunContinued():
+        case events.RunContinued():
             return Text(f"continued at steps[{event.first_step}]")
-        case RunPaused():
+        case events.RunPaused():
             return Text("paused", style=STYLES["paused"])
-        case RunResumed():
+        case events.RunResumed():
             return Text("one step for each robot" if event.is_single_step else "resumed")
-        case RobotDropped():
+        case events.RobotDropped():
             return Text.assemble(f"{event.robot}  ", ("dropped", STYLES["dropped"]), f": {event.error.message}")
-        case RobotReplaced():
+        case events.RobotReplaced():
             words = f" by {event.by}: {event.error.message}"
             return Text.assemble(f"{event.robot}  ", ("replaced", STYLES["replaced"]), words)
-        case Signalled():
+        case events.Signalled():
             return Text(f"{_robot_prefix(event.robot)}signal {event.name}")
-        case LogLine():
+        case events.LogLine():
             return Text(f"{_robot_prefix(event.robot)}{event.text}")
-        case RunEnded(report=report):
+        case events.RunEnded(report=report):
             return Text.assemble(f"{report.scenario} ", (report.outcome, STYLES[report.outcome]))
     return _step_line(event)
 
 
-def _step_line(event: RunEvent) -> Text | None:
+def _step_line(event: events.RunEvent) -> Text | None:
     match event:
-        case StepStarted():
+        case events.StepStarted():
             return Text(f"{_robot_prefix(event.robot)}{event.label}")
-        case StepEnded(record=record):
+        case events.StepEnded(record=record):
             explained = ("failed", "skipped") if record.robot is not None else ("failed", "skipped", "aborted")
             reason = f": {record.error.message}" if record.error and record.outcome in explained else ""
             return Text.assemble(
@@ -109,10 +98,10 @@ def _step_line(event: RunEvent) -> Text | None:
                 (record.outcome, STYLES[record.outcome]),
                 f" after {record.end_s - record.start_s:.2f} s{reason}",
             )
-        case StepRetried():
+        case events.StepRetried():
             retry = f"attempt {event.attempt} failed, retrying: {event.error.message}"
             return Text(f"{_robot_prefix(event.robot)}{event.label}  {retry}", style="yellow")
-        case StartedTogether(start=start):
+        case events.StartedTogether(start=start):
             skew = "some did not start" if start.skew_s is None else f"skew {start.skew_s * 1000:.1f} ms"
             return Text(f"{len(start.begins)} robots started together: {skew}")
     return None
@@ -163,35 +152,35 @@ class LiveProgress:
         self._live.stop()
         configure_logging(self._options.log_format, self._options.log_level)
 
-    def on_event(self, event: RunEvent) -> None:
+    def on_event(self, event: events.RunEvent) -> None:
         """Update the table. Thread: the run's."""
         with self._lock:
             self._update(event)
         if isinstance(event, _PRINTED) and (line := event_line(event)):
             print_line(self._console, line)
 
-    def _update(self, event: RunEvent) -> None:
+    def _update(self, event: events.RunEvent) -> None:
         match event:
-            case RunStarted() | RunContinued():
+            case events.RunStarted() | events.RunContinued():
                 self._start_s = self._clock.now() - event.time_s
                 self._title = f"{event.scenario} on {event.fleet}"
                 self._calls = event.calls
                 self._rows = {name: _RobotRow() for name in event.robots}
-            case StepStarted(robot=str(who)):
+            case events.StepStarted(robot=str(who)):
                 row = self._rows[who]
                 row.state, row.label, row.since_s = "running", event.label, event.time_s
-            case StepEnded(record=record) if record.robot is not None:
+            case events.StepEnded(record=record) if record.robot is not None:
                 row = self._rows[record.robot]
                 row.state = "waiting" if record.outcome in ("done", "skipped", "stopped") else record.outcome
                 row.since_s = None
                 row.calls += record.is_call
-            case RobotReplaced():
+            case events.RobotReplaced():
                 self._rows[event.robot].state = "replaced"
-            case RunPaused() | RunResumed():
-                self._is_paused = isinstance(event, RunPaused) or event.is_single_step
-            case RobotDropped():
+            case events.RunPaused() | events.RunResumed():
+                self._is_paused = isinstance(event, events.RunPaused) or event.is_single_step
+            case events.RobotDropped():
                 self._rows[event.robot].state = "dropped"
-            case RunEnded(report=report):
+            case events.RunEnded(report=report):
                 self._end_s = event.time_s
                 for name, robot in report.robots.items():
                     self._rows[name].state, self._rows[name].since_s = robot.outcome, None

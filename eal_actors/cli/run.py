@@ -15,8 +15,14 @@ from rich.console import Console
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import plugin_advice
 from eal_actors.cli.interrupts import RunInterrupts
-from eal_actors.cli.metrics import MetricsPortOption, metrics_at
-from eal_actors.cli.options import BindingsOption, GlobalOptions, JsonOption, SettingsOption
+from eal_actors.cli.options import (
+    BindingsOption,
+    GlobalOptions,
+    JsonOption,
+    OptionalFleetOption,
+    OptionalScenarioArgument,
+    SettingsOption,
+)
 from eal_actors.cli.output import print_line, stderr, stdout, write_json
 from eal_actors.cli.progress import new_progress
 from eal_actors.cli.run_keys import RunKeys
@@ -24,8 +30,6 @@ from eal_actors.cli.run_options import (
     DryRunOption,
     EventsOption,
     NoPlotOption,
-    OptionalFleetOption,
-    OptionalScenarioArgument,
     RateOption,
     RecordOption,
     ResumeOption,
@@ -38,7 +42,7 @@ from eal_actors.cli.run_options import (
 )
 from eal_actors.cli.run_output import plan_as_json, print_plan, print_summary
 from eal_actors.cli.streams import STDOUT, event_stream
-from eal_actors.cli.trace import TraceOption, traces_to
+from eal_actors.cli.telemetry import MetricsPortOption, TraceOption, metrics_at, traces_to
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, PluginError
 from eal_actors.managers.fleet_model import FleetConfig
@@ -56,8 +60,7 @@ from eal_actors.recording.run_folder import TRAJECTORY
 from eal_actors.scenario import Listener, Plan, Report, Run, make_plan
 from eal_actors.scenario.language.binding import find_candidates
 
-_DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
-"""Environment variables, one of which is set if there is a desktop."""
+_DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")  # environment variables, one of which is set if there is a desktop
 
 
 def run_scenario(
@@ -104,13 +107,7 @@ def run_scenario(
 
 @dataclass(frozen=True, slots=True)
 class _FinishedRun:
-    """A run that has ended.
-
-    Attributes:
-        report: its report.
-        directory: its folder.
-        interrupts: number of signals received.
-    """
+    """A run that has ended: its report, its folder, and the number of signals received."""
 
     report: Report
     directory: Path

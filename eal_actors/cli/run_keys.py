@@ -39,9 +39,6 @@ class RunKeys:
     """Key handling for the length of a `with` block; the terminal's settings are restored in every case.
 
     It does nothing where the program cannot read keys.
-
-    Args:
-        run: the run to control.
     """
 
     def __init__(self, run: Run) -> None:

@@ -4,35 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, TypeVar
+from typing import Annotated, Any, TypeAlias
 
 import typer
 
 from eal_actors.cli.fleets import check_plugins, read_fleet
-from eal_actors.facade.connections import FLEET_VARIABLE
 from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
 from eal_actors.kernel.lock_step import MAX, Rate
+from eal_actors.managers.config import collect_problems
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.recording import Extent
 from eal_actors.scenario import Resumption, Scenario, load_scenario, read_run
 from eal_actors.scenario.language.parameters import read_settings, with_parameters
 
-T = TypeVar("T")
-
-# Optional here, unlike in other commands: --resume takes both files from the run.
-OptionalScenarioArgument: TypeAlias = Annotated[
-    Path | None,
-    typer.Argument(metavar="SCENARIO", help="Scenario file, or the name of a bundled one.", show_default=False),
-]
-OptionalFleetOption: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        "--fleet", "-f", envvar=FLEET_VARIABLE, show_default=False, help="Fleet file, or the name of a bundled one."
-    ),
-]
 DryRunOption: TypeAlias = Annotated[
     bool, typer.Option("--dry-run", help="Check everything and print the plan; nothing moves.")
 ]
@@ -67,7 +54,6 @@ class RunRequest:
 
     Attributes:
         scenario: the scenario, with the values of its parameters.
-        config: the fleet.
         binding: robots by role, as the user bound them; None if the scenario binds them.
         resumption: the point at which an interrupted run continues.
     """
@@ -83,12 +69,10 @@ class RunOptions:
     """The options as the user gave them.
 
     Attributes:
-        scenario: the scenario file; None for that of the resumed run.
-        fleet: the fleet file; None for that of the resumed run.
+        scenario: None for that of the resumed run; so is `fleet`.
         settings: `name=value` for each parameter.
         bindings: `role=robot,robot` for each role.
         rate: a number or `max`.
-        seed: seed of all randomness.
         resume: the folder of the run to continue.
     """
 
@@ -172,18 +156,10 @@ def _parse_bindings(texts: Sequence[str]) -> dict[str, list[str]] | None:
 def _read_both(scenario: Path, fleet: Path, rate: Rate | None, seed: int | None) -> tuple[Scenario, FleetConfig]:
     """Read both files; raise ConfigError with the problems of both."""
     problems: list[Problem] = []
-    loaded = _collect_problems(problems, lambda: load_scenario(scenario))
-    config = _collect_problems(problems, lambda: read_fleet(fleet, rate=rate, seed=seed))
+    loaded = collect_problems(problems, lambda: load_scenario(scenario))
+    config = collect_problems(problems, lambda: read_fleet(fleet, rate=rate, seed=seed))
     if loaded is None or config is None:
         if config is not None:
             problems += check_plugins(config)[0]  # otherwise the fleet's connection finds them
         raise ConfigError(problems)
     return loaded, config
-
-
-def _collect_problems(problems: list[Problem], read: Callable[[], T]) -> T | None:
-    try:
-        return read()
-    except ConfigError as error:
-        problems += error.problems
-        return None

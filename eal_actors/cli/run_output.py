@@ -17,8 +17,7 @@ from eal_actors.scenario import Entry, Plan, Report, Timeline
 from eal_actors.scenario.language.parameters import describe
 
 _MOST_NAMES: Final = 6
-_MOST_ROWS: Final = 30
-"""Rows of the longest table of steps; longer runs get a table of robots."""
+_MOST_ROWS: Final = 30  # rows of the longest table of steps; longer runs get a table of robots
 
 
 def plan_as_json(plan: Plan, fleet: str) -> dict[str, Any]:

@@ -9,10 +9,9 @@ from rich.text import Text
 
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.interrupts import handle_signals
-from eal_actors.cli.metrics import MetricsPortOption, metrics_at
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import print_line, stdout
-from eal_actors.cli.trace import TraceOption, traces_to
+from eal_actors.cli.telemetry import MetricsPortOption, TraceOption, metrics_at, traces_to
 from eal_actors.facade.service import RobotService
 
 

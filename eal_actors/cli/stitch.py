@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from eal_actors.lab.panorama.folder import CameraFrames
 
 _STYLES: Final = {"features": "green", "gradients": "green", "odometry only": "yellow"}
-_MUCH_DEG: Final = 5.0
-"""A larger closing error suggests a wrong field of view."""
+_MUCH_DEG: Final = 5.0  # a larger closing error suggests a wrong field of view
 
 
 def stitch_frames(

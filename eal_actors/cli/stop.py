@@ -1,4 +1,4 @@
-"""`eal stop` and `eal resume`: the emergency stop of served robots, whoever holds their leases."""
+"""`eal stop` and `eal resume`: the emergency stop of served robots, independent of their leases."""
 
 from __future__ import annotations
 

@@ -23,8 +23,7 @@ from eal_actors.scenario import Listener, RunEvent
 from eal_actors.scenario.report.records import as_json
 
 STDOUT: Final = "-"
-_READER_GONE: Final = (errno.EPIPE, errno.EIO)
-"""Errors of writing to a closed pipe and to a closed terminal."""
+_READER_GONE: Final = (errno.EPIPE, errno.EIO)  # errors of writing to a closed pipe and to a closed terminal
 
 
 class _FailsafeStream:

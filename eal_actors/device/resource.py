@@ -91,7 +91,7 @@ def _check_declaration(kind: str, name: str, fields: dict[str, Any]) -> None:
         return
     has_argument, carries_it = fields.get("argument") is not None, CommandInfo(name).prefix is not None
     if not carries_it and ("<" in name or ">" in name):
-        raise ArgumentError(f"{kind} {name!r}: an argument in the text stands at its end, as in 'r<degrees>'")
+        raise ArgumentError(f"{kind} {name!r}: an argument in the text must be at its end, as in 'r<degrees>'")
     if carries_it and not has_argument:
         raise ArgumentError(f"{kind} {name!r} needs a ValueInfo for its argument")
     if kind == "request" and has_argument and not carries_it:

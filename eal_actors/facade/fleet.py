@@ -12,8 +12,7 @@ from typing import Final, Self, TypeVar
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import CLOSE_TIMEOUT_S, ResourceHandle, RobotHandle, close_robots
-from eal_actors.actors.robot_actor import start_robot
-from eal_actors.actors.robot_spec import RobotSpec
+from eal_actors.actors.robot_actor import RobotSpec, start_robot
 from eal_actors.actors.robot_view import RobotState, RobotView
 from eal_actors.actors.supervision import Restart
 from eal_actors.device.info import unknown_name

@@ -184,7 +184,7 @@ class _Composer(yaml.BaseLoader):
             line, column = (mark.line + 1, mark.column + 1) if mark else (0, 0)
             self._give_up(self._explain(error, line), line, column)
         except (ValueError, OverflowError):  # chr() of an escape such as "\UFFFFFFFF"
-            self._give_up("the escape stands for no character", self.line + 1, self.column + 1)
+            self._give_up("the escape is no valid character", self.line + 1, self.column + 1)
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Compose a node; overrides PyYAML's method, which also calls it for each child."""
@@ -211,7 +211,7 @@ class _Composer(yaml.BaseLoader):
         if problem.startswith("but found another document"):
             return "a second document starts here; one file holds one document"
         if "'\\t'" in problem:
-            return "a tab stands where YAML allows only spaces"
+            return "YAML does not allow a tab here; use spaces"
         text = f"not valid YAML: {problem}"
         if error.context and error.context_mark and error.context != problem:
             text += f", {error.context} from line {error.context_mark.line + 1}"
@@ -275,7 +275,7 @@ class _Builder:
                 continue
             if key in mapping:
                 first = mapping.key_marks[key]
-                self.report(key_node, (*path, key), f"duplicate key; it stands in line {first.line} already")
+                self.report(key_node, (*path, key), f"duplicate key; first defined in line {first.line}")
             value = self.build(child, (*path, key))
             mapping.put(key, value, self._mark(key_node), self._mark(child))
         return mapping

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 from eal_actors.device.world import WorldModel
-from eal_actors.device.world.validation import validate
-from eal_actors.kernel.errors import ConfigError, RobotNotFoundError
+from eal_actors.device.world.loading import validate
+from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
 from eal_actors.kernel.strict_model import StrictModel, did_you_mean, problems_from
-from eal_actors.managers.fleet_loader import fleet_of, load_fleet
+from eal_actors.managers.fleet_loader import fleet_of, load_fleet, tree_of
 from eal_actors.managers.fleet_model import FleetConfig, FleetFile, RobotConfig
-from eal_actors.managers.in_memory import tree_of
 from eal_actors.managers.manifest import ManifestFile
+
+T = TypeVar("T")
 
 
 class EALConfigManager:
@@ -112,6 +113,15 @@ class EALConfigManager:
             message = f"{owner} '{name}'" if what == "robot" else f"{owner} of {what} '{name}'"
             raise RobotNotFoundError(message + did_you_mean(name, existing))
         return asked
+
+
+def collect_problems(problems: list[Problem], read: Callable[[], T]) -> T | None:
+    """Return what `read` returns; add the problems of its ConfigError and return None if it fails."""
+    try:
+        return read()
+    except ConfigError as error:
+        problems += error.problems
+        return None
 
 
 def world_of(content: WorldModel | Mapping[str, object], *, name: str = "world") -> WorldModel:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Final, Literal
 
@@ -141,7 +141,6 @@ class PluginSettings:
 
     Attributes:
         instance: name of the instance, unique in its robot.
-        plugin: name of the plugin.
         tree: the settings with their places in the file; errors about no setting in particular point to where
             the plugin is named.
     """
@@ -170,7 +169,6 @@ class RobotConfig:
 
     Attributes:
         name: unique in the fleet.
-        type: its own type.
         types: its type, the type that builds on, and so on.
         tags: words to select it by.
         timeout_s: deadline of a call that gives none, in seconds of the fleet's clock.
@@ -205,7 +203,6 @@ class FleetConfig:
     """A fleet, checked and resolved.
 
     Attributes:
-        name: the fleet's name.
         source: the file it was read from, as the user gave it.
         rate: seconds of fleet time in one real second, or `max`.
         seed: the seed of all random generators of the fleet.
@@ -236,21 +233,9 @@ def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> Robot
         instance: _plugin_settings(name, instance, merged["plugins"], section.plugins[instance].plugin)
         for instance in section.plugins
     }
-    return RobotConfig(
-        name=name,
-        type=section.type,
-        types=types,
-        tags=section.tags,
-        timeout_s=section.timeout_s,
-        mailbox=section.mailbox,
-        restart=section.restart,
-        max_restarts=section.max_restarts,
-        restart_window_s=section.restart_window_s,
-        plugins=plugins,
-        address=section.address,
-        listen=section.listen,
-        exclusive=section.exclusive,
-    )
+    copied = {field.name for field in fields(RobotConfig)} - {"name", "types", "plugins"}
+    values = {key: getattr(section, key) for key in copied}
+    return RobotConfig(name=name, types=types, plugins=plugins, **values)
 
 
 def _plugin_settings(robot: str, instance: str, plugins: MarkedDict, plugin: str | None) -> PluginSettings:

@@ -159,7 +159,6 @@ class Grant:
     """The permissions of one certificate.
 
     Attributes:
-        name: name of the certificate.
         role: `controller` for everything, `observer` for reading.
         robots: to which robots it is limited, or None.
         resources: to which resources of each robot it is limited, or None.
@@ -197,7 +196,6 @@ class NetworkConfig:
         dead_man_s: silence of the controller after which a robot halts what it moves, in real seconds.
         compression: whether all traffic is compressed.
         discovery: whether robots and routers answer a discovery by multicast.
-        routers: endpoints of routers.
         security: keys and roles, or None for an open network.
     """
 
@@ -214,28 +212,12 @@ DEFAULT_NETWORK: Final = NetworkConfig()
 
 
 def network_config(section: NetworkSection, folder: Path) -> NetworkConfig:
-    """Build the network from its section.
-
-    Args:
-        section: the section of the fleet file.
-        folder: folder of the file that names the keys.
-    """
-    security = section.security
-    return NetworkConfig(
-        lease_s=section.lease_s,
-        dead_man_s=section.dead_man_s,
-        compression=section.compression,
-        discovery=section.discovery,
-        routers=section.routers,
-        security=None
-        if security is None
-        else SecurityConfig(
-            keys=folder / security.keys,
-            controller=security.controller,
-            grants=tuple(_grants(security.roles)),
-            routers=security.roles.routers,
-        ),
-    )
+    """Build the network from its section; `folder` is that of the file that names the keys."""
+    values = {name: getattr(section, name) for name in NetworkSection.model_fields}
+    if (security := section.security) is not None:
+        grants = tuple(_grants(security.roles))
+        values["security"] = SecurityConfig(folder / security.keys, security.controller, grants, security.roles.routers)
+    return NetworkConfig(**values)
 
 
 def _grants(roles: RolesSection) -> Iterator[Grant]:

@@ -11,23 +11,16 @@ The pytest fixture `simulation` makes simulations, and closes them at the end of
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from eal_actors.testing.factory import SimulationFactory
-    from eal_actors.testing.simulation import Pose, Simulation
+    from eal_actors.testing.simulation import Pose, Simulation, SimulationFactory
 
 __all__ = ["Pose", "Simulation", "SimulationFactory"]
-
-_HOMES: Final = {
-    "Pose": "eal_actors.testing.simulation",
-    "Simulation": "eal_actors.testing.simulation",
-    "SimulationFactory": "eal_actors.testing.factory",
-}
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name lazily: pytest imports this package in every run, and most runs do not use it."""
-    if name not in _HOMES:
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_HOMES[name]), name)
+    return getattr(import_module("eal_actors.testing.simulation"), name)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import pytest
 
 if TYPE_CHECKING:
-    from eal_actors.testing.factory import SimulationFactory
+    from eal_actors.testing.simulation import SimulationFactory
 
 _SEED_OPTION: Final = "--eal-seed"
 _FACTORY: Final = pytest.StashKey["SimulationFactory"]()
@@ -77,7 +77,7 @@ def simulation(request: pytest.FixtureRequest) -> Iterator[SimulationFactory]:
 
     They are closed at the end of the test. The test fails if it leaves threads of theirs behind.
     """
-    from eal_actors.testing.factory import SimulationFactory
+    from eal_actors.testing.simulation import SimulationFactory
 
     factory = SimulationFactory(request.config.getoption(_SEED_OPTION))
     request.node.stash[_FACTORY] = factory

@@ -67,12 +67,7 @@ class _CaseFailed(Exception):  # noqa: N818  # pytest calls it a failure
 
 
 class ScenarioCase(pytest.Item):
-    """One run of a scenario in simulation, as fast as possible.
-
-    Args:
-        scenario: the scenario.
-        keywords: passed to pytest.Item.
-    """
+    """One run of a scenario in simulation, as fast as possible."""
 
     def __init__(self, *, scenario: Scenario, **keywords: Any) -> None:
         super().__init__(**keywords)

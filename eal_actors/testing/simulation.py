@@ -1,12 +1,13 @@
-"""Simulated fleet whose time the test advances."""
+"""Simulated fleet whose time the test advances, and the factory of a test's simulations."""
 
 from __future__ import annotations
 
 import math
+import textwrap
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Final, NamedTuple, Self
 
 from typing_extensions import override
 
@@ -16,9 +17,10 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import ArgumentError, UnavailableError, WaitTimeoutError
 from eal_actors.kernel.lock_step import LockStepClock
-from eal_actors.scenario import Report, Scenario, run_scenario
-from eal_actors.testing.making import Robots, World, simulated_fleet
-from eal_actors.testing.scenario_text import read_scenario
+from eal_actors.scenario import Report, Scenario, load_scenario, parse_scenario, run_scenario
+from eal_actors.testing.fleet_config import Robots, World, simulated_fleet
+
+_GRACE_S: Final = 2.0  # real seconds that threads have to end after their simulation is closed
 
 
 class Pose(NamedTuple):
@@ -327,3 +329,52 @@ def _require_duration(name: str, duration_s: float) -> float:
 def _name_condition(condition: Callable[[], object]) -> str:
     name = getattr(condition, "__name__", "<lambda>")
     return "the condition" if name == "<lambda>" else f"the condition {name}"
+
+
+def read_scenario(source: str | Path) -> Scenario:
+    """Read a scenario from its text of more than one line, which may be indented, or from its file.
+
+    Raises:
+        ConfigError: the scenario is wrong; names every problem.
+    """
+    if isinstance(source, Path) or "\n" not in source:
+        return load_scenario(source)
+    return parse_scenario(textwrap.dedent(source), "scenario")
+
+
+class SimulationFactory:
+    """The value of the fixture `simulation`: a callable with the arguments of `Simulation` that returns an open one.
+
+    Args:
+        seed: seed of simulations without one; None leaves their default.
+    """
+
+    def __init__(self, seed: int | None = None) -> None:
+        self._seed = seed
+        self._made: list[Simulation] = []
+
+    def __call__(
+        self,
+        robots: Robots,
+        world: World | None = None,
+        *,
+        seed: int | None = None,
+        plugin_dirs: Sequence[str | Path] = (),
+    ) -> Simulation:
+        """Return a new connected simulation; arguments and errors as for `Simulation` and its `open`."""
+        chosen = self._seed if seed is None else seed
+        simulation = Simulation(robots, world, seed=chosen, plugin_dirs=plugin_dirs)
+        self._made.append(simulation)
+        return simulation.open()
+
+    def describe(self) -> str:
+        """Return a line for each simulation, with the seed that repeats a failed test."""
+        return "\n".join(f"{made!r}, {made.now_s:g} s since the start, --eal-seed={made.seed}" for made in self._made)
+
+    def close(self) -> tuple[str, ...]:
+        """Close every simulation; return the names of threads that still run. Thread: blocks the caller."""
+        for simulation in self._made:
+            simulation.close()
+        end_s = REAL_TIME.now() + _GRACE_S
+        left = [simulation.threads_left(max(0.0, end_s - REAL_TIME.now())) for simulation in self._made]
+        return tuple(name for names in left for name in names)

@@ -16,7 +16,19 @@ from .capture import LEAST_FPS, MOST_FPS, Capture, Image, fps_of, is_same_fps, r
 SUFFIXES: Final = (".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp")
 
 
-class VideoFile(Capture):
+class _Recording(Capture):
+    """Recorded pictures at a frame rate."""
+
+    def __init__(self, fps: float) -> None:
+        self._fps = fps
+        self.period_s: float | None = 1.0 / fps
+
+    @override
+    def mode(self) -> dict[str, float]:
+        return {"fps": self._fps, "exposure": 1.0}
+
+
+class VideoFile(_Recording):
     """An open video file. It plays at its own rate.
 
     Args:
@@ -38,8 +50,7 @@ class VideoFile(Capture):
         if fps is None:
             self._capture.release()
             raise OSError(f"it is not a video with a rate of {LEAST_FPS:g} to {MOST_FPS:g} pictures per second")
-        self._fps = fps
-        self.period_s: float | None = 1.0 / fps
+        super().__init__(fps)
 
     @override
     def read(self) -> Image:
@@ -55,10 +66,6 @@ class VideoFile(Capture):
         return np.asarray(image, np.uint8)
 
     @override
-    def mode(self) -> dict[str, float]:
-        return {"fps": self._fps, "exposure": 1.0}
-
-    @override
     def adjust(self, wishes: Mapping[str, float]) -> list[str]:
         size = {
             "width": self._capture.get(cv2.CAP_PROP_FRAME_WIDTH),
@@ -71,7 +78,7 @@ class VideoFile(Capture):
         self._capture.release()
 
 
-class ImageFolder(Capture):
+class ImageFolder(_Recording):
     """A folder of images. The order is natural: 2.png before 10.png.
 
     Args:
@@ -84,13 +91,12 @@ class ImageFolder(Capture):
     """
 
     def __init__(self, path: Path, *, loop: bool, fps: float) -> None:
+        super().__init__(fps)
         self._path = path
         self._loop = loop
-        self._fps = fps
         self._files = self._list()
         self._next = 0
         self._size: dict[str, float] = {}
-        self.period_s: float | None = 1.0 / fps
 
     @override
     def read(self) -> Image:
@@ -105,10 +111,6 @@ class ImageFolder(Capture):
         self._next += 1
         self._size = {"height": image.shape[0], "width": image.shape[1]}
         return np.asarray(image, np.uint8)
-
-    @override
-    def mode(self) -> dict[str, float]:
-        return {"fps": self._fps, "exposure": 1.0}
 
     @override
     def adjust(self, wishes: Mapping[str, float]) -> list[str]:

@@ -1,5 +1,7 @@
 """The start of the plugins of both EvBots: settings, the port, and the first greeting."""
 
+# ruff: noqa: N802  # the plugin API requires names such as create_Base
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -9,18 +11,21 @@ from pydantic import model_validator
 
 from eal_actors.plugin import (
     BytePort,
+    Drivetrain,
     EALPlugin,
     Field,
     PluginContext,
     PluginSettingsModel,
     ReopeningPort,
+    Resource,
     WheelCalibration,
 )
 
+from .base import Base
 from .codec import Codec
 from .firmware import BaseEmulator
 from .messages import WATCHDOG_MS, BaseReply, BaseRequest, Channel
-from .odometry import Odometer
+from .odometry import Odometer, Odometry
 from .session import BaseSession
 
 _FIRST_GREETING_S: Final = 0.5
@@ -49,12 +54,38 @@ class SessionSettings(PluginSettingsModel):
 
 
 class EvBotPlugin(EALPlugin):
-    """An EvBot at the other end of a port."""
+    """An EvBot at the other end of a port.
 
-    def __init__(self, session: BaseSession, odometer: Odometer, *names: str) -> None:
+    Attributes:
+        session: the session with the base.
+        odometer: its odometer.
+        drivetrain: the parameters of its base.
+    """
+
+    def __init__(self, session: BaseSession, odometer: Odometer, drivetrain: Drivetrain, *names: str) -> None:
         super().__init__(*names)
         self.session = session
         self.odometer = odometer
+        self.drivetrain = drivetrain
+
+
+def disconnect(plugin: EvBotPlugin) -> None:
+    """Close the port; the base is stopped already."""
+    plugin.session.close()
+
+
+def create_Base(context: PluginContext) -> Base:
+    """Create the base."""
+    return Base(context.plugin.session, context.plugin.odometer, context.plugin.drivetrain)
+
+
+def create_Odometry(context: PluginContext) -> Odometry:
+    """Create the odometry."""
+    return Odometry(context.plugin.session, context.plugin.odometer)
+
+
+def destroy(resource: Resource) -> None:
+    """Do nothing: the plugin owns the session."""
 
 
 def open_base_port(

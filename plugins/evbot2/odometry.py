@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import threading
 
 from eal_actors.plugin import (
-    ArgumentError,
     DataType,
     EALData,
     Resource,
@@ -16,7 +14,7 @@ from eal_actors.plugin import (
     request,
 )
 
-from ..roomba.odometry import DeadReckoning
+from ..roomba.odometry import DeadReckoning, finite_pose
 from .messages import BaseWelcome
 from .session import BaseSession, StatusReading
 
@@ -107,10 +105,7 @@ class Odometry(Resource):
         Raises:
             ArgumentError: a number is not finite.
         """
-        x_m, y_m, yaw_rad = (float(number) for number in data.value)
-        if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
-            raise ArgumentError(f"a pose must consist of finite numbers, not {x_m:g}, {y_m:g}, {yaw_rad:g}")
-        self._odometer.place(x_m, y_m, yaw_rad)
+        self._odometer.place(*finite_pose(data))
 
     @request("travel", ValueInfo(DataType.DOUBLE, "m", shape=(2,)))
     def travel(self) -> EALData:

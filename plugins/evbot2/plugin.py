@@ -1,25 +1,23 @@
 """The evbot2 plugin: a tracked base over a serial line (Source: thesis §6.1.1)."""
 
-# ruff: noqa: N802, N816  # the plugin API requires names such as create_Base
+# ruff: noqa: N816  # the plugin API requires names such as create_Base
 
 from __future__ import annotations
 
 from typing import Final, Literal
 
-from eal_actors.plugin import Drivetrain, Field, PluginContext, Resource, open_serial
+from eal_actors.plugin import Drivetrain, Field, PluginContext, open_serial
 
-from .base import Base
-from .connecting import EvBotPlugin, SessionSettings, open_base_port, start_session
+from . import connecting
 from .emulator import TRACKS, simulated_evbot2
 from .messages import Channel
-from .odometry import Odometry
 from .protocol import BAUD_RATE, MODEL, HostLineCodec
 
 DRIVETRAIN: Final = Drivetrain("evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0)
 """The EvBot II."""
 
 
-class Settings(SessionSettings):
+class Settings(connecting.SessionSettings):
     """The plugin's settings in the fleet file."""
 
     port: str = Field(min_length=1)
@@ -28,7 +26,7 @@ class Settings(SessionSettings):
     """Baud rate of a device path."""
 
 
-def connect(context: PluginContext) -> EvBotPlugin:
+def connect(context: PluginContext) -> connecting.EvBotPlugin:
     """Open the port and greet the base; an absent base is not ready, and greeted when it appears.
 
     Raises:
@@ -37,36 +35,18 @@ def connect(context: PluginContext) -> EvBotPlugin:
     Thread: the robot's; see open_base_port and start_session.
     """
     settings: Settings = context.settings
-    port = open_base_port(
+    port = connecting.open_base_port(
         context,
         settings.port,
         DRIVETRAIN.name,
         simulated_evbot2,
         lambda: open_serial(settings.port, baudrate=settings.baudrate),
     )
-    session, odometer = start_session(
+    session, odometer = connecting.start_session(
         context, port, HostLineCodec(), model=MODEL, channels=(Channel.WHEELS,), track_m=DRIVETRAIN.track_m
     )
-    return EvBotPlugin(session, odometer, "Base", "Odometry")
+    return connecting.EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry")
 
 
-def disconnect(plugin: EvBotPlugin) -> None:
-    """Close the port; the base is stopped already."""
-    plugin.session.close()
-
-
-def create_Base(context: PluginContext) -> Base:
-    """Create the base."""
-    return Base(context.plugin.session, context.plugin.odometer, DRIVETRAIN)
-
-
-def create_Odometry(context: PluginContext) -> Odometry:
-    """Create the odometry."""
-    return Odometry(context.plugin.session, context.plugin.odometer)
-
-
-def _destroy(resource: Resource) -> None:
-    """Do nothing: the plugin owns the session."""
-
-
-destroy_Base, destroy_Odometry = _destroy, _destroy
+disconnect, create_Base, create_Odometry = connecting.disconnect, connecting.create_Base, connecting.create_Odometry
+destroy_Base, destroy_Odometry = connecting.destroy, connecting.destroy

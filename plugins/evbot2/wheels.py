@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 from typing_extensions import override
 
@@ -35,27 +36,33 @@ _ROUNDING: Final = 1e-6
 _UM: Final = 1e6
 
 
-class Actuator(Protocol):
-    """The hardware of a channel of the firmware."""
+class Actuator(ABC):
+    """The controller of a channel of the firmware."""
+
+    def __init__(self) -> None:
+        self._order = 0
+        self._state = State.IDLE
 
     @property
     def is_busy(self) -> bool:
         """Whether it moves and needs ticks."""
-        raise NotImplementedError
+        return self._state is State.MOVING
 
+    @abstractmethod
     def accept(self, verb: Verb, numbers: Sequence[int], tag: int, now_s: float) -> Code:
         """Begin an order; return the reply code."""
-        raise NotImplementedError
 
+    @abstractmethod
     def tick(self, now_s: float) -> None:
         """Advance the motion."""
 
+    @abstractmethod
     def stop(self, state: State) -> None:
         """Stop the motion, if any, and record its end state."""
 
+    @abstractmethod
     def status(self) -> tuple[int, ...]:
         """Return its numbers in the status."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,22 +128,16 @@ class WheelController(Actuator):
     """
 
     def __init__(self, vehicle: Vehicle, model: WheelModel, tick_s: float) -> None:
+        super().__init__()
         self._vehicle = vehicle
         self._model = model
         self._least_tick_s = self._tick_s = tick_s
         self._ticked_s = -math.inf
-        self._order = 0
-        self._state = State.IDLE
         self._move: _Move | None = None
         self._hold_until_s = -math.inf
         self._driven = (0.0, 0.0)
         self._counted = self._count()
         self._counted_s = -math.inf  # time of the last encoder count
-
-    @property
-    @override
-    def is_busy(self) -> bool:
-        return self._state is State.MOVING
 
     @override
     def accept(self, verb: Verb, numbers: Sequence[int], tag: int, now_s: float) -> Code:

@@ -14,7 +14,6 @@ import argparse
 import asyncio
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from random import Random
 from typing import Any, Final
 
@@ -28,11 +27,14 @@ from ..evbot2.messages import Channel
 from ..evbot2.serving import TICK_S, Address, EmulatorServer, FaultyWire, on_tcp, on_udp, run
 from ..evbot2.vehicle import FreeVehicle
 from ..evbot2.wheels import Actuator, WheelController, WheelModel
+from ..roomba.bodies import ConstantBattery
 from .firmware import TurretController, TurretServo, TurretVehicle, senses
 from .protocol import MODEL, BaseFrameCodec
 
 WHEELS: Final = WheelModel(track_m=0.30, step_m=0.0002, max_speed_m_s=0.6, acceleration_m_s2=0.8)
 """The wheels of an EvBot III."""
+
+_BATTERY: Final = ConstantBattery(12.6, -1.5, 6.5, 7.2, 23.5)
 
 
 def evbot3(vehicle: TurretVehicle, tick_s: float, boot: int = 1) -> BaseEmulator:
@@ -88,17 +90,6 @@ class FreeServo(TurretServo):
         self.turn(0.0, 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class ConstantBattery:
-    """A nearly full battery that is not drained."""
-
-    voltage_v: float = 12.6
-    current_a: float = -1.5
-    charge_ah: float = 6.5
-    capacity_ah: float = 7.2
-    temperature_c: float = 23.5
-
-
 class FreeTurretVehicle(FreeVehicle, TurretVehicle):
     """An EvBot III's vehicle on an endless floor.
 
@@ -125,7 +116,7 @@ class FreeTurretVehicle(FreeVehicle, TurretVehicle):
 
     @override
     def battery(self) -> ConstantBattery:
-        return ConstantBattery()
+        return _BATTERY
 
 
 def emulate(settings: Mapping[str, Any], now_s: Callable[[], float]) -> BaseEmulator:  # noqa: ARG001  # the same for all

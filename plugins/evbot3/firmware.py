@@ -66,14 +66,8 @@ class TurretController(Actuator):
     """
 
     def __init__(self, servo: TurretServo) -> None:
+        super().__init__()
         self._servo = servo
-        self._order = 0
-        self._state = State.IDLE
-
-    @property
-    @override
-    def is_busy(self) -> bool:
-        return self._state is State.MOVING
 
     @override
     def accept(self, verb: Verb, numbers: Sequence[int], tag: int, now_s: float) -> Code:

@@ -9,12 +9,10 @@ from urllib.parse import urlsplit
 
 from pydantic import field_validator
 
-from eal_actors.plugin import BytePort, Drivetrain, Field, PluginContext, Resource, UdpPort, open_tcp
+from eal_actors.plugin import BytePort, Drivetrain, Field, PluginContext, UdpPort, open_tcp
 
-from ..evbot2.base import Base
-from ..evbot2.connecting import EvBotPlugin, SessionSettings, open_base_port, start_session
+from ..evbot2 import connecting
 from ..evbot2.messages import Channel
-from ..evbot2.odometry import Odometry
 from .emulator import WHEELS, simulated_evbot3
 from .protocol import MODEL, HostFrameCodec
 from .sensors import Battery, Bump
@@ -26,7 +24,7 @@ DRIVETRAIN: Final = Drivetrain("evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_
 _CONNECT_TIMEOUT_S: Final = 2.0
 
 
-class Settings(SessionSettings):
+class Settings(connecting.SessionSettings):
     """The plugin's settings in the fleet file."""
 
     address: str = Field(min_length=1)
@@ -58,7 +56,7 @@ def _open(address: str) -> BytePort:
     return UdpPort(host, port) if scheme == "udp" else open_tcp(host, port, _CONNECT_TIMEOUT_S)
 
 
-def connect(context: PluginContext) -> EvBotPlugin:
+def connect(context: PluginContext) -> connecting.EvBotPlugin:
     """Open the port and greet the base; an absent base is not ready, and greeted when it appears.
 
     Raises:
@@ -68,26 +66,11 @@ def connect(context: PluginContext) -> EvBotPlugin:
     """
     settings: Settings = context.settings
     address = settings.address
-    port = open_base_port(context, address, DRIVETRAIN.name, simulated_evbot3, lambda: _open(address))
+    port = connecting.open_base_port(context, address, DRIVETRAIN.name, simulated_evbot3, lambda: _open(address))
     channels = (Channel.WHEELS, Channel.TURRET)
     codec, track_m = HostFrameCodec(), DRIVETRAIN.track_m
-    session, odometer = start_session(context, port, codec, model=MODEL, channels=channels, track_m=track_m)
-    return EvBotPlugin(session, odometer, "Base", "Odometry", "Turret", "Bump", "Battery")
-
-
-def disconnect(plugin: EvBotPlugin) -> None:
-    """Close the port; the base is stopped already."""
-    plugin.session.close()
-
-
-def create_Base(context: PluginContext) -> Base:
-    """Create the base."""
-    return Base(context.plugin.session, context.plugin.odometer, DRIVETRAIN)
-
-
-def create_Odometry(context: PluginContext) -> Odometry:
-    """Create the odometry."""
-    return Odometry(context.plugin.session, context.plugin.odometer)
+    session, odometer = connecting.start_session(context, port, codec, model=MODEL, channels=channels, track_m=track_m)
+    return connecting.EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry", "Turret", "Bump", "Battery")
 
 
 def create_Turret(context: PluginContext) -> Turret:
@@ -105,8 +88,5 @@ def create_Battery(context: PluginContext) -> Battery:
     return Battery(context.plugin.session)
 
 
-def _destroy(resource: Resource) -> None:
-    """Do nothing: the plugin owns the session."""
-
-
-destroy_Base = destroy_Odometry = destroy_Turret = destroy_Bump = destroy_Battery = _destroy
+disconnect, create_Base, create_Odometry = connecting.disconnect, connecting.create_Base, connecting.create_Odometry
+destroy_Base = destroy_Odometry = destroy_Turret = destroy_Bump = destroy_Battery = connecting.destroy

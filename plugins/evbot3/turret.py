@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from typing_extensions import override
+
 from eal_actors.plugin import (
     Activity,
     DataType,
@@ -29,19 +31,69 @@ _TURN_RATE: Final = ValueInfo(DataType.DOUBLE, "deg/s", 1, round(math.degrees(MA
 _U: Final = 1e6
 
 
-class Turret(Resource):
+class TurretCommands(Resource):
+    """The interface of a real and of a simulated turret.
+
+    Args:
+        turn_rate_deg_s: the initial turn rate.
+    """
+
+    types = ResourceType.ACTUATOR
+    value = ValueInfo(DataType.DOUBLE, "rad")
+
+    def __init__(self, turn_rate_deg_s: float) -> None:
+        self._turn_rate_deg_s = turn_rate_deg_s
+
+    def swing(self, degrees: float) -> Activity:
+        """Turn by an angle, positive to the left."""
+        raise NotImplementedError
+
+    def aim(self, degrees: float) -> Activity:
+        """Turn to an angle to the left of straight ahead, in the shorter direction."""
+        raise NotImplementedError
+
+    @command("l<degrees>", _ANGLE)
+    def left_by(self, degrees: float) -> Activity:
+        """Turn left by an angle."""
+        return self.swing(degrees)
+
+    @command("r<degrees>", _ANGLE)
+    def right_by(self, degrees: float) -> Activity:
+        """Turn right by an angle."""
+        return self.swing(-degrees)
+
+    @command("t<degrees>", _TO_ANGLE)
+    def turn_to(self, degrees: float) -> Activity:
+        """Turn to an angle to the left of straight ahead, in the shorter direction."""
+        return self.aim(degrees)
+
+    @command("s", urgent=True)
+    def stop(self) -> int:
+        """Stop at once."""
+        self.halt()
+        return 1
+
+    @config("turn_rate_deg_s", _TURN_RATE)
+    def turn_rate_deg_s(self) -> float:
+        """Speed of turning."""
+        return self._turn_rate_deg_s
+
+    @config_setter("turn_rate_deg_s")
+    def set_turn_rate_deg_s(self, turn_rate_deg_s: float) -> None:
+        """Set the turn rate of later commands."""
+        self._turn_rate_deg_s = float(turn_rate_deg_s)
+
+
+class Turret(TurretCommands):
     """Turns on the robot; get_status: 0 rests, 1 turns; get_value: its angle in rad, to the left of straight ahead.
 
     Args:
         session: the session with the base, which Base polls.
     """
 
-    types = ResourceType.ACTUATOR
-    value = ValueInfo(DataType.DOUBLE, "rad")
-
     def __init__(self, session: BaseSession) -> None:
+        super().__init__(90.0)
         self._session = session
-        self._turn_rate_deg_s = 90.0
 
     def not_ready(self) -> str | None:
         """Return why the turret cannot turn now."""
@@ -61,36 +113,13 @@ class Turret(Resource):
         """Stop at once."""
         self._session.stop(Channel.TURRET)
 
-    @command("l<degrees>", _ANGLE)
-    def left_by(self, degrees: float) -> Activity:
-        """Turn left by an angle."""
+    @override
+    def swing(self, degrees: float) -> Activity:
         return self._turn(Verb.SWING, degrees)
 
-    @command("r<degrees>", _ANGLE)
-    def right_by(self, degrees: float) -> Activity:
-        """Turn right by an angle."""
-        return self._turn(Verb.SWING, -degrees)
-
-    @command("t<degrees>", _TO_ANGLE)
-    def turn_to(self, degrees: float) -> Activity:
-        """Turn to an angle to the left of straight ahead, in the shorter direction."""
+    @override
+    def aim(self, degrees: float) -> Activity:
         return self._turn(Verb.AIM, degrees)
-
-    @command("s", urgent=True)
-    def stop(self) -> int:
-        """Stop at once."""
-        self.halt()
-        return 1
-
-    @config("turn_rate_deg_s", _TURN_RATE)
-    def turn_rate_deg_s(self) -> float:
-        """Speed of turning."""
-        return self._turn_rate_deg_s
-
-    @config_setter("turn_rate_deg_s")
-    def set_turn_rate_deg_s(self, turn_rate_deg_s: float) -> None:
-        """Set the turn rate of later commands."""
-        self._turn_rate_deg_s = float(turn_rate_deg_s)
 
     def _turn(self, verb: Verb, degrees: float) -> Activity:
         numbers = tuple(round(math.radians(angle_deg) * _U) for angle_deg in (degrees, self._turn_rate_deg_s))

@@ -103,61 +103,85 @@ class FreeWheel:
         self.travel_m += (before_m_s + self.speed_m_s) / 2 * ramp_s + self.speed_m_s * (duration_s - ramp_s)
 
 
-class FreeRoombaBody(RoombaBody):
-    """A body on an endless floor; a test sets its sensors.
+class FreeDrive:
+    """Two wheels on an endless floor. They are advanced lazily, on access.
 
     Args:
-        now: returns the time in seconds.
-        wheelbase_m: distance of its wheels.
+        now_s: returns the time in seconds.
+        wheelbase_m: effective distance of the wheels.
         acceleration_m_s2: of each wheel.
 
     Attributes:
         left: the left wheel.
         right: the right wheel.
-        bumped: what `bumps` returns; the others likewise.
-        stuck: whether the wheels cannot turn.
+        is_stuck: whether the wheels cannot turn.
+    """
+
+    brake_factor = 1.0
+    """Wheels with target speeds of 0 decelerate by this factor faster than driven wheels accelerate."""
+
+    def __init__(self, now_s: Callable[[], float], wheelbase_m: float, acceleration_m_s2: float) -> None:
+        self.left, self.right = FreeWheel(), FreeWheel()
+        self.is_stuck = False
+        self._now_s = now_s
+        self._acceleration_m_s2 = acceleration_m_s2
+        self._at_s = now_s()
+        self._odometer = DeadReckoning(wheelbase_m)
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """The true pose: x in m, y in m, yaw in rad in (-pi, pi], from (0, 0, 0) at first."""
+        self._catch_up()
+        return self._odometer.pose
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether a wheel has a target speed."""
+        return bool(self.left.target_m_s or self.right.target_m_s)
+
+    def drive(self, left_m_s: float, right_m_s: float) -> None:
+        """Set the wheels' speeds until the next call; both 0 stops."""
+        self._catch_up()
+        self.left.target_m_s, self.right.target_m_s = left_m_s, right_m_s
+
+    def travel_m(self) -> tuple[float, float]:
+        """Return the totals of the left and the right wheel's encoder, forward positive."""
+        self._catch_up()
+        return self.left.travel_m, self.right.travel_m
+
+    def _catch_up(self) -> None:
+        now_s, (left, right) = self._now_s(), (self.left, self.right)
+        duration_s, self._at_s = now_s - self._at_s, now_s
+        if self.is_stuck or duration_s <= 0:
+            return
+        before_m = left.travel_m, right.travel_m
+        acceleration_m_s2 = self._acceleration_m_s2 * (1.0 if self.is_driven else self.brake_factor)
+        for wheel in (left, right):
+            wheel.advance(duration_s, acceleration_m_s2)
+        self._odometer.add(left.travel_m - before_m[0], right.travel_m - before_m[1])
+
+
+class FreeRoombaBody(FreeDrive, RoombaBody):
+    """A body on an endless floor; a test sets its sensors.
+
+    Args:
+        now_s: returns the time in seconds.
+        wheelbase_m: distance of its wheels.
+        acceleration_m_s2: of each wheel.
+
+    Attributes:
+        bumped: the value of `bumps`; the others likewise.
     """
 
     def __init__(
-        self, now: Callable[[], float], wheelbase_m: float, acceleration_m_s2: float = _ACCELERATION_M_S2
+        self, now_s: Callable[[], float], wheelbase_m: float, acceleration_m_s2: float = _ACCELERATION_M_S2
     ) -> None:
-        self.left, self.right = FreeWheel(), FreeWheel()
+        super().__init__(now_s, wheelbase_m, acceleration_m_s2)
         self.bumped = (False, False)
         self.dropped = (False, False, False)
         self.over_cliffs = (False, False, False, False)
         self.by_wall = False
-        self.stuck = False
         self.charge = ConstantBattery()
-        self._now = now
-        self._acceleration_m_s2 = acceleration_m_s2
-        self._at_s = now()
-        self._place = DeadReckoning(wheelbase_m)
-
-    @property
-    def pose(self) -> tuple[float, float, float]:
-        """Where it is: x in m, y in m, yaw in rad in (-pi, pi], from (0, 0, 0) at first."""
-        self._catch_up()
-        return self._place.pose
-
-    def _catch_up(self) -> None:
-        now_s, (left, right) = self._now(), (self.left, self.right)
-        duration_s, self._at_s = now_s - self._at_s, now_s
-        if self.stuck or duration_s <= 0:
-            return
-        before_m = left.travel_m, right.travel_m
-        for wheel in (left, right):
-            wheel.advance(duration_s, self._acceleration_m_s2)
-        self._place.add(left.travel_m - before_m[0], right.travel_m - before_m[1])
-
-    @override
-    def drive(self, left_m_s: float, right_m_s: float) -> None:
-        self._catch_up()
-        self.left.target_m_s, self.right.target_m_s = left_m_s, right_m_s
-
-    @override
-    def travel_m(self) -> tuple[float, float]:
-        self._catch_up()
-        return self.left.travel_m, self.right.travel_m
 
     @override
     def bumps(self) -> tuple[bool, bool]:

@@ -7,6 +7,7 @@ import struct
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import ClassVar, Final
 
 from .bodies import RoombaBody
@@ -25,6 +26,16 @@ from .sci import (
 
 AWAKE: Final = frozenset({Mode.PASSIVE, Mode.SAFE, Mode.FULL})
 CONTROLLED: Final = frozenset({Mode.SAFE, Mode.FULL})
+LEADS_TO: Final[Mapping[int, Mode]] = MappingProxyType(
+    {
+        Op.START: Mode.PASSIVE,
+        Op.CONTROL: Mode.SAFE,
+        Op.SAFE: Mode.SAFE,
+        Op.FULL: Mode.FULL,
+        **dict.fromkeys((Op.POWER, Op.SPOT, Op.CLEAN, Op.MAX), Mode.PASSIVE),
+    }
+)
+"""The mode that each op code common to both interfaces leads to."""
 _ROUNDING_S: Final = 1e-9
 _KEPT: Final = 100
 _WAKES_IN_S: Final = 0.5

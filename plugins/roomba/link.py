@@ -29,22 +29,22 @@ class RoombaLink(Protocol):
 
     @property
     def openings(self) -> int:
-        """How often it was opened; after a change the Roomba may be another one."""
+        """Number of openings; after a reopening the port may have another Roomba."""
         ...
 
     @property
     def repeats(self) -> int:
-        """How often to send a command that must not be lost."""
+        """Number of transmissions of a command that must arrive."""
         ...
 
     @property
     def reading_lasts_s(self) -> float:
-        """Minimum age until which a reading is valid, because replies may be lost."""
+        """Minimum validity of a reading, because replies may be lost."""
         ...
 
     @property
     def is_busy(self) -> bool:
-        """Whether something waits to be sent, for which `receive` is to be called often."""
+        """Whether the queue is not empty; then `receive` must be called often."""
         ...
 
     def why_not_ready(self) -> str | None:
@@ -52,39 +52,39 @@ class RoombaLink(Protocol):
         ...
 
     def send(self, data: bytes, *, supersedes: bool = False) -> None:
-        """Send bytes.
+        """Send one command.
 
         Args:
-            data: one command.
-            supersedes: whether commands with the same op code that still wait are out of date.
+            data: the command.
+            supersedes: whether to drop queued commands with the same op code.
 
         Raises:
-            UnavailableError: they do not go out.
+            UnavailableError: the queue is full, the peer does not acknowledge, or the port is broken.
         """
         ...
 
     def urge(self, data: bytes) -> None:
-        """Send bytes at once, and drop all waiting bytes.
+        """Send bytes at once, and drop the queue.
 
         Raises:
-            UnavailableError: they do not go out.
+            UnavailableError: the port is broken.
         """
         ...
 
     def receive(self) -> bytes:
-        """Return what has come in since the last call; empty for nothing.
+        """Return the bytes received since the last call.
 
         Raises:
-            UnavailableError: the link is broken.
+            UnavailableError: the peer does not acknowledge, or the port is broken.
         """
         ...
 
     def pull_device_detect(self, *, low: bool) -> None:
-        """Pull the Roomba's device detect line low, or let go of it, where there is such a line."""
+        """Pull the Roomba's device detect line low, or release it, if the link has this line."""
         ...
 
     def close(self) -> None:
-        """Close it; harmless if it is closed."""
+        """Close it; no effect if it is closed."""
         ...
 
 
@@ -98,7 +98,7 @@ class Port(BytePort, Protocol):
 
     @property
     def openings(self) -> int:
-        """How often it has been opened."""
+        """Number of openings."""
         ...
 
     def why_not_ready(self) -> str | None:
@@ -110,16 +110,12 @@ class Port(BytePort, Protocol):
         ...
 
 
-class SerialLink(RoombaLink):
-    """A Link over a serial port.
+class PortLink(RoombaLink):
+    """A link at a port.
 
     Args:
         port: its read must not wait.
     """
-
-    repeats: Final = 1
-    reading_lasts_s: Final = 0.0
-    is_busy: Final = False
 
     def __init__(self, port: Port) -> None:
         self._port = port
@@ -139,11 +135,23 @@ class SerialLink(RoombaLink):
         return self._port.why_not_ready()
 
     @override
+    def close(self) -> None:
+        self._port.close()
+
+
+class SerialLink(PortLink):
+    """A link over the Roomba's cable at a serial port."""
+
+    repeats: Final = 1
+    reading_lasts_s: Final = 0.0
+    is_busy: Final = False
+
+    @override
     def send(self, data: bytes, *, supersedes: bool = False) -> None:  # nothing waits
         self._port.write(data)
 
+    @override
     def urge(self, data: bytes) -> None:
-        """See Link: nothing waits."""
         self._port.write(data)
 
     @override
@@ -151,7 +159,7 @@ class SerialLink(RoombaLink):
         return self._port.read(_CHUNK_BYTES)
 
     def pull_device_detect(self, *, low: bool) -> None:
-        """See Link: by the modem lines, of which a cable uses one. A pseudo-terminal and a socket have none."""
+        """Set both modem lines: a cable uses one of them. A pseudo-terminal and a socket have none."""
 
         def pull(port: Any) -> None:
             for line in ("rts", "dtr"):  # a line that is on is low at the connector
@@ -160,10 +168,6 @@ class SerialLink(RoombaLink):
 
         with suppress(UnavailableError):
             self._port.use(pull)
-
-    @override
-    def close(self) -> None:
-        self._port.close()
 
 
 def open_port(
@@ -175,7 +179,7 @@ def open_port(
         context: of the plugin.
         url: a device path, any URL of pyserial, or a simulated port, such as `sim://world`.
         baudrate: bits a second.
-        emulate: makes the emulator for a simulated robot's body.
+        emulate: creates the emulator for a simulated robot's body.
 
     Raises:
         PluginError: it can never be opened.

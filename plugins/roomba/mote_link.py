@@ -1,4 +1,4 @@
-"""A Link through a pair of motes: the Roomba's bytes travel as the payload of active messages, both ways."""
+"""A link through a pair of motes: active messages carry the Roomba's bytes, in both directions."""
 
 from __future__ import annotations
 
@@ -9,44 +9,44 @@ from typing_extensions import override
 
 from eal_actors.plugin import Clock, DataError, UnavailableError, get_logger
 
-from .link import Port, RoombaLink
+from .link import Port, PortLink
 from .tinyos import Ack, TinyosFraming
 
 ACK_TIMEOUT_S: Final = 0.1
 MOST_WAITING: Final = 32
-"""Packets that may wait to be sent."""
+"""Longest send queue, in packets."""
 _CHUNK_BYTES: Final = 4096
 _REPEATS: Final = 3
 _READING_LASTS_S: Final = 1.0
 
 
-class MoteLink(RoombaLink):
-    """A Link to the base mote at a serial port, whose radio reaches the mote on the robot.
+class MoteLink(PortLink):
+    """A link to the base mote at a serial port, whose radio reaches the mote on the robot.
 
-    One packet at a time is under way to the base mote. One that is not acknowledged is sent again, with the same
-    sequence number, so that the mote does not forward it twice. The acknowledgement says nothing of the radio: what
-    gets lost there is the matter of who uses the link.
+    One packet at a time is in flight to the base mote. A packet without an acknowledgement is sent again, with the
+    same sequence number, so that the mote does not forward it twice. The acknowledgement does not cover the radio:
+    the user of the link must handle losses there.
 
     Args:
         port: of the base mote; its read must not wait.
         clock: the fleet's clock.
         framing: the form of the packets.
-        tries: how often a packet is sent in all before the link gives up.
+        tries: number of transmissions of a packet before the link fails.
     """
 
     repeats: Final = _REPEATS
     reading_lasts_s: Final = _READING_LASTS_S
 
     def __init__(self, port: Port, clock: Clock, framing: TinyosFraming, tries: int) -> None:
-        self._port = port
+        super().__init__(port)
         self._clock = clock
         self._framing = framing
         self._tries = tries
         self._deframer = framing.deframer()
         self._waiting: deque[bytes] = deque()
-        self._under_way: bytes | None = None
+        self._in_flight: bytes | None = None
         self._sequence = 0
-        self._tried = 0
+        self._attempts = 0
         self._sent_s = 0.0
         self._opening = 0
         self._received = bytearray()
@@ -54,30 +54,12 @@ class MoteLink(RoombaLink):
 
     @property
     @override
-    def name(self) -> str:
-        return self._port.name
-
-    @property
-    @override
-    def openings(self) -> int:
-        return self._port.openings
-
-    @property
-    @override
     def is_busy(self) -> bool:
-        return self._under_way is not None or bool(self._waiting)
+        return self._in_flight is not None or bool(self._waiting)
 
     @override
-    def why_not_ready(self) -> str | None:
-        return self._port.why_not_ready()
-
     def send(self, data: bytes, *, supersedes: bool = False) -> None:
-        """See Link.
-
-        Raises:
-            UnavailableError: too much waits, the mote does not acknowledge, or the port is broken.
-        """
-        self._go_on()
+        self._exchange()
         if supersedes:
             self._waiting = deque(packet for packet in self._waiting if packet[:1] != data[:1])
         packets = self._packets(data)
@@ -85,58 +67,50 @@ class MoteLink(RoombaLink):
             self._waiting.clear()
             raise UnavailableError(f"the mote on {self.name} is too slow: {MOST_WAITING} packets wait; all are dropped")
         self._waiting += packets
-        self._go_on()
+        self._exchange()
 
     def urge(self, data: bytes) -> None:
-        """See Link: it does not even wait for the acknowledgement of the packet that is under way."""
-        self._greet_if_new()
+        """Send bytes at once, without waiting for the acknowledgement of the packet in flight."""
+        self._reset_if_reopened()
         self._waiting = deque(self._packets(data))
-        self._under_way = None
-        self._go_on()
+        self._in_flight = None
+        self._exchange()
 
+    @override
     def receive(self) -> bytes:
-        """See Link.
-
-        Raises:
-            UnavailableError: the mote does not acknowledge, or the port is broken.
-        """
-        self._go_on()
+        self._exchange()
         received = bytes(self._received)
         self._received.clear()
         return received
 
     def pull_device_detect(self, *, low: bool) -> None:
-        """See Link: the motes have no such line."""
-
-    @override
-    def close(self) -> None:
-        self._port.close()
+        """Do nothing: the motes have no such line."""
 
     def _packets(self, data: bytes) -> list[bytes]:
         most = self._framing.payload_bytes
         return [data[start : start + most] for start in range(0, len(data), most)]
 
-    def _go_on(self) -> None:
-        """Take what came, and send what is due."""
-        self._greet_if_new()
+    def _exchange(self) -> None:
+        """Process the received bytes, and send the next packet if it is due."""
+        self._reset_if_reopened()
         for body in self._deframer.feed(bytes(self._port.read(_CHUNK_BYTES))):
             self._take(body)
-        if self._under_way is None:
+        if self._in_flight is None:
             self._send_next()
         elif self._clock.now() - self._sent_s >= ACK_TIMEOUT_S:
             self._send_again()
 
-    def _greet_if_new(self) -> None:
+    def _reset_if_reopened(self) -> None:
         """Reset the link after the port was reopened.
 
-        The first packet carries nothing: if the mote has heard its number just before, it does not forward it.
+        The first packet is empty: the mote does not forward it if it repeats the last sequence number.
         """
         if self._port.openings != self._opening:
             self._opening = self._port.openings
             self._deframer = self._framing.deframer()
             self._received.clear()
             self._waiting = deque([b""])
-            self._under_way = None
+            self._in_flight = None
 
     def _take(self, body: bytes) -> None:
         try:
@@ -145,30 +119,30 @@ class MoteLink(RoombaLink):
             self._log.debug("a frame is dropped", reason=error.message)
             return
         if isinstance(read, Ack):
-            if self._under_way is not None and read.sequence == self._sequence:
-                self._under_way = None
+            if self._in_flight is not None and read.sequence == self._sequence:
+                self._in_flight = None
         elif read.sequence is None and self._framing.is_ours(read):  # with one, it is an echo of ours
             self._received += read.payload
 
     def _send_next(self) -> None:
         if self._waiting:
-            self._under_way = self._waiting.popleft()
+            self._in_flight = self._waiting.popleft()
             self._sequence = (self._sequence + 1) % 256
-            self._tried = 0
-            self._transmit(self._under_way)
+            self._attempts = 0
+            self._transmit(self._in_flight)
 
     def _send_again(self) -> None:
-        if self._under_way is None:
+        if self._in_flight is None:
             return
-        if self._tried >= self._tries:
-            self._under_way = None
+        if self._attempts >= self._tries:
+            self._in_flight = None
             self._waiting.clear()
             raise UnavailableError(
-                f"the mote on {self.name} does not acknowledge: packet {self._sequence} was sent {self._tried} times"
+                f"the mote on {self.name} does not acknowledge: packet {self._sequence} was sent {self._attempts} times"
             )
-        self._transmit(self._under_way)
+        self._transmit(self._in_flight)
 
     def _transmit(self, payload: bytes) -> None:
         self._port.write(self._framing.packet(payload, self._sequence))
-        self._tried += 1
+        self._attempts += 1
         self._sent_s = self._clock.now()

@@ -14,8 +14,7 @@ MAX_SPEED_MM_S: Final = 500
 """Maximum speed of a wheel of every Roomba."""
 MAX_TURN_RATE_DEG_S: Final = 180.0
 _BRAKE_M_S2: Final = 0.3
-_CREEP_M_S: Final = 0.02
-"""The speed at which a motion ends: it comes to rest from there within a millimetre."""
+_CREEP_M_S: Final = 0.02  # the speed at the end of a motion; the robot rests within a millimetre
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from eal_actors.plugin import ArgumentError, EALData
+
 
 class DeadReckoning:
     """A pose in the plane, x and y in metres and yaw in radians counter-clockwise, from the wheels' travels.
@@ -38,3 +40,15 @@ class DeadReckoning:
 def _wrapped_rad(angle_rad: float) -> float:
     """Return the same direction in (-pi, pi]."""
     return math.pi - (math.pi - angle_rad) % math.tau
+
+
+def finite_pose(data: EALData) -> tuple[float, float, float]:
+    """Return the pose [x_m, y_m, yaw_rad] in a value.
+
+    Raises:
+        ArgumentError: a number is not finite.
+    """
+    x_m, y_m, yaw_rad = (float(number) for number in data.value)
+    if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
+        raise ArgumentError(f"a pose must consist of finite numbers, not {x_m:g}, {y_m:g}, {yaw_rad:g}")
+    return x_m, y_m, yaw_rad

@@ -16,7 +16,7 @@ from eal_actors.plugin import DataError
 
 from . import packets
 from .bodies import RoombaBody
-from .emulated_roomba import AWAKE, Counter, EmulatedRoomba, power_of
+from .emulated_roomba import AWAKE, LEADS_TO, Counter, EmulatedRoomba, power_of
 from .groups import NO_REMOTE, bits
 from .oi import BAUD_RATE, COUNTS, METRES_A_COUNT, MODES, SONGS, STREAM_PERIOD_S, WHEELBASE_M, OiLights, OiOp
 from .sci import DATA_BYTES, MAX_SPEED_MM_S, MODE_PAUSE_S, Mode, Op
@@ -52,39 +52,12 @@ class OiEmulator(EmulatedRoomba):
         {
             Op.START: frozenset(Mode),
             OiOp.RESET: frozenset(Mode),
-            OiOp.STOP: AWAKE,
-            Op.BAUD: AWAKE,
-            Op.CONTROL: AWAKE,
-            Op.SAFE: AWAKE,
-            Op.FULL: AWAKE,
-            Op.POWER: AWAKE,
-            Op.SPOT: AWAKE,
-            Op.CLEAN: AWAKE,
-            Op.MAX: AWAKE,
-            Op.SEEK_DOCK: AWAKE,
-            Op.SONG: AWAKE,
-            Op.SENSORS: AWAKE,
-            OiOp.STREAM: AWAKE,
-            OiOp.QUERY_LIST: AWAKE,
-            OiOp.STREAM_ON: AWAKE,
-            OiOp.PUSH_BUTTONS: AWAKE,
+            **dict.fromkeys((Op.BAUD, Op.CONTROL, Op.SAFE, Op.FULL, Op.SONG, Op.SENSORS), AWAKE),
+            **dict.fromkeys((Op.POWER, Op.SPOT, Op.CLEAN, Op.MAX, Op.SEEK_DOCK), AWAKE),
+            **dict.fromkeys((OiOp.STOP, OiOp.STREAM, OiOp.QUERY_LIST, OiOp.STREAM_ON, OiOp.PUSH_BUTTONS), AWAKE),
         }
     )
-    leads_to = MappingProxyType(
-        {
-            Op.START: Mode.PASSIVE,
-            OiOp.RESET: Mode.OFF,
-            OiOp.STOP: Mode.OFF,
-            Op.CONTROL: Mode.SAFE,
-            Op.SAFE: Mode.SAFE,
-            Op.FULL: Mode.FULL,
-            Op.POWER: Mode.PASSIVE,
-            Op.SPOT: Mode.PASSIVE,
-            Op.CLEAN: Mode.PASSIVE,
-            Op.MAX: Mode.PASSIVE,
-            Op.SEEK_DOCK: Mode.PASSIVE,
-        }
-    )
+    leads_to = MappingProxyType({**LEADS_TO, OiOp.RESET: Mode.OFF, OiOp.STOP: Mode.OFF, Op.SEEK_DOCK: Mode.PASSIVE})
     usual_baud_rate = BAUD_RATE
     most_songs = SONGS
 

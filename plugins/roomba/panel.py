@@ -6,18 +6,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
+from typing_extensions import override
+
 from eal_actors.plugin import (
     Activity,
-    ArgumentError,
     DataType,
     EALData,
     Resource,
     ResourceType,
-    UnavailableError,
     ValueInfo,
     command,
-    config,
-    config_setter,
     request,
 )
 
@@ -26,13 +24,11 @@ from .driver import RoombaDriver
 from .oi import OiLights
 from .resources import RoombaSensor
 from .sci import SciLights, StatusLed
+from .songs import NOTES, SongBook, duration_s, parse_notes
 
 _FLAG: Final = ValueInfo(DataType.BOOL)
 _STATUS: Final = ValueInfo(DataType.CHAR, choices=("off", "red", "green", "amber"))
 _LEVEL: Final = ValueInfo(DataType.INT, None, 0, 255)
-_NUMBER: Final = ValueInfo(DataType.INT, None, 0, 15)
-_NOTES: Final = ValueInfo(DataType.CHAR, description="MIDI notes 31..127, each with 1/64 s 1..255: 72:16 76:16 79:32")
-_MOST_NOTES: Final = 16
 
 
 def _switch(name: str, light: str) -> Callable[[Any, bool], Activity]:
@@ -193,96 +189,51 @@ class OiButtons(RoombaButtons):
     day, hour, minute, schedule, clock = map(_is_pressed, ("day", "hour", "minute", "schedule", "clock"))
 
 
-class RoombaSong(Resource):
+class RoombaSong(SongBook):
     """Plays songs of notes; get_status: 0 is silent, 1 plays."""
 
     places = sci.SONGS
     """Number of songs that the Roomba stores; others are sent before they are played."""
 
-    types = ResourceType.ACTUATOR
-
     def __init__(self, roomba: RoombaDriver) -> None:
+        super().__init__()
         self._roomba = roomba
-        self._number = 0
-        self._songs: dict[int, str] = {}
         self._stored: dict[int, int] = {}
         self._plays_until_s = roomba.clock.now()
 
-    def get_status(self) -> int:
-        """Return 0 while it is silent, 1 while it plays."""
-        return int(self._roomba.clock.now() < self._plays_until_s)
+    @override
+    def remaining_s(self) -> float:
+        return self._plays_until_s - self._roomba.clock.now()
 
     def not_ready(self) -> str | None:
         """Return why the Roomba cannot be used at present."""
         return self._roomba.not_ready()
 
-    def halt(self) -> None:
-        """Do nothing: a song moves nothing, and once begun it cannot be cut off."""
-
-    @config("number", _NUMBER)
-    def number(self) -> int:
-        """Number of the song that the commands and the request use."""
-        return self._number
-
-    @config_setter("number")
-    def set_number(self, number: int) -> None:
-        """Select the song."""
-        self._number = number
-
-    @command("notes", _NOTES)
+    @command("notes", NOTES)
     def set_notes(self, text: str) -> Activity:
         """Store the song's notes, at most 16."""
-        notes = _parse_notes(text)
+        notes = parse_notes(text)
         return self._store(text, notes)
 
     @command("play")
     def play(self) -> Activity:
         """Begin to play the song."""
-        if self._number not in self._songs:
-            raise ArgumentError(f"song {self._number} has no notes yet; the command notes sets them")
-        left_s = self._plays_until_s - self._roomba.clock.now()
-        if left_s > 0:
-            raise UnavailableError(f"a song plays for another {left_s:.2f} s, and cannot be stopped")
-        return self._begin()
-
-    @request("notes", ValueInfo(DataType.CHAR))
-    def notes(self) -> str:
-        """Return the stored notes of the song; empty for none."""
-        return self._songs.get(self._number, "")
+        return self._begin(self._number, self.playable_notes())
 
     def _store(self, text: str, notes: list[tuple[int, int]]) -> Activity:
         number = self._number
-        yield from self._tell(number, notes)
+        yield from self._send_song(number, notes)
         self._songs[number] = text
 
-    def _begin(self) -> Activity:
-        number, notes = self._number, _parse_notes(self._songs[self._number])
+    def _begin(self, number: int, notes: list[tuple[int, int]]) -> Activity:
         if self._stored.get(number % self.places) != number:
-            yield from self._tell(number, notes)
+            yield from self._send_song(number, notes)
         yield from self._roomba.command(sci.play(number % self.places))
-        length_s = sum(duration for _, duration in notes) / 64
-        self._plays_until_s = self._roomba.clock.now() + length_s
+        self._plays_until_s = self._roomba.clock.now() + duration_s(notes)
 
-    def _tell(self, number: int, notes: list[tuple[int, int]]) -> Activity:
+    def _send_song(self, number: int, notes: list[tuple[int, int]]) -> Activity:
         yield from self._roomba.command(sci.song(number % self.places, notes))
         self._stored[number % self.places] = number
-
-
-def _parse_notes(text: str) -> list[tuple[int, int]]:
-    """Return the pairs of note and duration in 1/64 s that a text such as `72:16 76:32` names.
-
-    Raises:
-        ArgumentError: it is no such text, a number is outside its range, or there are too few or too many notes.
-    """
-    notes = []
-    for word in text.split():
-        note, _, duration = word.partition(":")
-        if not (note.isdecimal() and duration.isdecimal() and 31 <= int(note) <= 127 and 1 <= int(duration) <= 255):
-            raise ArgumentError(f"{word!r} is no note 31..127 with its 1/64 s 1..255, as in 72:16")
-        notes.append((int(note), int(duration)))
-    if not 1 <= len(notes) <= _MOST_NOTES:
-        raise ArgumentError(f"a song has 1..{_MOST_NOTES} notes, not {len(notes)}")
-    return notes
 
 
 class OiSong(RoombaSong):

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Final
 
 from eal_actors.plugin import (
     Activity,
-    ArgumentError,
     DataType,
     EALData,
     Resource,
@@ -20,6 +18,7 @@ from eal_actors.plugin import (
 
 from .driver import RoombaDriver
 from .groups import CHARGING_STATES
+from .odometry import finite_pose
 from .reading import RoombaReading
 from .sci import Mode
 
@@ -189,12 +188,9 @@ class RoombaOdometry(RoombaSensor):
         """Set the current pose.
 
         Raises:
-            ArgumentError: part of it is no number.
+            ArgumentError: a number is not finite.
         """
-        x_m, y_m, yaw_rad = (float(number) for number in data.value)
-        if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
-            raise ArgumentError(f"a pose must consist of finite numbers, not {x_m:g}, {y_m:g}, {yaw_rad:g}")
-        self._roomba.place(x_m, y_m, yaw_rad)
+        self._roomba.place(*finite_pose(data))
 
     @request("travel", ValueInfo(DataType.DOUBLE, "m", shape=(2,)))
     def travel(self) -> EALData:

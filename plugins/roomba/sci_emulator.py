@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Final
 
 from .bodies import RoombaBody
-from .emulated_roomba import AWAKE, Counter, EmulatedRoomba, power_of
+from .emulated_roomba import AWAKE, LEADS_TO, Counter, EmulatedRoomba, power_of
 from .groups import GROUP_BYTES, Contacts, Controls, Sensors
 from .sci import DATA_BYTES, MODE_PAUSE_S, SONGS, WHEELBASE_M, Mode, Op, SciLights, StatusLed
 
@@ -38,18 +38,7 @@ class SciEmulator(EmulatedRoomba):
             Op.SEEK_DOCK: frozenset(Mode),
         }
     )
-    leads_to = MappingProxyType(
-        {
-            Op.START: Mode.PASSIVE,
-            Op.CONTROL: Mode.SAFE,
-            Op.SAFE: Mode.SAFE,
-            Op.FULL: Mode.FULL,
-            Op.POWER: Mode.PASSIVE,
-            Op.SPOT: Mode.PASSIVE,
-            Op.CLEAN: Mode.PASSIVE,
-            Op.MAX: Mode.PASSIVE,
-        }
-    )
+    leads_to = LEADS_TO
     usual_baud_rate = _BAUD_RATE
     most_songs = SONGS
     wheelbase_m = WHEELBASE_M

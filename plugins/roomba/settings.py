@@ -43,16 +43,7 @@ class MoteSettings(PluginSettingsModel):
 
     def framing(self) -> TinyosFraming:
         """Return the form of the packets."""
-        return TinyosFraming(
-            header=self.header,
-            ack_byte=self.ack_byte,
-            reliable_byte=self.reliable_byte,
-            plain_byte=self.plain_byte,
-            am_type=self.am_type,
-            destination=self.destination,
-            group=self.group,
-            payload_bytes=self.payload_bytes,
-        )
+        return TinyosFraming(**self.model_dump(exclude={"baudrate", "tries"}))
 
 
 class Settings(PluginSettingsModel):

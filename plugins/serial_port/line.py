@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from typing import Final
+from collections.abc import Callable, Generator
+from typing import Any, Final
 
 from eal_actors.plugin import (
     Activity,
@@ -11,6 +11,7 @@ from eal_actors.plugin import (
     Clock,
     DataType,
     EALData,
+    PluginContext,
     ReopeningPort,
     Resource,
     ResourceType,
@@ -159,3 +160,26 @@ class Line(Resource):
             return len(data)
         finally:
             self._writers.remove(turn)
+
+
+def resource_functions(module: str) -> Callable[[str], Callable[..., Any]]:
+    """Return the `__getattr__` of a plugin module whose settings name the one resource, `context.plugin.resource`.
+
+    It resolves `create_<name>` and `destroy_<name>` for every name.
+    """
+
+    def create(context: PluginContext) -> Line:
+        resource: Line = context.plugin.resource
+        return resource
+
+    def destroy(resource: Line) -> None:
+        """Do nothing: the plugin owns the port."""
+
+    def find(name: str) -> Callable[..., Any]:
+        if name.startswith("create_"):
+            return create
+        if name.startswith("destroy_"):
+            return destroy
+        raise AttributeError(f"module {module!r} has no attribute {name!r}")
+
+    return find

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import termios
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
@@ -23,7 +22,7 @@ from eal_actors.plugin import (
     open_serial,
 )
 
-from .line import LOOK_S, Line
+from .line import LOOK_S, Line, resource_functions
 
 _BAUDRATE: Final = ValueInfo(DataType.INT, "Bd", 50, 4_000_000)
 _BYTESIZE: Final = ValueInfo(DataType.INT, "bit", choices=(5, 6, 7, 8))
@@ -187,20 +186,4 @@ def disconnect(plugin: SerialPlugin) -> None:
     plugin.resource.port.close()
 
 
-def __getattr__(name: str) -> Callable[..., Any]:
-    """Return `create_<name>` or `destroy_<name>`, because the settings name the resource."""
-    if name.startswith("create_"):
-        return _create
-    if name.startswith("destroy_"):
-        return _destroy
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def _create(context: PluginContext) -> SerialPort:
-    """Return the plugin's resource."""
-    resource: SerialPort = context.plugin.resource
-    return resource
-
-
-def _destroy(resource: SerialPort) -> None:
-    """Do nothing: the plugin owns the port."""
+__getattr__ = resource_functions(__name__)

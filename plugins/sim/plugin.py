@@ -1,11 +1,11 @@
 """The sim plugin: one robot in the world that all simulated robots of a fleet share."""
 
-# ruff: noqa: N802, N816  # the plugin API derives these names from the resources
+# ruff: noqa: N802  # the plugin API derives these names from the resources
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from pydantic import model_validator
 
@@ -132,21 +132,9 @@ def _destroy(resource: Resource) -> None:
     """Do nothing: the robot stays in the world."""
 
 
-create_Base, destroy_Base = _creator(resources.Base), _destroy
-create_Odometry, destroy_Odometry = _creator(resources.Odometry), _destroy
-create_Battery, destroy_Battery = _creator(resources.Battery), _destroy
-destroy_Pose = _destroy
-create_Bump, destroy_Bump = _creator(resources.Bump), _destroy
-create_Range, destroy_Range = _creator(resources.Range), _destroy
-create_Compass, destroy_Compass = _creator(resources.Compass), _destroy
-create_Light, destroy_Light = _creator(resources.Light), _destroy
-create_Beacons, destroy_Beacons = _creator(resources.Beacons), _destroy
-create_Camera, destroy_Camera = _creator(resources.Camera), _destroy
-destroy_Faults = _destroy
-create_Turret, destroy_Turret = _creator(resources.Turret), _destroy
-create_Cliff, destroy_Cliff = _creator(resources.Cliff), _destroy
-create_WheelDrop, destroy_WheelDrop = _creator(resources.WheelDrop), _destroy
-create_Wall, destroy_Wall = _creator(resources.Wall), _destroy
-create_Buttons, destroy_Buttons = _creator(resources.Buttons), _destroy
-create_Leds, destroy_Leds = _creator(resources.Leds), _destroy
-create_Song, destroy_Song = _creator(resources.Song), _destroy
+def __getattr__(name: str) -> Callable[..., Any]:
+    """Return the `create_<resource>` and `destroy_<resource>` that are not defined here."""
+    action, _, kind = name.partition("_")
+    if kind in resources.__all__ and action in ("create", "destroy"):
+        return _destroy if action == "destroy" else _creator(getattr(resources, kind))
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Literal
 
 from eal_actors.plugin import (
@@ -16,7 +15,7 @@ from eal_actors.plugin import (
     open_tcp,
 )
 
-from ..serial_port.line import Line
+from ..serial_port.line import Line, resource_functions
 from .datagrams import Datagrams
 
 
@@ -91,20 +90,4 @@ def disconnect(plugin: SocketPlugin) -> None:
     plugin.port.close()
 
 
-def __getattr__(name: str) -> Callable[..., Any]:
-    """Return `create_<name>` or `destroy_<name>`, because the settings name the resource."""
-    if name.startswith("create_"):
-        return _create
-    if name.startswith("destroy_"):
-        return _destroy
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def _create(context: PluginContext) -> Line:
-    """Return the plugin's resource."""
-    resource: Line = context.plugin.resource
-    return resource
-
-
-def _destroy(resource: Line) -> None:
-    """Do nothing: the plugin owns the connection."""
+__getattr__ = resource_functions(__name__)

@@ -7,7 +7,7 @@ import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from textwrap import dedent
-from typing import Any
+from typing import IO
 
 import pytest
 import structlog
@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from eal_actors.cli import app
 from eal_actors.cli.plugin import write_plugin
-from tests.programs import started_programs
+from tests.program import eal_processes
 from tests.scenario_texts import scenario_of
 
 Program = Callable[..., Result]
@@ -97,15 +97,21 @@ def move(write: Write) -> Path:
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """Start the program with pipes for its output, or on a terminal of its own."""
-    unwanted = {"COLUMNS", "EAL_FLEET", "FORCE_COLOR"}
-    environment = {name: value for name, value in os.environ.items() if name not in unwanted}
-    with started_programs(tmp_path, environment) as start_program:
+    with eal_processes(tmp_path) as start_eal:
 
-        def start_on(*arguments: object, terminal: str | None = None, **options: Any) -> subprocess.Popen[str]:
-            if terminal is None:
-                return start_program(*arguments, **options)
-            # The first terminal that a new session opens is the one that hangs it up.
-            wrapper = ["/bin/sh", "-c", 'exec "$@" <>"$0" >&0 2>&0', terminal]
-            return start_program(*arguments, wrapper=wrapper, start_new_session=True, **options)
+        def start_program(
+            *arguments: object, stdout: int | IO[str] = subprocess.PIPE, terminal: str | None = None
+        ) -> subprocess.Popen[str]:
+            unwanted = {"COLUMNS", "EAL_FLEET", "FORCE_COLOR"}
+            environment = {name: value for name, value in os.environ.items() if name not in unwanted}
+            prefix = () if terminal is None else ("/bin/sh", "-c", 'exec "$@" <>"$0" >&0 2>&0', terminal)
+            # A new session makes the terminal its controlling terminal, which sends the hang-up.
+            return start_eal(
+                *arguments,
+                environment=environment,
+                prefix=prefix,
+                stdout=stdout,
+                start_new_session=terminal is not None,
+            )
 
-        yield start_on
+        yield start_program

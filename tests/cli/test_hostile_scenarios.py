@@ -126,24 +126,24 @@ def test_what_would_never_end_or_does_not_fit(look: Callable[[str], str], body: 
     assert "1 problem; nothing was done." in told
 
 
-def check_parts(look: Callable[[str], str], write: Write, levels: int, uses: int, last_step: str) -> str:
-    """Return the output for nested scenarios of `levels` levels, each of which uses the next `uses` times."""
+def look_at_nested_parts(look: Callable[[str], str], write: Write, step: str, levels: int = 6, uses: int = 40) -> str:
+    """Dry-run nested parts, each of which uses the next one so often; the last part has one step."""
     for level in range(levels):
         write(f"p{level}.yaml", HEAD + f"steps: [{', '.join([f'{{scenario: p{level + 1}.yaml}}'] * uses)}]\n")
-    write(f"p{levels}.yaml", HEAD + f"steps: [{last_step}]\n")
+    write(f"p{levels}.yaml", HEAD + f"steps: [{{{step}: x}}]\n")
     return look("steps: [{scenario: p0.yaml}]\n")
 
 
 def test_parts_that_explode(look: Callable[[str], str], write: Write) -> None:
-    told = check_parts(look, write, 6, 40, "{log: x}")
+    told = look_at_nested_parts(look, write, "log")
     assert "scenario: makes more than 100000 steps, each use of a scenario counted" in told
     assert told.startswith("p")
 
 
 def test_a_broken_part_that_is_used_everywhere_is_read_once(look: Callable[[str], str], write: Write) -> None:
-    told = check_parts(look, write, 6, 40, "{lag: x}")
+    told = look_at_nested_parts(look, write, "lag")
     assert "p6.yaml:4:9: steps[0]: unknown step 'lag'; did you mean 'log'?" in told
 
 
 def test_parts_inside_each_other_too_deep(look: Callable[[str], str], write: Write) -> None:
-    assert "is the 9th scenario inside another" in check_parts(look, write, 12, 1, "{log: x}")
+    assert "is the 9th scenario inside another" in look_at_nested_parts(look, write, "log", levels=12, uses=1)

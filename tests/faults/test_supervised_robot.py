@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.actors.robot_actor import start_robot
-from eal_actors.actors.robot_spec import RobotSpec
+from eal_actors.actors.robot_actor import RobotSpec, start_robot
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.actors.supervision import Restart
 from eal_actors.device.resource import Activity, Resource, command

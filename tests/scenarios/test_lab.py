@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from eal_actors.cli.emulators import EmulatedDevice, EmulatorProcesses, open_devices
+from eal_actors.cli.emulators import EmulatorProcesses, LabDevice, open_devices
 from eal_actors.cli.lab import commands, destination
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
@@ -23,7 +23,7 @@ from eal_actors.managers.twins import simulated
 from eal_actors.operate.doctor.devices import NamedDevice, named_devices
 from eal_actors.scenario import Report, load_scenario, run_scenario
 from plugins.camera.emulator import PICTURES, draw
-from tests.programs import started_programs
+from tests.program import eal_processes
 
 LAB = bundled_path("fleets/lab.yaml")
 WIRES = {"LAB_EVBOT2": "evbot2-1", "LAB_EVBOT3": "evbot3-1", "LAB_ROOMBA": "roomba-1", "LAB_CREATE": "create-1"}
@@ -158,11 +158,11 @@ steps:
 def lab(tmp_path: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
     """Start `eal lab` in a process of its own; the robots turn by the given degrees."""
     (tmp_path / "fleet.yaml").write_text(QUICK, encoding="utf-8")
-    with started_programs(tmp_path, {**os.environ, "NO_COLOR": "1"}) as start_program:
+    with eal_processes(tmp_path) as start_eal:
 
         def start(angle_deg: str) -> subprocess.Popen[str]:
             (tmp_path / "nod.yaml").write_text(NOD.replace("${ANGLE}", angle_deg), encoding="utf-8")
-            return start_program("lab", "nod.yaml", "--fleet", "fleet.yaml")
+            return start_eal("lab", "nod.yaml", "--fleet", "fleet.yaml", environment={**os.environ, "NO_COLOR": "1"})
 
         yield start
 
@@ -215,8 +215,8 @@ def test_an_emulator_that_does_not_start_is_named(capfd: pytest.CaptureFixture[s
     manifests, _ = discover([])
     without = manifests["evbot2"].file.model_copy(update={"emulator": EmulatorSection(arguments=())})
     devices = [
-        EmulatedDevice("lost", replace(manifests["evbot2"], file=without), "LAB_LOST", {}),
-        EmulatedDevice("there", manifests["evbot3"], "LAB_THERE", {}),
+        LabDevice("lost", replace(manifests["evbot2"], file=without), "LAB_LOST", {}),
+        LabDevice("there", manifests["evbot3"], "LAB_THERE", {}),
     ]
     with pytest.raises(UnavailableError, match="lost: its emulator has ended"), EmulatorProcesses(devices):
         pass

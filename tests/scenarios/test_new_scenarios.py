@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from eal_actors import RobotHandle, gather
-from eal_actors.device.world.formation import Formation, formation_poses
+from eal_actors.device.world.model import Formation, formation_poses
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.lab.choreography.aiming import leg_commands
 from eal_actors.recording import PoseRecorder

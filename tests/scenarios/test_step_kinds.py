@@ -13,7 +13,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.kernel.strict_model import StrictModel
 from eal_actors.scenario import Timeline, load_scenario, make_plan, scenario_schema
-from eal_actors.scenario.engine.executor import Action
+from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import render
 from eal_actors.scenario.language.scenario import ScenarioFile
@@ -57,7 +57,7 @@ class NapStep(TimedStep):
         return "nap"
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         names = yield from action.read(self.nap_s)
         duration_s = yield from action.number(render(self.nap_s, names), "seconds", "nap_s")
         yield from action.run.sleep(action.context, duration_s)

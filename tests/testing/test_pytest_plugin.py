@@ -95,7 +95,7 @@ def test_what_cannot_be_made_fails_the_test_with_the_reason(pytester: pytest.Pyt
         """,
     )
     result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["E *ConfigError: simulation: world: no world 'labb' *; did you mean 'lab'?"])
+    result.stdout.fnmatch_lines(["E *simulation: world: there is no bundled world 'labb'*; did you mean 'lab'?"])
 
 
 def test_threads_that_outlive_a_test_fail_it(pytester: pytest.Pytester) -> None:

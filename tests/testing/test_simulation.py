@@ -25,7 +25,7 @@ from eal_actors.kernel.errors import (
     WaitTimeoutError,
 )
 from eal_actors.testing import Pose, Simulation
-from eal_actors.testing.scenario_text import read_scenario
+from eal_actors.testing.simulation import read_scenario
 from tests.scenario_texts import scenario_of
 
 TURN = indent(scenario_of("{send_cmd: {resource: Base, cmd: l90}}", name="turn"), "    ")

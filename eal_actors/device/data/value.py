@@ -63,8 +63,7 @@ class EALData:
         length: bytes, as `sizeof` counts them; None for what the value needs. Over what it needs only for text.
         is_ptr: an array.
         is_unsigned: for INT and CHAR.
-        is_short: for INT.
-        is_long: for INT.
+        is_short, is_long: for INT.
         unit: unit of the value, such as `m` or `rad/s`.
         frame_id: name of the coordinate frame the value is given in.
         stamp_s: the time of the value, in seconds of the fleet's clock.
@@ -72,9 +71,8 @@ class EALData:
     Raises:
         DataError: the modifiers contradict each other, or the value or length does not fit the type.
 
-    Departs from §B.1.2.2: modifiers cannot be set afterwards, because other threads read the same object.
     Thread: any.
-    Source: thesis B.1.2.
+    Source: thesis B.1.2; unlike there, modifiers cannot be set afterwards, because other threads read the same object.
     """
 
     __slots__ = ("_c_type", "_frame_id", "_length", "_payload", "_shape", "_stamp_s", "_unit", "_value")
@@ -112,7 +110,7 @@ class EALData:
         Raises:
             DataError: no type fits the value.
         """
-        kind = type(value)
+        kind, self = type(value), cls.__new__(cls)
         if kind is float:
             c_type = DOUBLE
         elif kind is int:
@@ -122,13 +120,10 @@ class EALData:
         elif kind is EALData:
             return value.with_meta(unit=unit, frame_id=frame_id, stamp_s=stamp_s)  # type: ignore[no-any-return]
         elif (array := _array_content(value)) is not None:
-            self = cls.__new__(cls)
             return self._fill(*array, unit, frame_id, stamp_s)
         else:
             c_type, value = infer(value)
-            self = cls.__new__(cls)
             return self._fill(c_type, store(c_type, value, None), unit, frame_id, stamp_s)
-        self = cls.__new__(cls)
         return self._fill(c_type, (value, None, c_type.width, None), unit, frame_id, stamp_s)
 
     @classmethod
@@ -157,14 +152,13 @@ class EALData:
             DataError: the bytes are no value of that type and shape.
         """
         c_type = find_c_type(type, is_ptr, is_unsigned, is_short, is_long)
-        view = as_bytes(payload)
+        view, self = as_bytes(payload), cls.__new__(cls)
         if c_type.type is DataType.BOOL and bytes(view).strip(b"\0\1"):
             raise DataError("payload: a bool is 0 or 1, other bytes have no meaning")
         if shape is None and dtype is None:
             stored = read(c_type, view)
         else:
             stored = None, view, len(view), checked_shape(c_type, len(view), shape, dtype)
-        self = cls.__new__(cls)
         return self._fill(c_type, stored, unit, frame_id, stamp_s)
 
     def with_meta(
@@ -264,17 +258,16 @@ class EALData:
         Raises:
             DataError: a numpy array came over the network and numpy is not installed; `payload` serves without.
         """
-        value = self._value
-        if value is not None or not self._c_type.is_ptr:
-            return value
+        if self._value is not None or not self._c_type.is_ptr:
+            return self._value
         payload = self.payload
         if self._shape is not None:
-            value = self._value = as_array(payload, self._shape, self._c_type)
-            return value
-        if self._c_type.type is DataType.VOID:
-            value = self._value = bytes(payload)
-            return value
-        return unpack(self._c_type, payload)
+            self._value = as_array(payload, self._shape, self._c_type)
+        elif self._c_type.type is DataType.VOID:
+            self._value = bytes(payload)
+        else:
+            return unpack(self._c_type, payload)
+        return self._value
 
     @property
     def payload(self) -> Payload:
@@ -374,9 +367,9 @@ class ValueInfo:
         return f"must be {self.describe()}, not {value:g}" if below or above or value != value else None  # NaN differs
 
     def _shape_problem(self, data: EALData) -> str | None:
-        shape, value = data.shape, data.value if data.shape is None else None
+        shape = data.shape
         if shape is None:
-            shape = (len(value),) if isinstance(value, list | tuple) else ()
+            shape = (len(value),) if isinstance(value := data.value, list | tuple) else ()
         fits = len(shape) == len(self.shape) and all(
             want is None or want == have for want, have in zip(self.shape, shape, strict=True)
         )
@@ -384,18 +377,20 @@ class ValueInfo:
 
     def describe(self) -> str:
         """Return the type, range and unit as text, such as `double 0..360 deg`."""
-        parts = [self.type.name.lower()]
-        if self.shape:
-            parts.append("(" + ", ".join("n" if size is None else str(size) for size in self.shape) + ")")
-        if self.minimum is not None or self.maximum is not None:
-            low = "" if self.minimum is None else f"{self.minimum:g}"
-            high = "" if self.maximum is None else f"{self.maximum:g}"
-            parts.append(f"{low}..{high}")
-        if self.choices:
-            parts.append("|".join(map(str, self.choices)))
-        if self.unit:
-            parts.append(self.unit)
-        return " ".join(parts)
+        shape = "(" + ", ".join("n" if size is None else str(size) for size in self.shape) + ")" if self.shape else ""
+        words = [
+            self.type.name.lower(),
+            shape,
+            range_text(self.minimum, self.maximum),
+            "|".join(map(str, self.choices)),
+        ]
+        return " ".join(word for word in (*words, self.unit) if word)
+
+
+def range_text(minimum: float | None, maximum: float | None) -> str:
+    """Return a range as text, such as `0..360` or `0..`; empty without limits."""
+    text = "..".join("" if limit is None else f"{limit:g}" for limit in (minimum, maximum))
+    return "" if text == ".." else text
 
 
 def repr_of(data: EALData) -> str:

@@ -5,16 +5,15 @@ the floor, yaw turns counter-clockwise from the x axis. Lengths are metres; angl
 names says. North is +y, east is +x.
 """
 
-from eal_actors.device.world.formation import Formation, formation_poses
 from eal_actors.device.world.loading import load_world
-from eal_actors.device.world.model import WorldModel
-from eal_actors.device.world.parts import (
+from eal_actors.device.world.model import (
     AnyObstacle,
     Beacon,
     BoxObstacle,
     CircleObstacle,
     Colour,
     Drop,
+    Formation,
     Lamp,
     Lighting,
     MovableBox,
@@ -24,6 +23,8 @@ from eal_actors.device.world.parts import (
     StartPose,
     Surfaces,
     SurfaceTexture,
+    WorldModel,
+    formation_poses,
 )
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final, TypeAlias
 
-from eal_actors.device.world.parts import Beacon, BoxObstacle, CircleObstacle, Drop, MovableBox
+from eal_actors.device.world.model import Beacon, BoxObstacle, CircleObstacle, Drop, MovableBox
 
 Rectangle: TypeAlias = BoxObstacle | MovableBox | Drop
 Disc: TypeAlias = CircleObstacle | Beacon

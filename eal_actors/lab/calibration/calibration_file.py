@@ -37,12 +37,7 @@ robots:
 
 @dataclass(frozen=True, slots=True)
 class WrittenCalibration:
-    """A written calibration file.
-
-    Attributes:
-        file: the robot's calibration file.
-        includes: whether an include was added to the fleet file; otherwise it had one already.
-    """
+    """A written calibration file, and whether the fleet file got a new include."""
 
     file: Path
     includes: bool
@@ -52,12 +47,6 @@ def write_calibration(
     fleet: FleetConfig, robot: str, calibration: WheelCalibration, comment: str
 ) -> WrittenCalibration:
     """Write a robot's calibration file beside the fleet file, and include it there.
-
-    Args:
-        fleet: the fleet, as read from its file.
-        robot: the robot's name.
-        calibration: the calibration.
-        comment: comment at the head of the file.
 
     Raises:
         ConfigError: a file cannot be written or is bundled with the framework, or the changed fleet would be invalid or

@@ -12,17 +12,14 @@ from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData
 from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.kernel.errors import ResourceFaultError, UnsupportedError
-from eal_actors.lab.calibration.square import LEGS, START, WAYS, Pose, Way, seen_from
-from eal_actors.lab.calibration.square_ends import Point, SquareEnds
+from eal_actors.lab.calibration.square import LEGS, START, WAYS, Point, Pose, SquareEnds, Way, seen_from
 
 BASE: Final = "Base"
 _TRUTH: Final = "Pose"
 _ODOMETRY: Final = "Odometry"
 _BUMP: Final = "Bump"
-_SLOWEST_M_S: Final = 0.05
-"""Slowest speed of a side; the deadline of a side follows from it."""
-_TURN_S: Final = 60.0
-"""Deadline of a quarter turn."""
+_SLOWEST_M_S: Final = 0.05  # slowest speed of a side; the deadline of a side follows from it
+_TURN_S: Final = 60.0  # deadline of a quarter turn
 _QUARTERS: Final[dict[Way, str]] = {"cw": "r90", "ccw": "l90"}
 
 

@@ -15,27 +15,20 @@ from pydantic import ValidationError
 
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.lab.calibration.square import WAYS, square_end
-from eal_actors.lab.calibration.square_ends import SquareEnds
+from eal_actors.lab.calibration.square import WAYS, SquareEnds, square_end
 
 Vector: TypeAlias = list[float]
 Residuals: TypeAlias = Callable[[Vector], Vector]
 
 MOST_STEPS: Final = 30
-_CONVERGED: Final = 1e-10
-"""A smaller change of both unknowns ends the iteration."""
-_NUDGE: Final = 1e-6
-"""Change of an unknown for its derivative by central differences."""
+_CONVERGED: Final = 1e-10  # a smaller change of both unknowns ends the iteration
+_NUDGE: Final = 1e-6  # change of an unknown for its derivative by central differences
 _MOST_HALVINGS: Final = 20
-_DOUBT: Final = 3.0
-"""Standard deviations; chance explains no larger residual."""
-_FINE_M: Final = 0.002
-"""Smaller residuals are within the accuracy of measuring and counting."""
-_CHANCE: Final = 0.1
-"""Share of the side that chance may explain for single squares, whose scatter is unknown."""
+_DOUBT: Final = 3.0  # standard deviations; chance explains no larger residual
+_FINE_M: Final = 0.002  # smaller residuals are within the accuracy of measuring and counting
+_CHANCE: Final = 0.1  # share of the side that chance may explain for single squares, whose scatter is unknown
 _ROUNDING: Final = 1e-12
-_SINGULAR: Final = 1e-9
-"""Share of the largest possible determinant; below it, both unknowns have the same effect."""
+_SINGULAR: Final = 1e-9  # share of the largest possible determinant; below it, both unknowns have the same effect
 
 
 @dataclass(frozen=True, slots=True)

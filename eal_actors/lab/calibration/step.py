@@ -12,8 +12,16 @@ from eal_actors.device.differential_base import NOMINAL
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.calibration.drive import calibration_of_base, wheelbase_of
 from eal_actors.lab.calibration.fit import Fit, fit_squares
-from eal_actors.lab.calibration.square import START, WAYS, Pose, seen_from
-from eal_actors.lab.calibration.square_ends import Point, SquareEnds, read_square_ends, write_square_ends
+from eal_actors.lab.calibration.square import (
+    START,
+    WAYS,
+    Point,
+    Pose,
+    SquareEnds,
+    read_square_ends,
+    seen_from,
+    write_square_ends,
+)
 from eal_actors.scenario.report.files import check_file_name
 from eal_actors.scenario.steps.python import StepContext
 

@@ -20,13 +20,10 @@ from eal_actors.kernel.errors import ArgumentError
 Image = NDArray[np.uint8]
 _Floats = NDArray[np.floating[Any]]
 
-_WIDTH_PX: Final = 160
-"""Width of the compared pictures: averaging many pixels removes noise."""
-_SPOT_PX: Final = 7
-"""Side of a spot, in pixels of that width."""
+_WIDTH_PX: Final = 160  # width of the compared pictures: averaging many pixels removes noise
+_SPOT_PX: Final = 7  # side of a spot, in pixels of that width
 _MAD_TO_SIGMA: Final = 1.4826
-_LEAST_GREY: Final = 9.0
-"""Smallest difference of a spot in grey levels: smaller ones come from light and rounding."""
+_LEAST_GREY: Final = 9.0  # smallest difference of a spot in grey levels: smaller ones come from light and rounding
 _SIGMAS: Final = 6.0
 
 

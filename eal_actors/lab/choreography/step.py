@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.device.world.formation import Formation, formation_poses
+from eal_actors.device.world.model import Formation, formation_poses
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.choreography.assigning import Point
 from eal_actors.lab.choreography.phasing import plan_phases

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from eal_actors.lab.panorama.cylinder import CameraLens, Floats, Image, project_frame, wrapped_rad
 
 _MOST_BANDS: Final = 5
-_PAD_BANDS: Final = 2
-"""Reach of the coarsest band beyond a column, in its pixels, as a power of two."""
+_PAD_BANDS: Final = 2  # reach of the coarsest band beyond a column, in its pixels, as a power of two
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +22,6 @@ class PlacedFrame:
     """A placed frame.
 
     Attributes:
-        frame: the camera's frame.
-        lens: its lens.
         yaw_rad: yaw of its axis.
         down_rad: depression of its axis below the horizon.
         gain: factor on its brightness.
@@ -43,7 +40,6 @@ class PanoramaCanvas:
 
     Attributes:
         left_rad: yaw of its left edge.
-        width: number of columns.
         top_px: row of its upper edge, from the horizon down.
         bottom_px: row of its lower edge.
         px_per_rad: columns per radian.

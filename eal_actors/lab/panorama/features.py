@@ -14,8 +14,7 @@ from eal_actors.lab.panorama.cylinder import TILT_RAD, WINDOW_RAD, Patch, Shift
 _MOST: Final = 1500
 _CONTRAST: Final = 0.02  # half of the usual threshold of SIFT: walls of rooms have little contrast
 _RATIO: Final = 0.85
-_SAME_RAD: Final = 0.003
-"""Largest difference between pairs that agree."""
+_SAME_RAD: Final = 0.003  # largest difference between pairs that agree
 _FEWEST: Final = 8
 _LEAST_SHARE: Final = 0.2
 _RIVAL_SHARE: Final = 0.6

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from eal_actors.lab.panorama.cylinder import TILT_RAD, WINDOW_RAD, Patch, Shift
 
 _SMOOTH_PX: Final = 1.5
-_LEAST: Final = 0.5
-"""Smallest accepted correlation of gradients."""
+_LEAST: Final = 0.5  # smallest accepted correlation of gradients
 _CLEARLY_LESS: Final = 0.6
 _CLEARLY_MORE_UNLIKE: Final = 2.5
 _LEAST_UNLIKE: Final = 0.003
@@ -24,11 +23,9 @@ that of the best.
 Dissimilarity is 1 - correlation. It decides in a bare room, where the long edge of the floor makes every shift look
 similar, but only one fits exactly. Repeating patterns and edges along the shift have rivals.
 """
-_PEAK_RAD: Final = math.radians(0.8)
-"""Half width of a peak."""
+_PEAK_RAD: Final = math.radians(0.8)  # half width of a peak
 _LEAST_OVERLAP_RAD: Final = math.radians(3)
-_STRUCTURE: Final = 2.0
-"""Gradients above noise, in grey levels per pixel (root mean square): the picture has structure."""
+_STRUCTURE: Final = 2.0  # gradients above noise, in grey levels per pixel (root mean square): the picture has structure
 
 Array = NDArray[Any]
 

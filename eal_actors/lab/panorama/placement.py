@@ -26,15 +26,11 @@ from eal_actors.lab.panorama.features import Features, find_features, shift_by_f
 from eal_actors.lab.panorama.gradients import Comparison, Gradients, compare_gradients, gradients_of
 from eal_actors.lab.panorama.ring import Links, Ring, closing_error_rad, ring_of, solve_directions
 
-_COMPARED_WIDTH: Final = 800
-"""Largest width for comparisons, in pixels."""
-_BLANK: Final = 2.0
-"""Standard deviation of grey levels up to which a picture counts as blank."""
-_UNLIKE: Final = 16.0
-"""Difference in grey levels from which a blank frame contradicts its neighbour in their overlap."""
+_COMPARED_WIDTH: Final = 800  # largest width for comparisons, in pixels
+_BLANK: Final = 2.0  # standard deviation of grey levels up to which a picture counts as blank
+_UNLIKE: Final = 16.0  # difference in grey levels from which a blank frame contradicts its neighbour in their overlap
 _DARKEST: Final = 4
-_BRIGHTEST: Final = 250
-"""Pixels outside of these levels are clipped, and say nothing about brightness."""
+_BRIGHTEST: Final = 250  # pixels outside of these levels are clipped, and say nothing about brightness
 _LEVELS_SIGMA: Final = 4.0
 _GAIN_SIGMA: Final = 0.3
 _FEWEST_PX: Final = 200

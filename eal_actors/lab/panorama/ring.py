@@ -15,8 +15,7 @@ _T = TypeVar("_T")
 
 _ODOMETRY_SIGMA_RAD: Final = math.radians(3)
 """Assumed error of odometry for one turn: large enough that pictures always outweigh it."""
-_AFTER: Final = 3
-"""Number of following frames that each frame is compared with."""
+_AFTER: Final = 3  # number of following frames that each frame is compared with
 
 Links = Mapping[tuple[int, int], Shift]
 """Measured shifts by (first, second) frame, where the second one is further to the right."""
@@ -27,7 +26,6 @@ class Ring:
     """Frames from left to right.
 
     Attributes:
-        order: the frames' numbers.
         turns_rad: turn to the right from each frame to the next one, and from the last to the first.
         is_closed: whether the turn from the last to the first is within the field of view too.
     """

@@ -18,12 +18,10 @@ from eal_actors.lab.panorama.placement import FramePlacement, gains_of, place_fr
 from eal_actors.lab.panorama.ring import ring_of
 
 _LEAST_OVERLAP_DEG: Final = 10.0
-_TOLERANCE_DEG: Final = 2.0
-"""Tolerance for steps that odometry overestimates."""
+_TOLERANCE_DEG: Final = 2.0  # tolerance for steps that odometry overestimates
 _VIEW_DEG: Final = (10.0, 150.0)
 _LEAST_SIDE_PX: Final = 32
-_WIDEST_PX: Final = 16384
-"""Largest width of a full ring; larger frames are scaled down."""
+_WIDEST_PX: Final = 16384  # largest width of a full ring; larger frames are scaled down
 _LEAST_ROWS: Final = 16
 _SAME_ASPECT: Final = 0.02
 

@@ -10,8 +10,7 @@ from typing import Final
 TOUCH_M: Final = 0.001
 """A smaller gap counts as contact: physics engines leave a small gap or overlap between bodies in contact."""
 
-_LOOK_M: Final = 1.0
-"""Radius of the search for the nearest object, unless the margin is larger."""
+_LOOK_M: Final = 1.0  # radius of the search for the nearest object, unless the margin is larger
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,8 +35,6 @@ class Rehearsal:
     """The result of one rehearsed run.
 
     Attributes:
-        seed: seed of all randomness.
-        report: the run's report.
         starts: first position of each robot, x and y in metres, by name.
         nearest: closest approach by robot; a robot with nothing within 1 m has no entry.
         incidents: the proximity events under the margin, ordered by start.

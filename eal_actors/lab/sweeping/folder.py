@@ -24,11 +24,7 @@ _LOCK: Final = ".lock"
 
 
 class SweepFolder:
-    """The folder of a sweep.
-
-    Args:
-        path: the folder.
-    """
+    """The folder of a sweep."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -26,11 +26,6 @@ def draw_sweep(results: Sequence[SweepResult], scenario: Scenario, file: Path) -
     With several seeds, the line is their median, and the band spans minimum to maximum. Runs that are not done are left
     out.
 
-    Args:
-        results: the results of the runs.
-        scenario: the scenario.
-        file: the file to write.
-
     Returns:
         The file; None if there is nothing to draw, or if matplotlib is not installed, which is logged.
     """

@@ -20,7 +20,6 @@ class FinishedTask(NamedTuple):
     """A run that a worker has finished or lost.
 
     Attributes:
-        task: the run.
         error: why it could not run; None if it ran, whatever its outcome.
         has_crashed: whether its process died, or was killed because it took too long.
     """
@@ -130,5 +129,4 @@ class _WorkerProcess:
         self._pipe.close()
 
 
-_GRACE_S: Final = 5.0
-"""Real seconds that a process has to end."""
+_GRACE_S: Final = 5.0  # real seconds that a process has to end

@@ -28,7 +28,6 @@ class SweepResult:
     """The result of one run.
 
     Attributes:
-        job: the run.
         outcome: `done`, `failed` or `aborted`; REFUSED or CRASHED if the run did not end.
         duration_s: fleet seconds; None if the run did not end.
         error: error message; empty if there is none.
@@ -121,11 +120,6 @@ def _cell(value: object) -> str:
 
 def write_junit(results: Iterable[SweepResult], name: str, file: Path) -> None:
     """Write a test case for each run: a failure if it is not good, an error if it did not end.
-
-    Args:
-        results: the results of the runs.
-        name: name of the suite.
-        file: the file to write.
 
     Raises:
         OSError: the file cannot be written.

@@ -30,7 +30,6 @@ class SweepJob:
         name: name of its folder; the same values and seed have the same name in every sweep.
         varied: values of the varied parameters, by name.
         parameters: values of all parameters, by name.
-        seed: seed of all randomness.
     """
 
     name: str
@@ -51,10 +50,8 @@ class Sweep:
     """A parameter sweep.
 
     Attributes:
-        scenario: the scenario, with the values of its constant parameters.
         fleet: the fleet, as read from its file.
         keep: plugins that move nothing real and are not replaced by simulated ones.
-        variations: the varied parameters.
         seeds: the seeds; each combination runs once with each.
     """
 

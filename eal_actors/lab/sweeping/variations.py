@@ -17,12 +17,7 @@ from eal_actors.scenario.language.scenario import ParameterSection
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """A varied parameter.
-
-    Attributes:
-        name: the parameter's name.
-        values: its distinct values, in the given order.
-    """
+    """A varied parameter, with its distinct values in the given order."""
 
     name: str
     values: tuple[Any, ...]

@@ -27,13 +27,7 @@ from eal_actors.scenario.language.scenario import scenario_hash
 
 @dataclass(frozen=True, slots=True)
 class SweepTask:
-    """A run for a worker.
-
-    Attributes:
-        directory: the run's folder, which does not exist yet.
-        parameters: values of all parameters.
-        seed: seed of all randomness.
-    """
+    """A run for a worker: its folder, which does not exist yet, the values of all parameters, and the seed."""
 
     directory: Path
     parameters: Mapping[str, Any]
@@ -45,12 +39,9 @@ class WorkerSettings:
     """Settings of all workers of a sweep.
 
     Attributes:
-        scenario: the scenario file.
         scenario_hash: its hash at the start of the sweep.
-        fleet: the fleet file.
         fleet_hash: its hash at the start of the sweep.
         keep: plugins that move nothing real and are not replaced by simulated ones.
-        log: the log file.
     """
 
     scenario: Path

@@ -32,7 +32,7 @@ from eal_actors.net.clock_offset import fleet_time_of, real_time_of
 from eal_actors.net.server.admission import Admission
 from eal_actors.net.server.outbox import Outbox
 from eal_actors.net.server.request_handler import RequestHandler
-from eal_actors.net.server.running_commands import ReplyTo, RunningCommand, RunningCommands
+from eal_actors.net.server.running_commands import ReplyTo, RunningCommands, ServedCommand
 from eal_actors.net.server.streams import StreamPublisher
 from eal_actors.net.wire import keys
 from eal_actors.net.wire.messages import (
@@ -258,11 +258,11 @@ class RobotServer:
             self._admission.finish(call_id, error)
             raise
         call.caller = self._admission.names.of(header.client)
-        command = RunningCommand(call_id, reply_to, call, REAL_TIME.now())
+        command = ServedCommand(call_id, reply_to, call, REAL_TIME.now())
         self._running.add(command)
         call.link(lambda _, __: self._finish(command))
 
-    def _finish(self, command: RunningCommand) -> None:
+    def _finish(self, command: ServedCommand) -> None:
         """Send the outcome of a command. Thread: the one that finishes it, usually its resource's."""
         outcome = self._outcome(command.call)
         self._admission.finish(command.call_id, outcome)

@@ -35,8 +35,8 @@ class ReplyTo(NamedTuple):
 
 
 @dataclass(eq=False, slots=True)
-class RunningCommand:
-    """Command that has been passed to its resource and has not ended.
+class ServedCommand:
+    """A controller's command that has been passed to its resource and has not ended.
 
     Attributes:
         call_id: its identifier.
@@ -87,21 +87,21 @@ class RunningCommands:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._running: dict[CallId, RunningCommand] = {}
+        self._running: dict[CallId, ServedCommand] = {}
 
-    def add(self, command: RunningCommand) -> None:
+    def add(self, command: ServedCommand) -> None:
         """Add a command that has been passed to its resource."""
         with self._lock:
             self._running[command.call_id] = command
 
-    def end(self, command: RunningCommand) -> ReplyTo | None:
+    def end(self, command: ServedCommand) -> ReplyTo | None:
         """Remove a command that has ended; returns the address of its reply, None if that was sent before."""
         with self._lock:
             self._running.pop(command.call_id, None)
             reply_to, command.reply_to = command.reply_to, None
         return reply_to
 
-    def take_long(self, since_s: float) -> list[tuple[RunningCommand, ReplyTo]]:
+    def take_long(self, since_s: float) -> list[tuple[ServedCommand, ReplyTo]]:
         """Return the commands that arrived by that time and whose reply is due, with their replies' addresses."""
         if not self._running:  # the usual case of a frequent call
             return []
@@ -114,7 +114,7 @@ class RunningCommands:
                     taken.append((command, reply_to))
         return taken
 
-    def take_begun(self) -> list[RunningCommand]:
+    def take_begun(self) -> list[ServedCommand]:
         """Return the long commands that have begun and were not returned before."""
         with self._lock:
             begun = [command for command in self._long() if not command.is_announced and command.has_begun]
@@ -122,7 +122,7 @@ class RunningCommands:
                 command.is_announced = True
         return begun
 
-    def take_progressed(self, now_s: float) -> list[RunningCommand]:
+    def take_progressed(self, now_s: float) -> list[ServedCommand]:
         """Return the announced commands with new progress, each at most once per PROGRESS_PERIOD_S."""
         progressed = []
         with self._lock:
@@ -134,12 +134,12 @@ class RunningCommands:
                     progressed.append(command)
         return progressed
 
-    def announced(self) -> list[RunningCommand]:
+    def announced(self) -> list[ServedCommand]:
         """Return the commands that an event has announced."""
         with self._lock:
             return [command for command in self._running.values() if command.is_announced]
 
-    def _long(self) -> Iterator[RunningCommand]:
+    def _long(self) -> Iterator[ServedCommand]:
         return (command for command in self._running.values() if command.reply_to is None)
 
     def cancel(self, call_id: CallId) -> None:

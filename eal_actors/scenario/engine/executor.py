@@ -13,7 +13,7 @@ from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.engine.synchronization import TaskGroup
+from eal_actors.scenario.engine.synchronization import StepGroup
 from eal_actors.scenario.language.expressions import Expression, Namespace, expressions_in, render
 from eal_actors.scenario.language.values import OnFailure, RetryPolicy, Wanted, checked_number, final_action
 from eal_actors.scenario.report.events import StepEnded, StepRetried, StepStarted
@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # steps import this module
     from eal_actors.scenario.steps.base import BlockStep, FallibleStep, Step
 
 
-class Action:
+class StepAction:
     """A step as one robot performs it, or no robot.
 
     Args:
@@ -46,7 +46,7 @@ class Action:
         run: RunContext,
         context: ExecutionContext,
         label: str,
-        work: Callable[[Action], Coroutine],
+        work: Callable[[StepAction], Coroutine],
     ) -> None:
         self.run = run
         self.context = context
@@ -85,7 +85,7 @@ class Action:
         return checked_number(render(value, names), wanted, what)
 
 
-MakeAction: TypeAlias = Callable[[], Action]
+MakeAction: TypeAlias = Callable[[], StepAction]
 
 
 def perform_steps(run: RunContext, steps: Sequence[Step], path: str, context: ExecutionContext) -> Coroutine:
@@ -137,17 +137,17 @@ def perform_within(
         yield from inside(context)
         return
 
-    def attempt(action: Action) -> Coroutine:
+    def attempt(action: StepAction) -> Coroutine:
         action.began_s = run.now_s()
         timeout_s = yield from action.number(limit, "timeout", "timeout_s")
         task = StepTask(context.task, context.slot, meets=meets)
-        group = TaskGroup(run, context, "all", timeout_s)
+        group = StepGroup(run, context, "all", timeout_s)
         yield from group.perform([(task, inside(replace(context, task=task)))])
         if group.late is not None:
             action.late = group.late if context.slot is None else ()
             raise DeadlineError(f"{step.kind} did not end within {timeout_s:g} s")
 
-    make = partial(Action, run, context, step.kind, attempt)
+    make = partial(StepAction, run, context, step.kind, attempt)
     yield from perform_step(run, context, step, path, make, is_quiet=True)
 
 
@@ -174,12 +174,12 @@ def compute(
     needed = list(expressions)
     found: list[Any] = [None]
 
-    def attempt(_: Action) -> Coroutine:
+    def attempt(_: StepAction) -> Coroutine:
         found[0] = None
         names = yield from run.read(context, needed)
         found[0] = work(names)
 
-    yield from perform_step(run, context, step, path, partial(Action, run, context, label, attempt), is_quiet=True)
+    yield from perform_step(run, context, step, path, partial(StepAction, run, context, label, attempt), is_quiet=True)
     return found[0]
 
 
@@ -208,7 +208,7 @@ class _Execution:
         context: ExecutionContext,
         step: FallibleStep,
         path: str,
-        action: Action,
+        action: StepAction,
         is_quiet: bool,
     ) -> None:
         self._run = run

@@ -7,7 +7,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -50,8 +49,8 @@ class _Phase(enum.Enum):
 class _RunFuture(Future[Report]):
     """The future report; cancelling it aborts the run."""
 
-    def __init__(self, run: Run, fleet: Fleet) -> None:
-        super().__init__(fleet.clock)
+    def __init__(self, run: Run, clock: Clock) -> None:
+        super().__init__(clock)
         self._run_of = run
 
     @override
@@ -104,14 +103,14 @@ class Run:
         self._loop = EventLoop(fleet.clock)
         self._robots = {name: Participant(fleet[name]) for name in plan.robots}
         self._run = RunContext(plan, self._robots, self._loop, fleet.config.seed, directory, self._emit, self._fail)
-        self._future = _RunFuture(self, fleet)
+        self._future = _RunFuture(self, fleet.clock)
         self._phase = _Phase.STEPS
         self._next_step = 0
         self._abort_reasons: list[str] = []
         self._error: BaseException | None = None
         self._is_aborted = False
         self._is_started = False
-        self._started: datetime | None = None
+        self._wall_started = ""
 
     def start(self) -> Future[Report]:
         """Start the run. The future is done when everything is over, with success whatever the run's outcome.
@@ -128,7 +127,7 @@ class Run:
         if self._saves:
             image_writer()  # its import takes long, and would delay the robots
         before_s = self._resumption.time_s if self._resumption is not None else 0.0
-        self._started, self._run.zero_s = wall_time(), self._fleet.clock.now() - before_s
+        self._wall_started, self._run.zero_s = wall_time().isoformat(), self._fleet.clock.now() - before_s
         name = f"scenario {self._plan.scenario.name}"
         self._fleet.clock.start(threading.Thread(target=self._main, name=name, daemon=True))
         return self._future
@@ -140,7 +139,7 @@ class Run:
         Raises:
             ScenarioError: it was not started.
         """
-        if self._started is None:
+        if not self._wall_started:
             raise ScenarioError("this run was not started")
         return self._run.zero_s
 
@@ -228,10 +227,8 @@ class Run:
     def _prepare(self) -> Coroutine:
         run = self._run
         if self._resumption is not None:
-            started = self._started.isoformat() if self._started is not None else ""
-            self._emit(
-                partial(checkpoints.run_continued, self._plan, self._fleet, self._resumption.first_step, started)
-            )
+            first = self._resumption.first_step
+            self._emit(partial(checkpoints.run_continued, self._plan, self._fleet, first, self._wall_started))
             checkpoints.fill_slots(run)
             checkpoints.restore(run, self._resumption)
         else:
@@ -269,10 +266,7 @@ class Run:
         return set(roles_at_work(scenario, self._file.steps, ("steps",), first))
 
     def _perform_finally(self) -> Coroutine:
-        """Perform the steps of `finally`, with every robot that ever took part; failures stop nothing.
-
-        Those of parts under way come first, from the innermost.
-        """
+        """Perform `finally` with all robots that ever took part, innermost parts first; failures stop nothing."""
         run = self._run
         run.is_stopping = False
         for context in [*reversed(run.open_parts), ExecutionContext(StepTask(), run.main)]:
@@ -324,7 +318,7 @@ class Run:
         return checkpoints.make_report(
             self._run,
             self._fleet,
-            wall_started=self._started.isoformat() if self._started is not None else "",
+            wall_started=self._wall_started,
             duration_s=duration_s,
             continued_s=(*before.continued_s, before.time_s) if before is not None else (),
             outcome=self._outcome(),
@@ -368,11 +362,6 @@ def run_scenario(
     """
     loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     run = Run(make_plan(loaded, fleet, binding=binding, parameters=parameters), fleet, directory, listeners)
-    return _wait_for(run, fleet.clock)
-
-
-def _wait_for(run: Run, clock: Clock) -> Report:
-    """Start a run, and return its report; Ctrl-C aborts it, and is raised again after its end."""
     interrupts: list[None] = []
 
     def interrupt() -> None:
@@ -382,10 +371,10 @@ def _wait_for(run: Run, clock: Clock) -> Report:
     with _ctrl_c_calls(interrupt):
         report = run.start()
         over = new_waiter()
-        report.add_done_callback(lambda _: clock.wake(over))
+        report.add_done_callback(lambda _: fleet.clock.wake(over))
         while not report.done():
             try:
-                clock.wait(over, None)
+                fleet.clock.wait(over, None)
             except KeyboardInterrupt:  # from a handler of the caller's own
                 interrupt()
     if interrupts:
@@ -397,7 +386,7 @@ def _wait_for(run: Run, clock: Clock) -> Report:
 def _ctrl_c_calls(action: Callable[[], None]) -> Iterator[None]:
     """Let Ctrl-C call an action instead of raising KeyboardInterrupt, which may strike anywhere, such as in `start`.
 
-    Other handlers than Python's own stay, and so does the behaviour of other threads, which never see Ctrl-C.
+    A handler other than Python's own stays. Other threads never see Ctrl-C.
     """
     is_main = threading.current_thread() is threading.main_thread()
     if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:

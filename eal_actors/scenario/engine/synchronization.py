@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # both import this module
 # Groups.
 
 
-class TaskGroup:
+class StepGroup:
     """Tasks that begin together, and that another task waits for.
 
     Args:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
+from eal_actors.device.data.value import range_text
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlTree, show
@@ -79,16 +80,8 @@ def _is_finite(value: object) -> bool:
 
 def describe(section: ParameterSection) -> str:
     """Return type, range and unit for people, such as `double 0.05..0.5 m/s`."""
-    parts: list[str] = [section.type]
-    if section.minimum is not None or section.maximum is not None:
-        low = "" if section.minimum is None else f"{section.minimum:g}"
-        high = "" if section.maximum is None else f"{section.maximum:g}"
-        parts.append(f"{low}..{high}")
-    if section.choices:
-        parts.append("|".join(map(_format, section.choices)))
-    if section.unit:
-        parts.append(section.unit)
-    return " ".join(parts)
+    words = [section.type, range_text(section.minimum, section.maximum), "|".join(map(_format, section.choices or ()))]
+    return " ".join(word for word in (*words, section.unit) if word)
 
 
 def _format(value: object) -> str:

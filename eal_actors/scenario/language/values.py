@@ -131,7 +131,7 @@ def _format(value: object) -> str:
 
 # Failure policies.
 
-Action = Literal["abort", "drop", "skip", "substitute"]
+FailureAction = Literal["abort", "drop", "skip", "substitute"]
 
 
 class RetryPolicy(StrictModel):
@@ -143,7 +143,7 @@ class RetryPolicy(StrictModel):
     """Pause before the next attempt, in seconds of the fleet's clock."""
     factor: float = Field(default=1.0, ge=1.0, le=10.0)
     """The pause grows by this factor from attempt to attempt."""
-    then: Action = "abort"
+    then: FailureAction = "abort"
     """The action when the last attempt has failed."""
 
     def pause_s(self, attempt: int) -> float:
@@ -156,12 +156,12 @@ def _policy_kind(value: object) -> str:
 
 
 OnFailure = Annotated[
-    Annotated[Action, Tag("Action")] | Annotated[RetryPolicy, Tag("RetryPolicy")], Discriminator(_policy_kind)
+    Annotated[FailureAction, Tag("Action")] | Annotated[RetryPolicy, Tag("RetryPolicy")], Discriminator(_policy_kind)
 ]
 """`abort` ends the run, `drop` continues without the robot, `skip` continues with the next step, `substitute` lets a
 spare of the role take the robot's place."""
 
 
-def final_action(policy: Action | RetryPolicy) -> Action:
+def final_action(policy: FailureAction | RetryPolicy) -> FailureAction:
     """Return the action of a policy when no attempt is left."""
     return policy.then if isinstance(policy, RetryPolicy) else policy

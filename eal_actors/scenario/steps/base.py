@@ -18,7 +18,7 @@ from typing_extensions import override
 from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.strict_model import DeferredType, StrictModel
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.engine.executor import Action, perform_step, perform_within
+from eal_actors.scenario.engine.executor import StepAction, perform_step, perform_within
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import find_meetings
 from eal_actors.scenario.language.expressions import LocatedExpression, Namespace, locate_expressions, render
@@ -155,14 +155,19 @@ class Step(StrictModel):
 
     def check_robots(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
         """Check the step, and the steps inside it, on the robots that come to it."""
+        self.check_numbers(check, path, here)
+        for located in self.expressions():
+            check.expression(located, path, here)
+        for keys, steps in self.children():
+            check.visit_all(steps, (*path, *keys), self.robots_inside(check, path, here, keys))
+
+    def check_numbers(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
+        """Check the numbers that are expressions, and the readings of all expressions."""
         for keys, value, wanted in self.numbers():
             if isinstance(value, str):
                 check.number(value, wanted, (*path, *keys), here)
         for located in self.expressions():
             check.readings(located, path, here)
-            check.expression(located, path, here)
-        for keys, steps in self.children():
-            check.visit_all(steps, (*path, *keys), self.robots_inside(check, path, here, keys))
 
     def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:
         """Return the scope, on the robots, of the steps at some keys inside the step."""
@@ -171,13 +176,7 @@ class Step(StrictModel):
     def shared_robots(
         self, scenario: Scenario, path: YamlPath, roles: Mapping[str, Sequence[str]]
     ) -> Iterator[Problem]:
-        """Yield a problem for each robot that two branches of a block would use at the same time.
-
-        Args:
-            scenario: the scenario of the step.
-            path: of the step.
-            roles: the robots of each role.
-        """
+        """Yield a problem for each robot that two branches of a block would use at the same time."""
         for keys, steps in self.children():
             for index, step in enumerate(steps):
                 yield from step.shared_robots(scenario, (*path, *keys, index), roles)
@@ -282,7 +281,7 @@ class FallibleStep(Step):
         """The step in records, for people: its kind, and the value under the key of the kind."""
         return f"{self.kind} {short_number(getattr(self, self.kind))}"
 
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         """Perform the step once.
 
         Raises:
@@ -292,7 +291,7 @@ class FallibleStep(Step):
 
     @override
     def perform(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
-        make = partial(Action, run, context, self.label, self.attempt)
+        make = partial(StepAction, run, context, self.label, self.attempt)
         return perform_step(run, context, self, path, make, is_quiet=self.is_instant)
 
 

@@ -16,7 +16,7 @@ from eal_actors.kernel.errors import EALError, ScenarioError
 from eal_actors.kernel.strict_model import StrictModel
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import Action, perform_step
+from eal_actors.scenario.engine.executor import StepAction, perform_step
 from eal_actors.scenario.engine.frames import ExecutionContext, Frame, Participant
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronized_start import SynchronizedStart, join_start
@@ -120,11 +120,7 @@ class CallStep(TimedStep):
 
     @override
     def check_robots(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
-        for keys, value, wanted in self.numbers():
-            if isinstance(value, str):
-                check.number(value, wanted, (*path, *keys), here)
-        for located in self.expressions():
-            check.readings(located, path, here)
+        self.check_numbers(check, path, here)
         self._check_calls(check, path, here)
         if self.answer_file is not None:
             self._check_file_names(check, self.answer_file, (*path, "save"), here)
@@ -254,7 +250,7 @@ def _answer_info(method: str, info: ResourceInfo, given: Mapping[str, Any]) -> V
     return None
 
 
-class _CallAction(Action):
+class _CallAction(StepAction):
     """A call as one robot makes it."""
 
     def __init__(self, run: RunContext, context: ExecutionContext, step: CallStep, path: str) -> None:

@@ -15,7 +15,7 @@ from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import perform_steps, perform_within
 from eal_actors.scenario.engine.frames import ExecutionContext, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.engine.synchronization import TaskGroup, find_meetings
+from eal_actors.scenario.engine.synchronization import StepGroup, find_meetings
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
@@ -26,15 +26,15 @@ from eal_actors.scenario.steps.wording import until_words
 
 
 class OnStep(BlockStep):
-    """Perform steps with every robot of a role, all robots at the same time, until the last robot is through."""
+    """Perform steps with every robot of a role, all robots at the same time, until the last robot has finished."""
 
     kind = "on"
     on: Name
     """The role."""
     do: Steps
     until: Text = "all"
-    """`all`: over when every robot is through; `first`: when the first is; otherwise the name of a signal. Robots that
-    are not through by then are halted."""
+    """`all`: ends when every robot has finished; `first`: when the first has; otherwise the name of a signal. Robots
+    that have not finished by then are halted."""
 
     @property
     @override
@@ -99,4 +99,4 @@ class OnStep(BlockStep):
             task = StepTask(context.task, slot, meets=meets)
             here = replace(inside, task=task, slot=slot, role=self.on)
             tasks.append((task, perform_within(run, here, self, path, meets, work)))  # the limit is each robot's own
-        yield from TaskGroup(run, context, self.until).perform(tasks)
+        yield from StepGroup(run, context, self.until).perform(tasks)

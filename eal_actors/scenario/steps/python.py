@@ -24,7 +24,7 @@ from eal_actors.kernel.errors import EALError, Problem, ScenarioError, error_tex
 from eal_actors.kernel.log import get_logger
 from eal_actors.kernel.strict_model import NAMES_ONLY, did_you_mean
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.scenario.engine.executor import Action
+from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
 from eal_actors.scenario.language.expressions import render
 from eal_actors.scenario.language.scenario import Scenario
@@ -99,7 +99,7 @@ class PythonStep(TimedStep):
         return f"python {self.python}({given})" + (f" -> {self.save_as}" if self.save_as else "")
 
     @override
-    def attempt(self, action: Action) -> Coroutine:
+    def attempt(self, action: StepAction) -> Coroutine:
         run, context = action.run, action.context
         action.is_begun = False
         names = yield from action.read((*self.with_.values(), self.timeout_s))
@@ -130,7 +130,7 @@ class _Answer(Future[Any]):
         return f"Python step '{self._name}'"
 
 
-def _step_context(action: Action, answer: Future[Any], variables: dict[str, Any]) -> StepContext:
+def _step_context(action: StepAction, answer: Future[Any], variables: dict[str, Any]) -> StepContext:
     run, robot = action.run, action.context.robot_name
 
     def log(text: str) -> None:

@@ -17,7 +17,7 @@ from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.executor import compute, perform_steps, perform_within
 from eal_actors.scenario.engine.frames import ExecutionContext, Frame, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
-from eal_actors.scenario.engine.synchronization import TaskGroup, find_meetings
+from eal_actors.scenario.engine.synchronization import StepGroup, find_meetings
 from eal_actors.scenario.language.expressions import Namespace, expressions_in, render, to_plain
 from eal_actors.scenario.language.parameters import parameter_problem
 from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
@@ -206,7 +206,7 @@ class ScenarioStep(BlockStep):
             return perform_steps(run, scenario.file.steps, f"{frame.prefix}steps", inside)
 
         work = perform_within(run, replace(context, task=task), self, path, meets, steps)
-        yield from TaskGroup(run, context, "all").perform([(task, work)])
+        yield from StepGroup(run, context, "all").perform([(task, work)])
         if run.may_begin(context):
             run.open_parts.remove(here)
             ending = replace(here, task=StepTask(context.task, slot), is_finally=True)  # the time limit has no effect

@@ -26,21 +26,16 @@ Resources = Mapping[str, ResourceHandle]
 """Resources of a robot on the bench, by name."""
 
 ROBOTS: Final = ("first", "second")
-"""The robots on the bench."""
+"""The names of the robots on the bench."""
 
-_LOOK_S: Final = 0.02
+_POLL_S: Final = 0.02
 
 _ARENA: Final = WorldModel(version=1, name="bench", size_m=(12.0, 8.0))
 
 
 @dataclass(frozen=True)
 class BenchRobot:
-    """A robot on the bench.
-
-    Attributes:
-        robot: the robot.
-        resources: the resources to check.
-    """
+    """A robot on the bench, with the resources to check."""
 
     robot: RobotHandle
     resources: Resources
@@ -51,7 +46,6 @@ class Bench:
     """A plugin's folder, with settings for the plugin.
 
     Attributes:
-        folder: the plugin's folder.
         settings: the plugin's settings, as in a fleet file; see `settings_of`.
         timeout_s: deadline of each call.
         left_out: names of resources that are not checked.
@@ -102,7 +96,7 @@ class Bench:
 
         Raises:
             ConfigError: the manifest or the settings are wrong.
-            PluginError: the plugin, or one of its resources, did not come up.
+            PluginError: the plugin, or one of its resources, did not start.
 
         Thread: blocks while the robot connects.
         """
@@ -113,19 +107,19 @@ class Bench:
     def robots(self, count: int) -> Iterator[tuple[Resources, ...]]:
         """Connect several robots like `robot`, each with its own instance and its own emulated device."""
         with ExitStack() as stack:
-            devices = [stack.enter_context(self.stand_in()) for _ in range(count)]
-            places = stack.enter_context(self.connected(devices))
-            yield tuple(place.resources for place in places)
+            devices = [stack.enter_context(self.emulated_device()) for _ in range(count)]
+            robots = stack.enter_context(self.connected(devices))
+            yield tuple(robot.resources for robot in robots)
 
     @contextmanager
-    def stand_in(self) -> Iterator[EmulatedDevice | None]:
+    def emulated_device(self) -> Iterator[EmulatedDevice | None]:
         """Connect an emulator of the plugin's device, if it has one and the settings name no device."""
-        stand_in = emulate_device(self.manifest(), self.settings.root)
+        device = emulate_device(self.manifest(), self.settings.root)
         try:
-            yield stand_in
+            yield device
         finally:
-            if stand_in is not None:
-                stand_in.close()
+            if device is not None:
+                device.close()
 
     @contextmanager
     def connected(
@@ -156,21 +150,21 @@ def _require_up(robot: RobotHandle) -> None:
     robot.wait_started(0.0)
     for name, handle in robot.items():
         try:
-            handle.info  # noqa: B018  # reading it tells whether the resource has come up
+            handle.info  # noqa: B018  # reading it fails if the resource has not started
         except EALError as error:
-            raise PluginError(f"{name} did not come up: {error.message}") from error
+            raise PluginError(f"{name} did not start: {error.message}") from error
 
 
-def comes_true(holds: Callable[[], bool], within_s: float) -> bool:
-    """Poll a condition in real time, because hardware sends no events. Thread: blocks the caller."""
+def wait_until(holds: Callable[[], bool], within_s: float) -> bool:
+    """Poll a condition in real time (hardware sends no events); return whether it holds. Thread: blocks the caller."""
     end_s = REAL_TIME.now() + within_s
     while not (found := holds()) and REAL_TIME.now() < end_s:
-        REAL_TIME.sleep(_LOOK_S)
+        REAL_TIME.sleep(_POLL_S)
     return found
 
 
 def _require_ready(robot: RobotHandle, within_s: float) -> None:
-    if not comes_true(lambda: not robot.not_ready, within_s):
+    if not wait_until(lambda: not robot.not_ready, within_s):
         raise PluginError("; ".join(f"{name} is not ready: {reason}" for name, reason in robot.not_ready.items()))
 
 
@@ -188,7 +182,6 @@ class Findings:
     """Findings of a check.
 
     Attributes:
-        problems: the problems, each with the resource's name.
         tried: number of things checked; a check with none counts as skipped.
     """
 
@@ -238,20 +231,14 @@ class BlockedActor(Exception):  # noqa: N818  # ends a check, and never leaves t
 
 
 def wait_until_started(handle: ResourceHandle, what: str) -> None:
-    """Wait until the resource has started the previous command.
-
-    Args:
-        handle: the resource.
-        what: the command, for messages.
+    """Wait until the resource has started the previous command, named `what` in messages.
 
     Raises:
         BlockedActor: the command blocks the actor.
 
     Thread: blocks the caller.
     """
-    error = handle.get_config(
-        "eal-conformance-settle"
-    ).exception()  # refused, but only after the previous command has started
+    error = handle.get_config("eal-conformance-settle").exception()  # refused after the previous command has started
     if isinstance(error, DeadlineError):
         raise BlockedActor(handle.name, what)
 

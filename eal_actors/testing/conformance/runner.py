@@ -7,7 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from eal_actors.kernel.errors import ConfigError, EALError
-from eal_actors.testing.conformance import answering, describing, living, moving, wiring
+from eal_actors.testing.conformance import (
+    call_checks,
+    connection_checks,
+    description_checks,
+    lifecycle_checks,
+    motion_checks,
+)
 from eal_actors.testing.conformance.bench import Bench, BlockedActor, Findings
 
 
@@ -25,7 +31,7 @@ class Check:
 
     @property
     def name(self) -> str:
-        """The check's name, such as `comes up`."""
+        """The check's name, such as `starts`."""
         return self.run.__name__.replace("_", " ")
 
     @property
@@ -39,7 +45,6 @@ class CheckResult:
     """The result of a check.
 
     Attributes:
-        check: the check.
         outcome: `ok`, `failed` or `skipped`.
         problems: the problems, or why the check, or part of it, was skipped.
         blocked: the resource whose actor a command blocked, which ended the check.
@@ -52,24 +57,24 @@ class CheckResult:
 
 
 CHECKS: Final = (
-    Check(describing.comes_up),
-    Check(describing.describes_itself),
-    Check(describing.survives_json),
-    Check(answering.says_what_it_lacks, "every resource supports all nine methods"),
-    Check(answering.answers, "no call works without an argument"),
-    Check(answering.keeps_configuration, "no configuration key is writable"),
-    Check(answering.refuses_unknown_names, "no commands, requests or configuration keys are listed"),
-    Check(moving.carries_out_commands, "no command has an argument that can be chosen"),
-    Check(answering.refuses_bad_arguments, "no argument has a type"),
-    Check(moving.can_be_halted, "it has no actuator"),
-    Check(moving.stops_what_runs, "no command of an actuator takes time"),
-    Check(living.shares_nothing, "two instances cannot run side by side"),
-    Check(wiring.keeps_calls_apart, "no call works without an argument"),
-    Check(wiring.waits_for_its_device, "there is no emulated device to be absent"),
-    Check(wiring.bears_unplugging, "there is no emulated device to unplug"),
-    Check(living.leaves_no_thread),
-    Check(wiring.frees_its_port, "this system does not list open files"),
-    Check(living.comes_back),
+    Check(description_checks.starts),
+    Check(description_checks.describes_itself),
+    Check(description_checks.survives_json),
+    Check(call_checks.reports_unsupported_methods, "every resource supports all nine methods"),
+    Check(call_checks.answers, "no call works without an argument"),
+    Check(call_checks.keeps_configuration, "no configuration key is writable"),
+    Check(call_checks.refuses_unknown_names, "no commands, requests or configuration keys are listed"),
+    Check(motion_checks.runs_commands, "no command has an argument that can be chosen"),
+    Check(call_checks.refuses_bad_arguments, "no argument has a type"),
+    Check(motion_checks.can_be_halted, "it has no actuator"),
+    Check(motion_checks.stops_running_commands, "no command of an actuator takes time"),
+    Check(lifecycle_checks.shares_no_state, "two instances cannot run side by side"),
+    Check(connection_checks.separates_concurrent_calls, "no call works without an argument"),
+    Check(connection_checks.waits_for_its_device, "there is no emulated device to be absent"),
+    Check(connection_checks.survives_unplugging, "there is no emulated device to unplug"),
+    Check(lifecycle_checks.leaves_no_thread),
+    Check(connection_checks.releases_its_ports, "this system does not list open files"),
+    Check(lifecycle_checks.reconnects),
 )
 """Every check, from basic to specific."""
 

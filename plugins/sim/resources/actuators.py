@@ -9,22 +9,16 @@ from typing_extensions import override
 
 from eal_actors.plugin import (
     Activity,
-    DataType,
     DifferentialBase,
     Drivetrain,
     EALData,
     ResourceFaultError,
-    ResourceType,
     UnavailableError,
     UnsupportedError,
-    ValueInfo,
     WheelCalibration,
-    command,
-    config,
-    config_setter,
 )
 
-from ..models import MAKES
+from ...evbot3.turret import TurretCommands
 from ..motion import Move, WheelMotion
 from ..robot import SimRobot, wrapped_rad
 from ..sensors import dropped_wheels, seen_cliffs
@@ -37,12 +31,6 @@ _PROGRESS_REPORTS: Final = 20
 
 _GROUND_POLL_S: Final = 0.05
 """Poll interval of the cliff sensors while the robot moves, as in a driver of a real robot."""
-
-_ANGLE: Final = ValueInfo(DataType.DOUBLE, "deg", 0, 3600)
-_TO_ANGLE: Final = ValueInfo(DataType.DOUBLE, "deg", -360, 360)
-_TURN_RATE: Final = ValueInfo(
-    DataType.DOUBLE, "deg/s", 1, max(make.turret.max_turn_rate_deg_s for make in MAKES.values() if make.turret)
-)
 
 
 class Base(DifferentialBase, RobotResource):
@@ -161,22 +149,19 @@ class Base(DifferentialBase, RobotResource):
             raise UnavailableError(f"{reason}: robot {self._robot.name!r} has stopped")
 
 
-class Turret(RobotResource):
+class Turret(TurretCommands, RobotResource):
     """Turns on the robot; get_status: 0 rests, 1 turns; get_value: its angle in rad, to the left of straight ahead.
 
     Raises:
         UnsupportedError: the make has no turret.
     """
 
-    types = ResourceType.ACTUATOR
-    value = ValueInfo(DataType.DOUBLE, "rad")
-
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
-        super().__init__(world, robot)
+        RobotResource.__init__(self, world, robot)
         if robot.turret is None:
             raise UnsupportedError(f"robot {robot.name!r} is an {robot.make.name}, which has no turret")
         self._turret = robot.turret
-        self._turn_rate_deg_s = robot.turret.model.turn_rate_deg_s
+        TurretCommands.__init__(self, robot.turret.model.turn_rate_deg_s)
 
     def get_status(self) -> int:
         """Return 0 while it rests, 1 while it turns."""
@@ -191,38 +176,15 @@ class Turret(RobotResource):
         with self._world.caught_up():
             self._turret.stop()
 
-    @command("l<degrees>", _ANGLE)
-    def left_by(self, degrees: float) -> Activity:
-        """Turn left by an angle."""
+    @override
+    def swing(self, degrees: float) -> Activity:
         return self._turn(math.radians(degrees))
 
-    @command("r<degrees>", _ANGLE)
-    def right_by(self, degrees: float) -> Activity:
-        """Turn right by an angle."""
-        return self._turn(-math.radians(degrees))
-
-    @command("t<degrees>", _TO_ANGLE)
-    def turn_to(self, degrees: float) -> Activity:
-        """Turn to an angle to the left of straight ahead, in the shorter direction."""
+    @override
+    def aim(self, degrees: float) -> Activity:
         with self._world.caught_up():
             angle_rad = wrapped_rad(math.radians(degrees) - self._turret.yaw_rad)
         return self._turn(angle_rad)
-
-    @command("s", urgent=True)
-    def stop(self) -> int:
-        """Stop at once."""
-        self.halt()
-        return 1
-
-    @config("turn_rate_deg_s", _TURN_RATE)
-    def turn_rate_deg_s(self) -> float:
-        """Speed of turning."""
-        return self._turn_rate_deg_s
-
-    @config_setter("turn_rate_deg_s")
-    def set_turn_rate_deg_s(self, turn_rate_deg_s: float) -> None:
-        """Set the turn rate of later commands."""
-        self._turn_rate_deg_s = float(turn_rate_deg_s)
 
     def _turn(self, angle_rad: float) -> Activity:
         with self._world.caught_up():

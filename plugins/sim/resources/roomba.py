@@ -5,19 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from typing_extensions import override
+
 from eal_actors.plugin import (
-    ArgumentError,
     DataType,
     EALData,
     ResourceType,
-    UnavailableError,
     ValueInfo,
     command,
-    config,
-    config_setter,
     request,
 )
 
+from ...roomba.songs import NOTES, SongBook, duration_s, parse_notes
 from ..robot import SimRobot
 from ..world import SimWorld
 from .robot_resource import RobotResource
@@ -25,9 +24,6 @@ from .robot_resource import RobotResource
 _FLAG: Final = ValueInfo(DataType.BOOL)
 _STATUS: Final = ValueInfo(DataType.CHAR, choices=("off", "red", "green", "amber"))
 _LEVEL: Final = ValueInfo(DataType.INT, None, 0, 255)
-_NUMBER: Final = ValueInfo(DataType.INT, None, 0, 15)
-_NOTES: Final = ValueInfo(DataType.CHAR, description="MIDI notes 31..127, each with 1/64 s 1..255: 72:16 76:16 79:32")
-_MOST_NOTES: Final = 16
 
 
 class Buttons(RobotResource):
@@ -163,72 +159,28 @@ class Leds(RobotResource):
         self._lights = replace(self._lights, **changes)
 
 
-class Song(RobotResource):
+class Song(SongBook, RobotResource):
     """Plays songs of notes; get_status: 0 is silent, 1 plays."""
 
-    types = ResourceType.ACTUATOR
-
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
-        super().__init__(world, robot)
-        self._number = 0
-        self._songs: dict[int, str] = {}
+        SongBook.__init__(self)
+        RobotResource.__init__(self, world, robot)
         self._plays_until_s = 0.0
 
-    def get_status(self) -> int:
-        """Return 0 while it is silent, 1 while it plays."""
-        return int(self._left_s() > 0)
+    @override
+    def remaining_s(self) -> float:
+        with self._world.caught_up() as now_s:
+            return self._plays_until_s - now_s
 
-    def halt(self) -> None:
-        """Do nothing: a song moves nothing, and a playing song cannot be stopped."""
-
-    @config("number", _NUMBER)
-    def number(self) -> int:
-        """Number of the song that the commands and the request use."""
-        return self._number
-
-    @config_setter("number")
-    def set_number(self, number: int) -> None:
-        """Select the song."""
-        self._number = number
-
-    @command("notes", _NOTES)
+    @command("notes", NOTES)
     def set_notes(self, text: str) -> None:
         """Store the song's notes, at most 16."""
-        _parse_notes(text)
+        parse_notes(text)
         self._songs[self._number] = text
 
     @command("play")
     def play(self) -> None:
         """Begin to play the song."""
-        if self._number not in self._songs:
-            raise ArgumentError(f"song {self._number} has no notes yet; the command notes sets them")
-        if (left_s := self._left_s()) > 0:
-            raise UnavailableError(f"a song plays for another {left_s:.2f} s, and cannot be stopped")
+        notes = self.playable_notes()
         with self._world.caught_up() as now_s:
-            self._plays_until_s = now_s + sum(duration for _, duration in _parse_notes(self._songs[self._number])) / 64
-
-    @request("notes", ValueInfo(DataType.CHAR))
-    def notes(self) -> str:
-        """Return the stored notes of the song; empty for none."""
-        return self._songs.get(self._number, "")
-
-    def _left_s(self) -> float:
-        with self._world.caught_up() as now_s:
-            return self._plays_until_s - now_s
-
-
-def _parse_notes(text: str) -> list[tuple[int, int]]:
-    """Return the pairs of note and duration in 1/64 s of a text such as `72:16 76:32`.
-
-    Raises:
-        ArgumentError: the text has another form, a number is out of range, or there are too few or too many notes.
-    """
-    notes = []
-    for word in text.split():
-        note, _, duration = word.partition(":")
-        if not (note.isdecimal() and duration.isdecimal() and 31 <= int(note) <= 127 and 1 <= int(duration) <= 255):
-            raise ArgumentError(f"{word!r} is no note 31..127 with its 1/64 s 1..255, as in 72:16")
-        notes.append((int(note), int(duration)))
-    if not 1 <= len(notes) <= _MOST_NOTES:
-        raise ArgumentError(f"a song has 1..{_MOST_NOTES} notes, not {len(notes)}")
-    return notes
+            self._plays_until_s = now_s + duration_s(notes)

@@ -15,7 +15,7 @@ from eal_actors.testing.conformance import CHECKS, Bench, CheckResult, run_check
 INIT = "    def __init__(self) -> None:\n"
 STATUS = "        return int(self._moves)\n"
 MOVE = "        self._moves = True\n"
-NEEDS_A_STAND_IN = ("waits for its device", "bears unplugging")
+NEEDS_AN_EMULATOR = ("waits for its device", "survives unplugging")
 
 
 @pytest.fixture
@@ -38,21 +38,21 @@ def run(folder: Path, name: str) -> CheckResult:
 def test_a_good_plugin_passes_every_check(slide: Path) -> None:
     results = list(run_checks(Bench(slide, settings_of({}))))
     assert [(result.check.name, result.outcome, result.problems) for result in results] == [
-        (check.name, "skipped", (check.nothing,)) if check.name in NEEDS_A_STAND_IN else (check.name, "ok", ())
+        (check.name, "skipped", (check.nothing,)) if check.name in NEEDS_AN_EMULATOR else (check.name, "ok", ())
         for check in CHECKS
     ]
 
 
 MISTAKES = {
-    "another name in connect": ("comes up", 'EALPlugin("Slide")', 'EALPlugin("Other")', "manifest names Slide"),
-    "open fails": ("comes up", INIT, f"    def open(self):\n        raise OSError('no port')\n\n{INIT}", "no port"),
+    "another name in connect": ("starts", 'EALPlugin("Slide")', 'EALPlugin("Other")', "manifest names Slide"),
+    "open fails": ("starts", INIT, f"    def open(self):\n        raise OSError('no port')\n\n{INIT}", "no port"),
     "no type": ("describes itself", "ResourceType.SENSOR | ResourceType.ACTUATOR", "ResourceType(0)", "has no type"),
     "no unit": ("describes itself", 'DOUBLE, "m/s"', "DOUBLE, None", "'speed_m_s' has no unit"),
     "no word about a command": ("describes itself", '"""Move to a position."""', '""', "'to<metres>' has no desc"),
     "an empty range": ("describes itself", "0.01, 0.5", "0.5, 0.01", "empty range: 0.5..0.01"),
     "what JSON cannot hold": ("survives json", '"m", 0, 1)', '"m", 0, 1, choices=(b"x",))', "TypeError"),
     "a method denied": (
-        "says what it lacks",
+        "reports unsupported methods",
         INIT,
         (
             "    def info(self):\n        from dataclasses import replace\n"
@@ -87,19 +87,24 @@ MISTAKES = {
         "must fail with ArgumentError, but succeeded",
     ),
     "a command that fails": (
-        "carries out commands",
+        "runs commands",
         MOVE,
         f"        raise OSError('no motor')\n{MOVE}",
         "Slide: send_cmd to1.0 failed: resource_fault: ",
     ),
-    "a command that answers text": ("carries out commands", MOVE, "        return 'moved'\n", "return_type: "),
+    "a command that answers text": ("runs commands", MOVE, "        return 'moved'\n", "return_type: "),
     "a stop that fails": (
-        "carries out commands",
+        "runs commands",
         "def stop(self) -> int:",
         "def stop(self) -> int:\n        raise OSError('no brake')\n\n    def other(self):",
         "Slide: send_cmd s failed: resource_fault: ",
     ),
-    "only a command that fails": ("stops what runs", MOVE, f"        raise OSError('no motor')\n{MOVE}", "no motor"),
+    "only a command that fails": (
+        "stops running commands",
+        MOVE,
+        f"        raise OSError('no motor')\n{MOVE}",
+        "no motor",
+    ),
     "no halt": ("can be halted", "def halt(self)", "def stop_it(self)", "does not override halt"),
     "a halt that fails": (
         "can be halted",
@@ -108,25 +113,25 @@ MISTAKES = {
         "brake stuck",
     ),
     "no status while it moves": (
-        "stops what runs",
+        "stops running commands",
         STATUS,
         f"        assert not self._moves\n{STATUS}",
         "get_status failed",
     ),
     "usable once": (
-        "stops what runs",
+        "stops running commands",
         MOVE,
         f"        if hasattr(self, 'used'):\n            return 1\n        self.used = True\n{MOVE}",
         "did not start again",
     ),
     "a speed for all": (
-        "shares nothing",
+        "shares no state",
         "self._speed_m_s",
         "_EVERYBODY.speed_m_s",
         "of one robot changed the other's",
     ),
-    "one object for all": ("shares nothing", "return Slide()", "return _ONLY", "have the same object"),
-    "connects once": ("comes back", "return EALPlugin(", "_ONCE.pop()\n    return EALPlugin(", "pop from empty list"),
+    "one object for all": ("shares no state", "return Slide()", "return _ONLY", "have the same object"),
+    "connects once": ("reconnects", "return EALPlugin(", "_ONCE.pop()\n    return EALPlugin(", "pop from empty list"),
 }
 
 GLOBALS = """
@@ -183,7 +188,7 @@ def test_a_command_that_blocks_its_actor_is_told_once_and_the_rest_is_not_waited
     spoil(slide, "plugin.py", "step_m = self._speed_m_s * _STEP_S", "step_m = 1e-9")
     spoil(slide, "plugin.py", "_STEP_S = 0.05\n", "import threading\n\nENOUGH = threading.Event()\n_STEP_S = 0.05\n")
     results = list(run_checks(Bench(slide, settings_of({}), timeout_s=0.2)))
-    at = next(number for number, result in enumerate(results) if result.check.name == "carries out commands")
+    at = next(number for number, result in enumerate(results) if result.check.name == "runs commands")
     assert {result.outcome for result in results[:at]} == {"ok"}
     assert (results[at].outcome, results[at].blocked) == ("failed", "Slide")
     assert results[at].problems == (
@@ -216,16 +221,16 @@ def test_hardware_that_is_there_once_is_not_blamed(slide: Path) -> None:
     spoil(
         slide, "plugin.py", "def disconnect(plugin: EALPlugin) -> None:", "def disconnect(plugin):\n    _ONCE.append(1)"
     )
-    assert run(slide, "shares nothing").outcome == "skipped"
-    assert run(slide, "comes back").outcome == "ok"
+    assert run(slide, "shares no state").outcome == "skipped"
+    assert run(slide, "reconnects").outcome == "ok"
 
 
 def test_missing_modules_and_a_namesake_are_told(slide: Path) -> None:
     spoil(slide, "plugin.yaml", "version: 1\n", "version: 1\nrequires: [no_such_module]\n")
-    assert "required modules are not installed: no_such_module" in run(slide, "comes up").problems
+    assert "required modules are not installed: no_such_module" in run(slide, "starts").problems
     namesake = write_plugin("a_slide", slide.parent)
     spoil(namesake, "plugin.yaml", "name: a_slide", "name: slide")
-    assert f"the plugin in {namesake} has the same name and hides it" in run(slide, "comes up").problems
+    assert f"the plugin in {namesake} has the same name and hides it" in run(slide, "starts").problems
 
 
 def test_wrong_settings_are_the_user_s_fault_not_the_plugin_s(slide: Path) -> None:

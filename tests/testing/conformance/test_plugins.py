@@ -70,5 +70,5 @@ def test_the_simulation_leaves_no_check_out() -> None:
     bench = Bench(bundled_path("plugins/sim"), settings_of({"model": "roomba"}))
     assert [check.name for check in CHECKS if run_check(check, bench).outcome == "skipped"] == [
         "waits for its device",  # it has none
-        "bears unplugging",
+        "survives unplugging",
     ]

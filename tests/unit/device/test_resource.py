@@ -187,8 +187,8 @@ def test_mixins_and_plain_overrides_keep_their_commands() -> None:
     ("declare", "message"),
     [
         (lambda: command("stop<seconds>", ValueInfo(DataType.DOUBLE), urgent=True), "known by its whole text"),
-        (lambda: command("to<metres", ValueInfo(DataType.DOUBLE)), "stands at its end"),
-        (lambda: command("<metres>to", ValueInfo(DataType.DOUBLE)), "stands at its end"),
+        (lambda: command("to<metres", ValueInfo(DataType.DOUBLE)), "must be at its end"),
+        (lambda: command("<metres>to", ValueInfo(DataType.DOUBLE)), "must be at its end"),
         (lambda: command("to<metres>"), "needs a ValueInfo"),
         (lambda: request("joint", argument=ValueInfo(DataType.INT)), "nothing but its text"),
     ],

@@ -151,7 +151,7 @@ SHAPES = "'line', 'column', 'grid', 'circle' or 'wedge'"
         ("[{x_m: 1, y_m: 0, yaw_deg: 361}]", ["36: starts[0].yaw_deg: must be at most 360, not 361"]),
         (
             "[{shape: line, count: 3, spacing_m: 1}]",
-            ["10: starts[0]: is a formation, which stands alone: `starts: {shape: ...}`, without a list around it"],
+            ["10: starts[0]: is a formation; write it without a list: `starts: {shape: ...}`"],
         ),
         (
             "{shape: lin, count: 1, spacing_m: 1}",

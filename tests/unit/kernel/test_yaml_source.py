@@ -85,8 +85,8 @@ def test_a_quoted_scalar_is_text(text: str) -> None:
         ("a: 1e999", "f.yaml:1:4: a: 1e999 is too large for a number"),
         ("a: 9223372036854775808", "f.yaml:1:4: a: the number does not fit into 64 bits"),
         ("a: " + "9" * 10_000, "f.yaml:1:4: a: the number does not fit into 64 bits"),
-        ("a: 1\nb: {a: 1, a: 2}", "f.yaml:2:11: b.a: duplicate key; it stands in line 2 already"),
-        ('a: 1\n"a": 2', "f.yaml:2:1: a: duplicate key; it stands in line 1 already"),
+        ("a: 1\nb: {a: 1, a: 2}", "f.yaml:2:11: b.a: duplicate key; first defined in line 2"),
+        ('a: 1\n"a": 2', "f.yaml:2:1: a: duplicate key; first defined in line 1"),
         ("a: {5: x}", "f.yaml:1:5: a: a key must be text, and 5 is not; write it in quotes: '5'"),
         ("true: x", "f.yaml:1:1: a key must be text, and true is not; write it in quotes: 'true'"),
         (".inf: x", "f.yaml:1:1: a key must be text, and .inf is not; write it in quotes: '.inf'"),
@@ -107,7 +107,7 @@ def test_a_quoted_scalar_is_text(text: str) -> None:
         ("a: &x [1, *x]", "f.yaml:1:4: a[1]: the anchor contains itself"),
         ("a: *nowhere", "f.yaml:1:4: not valid YAML: found undefined alias 'nowhere'"),
         ("a: 1\n---\nb: 2", "f.yaml:2:1: a second document starts here; one file holds one document"),
-        ("a:\n\tb: 1", "f.yaml:2:1: a tab stands where YAML allows only spaces"),
+        ("a:\n\tb: 1", "f.yaml:2:1: YAML does not allow a tab here; use spaces"),
         ("a: b: c", "f.yaml:1:5: not valid YAML: mapping values are not allowed here"),
         (
             "a: [1, 2",
@@ -118,7 +118,7 @@ def test_a_quoted_scalar_is_text(text: str) -> None:
             f"f.yaml:1:12: {BARE_REFERENCE}",
         ),
         ("a: x\x07", "f.yaml:1:5: the character U+0007 is not allowed in YAML"),
-        ('a: "\\UFFFFFFFF"', "f.yaml:1:7: the escape stands for no character"),
+        ('a: "\\UFFFFFFFF"', "f.yaml:1:7: the escape is no valid character"),
         ('a: "\\ud800"', "f.yaml:1:4: a: the text holds half a character (a surrogate), which no file can store"),
         ("", "f.yaml: is empty; the top level must be a mapping of keys to values"),
         ("# only a comment\n", "f.yaml: is empty; the top level must be a mapping of keys to values"),
@@ -156,7 +156,7 @@ def test_all_problems_of_a_file_are_told_at_once() -> None:
     text = "a: 1\na: .inf\n5: x\nb: !tag y\nc: ${MISSING}\nd: {<<: {}}\n"
 
     assert problems(text, {}) == [
-        "f.yaml:2:1: a: duplicate key; it stands in line 1 already",
+        "f.yaml:2:1: a: duplicate key; first defined in line 1",
         "f.yaml:2:4: a: .inf is not a finite number; put it in quotes if it is meant as text",
         "f.yaml:3:1: a key must be text, and 5 is not; write it in quotes: '5'",
         "f.yaml:4:4: the tag !tag is not supported; leave it out, and put text in quotes",

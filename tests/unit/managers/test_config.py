@@ -128,14 +128,6 @@ def test_both_kinds_of_files_are_shipped() -> None:
     assert {path.stem for path in SHIPPED_WORLDS} >= {"empty", "field", "lab", "maze"}
 
 
-def check_both_refuse(path: Path, text: str, load: Callable[[Path], object], schema: dict[str, Any]) -> None:
-    """Check that the model finds one problem in a file, and that its schema refuses the file too."""
-    path.write_text(text)
-    assert len(problems_of(lambda: load(path))) == 1
-    with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(load_yaml(path).root, schema, jsonschema.Draft202012Validator)
-
-
 ROBOTS = "robots: {r: {plugins: {s: {}}}}"
 
 
@@ -167,7 +159,15 @@ ROBOTS = "robots: {r: {plugins: {s: {}}}}"
     ],
 )
 def test_model_and_schema_refuse_the_same_fleets(tmp_path: Path, text: str) -> None:
-    check_both_refuse(tmp_path / "f.yaml", text, EALConfigManager.load, fleet_schema())
+    check_refusal(tmp_path / "f.yaml", text, EALConfigManager.load, fleet_schema())
+
+
+def check_refusal(path: Path, text: str, load: Callable[[Path], object], schema: dict[str, Any]) -> None:
+    """Check that a file has one problem, and that the schema refuses it too."""
+    path.write_text(text)
+    assert len(problems_of(lambda: load(path))) == 1
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(load_yaml(path).root, schema, jsonschema.Draft202012Validator)
 
 
 @pytest.mark.parametrize(
@@ -201,7 +201,7 @@ def test_model_and_schema_refuse_the_same_fleets(tmp_path: Path, text: str) -> N
     ],
 )
 def test_model_and_schema_refuse_the_same_worlds(tmp_path: Path, rest: str) -> None:
-    check_both_refuse(tmp_path / "w.yaml", f"version: 1\nname: w\n{rest}\n", load_world, world_schema())
+    check_refusal(tmp_path / "w.yaml", f"version: 1\nname: w\n{rest}\n", load_world, world_schema())
 
 
 def test_the_schema_describes_the_keys() -> None:

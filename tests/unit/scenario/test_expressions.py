@@ -127,9 +127,9 @@ def test_nesting_breaks_nothing(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("2 ** 10 ** 10", "the result is a whole number of more than 256 bits"),
-        ("9 ** 9 ** 9", "the result is a whole number of more than 256 bits"),
-        ("2 ** 255 * 9", "the result is a whole number of more than 256 bits"),
+        ("2 ** 10 ** 10", "the result has more than 256 bits"),
+        ("9 ** 9 ** 9", "the result has more than 256 bits"),
+        ("2 ** 255 * 9", "the result has more than 256 bits"),
         ("10.0 ** 400", "Numerical result out of range"),
         ("1e308 * 10", "the result is not a finite number"),
         ("(-1) ** 0.5", "the result is not a real number"),

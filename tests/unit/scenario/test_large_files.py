@@ -74,11 +74,11 @@ def test_anchors_are_fine_where_they_stay_small(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("body", "expected"),
     [
-        ("steps:\n- log: a\n\twait_s: 1\n", "s.yaml:6:1: a tab stands where YAML allows only spaces"),
-        ("steps: [{log: a, log: b}]\n", "s.yaml:4:18: steps[0].log: duplicate key; it stands in line 4 already"),
+        ("steps:\n- log: a\n\twait_s: 1\n", "s.yaml:6:1: YAML does not allow a tab here; use spaces"),
+        ("steps: [{log: a, log: b}]\n", "s.yaml:4:18: steps[0].log: duplicate key; first defined in line 4"),
         (
             "steps: [{parallel: {a: [{log: x}], a: [{log: y}]}}]\n",
-            "s.yaml:4:36: steps[0].parallel.a: duplicate key; it stands in line 4 already",
+            "s.yaml:4:36: steps[0].parallel.a: duplicate key; first defined in line 4",
         ),
         ("steps: [{<<: {log: x}}]\n", "s.yaml:4:10: steps[0]: merge keys (<<) are not supported"),
         ("steps: [{log: !!python/name:os.system x}]\n", "s.yaml:4:15: the tag"),

@@ -12,9 +12,8 @@ from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.scenario import Scenario, check_scenario, load_scenario, scenario_schema
 from eal_actors.scenario.language.values import RetryPolicy
 from eal_actors.scenario.steps.calls import GetValue, SendCmd
-from eal_actors.scenario.steps.for_ import ForStep
+from eal_actors.scenario.steps.loops import ForStep, RepeatStep
 from eal_actors.scenario.steps.on import OnStep
-from eal_actors.scenario.steps.repeat import RepeatStep
 
 SHIPPED = sorted(bundled_path("scenarios").glob("*.yaml"))
 HEAD = "version: 1\nname: x\ndescription: d\nroles: {r: {}}\n"
@@ -147,7 +146,7 @@ def test_the_environment_has_no_say(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             in_role("get_value: {resource: Eye}\n    on_failure: {retry: 0}"),
             "9:25: steps[0].do[0].on_failure.retry: must be over 0, not 0",
         ),
-        ("roles: {}\nsteps: [{log: x}]", "5:1: roles: duplicate key; it stands in line 4 already"),
+        ("roles: {}\nsteps: [{log: x}]", "5:1: roles: duplicate key; first defined in line 4"),
         (
             in_role("log: '${nme}'"),
             "8:13: steps[0].do[0].log: unknown variable 'nme'; known: count, index, robot, role",

@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
 MAX_BITS: Final = 256
-"""No whole number in an expression grows longer."""
+"""Maximum length of a whole number in an expression."""
 MAX_ITEMS: Final = 10_000
-"""No list or text in an expression grows longer."""
+"""Maximum length of a list or text in an expression."""
 
 
 class Function(NamedTuple):
@@ -34,7 +34,7 @@ class RefusalError(ValueError):
 
 def _bounded(value: Any) -> Any:
     if isinstance(value, int) and value.bit_length() > MAX_BITS:
-        raise RefusalError(f"the result is a whole number of more than {MAX_BITS} bits")
+        raise RefusalError(f"the result has more than {MAX_BITS} bits")
     if isinstance(value, float) and not math.isfinite(value):
         raise RefusalError("the result is not a finite number")
     if isinstance(value, str | list) and len(value) > MAX_ITEMS:
@@ -77,7 +77,7 @@ def _add(left: Any, right: Any) -> Any:
 def _power(base: Any, exponent: Any) -> Any:
     _numbers("**", base, exponent)
     if isinstance(base, int) and isinstance(exponent, int) and exponent * max(base.bit_length(), 1) > MAX_BITS:
-        raise RefusalError(f"the result is a whole number of more than {MAX_BITS} bits")
+        raise RefusalError(f"the result has more than {MAX_BITS} bits")
     result = base**exponent
     if isinstance(result, complex):
         raise RefusalError("the result is not a real number")

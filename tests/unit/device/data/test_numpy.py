@@ -12,16 +12,15 @@ import pytest
 from eal_actors.device.data import DataType, EALData
 from eal_actors.kernel.errors import DataError
 from tests.unit.device.data import rig
-from tests.unit.device.data.rig import BOOL, CHAR, DOUBLE, FLOAT, INT, LONG, PTR, SHORT, UNSIGNED, VOID
 
 NUMPY_TYPES = [
-    ("|u1", CHAR, UNSIGNED, "01ff", [1, 255]),
-    ("<i2", INT, SHORT, "01000080", [1, -(2**15)]),
-    ("<i4", INT, {}, "0100000000000080", [1, -(2**31)]),
-    ("<i8", INT, LONG, "01000000000000000000000000000080", [1, -(2**63)]),
-    ("<f4", FLOAT, {}, "0000803f0000c0bf", [1.0, -1.5]),
-    ("<f8", DOUBLE, {}, "000000000000f03f000000000000f8bf", [1.0, -1.5]),
-    ("|b1", BOOL, {}, "0100", [True, False]),
+    ("|u1", rig.CHAR, rig.UNSIGNED, "01ff", [1, 255]),
+    ("<i2", rig.INT, rig.SHORT, "01000080", [1, -(2**15)]),
+    ("<i4", rig.INT, {}, "0100000000000080", [1, -(2**31)]),
+    ("<i8", rig.INT, rig.LONG, "01000000000000000000000000000080", [1, -(2**63)]),
+    ("<f4", rig.FLOAT, {}, "0000803f0000c0bf", [1.0, -1.5]),
+    ("<f8", rig.DOUBLE, {}, "000000000000f03f000000000000f8bf", [1.0, -1.5]),
+    ("|b1", rig.BOOL, {}, "0100", [True, False]),
 ]
 
 
@@ -32,7 +31,7 @@ def test_numpy_array_crosses_without_a_copy(
     array = np.array([values], dtype)
     data = EALData.of(array)
 
-    assert (data.type, rig.modifiers_of(data), data.shape, data.dtype) == (kind, modifiers | PTR, (1, 2), dtype)
+    assert (data.type, rig.modifiers_of(data), data.shape, data.dtype) == (kind, modifiers | rig.PTR, (1, 2), dtype)
     assert bytes(data.payload) == bytes.fromhex(layout)
     assert data.length == len(layout) // 2
     assert np.shares_memory(data.value, array)
@@ -61,7 +60,7 @@ def test_numpy_scalar_becomes_a_plain_value(
 
 def test_list_of_numpy_scalars_is_a_list_of_numbers() -> None:
     assert EALData.of(list(np.arange(3))).value == [0, 1, 2]
-    assert EALData(FLOAT, [np.float64(0.5), 1], is_ptr=True).value == [0.5, 1.0]
+    assert EALData(rig.FLOAT, [np.float64(0.5), 1], is_ptr=True).value == [0.5, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -88,10 +87,14 @@ def test_other_numpy_types_are_refused(value: Any) -> None:
 @pytest.mark.parametrize(
     ("kind", "modifiers", "message"),
     [
-        (DOUBLE, PTR, r"double\[\]: given a numpy array of dtype <f4, takes an array of dtype <f8"),
-        (FLOAT, {}, "float: given a numpy array of dtype <f4, takes no numpy array; arrays need is_ptr=True"),
-        (VOID, PTR, r"void\[\]: given a numpy array of dtype <f4, takes no numpy array"),
-        (INT, PTR | UNSIGNED, r"unsigned int\[\]: given a numpy array of dtype <f4, takes an array of dtype <u4"),
+        (rig.DOUBLE, rig.PTR, r"double\[\]: given a numpy array of dtype <f4, takes an array of dtype <f8"),
+        (rig.FLOAT, {}, "float: given a numpy array of dtype <f4, takes no numpy array; arrays need is_ptr=True"),
+        (rig.VOID, rig.PTR, r"void\[\]: given a numpy array of dtype <f4, takes no numpy array"),
+        (
+            rig.INT,
+            rig.PTR | rig.UNSIGNED,
+            r"unsigned int\[\]: given a numpy array of dtype <f4, takes an array of dtype <u4",
+        ),
     ],
 )
 def test_numpy_array_of_another_type_is_refused(kind: DataType, modifiers: dict[str, Any], message: str) -> None:
@@ -112,7 +115,7 @@ def test_readers_cannot_write_and_the_owner_keeps_a_writable_array() -> None:
 
 def test_rebuilt_array_is_read_only_even_in_a_writable_buffer() -> None:
     buffer = bytearray(4)
-    data = EALData.from_payload(FLOAT, buffer, is_ptr=True, shape=[1], dtype="<f4")
+    data = EALData.from_payload(rig.FLOAT, buffer, is_ptr=True, shape=[1], dtype="<f4")
 
     assert np.shares_memory(data.value, np.frombuffer(buffer, np.uint8))
     with pytest.raises(ValueError, match="read-only"):

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.lab.calibration.fit import fit_squares
-from eal_actors.lab.calibration.square import square_end
-from eal_actors.lab.calibration.square_ends import SquareEnds
+from eal_actors.lab.calibration.square import SquareEnds, square_end
 
 SIDE_M = 1.0
 BASE_M = 0.25

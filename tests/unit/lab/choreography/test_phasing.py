@@ -8,7 +8,7 @@ import random
 
 import pytest
 
-from eal_actors.device.world.formation import Formation, formation_poses
+from eal_actors.device.world.model import Formation, formation_poses
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.lab.choreography.phasing import distance_to_path_m, path_distance_m, plan_phases
 from eal_actors.lab.choreography.step import plan_shape

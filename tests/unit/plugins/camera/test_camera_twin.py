@@ -24,7 +24,8 @@ def simulated_camera() -> Resource:
     context = PluginContext("rob", "twin", settings, FleetServices(ManualClock()))
     camera = sim.create_Camera(replace(context, plugin=sim.connect(context)))
     camera.name = "Camera"
-    return camera
+    resource: Resource = camera
+    return resource
 
 
 def common(info: ResourceInfo, own: set[str]) -> ResourceInfo:

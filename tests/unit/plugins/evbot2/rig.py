@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 from eal_actors.plugin import Activity, BytePort, FleetServices, PluginContext, ReopeningPort
 from plugins.evbot2 import plugin as evbot2_plugin
+from plugins.evbot2.base import Base
 from plugins.evbot2.connecting import start_session
 from plugins.evbot2.emulator import evbot2, free_vehicle
 from plugins.evbot2.firmware import BaseEmulator
@@ -110,7 +111,7 @@ class Rig:
         self.reopening = ReopeningPort(self._open, self.clock, "memory")
         self.reopening.open()
         self.session, self.odometer = self.make_session()
-        self.base = self.plugin.Base(self.session, self.odometer, self.plugin.DRIVETRAIN)
+        self.base: Any = Base(self.session, self.odometer, self.plugin.DRIVETRAIN)
         self._order = count()
         self._due: list[tuple[float, int, Activity]] = []
         self._tick_at_s = self.clock.now()

@@ -76,7 +76,7 @@ def test_the_emulator_is_a_program(way: list[str]) -> None:
             process.terminate()
 
 
-ON_ONE_BASE = [check for check in CHECKS if check.name not in ("shares nothing", "frees its port")]
+ON_ONE_BASE = [check for check in CHECKS if check.name not in ("shares no state", "releases its ports")]
 """The others want two bases, or look at what this process has open, among it the emulator's end."""
 
 

@@ -167,6 +167,12 @@ class Rig:
                 next_s = self.clock.now() + next(activity)
         self.wait(end_s - self.clock.now())
 
+    def begin(self, text: str, duration_s: float) -> Activity:
+        """Run a command of the base for a while; return its activity, which halts the base when it is collected."""
+        activity: Activity = self.base.send_cmd(text)
+        self.start(activity, duration_s)
+        return activity
+
     def run(self, activity: Any) -> Any:
         """Run an activity to its end, with the background at work, and return its result."""
         next_s = self.clock.now()
@@ -227,13 +233,13 @@ def without_polls(sent: bytes) -> bytes:
 class SimulatedRig(Rig):
     """The whole plugin, at a simulated port: its robot is in a simulated world, alone."""
 
-    def __init__(self, world: WorldModel, **settings: Any) -> None:
+    roomba: RoombaDriver  # type: ignore[assignment]
+
+    def __init__(self, world: WorldModel, protocol: str = "sci", **settings: Any) -> None:
         self.clock = HurriedClock()
         services = FleetServices(self.clock, 0, world, simulated_ports.open_port)
-        checked = plugin.Settings.model_validate({"protocol": "sci", "link": "sim", **settings})
-        roomba = plugin.connect(PluginContext("rob", "roomba", checked, services)).roomba
-        assert isinstance(roomba, SciDriver)
-        self.roomba = roomba
+        checked = plugin.Settings.model_validate({"protocol": protocol, "link": "sim", **settings})
+        self.roomba = plugin.connect(PluginContext("rob", "roomba", checked, services)).roomba
         self.world = world_of(services)
         self._begin(self.roomba)
 

@@ -56,8 +56,7 @@ def test_errors_do_not_pile_up_over_a_square_there_and_back() -> None:
 def test_it_cruises_at_the_speed_that_was_set_and_slows_down_before_the_end() -> None:
     rig = Rig()
     rig.base.set_config("speed_m_s", EALData.of(0.4))
-    drive = rig.base.send_cmd("f2")
-    rig.start(drive, 2.0)
+    drive = rig.begin("f2", 2.0)
     assert (rig.body.left.speed_m_s, rig.base.get_status()) == (0.4, 1)
     rig.take_sent()
     rig.run(drive)
@@ -72,8 +71,7 @@ def test_it_cruises_at_the_speed_that_was_set_and_slows_down_before_the_end() ->
 def test_it_turns_at_the_rate_that_was_set() -> None:
     rig = Rig()
     rig.base.set_config("turn_rate_deg_s", EALData.of(45.0))
-    activity = rig.base.send_cmd("l360")
-    rig.start(activity, 2.0)
+    _turn = rig.begin("l360", 2.0)
     assert rig.body.right.speed_m_s == pytest.approx(math.radians(45) * 0.129, abs=0.0005)
 
 
@@ -86,8 +84,7 @@ def test_after_its_time_the_robot_stands() -> None:
 
 def test_a_command_in_place_of_another_begins_from_rest() -> None:
     rig = Rig()
-    first = rig.base.send_cmd("f5")
-    rig.start(first, 1.5)
+    first = rig.begin("f5", 1.5)
     first.close()
     assert rig.body.left.target_m_s == 0.0
     before_m, _ = travel_m(rig)
@@ -102,8 +99,7 @@ def test_a_command_in_place_of_another_begins_from_rest() -> None:
 
 def test_closing_a_motion_and_a_halt_each_send_drive_0() -> None:
     rig = Rig()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 0.5)
+    drive = rig.begin("f5", 0.5)
     rig.take_sent()
     drive.close()
     assert rig.take_sent() == STOP
@@ -115,8 +111,7 @@ def test_closing_a_motion_and_a_halt_each_send_drive_0() -> None:
 @pytest.mark.parametrize("mode", [Mode.SAFE, Mode.FULL])
 def test_a_cliff_halts_the_way_forward_but_not_the_way_back(mode: Mode) -> None:
     rig = Rig(mode)
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.body.over_cliffs = (False, True, False, True)
     with pytest.raises(ResourceFaultError, match=r"^halted: cliff \(front left, right\)$"):
         rig.run(drive)
@@ -138,8 +133,7 @@ def test_a_cliff_halts_the_way_forward_but_not_the_way_back(mode: Mode) -> None:
 @pytest.mark.parametrize("text", ["f5", "b5", "l360"])
 def test_a_wheel_drop_halts_everything(mode: Mode, text: str) -> None:
     rig = Rig(mode)
-    activity = rig.base.send_cmd(text)
-    rig.start(activity, 1.0)
+    activity = rig.begin(text, 1.0)
     rig.body.dropped = (True, False, True)
     with pytest.raises(ResourceFaultError, match=r"^halted: wheel drop \(left wheel, caster\)$"):
         rig.run(activity)
@@ -152,8 +146,7 @@ def test_a_wheel_drop_halts_everything(mode: Mode, text: str) -> None:
 
 def test_a_silent_robot_ends_the_motion() -> None:
     rig = Rig()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.port.is_cut = True
     rig.take_sent()
     with pytest.raises(UnavailableError, match="does not answer"):
@@ -165,13 +158,12 @@ def test_a_silent_robot_ends_the_motion() -> None:
 
 def test_wheels_that_do_not_turn_are_a_fault_and_the_next_command_takes_control_anew() -> None:
     rig = Rig()
-    drive = rig.base.send_cmd("f1")
-    rig.start(drive, 0.2)
+    drive = rig.begin("f1", 0.2)
     rig.emulator.mode = Mode.PASSIVE  # somebody pressed a button
-    rig.body.stuck = True
+    rig.body.is_stuck = True
     with pytest.raises(ResourceFaultError, match=r"driven at 300 mm/s, the wheels counted nothing in 2 s"):
         rig.run(drive)
-    rig.body.stuck = False
+    rig.body.is_stuck = False
     rig.do("f0.1")
     assert rig.emulator.mode is Mode.SAFE
 
@@ -190,8 +182,7 @@ def test_a_bump_on_the_way_is_told_by_the_status(bumped: tuple[bool, bool]) -> N
     rig.body.bumped = bumped
     rig.wait(0.1)
     assert rig.base.get_status() == 0
-    activity = rig.base.send_cmd("f5")
-    rig.start(activity, 0.5)
+    _drive = rig.begin("f5", 0.5)
     assert rig.base.get_status() == 2
 
 

@@ -22,8 +22,7 @@ def stands(rig: Rig) -> bool:
 @pytest.mark.parametrize("mode", [Mode.SAFE, Mode.FULL])
 def test_a_wheel_drop_while_turning(kind: type[Rig], mode: Mode) -> None:
     rig = kind(mode)
-    turn = rig.base.send_cmd("l360")
-    rig.start(turn, 1.0)
+    turn = rig.begin("l360", 1.0)
     rig.body.dropped = (True, False, False)
     with pytest.raises(ResourceFaultError, match=r"^halted: wheel drop \(left wheel\)$"):
         rig.run(turn)
@@ -44,8 +43,7 @@ def test_a_cliff_on_the_way_forward_after_a_turn_beside_it(kind: type[Rig]) -> N
 @BOTH
 def test_a_port_closed_in_the_middle_of_a_reply(kind: type[Rig]) -> None:
     rig = kind()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.port.arrive(bytes(7))
     rig.port.is_broken = True
     with pytest.raises(NotReadyError, match="memory was lost"):
@@ -59,8 +57,7 @@ def test_a_port_closed_in_the_middle_of_a_reply(kind: type[Rig]) -> None:
 @BOTH
 def test_an_emulator_that_freezes(kind: type[Rig]) -> None:
     rig = kind()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.port.is_cut = True
     with pytest.raises(UnavailableError, match="the Roomba on memory does not answer"):
         rig.run(drive)
@@ -73,8 +70,7 @@ def test_an_emulator_that_freezes(kind: type[Rig]) -> None:
 @BOTH
 def test_a_battery_that_runs_low_and_out(kind: type[Rig]) -> None:
     rig = kind()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.body.charge.charge_ah = 0.027
     rig.wait(0.2)
     assert RoombaBattery(rig.roomba).get_value().value == 0.01

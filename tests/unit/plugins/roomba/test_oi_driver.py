@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pytest
 
-from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import NotReadyError, ResourceFaultError, UnavailableError
 from eal_actors.plugin import EALData
-from plugins.roomba import sci
 from plugins.roomba.oi import METRES_A_COUNT, WHEELBASE_M
 from plugins.roomba.oi_emulator import OiEmulator
 from plugins.roomba.panel import OiButtons, OiLeds, OiSong
 from plugins.roomba.resources import OiWheelDrop, RoombaBattery, RoombaBump, RoombaOdometry, RoombaPower
 from plugins.roomba.sci import Mode
-from tests.unit.plugins.roomba.oi_rig import STREAM, OiRig, SimulatedOiRig
+from tests.unit.plugins.roomba.oi_rig import STREAM, OiRig
 
 STOP = bytes([145, 0, 0, 0, 0])
 
@@ -114,8 +111,7 @@ def test_a_cliff_while_turning_is_let_be_and_one_ahead_halts(mode: Mode) -> None
 
 def test_a_wheel_drop_while_turning_halts_and_the_next_command_takes_control_again() -> None:
     rig = OiRig()
-    turn = rig.base.send_cmd("l360")
-    rig.start(turn, 1.0)
+    turn = rig.begin("l360", 1.0)
     rig.body.dropped = (False, True, False)
     with pytest.raises(ResourceFaultError, match=r"^halted: wheel drop \(right wheel\)$"):
         rig.run(turn)
@@ -130,8 +126,7 @@ def test_a_wheel_drop_while_turning_halts_and_the_next_command_takes_control_aga
 
 def test_a_button_that_takes_it_out_of_control_ends_the_motion() -> None:
     rig = OiRig()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.emulator.feed(bytes([135]), rig.clock.now())  # CLEAN
     with pytest.raises(
         ResourceFaultError, match=r"^halted: the Roomba has left its safe mode: a button, the charger, or a drop$"
@@ -145,8 +140,7 @@ def test_a_button_that_takes_it_out_of_control_ends_the_motion() -> None:
 
 def test_an_emulator_that_freezes_ends_the_motion_and_is_stopped_when_it_is_back() -> None:
     rig = OiRig()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.port.is_cut = True
     rig.take_sent()
     with pytest.raises(UnavailableError, match="the Roomba on memory does not answer"):
@@ -163,8 +157,7 @@ def test_an_emulator_that_freezes_ends_the_motion_and_is_stopped_when_it_is_back
 
 def test_a_port_closed_in_the_middle_of_a_frame_ends_the_motion_and_the_travel_goes_on() -> None:
     rig = OiRig()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.port.arrive(bytes([19, 42, 7]))  # the beginning of a frame
     rig.port.is_broken = True
     with pytest.raises(NotReadyError, match="memory was lost"):
@@ -191,8 +184,7 @@ def test_another_robot_at_the_same_port_moves_nobody() -> None:
 
 def test_a_battery_that_runs_out_ends_the_motion() -> None:
     rig = OiRig()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.body.charge.charge_ah = 0.0
     rig.wait(0.1)
     assert RoombaBattery(rig.roomba).get_value().value == 0.0
@@ -215,8 +207,7 @@ def test_noise_on_the_line_costs_a_frame_and_no_more() -> None:
 
 def test_released_it_stands_in_passive_mode_and_streams_no_more() -> None:
     rig = OiRig()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    _drive = rig.begin("f5", 1.0)
     rig.take_sent()
     rig.base.close()
     assert rig.take_sent() == STOP + bytes([128, 150, 0])
@@ -257,17 +248,3 @@ def test_lights_buttons_and_more_songs_than_it_keeps() -> None:
         True,
         False,
     )
-
-
-def arena(**things: Any) -> WorldModel:
-    return WorldModel.model_validate({"version": 1, "name": "arena", "size_m": (6.0, 4.0), **things})
-
-
-def test_it_drives_a_square_in_the_simulated_world() -> None:
-    rig = SimulatedOiRig(arena())
-    start_x_m, start_y_m, start_yaw_rad = rig.pose
-    rig.do(*["f0.5", "l90"] * 4)
-    x_m, y_m, yaw_rad = rig.pose
-    assert math.hypot(x_m - start_x_m, y_m - start_y_m) < 0.1
-    assert yaw_rad - start_yaw_rad == pytest.approx(2 * math.pi, abs=0.2)
-    assert rig.roomba.wheelbase_m == sci.WHEELBASE_M

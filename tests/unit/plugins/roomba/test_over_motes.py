@@ -58,8 +58,7 @@ def test_lost_acknowledgements_cost_time_and_nothing_else() -> None:
 @pytest.mark.parametrize("mode", [Mode.SAFE, Mode.FULL])
 def test_a_radio_that_falls_silent_ends_the_motion_and_the_robot_stands(mode: Mode) -> None:
     rig = MoteRig(mode)
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.motes.lose(1.0)
     with pytest.raises(UnavailableError, match="does not answer"):
         rig.run(drive)
@@ -82,8 +81,7 @@ def test_a_mote_that_does_not_acknowledge_is_named() -> None:
 
 def test_a_halt_goes_out_at_once_whatever_waits() -> None:
     rig = MoteRig()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.motes.forwarded.clear()
     drive.close()
     assert next(iter(rig.motes.forwarded)) == bytes([137, 0, 0, 128, 0])

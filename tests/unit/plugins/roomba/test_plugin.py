@@ -14,7 +14,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.plugin import FleetServices, PluginContext
 from eal_actors.testing.conformance import Bench, settings_of
-from eal_actors.testing.conformance.wires import TcpWire
+from eal_actors.testing.conformance.emulator_wires import TcpWire
 from plugins.roomba import emulator, plugin
 from plugins.roomba.motes import ByteEmulator
 from plugins.roomba.sci import Mode

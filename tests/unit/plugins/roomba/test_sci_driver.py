@@ -110,8 +110,7 @@ def test_noise_on_the_line_costs_a_reading_and_no_more() -> None:
 
 def test_a_port_that_breaks_is_named() -> None:
     rig = Rig()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.port.is_broken = True
     with pytest.raises(NotReadyError, match="memory was lost: input/output error"):
         rig.run(drive)
@@ -122,8 +121,7 @@ def test_a_port_that_breaks_is_named() -> None:
 
 def test_a_roomba_that_comes_back_is_stopped_and_greeted_and_its_travel_goes_on() -> None:
     rig = Rig()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.port.is_broken = True
     with pytest.raises(NotReadyError):
         rig.run(drive)
@@ -173,8 +171,7 @@ def test_commands_during_a_change_of_mode_wait_for_its_end() -> None:
 
 def test_released_it_stands_in_passive_mode() -> None:
     rig = Rig()
-    activity = rig.base.send_cmd("f5")
-    rig.start(activity, 1.0)
+    _drive = rig.begin("f5", 1.0)
     rig.take_sent()
     rig.roomba.release()
     assert list(rig.take_sent()) == [137, 0, 0, 128, 0, Op.START]
@@ -206,8 +203,7 @@ def test_a_broken_port_is_closed_all_the_same() -> None:
 
 def test_a_stop_is_repeated_until_it_is_seen_to_stand() -> None:
     rig = Rig()
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 1.0)
+    drive = rig.begin("f5", 1.0)
     rig.port.is_cut = True
     drive.close()
     rig.port.is_cut = False

@@ -10,7 +10,8 @@ import pytest
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import PluginError, ResourceFaultError
 from eal_actors.plugin import FleetServices, PluginContext
-from plugins.roomba import plugin
+from plugins.roomba import plugin, sci
+from plugins.roomba.base import RoombaBase
 from plugins.roomba.resources import RoombaBattery, RoombaBump, RoombaCliff, RoombaOdometry
 from tests.unit.plugins.roomba.rig import HurriedClock, SimulatedRig
 
@@ -19,8 +20,11 @@ def arena(**things: Any) -> WorldModel:
     return WorldModel.model_validate({"version": 1, "name": "arena", "size_m": (6.0, 4.0), **things})
 
 
-def test_it_drives_a_square_and_knows_where_it_is() -> None:
-    rig = SimulatedRig(arena())
+@pytest.mark.parametrize("protocol", ["sci", "oi"])
+def test_it_drives_a_square_and_tracks_its_pose(protocol: str) -> None:
+    rig = SimulatedRig(arena(), protocol)
+    assert isinstance(rig.base, RoombaBase)
+    assert rig.roomba.wheelbase_m == sci.WHEELBASE_M
     start_x_m, start_y_m, start_yaw_rad = rig.pose
     rig.do(*["f0.5", "l90"] * 4)
     x_m, y_m, yaw_rad = rig.pose
@@ -32,8 +36,7 @@ def test_it_drives_a_square_and_knows_where_it_is() -> None:
 
 def test_a_wall_presses_its_bumpers() -> None:
     rig = SimulatedRig(arena())
-    drive = rig.base.send_cmd("f5")
-    rig.start(drive, 12.0)
+    drive = rig.begin("f5", 12.0)
     assert rig.base.get_status() == 2
     assert RoombaBump(rig.roomba).get_value().value is True
     drive.close()

@@ -36,7 +36,7 @@ CASES = [(make, name) for make, names in NAMES.items() for name in names]
 def resources_of(make: str, name: str) -> tuple[Resource, Resource]:
     """Return the same resource of a driven and of a simulated robot."""
     rig = Rig() if make == "evbot2" else Rig3()
-    plugin = EvBotPlugin(rig.session, rig.odometer, *NAMES[make])
+    plugin = EvBotPlugin(rig.session, rig.odometer, DRIVERS[make].DRIVETRAIN, *NAMES[make])
     settings = sim.Settings.model_validate({"model": make})
     context = PluginContext("rob", "twin", settings, FleetServices(ManualClock()))
     driven: Resource = getattr(DRIVERS[make], f"create_{name}")(replace(context, plugin=plugin))

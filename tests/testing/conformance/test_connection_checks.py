@@ -9,16 +9,16 @@ from typing import Final
 import pytest
 
 from eal_actors.testing.conformance import CHECKS, Bench, CheckResult, run_check, settings_of
-from eal_actors.testing.conformance.wires import UdpWire
+from eal_actors.testing.conformance.emulator_wires import UdpWire
 
 WIRING: Final = (
-    "comes up",
-    "keeps calls apart",
+    "starts",
+    "separates concurrent calls",
     "waits for its device",
-    "bears unplugging",
+    "survives unplugging",
     "leaves no thread",
-    "frees its port",
-    "comes back",
+    "releases its ports",
+    "reconnects",
 )
 
 MANIFEST: Final = """\
@@ -160,7 +160,7 @@ MISTAKES = {
         "its device is absent, but no resource reports that it is not ready",
     ),
     "says nothing when it is pulled out": (
-        "bears unplugging",
+        "survives unplugging",
         "return self.plugin.port.why_not_ready()",
         "return None",
         "its device was unplugged, but no resource reports that it is not ready",
@@ -172,13 +172,13 @@ MISTAKES = {
         "connect raised SerialException: ",
     ),
     "halts with a bug when it is pulled out": (
-        "bears unplugging",
+        "survives unplugging",
         "    def not_ready(self):\n",
         "    def halt(self):\n        assert self.not_ready() is None\n\n    def not_ready(self):\n",
         "halt while its device is absent failed with ResourceFaultError",
     ),
     "writes a line in two pieces": (
-        "keeps calls apart",
+        "separates concurrent calls",
         '        return self.plugin.port.write(self.letter * 4 + b"\\n")\n',
         (
             "        self.plugin.port.write(self.letter * 2)\n        self.plugin.both.wait(9)\n"
@@ -187,7 +187,7 @@ MISTAKES = {
         "the emulator received invalid input",
     ),
     "keeps a file": (
-        "frees its port",
+        "releases its ports",
         "def connect(context):\n",
         "_KEPT = []\n\n\ndef connect(context):\n    _KEPT.append(open(__file__))\n",
         "is still open after close: ",
@@ -207,7 +207,7 @@ def test_a_mistake_is_found(pair: Path, mistake: str) -> None:
 
 
 def test_settings_that_name_a_device_get_no_stand_in(pair: Path) -> None:
-    (check,) = (check for check in CHECKS if check.name == "bears unplugging")
+    (check,) = (check for check in CHECKS if check.name == "survives unplugging")
     result = run_check(check, Bench(pair, settings_of({"port": "/nowhere/tty"})))
     assert (result.outcome, result.problems) == ("skipped", (check.nothing,))
 
@@ -228,7 +228,7 @@ def test_settings_that_name_a_device_get_no_stand_in(pair: Path) -> None:
 )
 def test_a_wrong_declaration_is_named(pair: Path, file: str, before: str, after: str, words: str) -> None:
     (pair / file).write_text((pair / file).read_text(encoding="utf-8").replace(before, after), encoding="utf-8")
-    result = run(pair, "comes up")
+    result = run(pair, "starts")
     assert result.outcome == "failed"
     assert any(_matches(words, problem) for problem in result.problems), result.problems
 
@@ -236,7 +236,7 @@ def test_a_wrong_declaration_is_named(pair: Path, file: str, before: str, after:
 def test_a_hook_of_before_is_refused(pair: Path) -> None:
     (pair / "emulator.py").rename(pair / "conformance.py")
     (pair / "plugin.yaml").write_text(MANIFEST.replace("emulator:", "# emulator:"), encoding="utf-8")
-    result = run(pair, "comes up")
+    result = run(pair, "starts")
     assert "conformance.py is not read; declare `emulator` in plugin.yaml" in result.problems
 
 

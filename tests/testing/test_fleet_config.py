@@ -11,7 +11,7 @@ from eal_actors.device.world import WorldModel
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.testing.making import simulated_fleet
+from eal_actors.testing.fleet_config import simulated_fleet
 
 ROOM: dict[str, Any] = {"version": 1, "name": "room", "size_m": (4, 3)}
 

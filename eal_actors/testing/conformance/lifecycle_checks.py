@@ -7,11 +7,11 @@ import threading
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.kernel.errors import PluginError
 from eal_actors.testing.conformance.bench import Bench, Findings, Resources
-from eal_actors.testing.conformance.moving import start_lasting_command
+from eal_actors.testing.conformance.motion_checks import start_lasting_command
 from eal_actors.testing.conformance.values import other_value
 
 
-def comes_back(bench: Bench, findings: Findings) -> None:
+def reconnects(bench: Bench, findings: Findings) -> None:
     """It can be disconnected and connected again, with the same resources."""
     with bench.robot() as robot:
         before = list(robot)
@@ -29,7 +29,7 @@ def leaves_no_thread(bench: Bench, findings: Findings) -> None:
     findings.expect(holds=not left, problem=f"threads are left behind: {', '.join(left)}")
 
 
-def shares_nothing(bench: Bench, findings: Findings) -> None:
+def shares_no_state(bench: Bench, findings: Findings) -> None:
     """Two robots with the plugin do not disturb each other."""
     try:
         with bench.robots(2) as (first, second):

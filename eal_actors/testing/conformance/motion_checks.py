@@ -48,7 +48,7 @@ def start_lasting_command(handle: ResourceHandle, findings: Findings) -> Future[
     return None
 
 
-def carries_out_commands(bench: Bench, findings: Findings) -> None:
+def runs_commands(bench: Bench, findings: Findings) -> None:
     """Every command starts with a valid argument, without failing or blocking its actor."""
     with bench.robot() as robot:
         for handle in robot.values():
@@ -70,7 +70,7 @@ def can_be_halted(bench: Bench, findings: Findings) -> None:
             findings.answer(handle.halt())
 
 
-def stops_what_runs(bench: Bench, findings: Findings) -> None:
+def stops_running_commands(bench: Bench, findings: Findings) -> None:
     """During a long command, status and halt answer; a halt or newer command ends it, and the resource still works."""
     with bench.robot() as robot:
         for handle in actuators(robot):

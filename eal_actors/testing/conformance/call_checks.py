@@ -11,26 +11,25 @@ from eal_actors.device.data import EALData, ValueInfo
 from eal_actors.device.info import METHODS
 from eal_actors.kernel.errors import ArgumentError, UnsupportedError
 from eal_actors.testing.conformance.bench import Bench, Findings, wait_until_started
-from eal_actors.testing.conformance.moving import start_lasting_command
+from eal_actors.testing.conformance.motion_checks import start_lasting_command
 from eal_actors.testing.conformance.values import bad_commands, bad_values
 
-_NOBODY: Final = "eal-conformance-nobody"
-"""A name that no command, request or configuration key has."""
+_UNKNOWN: Final = "eal-conformance-unknown"  # a name that no command, request or configuration key has
 
 _ANY_CALL: Final[dict[str, Callable[[ResourceHandle], Future[Any]]]] = {
     "get_status": lambda handle: handle.get_status(),
     "get_value": lambda handle: handle.get_value(),
     "set_value": lambda handle: handle.set_value(0),
-    "send_req": lambda handle: handle.send_req(_NOBODY),
-    "send_cmd": lambda handle: handle.send_cmd(_NOBODY),
+    "send_req": lambda handle: handle.send_req(_UNKNOWN),
+    "send_cmd": lambda handle: handle.send_cmd(_UNKNOWN),
     "read_comm": lambda handle: handle.read_comm(1),
     "write_comm": lambda handle: handle.write_comm("x"),
-    "get_config": lambda handle: handle.get_config(_NOBODY),
-    "set_config": lambda handle: handle.set_config(_NOBODY, 0),
+    "get_config": lambda handle: handle.get_config(_UNKNOWN),
+    "set_config": lambda handle: handle.set_config(_UNKNOWN, 0),
 }
 
 
-def says_what_it_lacks(bench: Bench, findings: Findings) -> None:
+def reports_unsupported_methods(bench: Bench, findings: Findings) -> None:
     """A method that a resource lacks raises UnsupportedError, which names resource and method."""
     with bench.robot() as robot:
         for name, handle in robot.items():
@@ -92,12 +91,12 @@ def refuses_unknown_names(bench: Bench, findings: Findings) -> None:
         for handle in robot.values():
             info = handle.info
             if info.commands and not any(command.prefix == "" for command in info.commands):
-                findings.refusal(handle.send_cmd(_NOBODY), ArgumentError)
+                findings.refusal(handle.send_cmd(_UNKNOWN), ArgumentError)
             if info.requests and not any(request.prefix == "" for request in info.requests):
-                findings.refusal(handle.send_req(_NOBODY), ArgumentError)
+                findings.refusal(handle.send_req(_UNKNOWN), ArgumentError)
             if info.configs:
-                findings.refusal(handle.get_config(_NOBODY), ArgumentError)
-                findings.refusal(handle.set_config(_NOBODY, 0), ArgumentError)
+                findings.refusal(handle.get_config(_UNKNOWN), ArgumentError)
+                findings.refusal(handle.set_config(_UNKNOWN, 0), ArgumentError)
 
 
 def refuses_bad_arguments(bench: Bench, findings: Findings) -> None:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias
 
 from eal_actors.device.world import WorldModel, load_world
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.kernel.strict_model import did_you_mean
-from eal_actors.managers.config import EALConfigManager, world_of
+from eal_actors.managers.config import EALConfigManager, collect_problems, world_of
 from eal_actors.managers.fleet_model import FleetConfig, RobotSection
 from eal_actors.managers.manifest import simulating_plugin
 
@@ -26,38 +26,22 @@ _NAME: Final = "simulation"
 _EMPTY: Final = "empty"
 _ROBOT_KEYS: Final = frozenset(RobotSection.model_fields)
 
-_T = TypeVar("_T")
-
 
 def simulated_fleet(
     robots: Robots, world: World | None, seed: int | None, plugin_dirs: Sequence[str | Path]
 ) -> FleetConfig:
-    """Return the configuration of a fleet whose clock runs as fast as possible.
-
-    Args:
-        robots: as for Simulation.
-        world: as for Simulation.
-        seed: as for Simulation.
-        plugin_dirs: as for Simulation.
+    """Return the configuration of a fleet whose clock runs as fast as possible; arguments as for Simulation.
 
     Raises:
         ConfigError: the robots or the world are wrong; names every problem.
     """
     problems: list[Problem] = []
-    config = _collect_problems(problems, lambda: _fleet(robots, seed, plugin_dirs))
+    config = collect_problems(problems, lambda: _fleet(robots, seed, plugin_dirs))
     wanted = _EMPTY if world is None and isinstance(robots, Mapping) else world
-    arena = _collect_problems(problems, lambda: None if wanted is None else _world(wanted))
+    arena = collect_problems(problems, lambda: None if wanted is None else _world(wanted))
     if config is None or problems:
         raise ConfigError(problems)
     return replace(config, rate=MAX, world=arena or config.world)
-
-
-def _collect_problems(problems: list[Problem], read: Callable[[], _T]) -> _T | None:
-    try:
-        return read()
-    except ConfigError as error:
-        problems += error.problems
-        return None
 
 
 def _fleet(robots: Robots, seed: int | None, plugin_dirs: Sequence[str | Path]) -> FleetConfig:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors.kernel.errors import ConfigError
-from eal_actors.lab.calibration.square_ends import SquareEnds, read_square_ends, write_square_ends
+from eal_actors.lab.calibration.square import SquareEnds, read_square_ends, write_square_ends
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:

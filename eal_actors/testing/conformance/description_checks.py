@@ -13,7 +13,7 @@ from eal_actors.testing.conformance.bench import Bench, Findings
 _MEASURED = (DataType.FLOAT, DataType.DOUBLE)
 
 
-def comes_up(bench: Bench, findings: Findings) -> None:
+def starts(bench: Bench, findings: Findings) -> None:
     """Its manifest is valid and matches its folder, `connect` names declared resources, and every resource starts."""
     manifest = bench.manifest()
     if contradictions := manifest.contradictions():

@@ -1,0 +1,40 @@
+"""The program `eal` in processes of its own."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from eal_actors.kernel.bundled import bundled_path
+
+
+@contextmanager
+def eal_processes(folder: Path) -> Iterator[Callable[..., "subprocess.Popen[str]"]]:
+    """Yield a function that starts `eal` in a folder, with pipes for its output; kill every process at the end."""
+    processes: list[subprocess.Popen[str]] = []
+
+    def start(
+        *arguments: object, environment: Mapping[str, str], prefix: tuple[str, ...] = (), **options: Any
+    ) -> "subprocess.Popen[str]":
+        process: subprocess.Popen[str] = subprocess.Popen(
+            [*prefix, sys.executable, "-m", "eal_actors", *map(str, arguments)],
+            cwd=folder,
+            env={**environment, "PYTHONPATH": str(bundled_path("."))},
+            stderr=subprocess.PIPE,
+            text=True,
+            **{"stdout": subprocess.PIPE, **options},
+        )
+        processes.append(process)
+        return process
+
+    try:
+        yield start
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+            for pipe in (process.stdout, process.stderr):
+                if pipe is not None:
+                    pipe.close()
