@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -45,7 +44,7 @@ def examine(
     findings = [*diagnose_machine(), *(_of_fleet(fleet, robots or []) if fleet is not None else ())]
     problems = sum(finding.level is Severity.PROBLEM for finding in findings)
     if as_json:
-        write_json({"problems": problems, "findings": [asdict(finding) for finding in findings]})
+        write_json({"problems": problems, "findings": [finding._asdict() for finding in findings]})
     else:
         _print(findings, problems)
     if problems:

@@ -45,10 +45,7 @@ _STALLED_US: Final = 500_000
 _BATCHES: Final = 16
 """Batches of 64 kB of one priority that may wait for a link. With zenoh's default of two, the sender of an image sleeps
 between its pieces, and the image takes twice as long. Streams, which are dropped rather than queued, keep two."""
-_QUEUE: Final = {
-    "size": {"data": _BATCHES},
-    "congestion_control": {"block": {"wait_before_close": _STALLED_US}},
-}
+_QUEUE: Final = {"size": {"data": _BATCHES}, "congestion_control": {"block": {"wait_before_close": _STALLED_US}}}
 _SOURCE_PLACE: Final = re.compile(r" at /\S+")
 """Position in zenoh's source, which its errors contain."""
 
@@ -174,10 +171,7 @@ def _config(
                 "accept_timeout": _HANDSHAKE_MS,
                 "compression": {"enabled": network.compression},
             },
-            "link": {
-                "protocols": protocols,
-                "tx": {"lease": round(network.lease_s * 1000), "queue": _QUEUE},
-            },
+            "link": {"protocols": protocols, "tx": {"lease": round(network.lease_s * 1000), "queue": _QUEUE}},
         },
     }
 

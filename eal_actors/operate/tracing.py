@@ -35,10 +35,7 @@ _PATH: Final = "/v1/traces"
 _CLOSE_S: Final = 3.0
 """Real seconds to wait for the collector at the end."""
 _W3C: Final = TraceContextTextMapPropagator()
-_KINDS: Final[dict[spans.Kind, trace.SpanKind]] = {
-    "internal": trace.SpanKind.INTERNAL,
-    "client": trace.SpanKind.CLIENT,
-}
+_KINDS: Final[dict[spans.Kind, trace.SpanKind]] = {"internal": trace.SpanKind.INTERNAL, "client": trace.SpanKind.CLIENT}
 
 
 def exporter_to(where: str) -> SpanExporter:

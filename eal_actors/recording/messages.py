@@ -152,14 +152,7 @@ def value_message(time_s: float, data: EALData) -> Message:
 
 def log_message(time_s: float, level: str, name: str, text: str) -> Message:
     """Return a Log line; `name` is the robot's."""
-    return {
-        "timestamp": _stamp(time_s),
-        "level": _LEVELS[level],
-        "message": text,
-        "name": name,
-        "file": "",
-        "line": 0,
-    }
+    return {"timestamp": _stamp(time_s), "level": _LEVELS[level], "message": text, "name": name, "file": "", "line": 0}
 
 
 def command_message(record: Mapping[str, Any]) -> Message:

@@ -44,10 +44,7 @@ class _RobotStyle(NamedTuple):
     def of(cls, number: int, lost_as: str | None) -> Self:
         """Return the style of the robot with a number."""
         return cls(
-            _COLOURS[number % len(_COLOURS)],
-            _MARKERS[number % len(_MARKERS)],
-            _DASHES[number % len(_DASHES)],
-            lost_as,
+            _COLOURS[number % len(_COLOURS)], _MARKERS[number % len(_MARKERS)], _DASHES[number % len(_DASHES)], lost_as
         )
 
 

@@ -55,11 +55,8 @@ class Firmware:
         senses: Callable[[], tuple[int, ...]] = tuple,
     ) -> None:
         self.executed = 0
-        self._model = model
-        self._wheels = wheels
-        self._actuators = actuators
-        self._senses = senses
-        self._boot = boot
+        self._model, self._wheels, self._boot = model, wheels, boot
+        self._actuators, self._senses = actuators, senses
         self._lease = boot
         self._is_leased = False
         self._host = 0

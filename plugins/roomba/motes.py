@@ -63,11 +63,8 @@ class MotePair:
         self.forwarded: deque[bytes] = deque(maxlen=_KEPT)
         self.duplicates = 0
         self.lost = 0
-        self._robot = robot
-        self._framing = framing
-        self._loss = loss
-        self._ack_loss = ack_loss
-        self._radio_tries = radio_tries
+        self._robot, self._framing = robot, framing
+        self._loss, self._ack_loss, self._radio_tries = loss, ack_loss, radio_tries
         self._random = random.Random(seed)  # noqa: S311  # it makes faults, not secrets
         self._deframer = framing.deframer()
         self._last_sequence: int | None = None

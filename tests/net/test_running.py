@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +81,7 @@ def test_an_outcome_whose_event_got_lost_is_asked_for(fleet: Fleet, monkeypatch:
         else:
             listener.on_event(event)
 
-    monkeypatch.setitem(connection._controller._listeners, "r1", replace(listener, on_event=lossy))
+    monkeypatch.setitem(connection._controller._listeners, "r1", listener._replace(on_event=lossy))
     assert fleet["r1"]["Arm"].send_cmd("move0.5", timeout_s=WAIT_S).get() == 7
     assert len(lost) == 1
     assert not fleet["r1"].running

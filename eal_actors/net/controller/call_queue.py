@@ -48,7 +48,6 @@ MAX_PENDING_CALLS: Final = 256
 _RETRY_S: Final = 0.05
 _RECONNECT_S: Final = 1.0
 """Real seconds within which a lost robot may come back and be asked again."""
-_BATCH_BYTES: Final = 32 * 1024
 
 
 class CallQueue(UrgentMessage):
@@ -373,6 +372,9 @@ def _split_arguments(call: Call[Any]) -> tuple[tuple[str | int, ...], EALData | 
         elif argument is not None:
             plain.append(argument)
     return tuple(plain), data
+
+
+_BATCH_BYTES: Final = 32 * 1024
 
 
 def _is_small(call: Call[Any]) -> bool:

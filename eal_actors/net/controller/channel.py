@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
 from typing_extensions import override
@@ -200,17 +201,18 @@ class Channel:
         header = CallHeader(stamper.client, stamper.epoch, number, timeout_s, timeout_s, None, arguments)
         key = controller.call_key(self.name, resource, method)
         is_urgent = method in (keys.STOP, keys.RESUME)
-        request = _Request(self, key, header, on_answer, on_failure, is_urgent=is_urgent)
+        request = _Request(self, key, header, on_answer, on_failure, is_urgent)
         if is_urgent:
             controller.send_urgently(request)
         elif not controller.sender.submit(request):
             on_failure()
 
 
+@dataclass(eq=False)
 class _Request(UrgentMessage, PendingCall):
     """Call of a method of the robot itself, with the clock readings that its reply needs.
 
-    Args:
+    Attributes:
         channel: the robot's channel.
         key: key of the call.
         header: header of the call; its time to live is the time-out of the reply.
@@ -219,51 +221,41 @@ class _Request(UrgentMessage, PendingCall):
         is_urgent: whether it overtakes queued messages.
     """
 
-    def __init__(
-        self,
-        channel: Channel,
-        key: str,
-        header: CallHeader,
-        on_answer: ReadReply[None],
-        on_failure: Callable[[], None],
-        *,
-        is_urgent: bool,
-    ) -> None:
-        self._channel = channel
-        self._key = key
-        self._header = header
-        self._on_answer = on_answer
-        self._on_failure = on_failure
-        self._is_urgent = is_urgent
-        self._is_taken = threading.Lock()  # by the thread that sends it
-        self._sent_s = 0.0
+    channel: Channel
+    key: str
+    header: CallHeader
+    on_answer: ReadReply[None]
+    on_failure: Callable[[], None]
+    is_urgent: bool
+    _is_taken: threading.Lock = field(default_factory=threading.Lock, init=False)  # by the thread that sends it
+    _sent_s: float = field(default=0.0, init=False)
 
     @override
     def send(self, *, is_last: bool) -> None:
         if not self._is_taken.acquire(blocking=False):
             return
-        channel, header = self._channel, self._header
+        channel, header = self.channel, self.header
         envelope, payload = encode_call(header._replace(has_more=not is_last))
         self._sent_s = REAL_TIME.now()
         self.end_s = self._sent_s + header.ttl_s
         channel.pending.add(header.sequence, self)
         put = channel.controller.put
-        if not put(channel.name, self._key, envelope, payload, is_urgent=self._is_urgent, is_last=is_last):
+        if not put(channel.name, self.key, envelope, payload, is_urgent=self.is_urgent, is_last=is_last):
             channel.pending.lose_all()
 
     @override
     def bypass(self) -> None:
         if not self._is_taken.locked():
-            self._channel.run_soon(lambda: self.send(is_last=True))
+            self.channel.run_soon(lambda: self.send(is_last=True))
 
     @override
     def answered(self, answer: Answer, time: RobotTime | None) -> None:
-        self._on_answer(answer, time, self._sent_s, REAL_TIME.now())
+        self.on_answer(answer, time, self._sent_s, REAL_TIME.now())
 
     @override
     def lost(self) -> None:
-        self._on_failure()
+        self.on_failure()
 
     @override
     def timed_out(self) -> None:
-        self._on_failure()
+        self.on_failure()

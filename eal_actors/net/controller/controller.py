@@ -7,8 +7,7 @@ import secrets
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 from typing_extensions import override
 
@@ -38,8 +37,7 @@ _TICK_S: Final = 0.25
 """Real seconds between two checks for calls whose time is over."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RobotListener:
+class RobotListener(NamedTuple):
     """Callbacks of a connection to one robot; none blocks.
 
     Attributes:
@@ -146,7 +144,7 @@ class Controller(EALActor):
         session.liveliness().declare_subscriber(
             keys.alive_keys(self.fleet), callback(self._on_liveliness, indirect=False), history=True
         )
-        session.declare_subscriber(keys.event_keys(self.fleet), callback(self._on_event, indirect=False))
+        session.declare_subscriber(keys.event_key(self.fleet, None), callback(self._on_event, indirect=False))
         self._beat()
         self._tick()
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
@@ -22,13 +22,8 @@ if TYPE_CHECKING:
 PROBE_S: Final = 2.0
 """Real seconds to wait for an answer at an endpoint."""
 
-_TOKENS_S: Final = 1.0
-_MAX_PROBES: Final = 8
-_MAX_ANSWERS: Final = 10_000
 
-
-@dataclass(frozen=True, slots=True, order=True)
-class FoundRobot:
+class FoundRobot(NamedTuple):
     """Robot that was found.
 
     Attributes:
@@ -53,6 +48,11 @@ class Discovery:
 
     robots: tuple[FoundRobot, ...]
     closed: tuple[str, ...]
+
+
+_TOKENS_S: Final = 1.0
+_MAX_PROBES: Final = 8
+_MAX_ANSWERS: Final = 10_000
 
 
 def robots_at(endpoint: str, fleet: FleetConfig | None = None, timeout_s: float = PROBE_S) -> list[FoundRobot]:

@@ -15,6 +15,7 @@ from eal_actors.kernel.errors import EALError, ProtocolError
 from eal_actors.net.clock_offset import MAX_DRIFT, Offset, OffsetEstimator, fleet_time_of
 from eal_actors.net.wire.messages import Answer, RobotTime
 
+PING_PERIOD_S: Final = 10.0
 PING_TIMEOUT_S: Final = 2.0
 """Real seconds until a ping fails."""
 

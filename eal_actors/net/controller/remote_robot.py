@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 from typing_extensions import override
 
@@ -23,7 +23,7 @@ from eal_actors.net.controller.channel import Channel
 from eal_actors.net.controller.command_tracking import CommandBoard, localized_progress, progress_from
 from eal_actors.net.controller.controller import Controller, RobotListener
 from eal_actors.net.controller.handshake import Handshake
-from eal_actors.net.controller.ping import PING_TIMEOUT_S
+from eal_actors.net.controller.ping import PING_PERIOD_S, PING_TIMEOUT_S
 from eal_actors.net.controller.streams import RemoteFeeds
 from eal_actors.net.wire import keys
 from eal_actors.net.wire.messages import Answer, RobotEvent, RobotTime
@@ -32,15 +32,8 @@ from eal_actors.net.wire.packing import check_version
 CONNECT_S: Final = 3.0
 """Real seconds after which a fleet no longer waits for a robot that does not answer."""
 
-_HELLO_TIMEOUT_S: Final = 2.0
-_LEAVE_TIMEOUT_S: Final = 0.5
-_STOP_TIMEOUT_S: Final = 2.0
-_HELLO_RETRY_S: Final = 0.5
-_PING_PERIOD_S: Final = 10.0
 
-
-@dataclass(frozen=True, slots=True)
-class RemoteSpec:
+class RemoteSpec(NamedTuple):
     """Specification of a remote robot.
 
     Attributes:
@@ -56,6 +49,11 @@ class RemoteSpec:
     clock: Clock
     timeout_s: float
     link: FaultyLink
+
+
+_REQUEST_TIMEOUT_S: Final = 2.0
+_LEAVE_TIMEOUT_S: Final = 0.5
+_HELLO_RETRY_S: Final = 0.5
 
 
 class RemoteRobot(EALActor):
@@ -95,7 +93,7 @@ class RemoteRobot(EALActor):
         """Measure the clock offset again, since clocks drift, and repair the list of running commands."""
         if self._channel.is_ready:
             self.ping()
-        self.actor_inbox.call_later(self.clock.of_real(_PING_PERIOD_S), self._ping_periodically)
+        self.actor_inbox.call_later(self.clock.of_real(PING_PERIOD_S), self._ping_periodically)
 
     def _stop_waiting(self) -> None:
         if self.view.state is RobotState.STARTING:
@@ -149,7 +147,7 @@ class RemoteRobot(EALActor):
         self.calls.begin_epoch()
         name = self._controller.display_name
         self._channel.request(
-            keys.HELLO, (name,), _HELLO_TIMEOUT_S, self._finish_handshake, on_failure=self._retry_handshake
+            keys.HELLO, (name,), _REQUEST_TIMEOUT_S, self._finish_handshake, on_failure=self._retry_handshake
         )
 
     def _retry_handshake(self) -> None:
@@ -257,7 +255,7 @@ class RemoteRobot(EALActor):
         def confirm(*_: object) -> None:
             self._unsent_stop = None
 
-        return self._channel.call(keys.STOP, (reason,), _STOP_TIMEOUT_S, confirm)
+        return self._channel.call(keys.STOP, (reason,), _REQUEST_TIMEOUT_S, confirm)
 
     def resume(self) -> Future[None]:
         """End an emergency stop."""
@@ -266,11 +264,11 @@ class RemoteRobot(EALActor):
             self._unsent_stop = None
             self.view.latch.clear()
 
-        return self._channel.call(keys.RESUME, (), _STOP_TIMEOUT_S, confirm)
+        return self._channel.call(keys.RESUME, (), _REQUEST_TIMEOUT_S, confirm)
 
     def release(self, resources: Sequence[str]) -> Future[None]:
         """End our leases of resources."""
-        return self._channel.call(keys.RELEASE, tuple(resources), _STOP_TIMEOUT_S, lambda *_: None)
+        return self._channel.call(keys.RELEASE, tuple(resources), _REQUEST_TIMEOUT_S, lambda *_: None)
 
     def shut_down(self) -> None:
         """Leave the robot, and end."""

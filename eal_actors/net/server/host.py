@@ -58,7 +58,7 @@ class RobotHost(EALActor):
         self._outbox.launch()
         for key, receive in (  # before any token: a robot that is found can be called
             (keys.call_keys(self._fleet, self._robot), self._on_call),
-            (keys.heartbeat_keys(self._fleet), self._on_heartbeat),
+            (keys.heartbeat_key(self._fleet, None), self._on_heartbeat),
         ):
             callback = zenoh.handlers.Callback(receive, indirect=False)
             self._subscribers.append(self._session.declare_subscriber(key, callback))

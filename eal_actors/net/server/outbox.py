@@ -8,6 +8,7 @@ waits a moment for their replies.
 from __future__ import annotations
 
 import threading
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Final
 
 from typing_extensions import override
@@ -115,28 +116,18 @@ class Outbox(Sender):
             self._log.debug("a message could not be sent", key=message.key, reason=error_text(error))
 
 
+@dataclass(slots=True, eq=False)
 class _OutgoingMessage(Message):
     """Reply or event."""
 
-    __slots__ = ("_outbox", "envelope", "is_urgent", "is_vital", "key", "payload")
-
-    def __init__(
-        self,
-        outbox: Outbox,
-        key: str,
-        envelope: bytes,
-        payload: Payload,
-        *,
-        is_vital: bool = True,
-        is_urgent: bool = False,
-    ) -> None:
-        self._outbox = outbox
-        self.key = key
-        self.envelope = envelope
-        self.payload = payload
-        self.is_vital = is_vital
-        self.is_urgent = is_urgent
+    outbox: Outbox
+    key: str
+    envelope: bytes
+    payload: Payload
+    _: KW_ONLY
+    is_vital: bool = True
+    is_urgent: bool = False
 
     @override
     def send(self, *, is_last: bool) -> None:
-        self._outbox.put(self, is_last=is_last)
+        self.outbox.put(self, is_last=is_last)

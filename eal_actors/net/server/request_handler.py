@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from eal_actors.actors.handles import RobotHandle
@@ -18,27 +19,19 @@ from eal_actors.net.wire import keys
 from eal_actors.net.wire.messages import Answer, CallHeader, CallId, RobotEvent
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class RequestHandler:
     """Answers for one robot.
 
     Thread: the host's, except `ping` and `release`.
     """
 
-    def __init__(
-        self,
-        robot: RobotHandle,
-        admission: Admission,
-        running: RunningCommands,
-        publisher: StreamPublisher,
-        publish: Callable[[RobotEvent], None],
-        security: SecurityConfig | None,
-    ) -> None:
-        self._robot = robot
-        self._admission = admission
-        self._running = running
-        self._publisher = publisher
-        self._publish = publish
-        self._rights = encode_rights(security, robot.name)
+    _robot: RobotHandle
+    _admission: Admission
+    _running: RunningCommands
+    _publisher: StreamPublisher
+    _publish: Callable[[RobotEvent], None]
+    _security: SecurityConfig | None
 
     def ping(self) -> Answer:
         """Answer a ping. Thread: any."""
@@ -80,7 +73,7 @@ class RequestHandler:
             **self._state_fields(),
             "problems": [error_text(problem) for problem in self._robot.problems],
             "resources": [handle.info.to_dict() for handle in self._robot.values()],
-            "rights": self._rights,
+            "rights": encode_rights(self._security, self._robot.name),
         }
 
     def _state_fields(self) -> dict[str, Any]:

@@ -33,39 +33,27 @@ from eal_actors.kernel.errors import ProtocolError
 from eal_actors.net.wire.packing import PROTOCOL_VERSION
 
 ROOT: Final = "eal"
-ROBOT: Final = "_"
-"""Replaces the resource for methods of the robot itself; names of resources begin with a letter."""
+ROBOT: Final = "_"  # replaces the resource for methods of the robot itself; names of resources begin with a letter
 
 HELLO: Final = "hello"
 """Robot: handshake. Returns its release, resources with their information, state, rights and running commands."""
-PING: Final = "ping"
-"""Robot: returns its time and state at once."""
-STOP: Final = "stop"
-"""Robot: emergency stop, until RESUME."""
-RESUME: Final = "resume"
-"""Robot: ends an emergency stop."""
-REATTACH: Final = "reattach"
-"""Robot: reports the outcome of earlier commands, now or when they end."""
-CANCEL: Final = "cancel"
-"""Robot: cancels a running command."""
-LEAVE: Final = "leave"
-"""Robot: disconnects a controller; resources that it commanded are halted."""
-RELEASE: Final = "release"
-"""Robot: ends a controller's leases of some resources; what it commanded there is halted."""
+PING: Final = "ping"  # robot: returns its time and state at once
+STOP: Final = "stop"  # robot: emergency stop, until RESUME
+RESUME: Final = "resume"  # robot: ends an emergency stop
+REATTACH: Final = "reattach"  # robot: reports the outcome of earlier commands, now or when they end
+CANCEL: Final = "cancel"  # robot: cancels a running command
+LEAVE: Final = "leave"  # robot: disconnects a controller; resources that it commanded are halted
+RELEASE: Final = "release"  # robot: ends a controller's leases of some resources; what it commanded there is halted
 ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE, RELEASE)
 
-HALT: Final = "halt"
-"""Resource: stops motion."""
-INFO: Final = "info"
-"""Resource: returns its ResourceInfo."""
-STREAM: Final = "stream"
-"""Resource: publishes its values for the time of a lease."""
+HALT: Final = "halt"  # resource: stops motion
+INFO: Final = "info"  # resource: returns its ResourceInfo
+STREAM: Final = "stream"  # resource: publishes its values for the time of a lease
 RESOURCE_METHODS: Final = (*METHODS, HALT, INFO, STREAM)
 RETRYABLE_METHODS: Final = frozenset({"get_status", "get_value", "get_config", "send_req"})
 """Methods that change nothing, so that a retry is harmless. `read_comm` consumes bytes and is not one of them."""
 
-ANYBODY: Final = "_"
-"""Caller in a fleet without security; names of certificates begin with a letter."""
+ANYBODY: Final = "_"  # caller in a fleet without security; names of certificates begin with a letter
 ANSWERS: Final = "@answers"
 EVENTS: Final = "@events"
 STREAMS: Final = "@streams"
@@ -123,14 +111,9 @@ def answer_keys(fleet: str, caller: str, client: str) -> str:
     return _branch_key(fleet, ANSWERS, caller, client, None)
 
 
-def event_key(fleet: str, robot: str) -> str:
-    """Return the key of a robot's events."""
+def event_key(fleet: str, robot: str | None) -> str:
+    """Return the key of a robot's events; the key expression of all of the fleet if None."""
     return _branch_key(fleet, EVENTS, robot)
-
-
-def event_keys(fleet: str) -> str:
-    """Return the key expression of the events of all robots of a fleet."""
-    return _branch_key(fleet, EVENTS, None)
 
 
 def stream_key(fleet: str, robot: str, resource: str, encoding: str, rate: str) -> str:
@@ -148,14 +131,9 @@ def alive_keys(fleet: str) -> str:
     return _branch_key(fleet, ALIVE, None, None)
 
 
-def heartbeat_key(fleet: str, client: str) -> str:
-    """Return the key of a controller's heartbeats."""
+def heartbeat_key(fleet: str, client: str | None) -> str:
+    """Return the key of a controller's heartbeats; the key expression of all of the fleet if None."""
     return _branch_key(fleet, HEARTBEATS, client)
-
-
-def heartbeat_keys(fleet: str) -> str:
-    """Return the key expression of the heartbeats of all controllers of a fleet."""
-    return _branch_key(fleet, HEARTBEATS, None)
 
 
 def _branch_key(fleet: str, branch: str, *names: str | None) -> str:

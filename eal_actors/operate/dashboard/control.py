@@ -9,12 +9,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.log import get_logger
+from eal_actors.operate.dashboard.state_store import CurrentSteps, StateStore
 
 IDLE_S: Final = 2.0
 """Real seconds from the end of the last command to the release of its resource."""
@@ -91,3 +93,12 @@ def _log_failure(robot: str, released: Future[None]) -> None:
     error = released.exception()
     if error is not None:  # retried as long as the robot reports the resource as held by us
         get_logger(robot=robot).debug("resources could not be released", reason=str(error))
+
+
+class DashboardContext(NamedTuple):
+    """The objects that the parts of one dashboard share."""
+
+    fleet: Fleet
+    store: StateStore
+    steps: CurrentSteps
+    control: ControlRegistry

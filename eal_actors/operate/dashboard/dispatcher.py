@@ -10,12 +10,10 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import DataType, EALData
-from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, RobotNotFoundError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.cameras import Cameras
-from eal_actors.operate.dashboard.control import ControlRegistry
-from eal_actors.operate.dashboard.current_steps import CurrentSteps
+from eal_actors.operate.dashboard.control import DashboardContext
 from eal_actors.operate.dashboard.fleet_poller import infos_of
 from eal_actors.operate.dashboard.messages import (
     CallResource,
@@ -48,18 +46,8 @@ class Dispatcher:
     Thread: any. `execute` does not wait for robots. Messages for which `reads_files` is true block on files.
     """
 
-    def __init__(
-        self,
-        fleet: Fleet,
-        steps: CurrentSteps,
-        control: ControlRegistry,
-        runs: RunManager,
-        teleop: Teleop,
-        cameras: Cameras,
-    ) -> None:
-        self._fleet = fleet
-        self._steps = steps
-        self._control = control
+    def __init__(self, context: DashboardContext, runs: RunManager, teleop: Teleop, cameras: Cameras) -> None:
+        self._fleet, _, self._steps, self._control = context
         self._runs = runs
         self._teleop = teleop
         self._cameras = cameras

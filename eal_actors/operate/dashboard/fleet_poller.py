@@ -17,13 +17,11 @@ from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.info import ResourceInfo
-from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger
-from eal_actors.operate.dashboard.control import ControlRegistry
-from eal_actors.operate.dashboard.current_steps import CurrentSteps
-from eal_actors.operate.dashboard.state_store import StateStore
+from eal_actors.operate.dashboard.control import ControlRegistry, DashboardContext
+from eal_actors.operate.dashboard.state_store import CurrentSteps
 from eal_actors.operate.dashboard.teleop import DRIVE_RESOURCE, takes_twist
 
 POSE_PERIOD_S: Final = 0.025
@@ -61,15 +59,8 @@ class FleetPoller:
     Poses are polled only while `is_watched` returns True; it is called in the poller's thread.
     """
 
-    def __init__(
-        self,
-        fleet: Fleet,
-        store: StateStore,
-        steps: CurrentSteps,
-        control: ControlRegistry,
-        is_watched: Callable[[], bool],
-    ) -> None:
-        self._store = store
+    def __init__(self, context: DashboardContext, is_watched: Callable[[], bool]) -> None:
+        fleet, self._store, steps, control = context
         self._is_watched = is_watched
         self._pollers = {
             name: _RobotPoller(robot, steps, control, number % ASK_POLLS)

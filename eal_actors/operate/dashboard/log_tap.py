@@ -9,8 +9,7 @@ import structlog
 
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.log import get_logger
-from eal_actors.operate.dashboard.current_steps import CurrentSteps
-from eal_actors.operate.dashboard.state_store import StateStore
+from eal_actors.operate.dashboard.state_store import CurrentSteps, StateStore
 
 LEAST_LEVEL: Final = logging.INFO
 """The page's level, whatever the level of the terminal."""

@@ -9,13 +9,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.actors.future import Future
-from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, ScenarioError, WaitTimeoutError, error_text
 from eal_actors.kernel.log import get_logger
-from eal_actors.operate.dashboard.control import WHOLE, ControlRegistry
-from eal_actors.operate.dashboard.current_steps import CurrentSteps
+from eal_actors.operate.dashboard.control import WHOLE, DashboardContext
 from eal_actors.operate.dashboard.run_record import REPORT, RunRecord
-from eal_actors.operate.dashboard.state_store import StateStore
 from eal_actors.scenario import (
     Checkpoint,
     LogLine,
@@ -51,19 +48,8 @@ class RunManager:
     Thread: any. `list_scenarios` and `start` block on files.
     """
 
-    def __init__(
-        self,
-        fleet: Fleet,
-        store: StateStore,
-        steps: CurrentSteps,
-        control: ControlRegistry,
-        folder: Path | None,
-        runs_dir: Path | None,
-    ) -> None:
-        self._fleet = fleet
-        self._store = store
-        self._steps = steps
-        self._control = control
+    def __init__(self, context: DashboardContext, folder: Path | None, runs_dir: Path | None) -> None:
+        self._fleet, self._store, self._steps, self._control = context
         self._folder = folder
         self._runs_dir = runs_dir
         self._lock = threading.Lock()

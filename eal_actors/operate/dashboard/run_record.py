@@ -11,15 +11,8 @@ from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
-from eal_actors.recording import (
-    RunFolder,
-    RunRecorder,
-    draw_run,
-    folder_errors,
-    keep_provenance,
-    new_run_folder,
-    render_report,
-)
+from eal_actors.recording import RunFolder, RunRecorder, draw_run, folder_errors, keep_provenance, new_run_folder
+from eal_actors.recording.report_page import render_report
 from eal_actors.scenario import Plan, Report
 
 REPORT: Final = "report.html"

@@ -10,8 +10,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.app import App
 from eal_actors.operate.dashboard.cameras import Cameras
-from eal_actors.operate.dashboard.control import ControlRegistry
-from eal_actors.operate.dashboard.current_steps import CurrentSteps
+from eal_actors.operate.dashboard.control import ControlRegistry, DashboardContext
 from eal_actors.operate.dashboard.dispatcher import Dispatcher
 from eal_actors.operate.dashboard.fleet_poller import FleetPoller
 from eal_actors.operate.dashboard.limits import MAX_CAMERAS, MAX_FRAMES_PER_S
@@ -19,7 +18,7 @@ from eal_actors.operate.dashboard.log_tap import LogTap
 from eal_actors.operate.dashboard.notifier import Notifier
 from eal_actors.operate.dashboard.run_manager import RunManager
 from eal_actors.operate.dashboard.session import AppState
-from eal_actors.operate.dashboard.state_store import StateStore
+from eal_actors.operate.dashboard.state_store import CurrentSteps, StateStore
 from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop
 from eal_actors.operate.dashboard.web_server import WebServer, listen_at
 from eal_actors.operate.dashboard.world_map import world_map
@@ -60,12 +59,12 @@ class Dashboard:
         self.port: Final[int] = self._listener.getsockname()[1]
         notifier = Notifier()
         self.store: Final = StateStore(notifier.notify)
-        steps, control = CurrentSteps(), ControlRegistry()
-        self._log_tap = LogTap(self.store, steps)
+        context = DashboardContext(fleet, self.store, CurrentSteps(), ControlRegistry())
+        self._log_tap = LogTap(self.store, context.steps)
         self._cameras = Cameras(fleet, notifier.notify)
-        self._teleop = Teleop(fleet, control)
-        self._runs = RunManager(fleet, self.store, steps, control, scenarios, runs_dir)
-        dispatcher = Dispatcher(fleet, steps, control, self._runs, self._teleop, self._cameras)
+        self._teleop = Teleop(fleet, context.control)
+        self._runs = RunManager(context, scenarios, runs_dir)
+        dispatcher = Dispatcher(context, self._runs, self._teleop, self._cameras)
         self.app_state: Final = AppState(
             self.store,
             notifier,
@@ -77,7 +76,7 @@ class Dashboard:
             self._runs.report,
         )
         self.app: Final = App(self.app_state)
-        self._poller = FleetPoller(fleet, self.store, steps, control, lambda: bool(self.app.browsers))
+        self._poller = FleetPoller(context, lambda: bool(self.app.browsers))
         self._web_server = WebServer(self.app.asgi, self._listener, notifier)
         self._stack = ExitStack()
 

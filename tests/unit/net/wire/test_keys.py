@@ -105,8 +105,8 @@ def test_an_empty_name_has_no_key(names: tuple[str, str, str, str]) -> None:
 def test_what_is_told_stands_apart_from_calls(fleet: str, robot: str, resource: str) -> None:
     told = {
         keys.alive_key(fleet, robot): keys.alive_keys(fleet),
-        keys.event_key(fleet, robot): keys.event_keys(fleet),
-        keys.heartbeat_key(fleet, CLIENT): keys.heartbeat_keys(fleet),
+        keys.event_key(fleet, robot): keys.event_key(fleet, None),
+        keys.heartbeat_key(fleet, CLIENT): keys.heartbeat_key(fleet, None),
         keys.stream_key(fleet, robot, resource, "raw", "12.5"): None,
     }
     calls = zenoh.KeyExpr(keys.call_keys(fleet, None))

@@ -22,10 +22,10 @@ ONLY_REAL = {"fps", "format"}
 def simulated_camera() -> Resource:
     settings = sim.Settings.model_validate({"model": "evbot2"})
     context = PluginContext("rob", "twin", settings, FleetServices(ManualClock()))
-    camera = sim.create_Camera(replace(context, plugin=sim.connect(context)))
+    camera: Resource = sim.create_Camera(replace(context, plugin=sim.connect(context)))
     camera.name = "Camera"
-    resource: Resource = camera
-    return resource
+
+    return camera
 
 
 def common(info: ResourceInfo, own: set[str]) -> ResourceInfo:

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plugins.evbot2.messages import ARGUMENTS, BaseReply, BaseRequest, Code, InvalidRequest, Verb, is_newer
+from plugins.evbot2.messages import BaseReply, BaseRequest, Code, InvalidRequest, Verb, is_newer
 from plugins.evbot2.protocol import MAX_LINE_BYTES, BaseLineCodec, HostLineCodec
+from tests.unit.plugins.evbot2.streams import TAGS, assert_survives, damaged, replies, requests
 
 REQUESTS = [
     (b"$1 0 HELLO 1 500 77*69A7\n", BaseRequest(Verb.HELLO, 1, 0, (1, 500, 77))),
@@ -101,20 +102,7 @@ def test_what_is_no_reply_is_passed_over(body: str) -> None:
     assert HostLineCodec().feed(closed(body) + REPLIES[0][0]) == [REPLIES[0][1]]
 
 
-numbers_ = st.integers(-(2**31) + 1, 2**31 - 1)
-tags = st.integers(0, 65535)
-
-
-@st.composite
-def requests(draw: st.DrawFn) -> BaseRequest:
-    verb = draw(st.sampled_from(sorted(ARGUMENTS)))
-    count = ARGUMENTS[verb]
-    return BaseRequest(verb, draw(tags), draw(tags), tuple(draw(st.lists(numbers_, min_size=count, max_size=count))))
-
-
-replies = st.builds(
-    BaseReply, st.sampled_from(Verb), tags, st.sampled_from(Code), st.lists(numbers_, max_size=8).map(tuple)
-)
+LEAST = -(2**31) + 1
 
 
 @given(st.binary(max_size=400), st.binary(max_size=400))
@@ -126,33 +114,23 @@ def test_any_bytes_do_no_harm_and_the_next_line_is_understood(noise: bytes, more
         assert codec.feed(b"\n" + line)[-1:] == [wanted]
 
 
-@given(st.lists(requests(), max_size=5), st.data())
+@given(st.lists(requests(LEAST), max_size=5), st.data())
 def test_requests_survive_the_wire_however_it_cuts_them(sent: list[BaseRequest], data: st.DataObject) -> None:
-    stream = b"".join(HostLineCodec().encode(request) for request in sent)
-    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=6)))
-    codec, got = BaseLineCodec(), []
-    for begin, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
-        got += codec.feed(stream[begin:end])
-    assert got == sent
+    assert_survives(sent, HostLineCodec(), BaseLineCodec(), data)
 
 
-@given(st.lists(replies, max_size=5), st.data())
+@given(st.lists(replies(8, LEAST), max_size=5), st.data())
 def test_replies_survive_the_wire_however_it_cuts_them(sent: list[BaseReply], data: st.DataObject) -> None:
-    stream = b"".join(BaseLineCodec().encode(reply) for reply in sent)
-    cut = data.draw(st.integers(0, len(stream)))
-    codec = HostLineCodec()
-    assert codec.feed(stream[:cut]) + codec.feed(stream[cut:]) == sent
+    assert_survives(sent, BaseLineCodec(), HostLineCodec(), data)
 
 
-@given(requests(), st.data())
+@given(requests(LEAST), st.data())
 def test_a_changed_byte_never_makes_another_request(request_: BaseRequest, data: st.DataObject) -> None:
-    line = bytearray(HostLineCodec().encode(request_))
-    at = data.draw(st.integers(0, len(line) - 1))
-    line[at] = data.draw(st.integers(0, 255).filter(lambda byte: byte != line[at]))
-    assert [got for got in BaseLineCodec().feed(bytes(line) + b"\n") if got != request_] == []
+    received = damaged(HostLineCodec().encode(request_), data) + b"\n"
+    assert [got for got in BaseLineCodec().feed(received) if got != request_] == []
 
 
-@given(requests())
+@given(requests(LEAST))
 def test_a_line_whose_end_was_lost_takes_no_other_with_it(request_: BaseRequest) -> None:
     begun = HostLineCodec().encode(BaseRequest(Verb.STOP, 3, 42))[:-3]
     assert BaseLineCodec().feed(begun + HostLineCodec().encode(request_)) == [request_]
@@ -168,7 +146,7 @@ def test_the_longest_line_fits_and_a_longer_one_is_passed_over() -> None:
     assert codec.feed(b"\n" + line) == [longest]
 
 
-@given(tags, st.integers(1, 32767))
+@given(TAGS, st.integers(1, 32767))
 def test_tags_are_compared_round_the_circle(tag: int, ahead: int) -> None:
     assert is_newer((tag + ahead) % 65536, tag)
     assert not is_newer(tag, (tag + ahead) % 65536)

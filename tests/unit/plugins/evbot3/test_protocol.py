@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plugins.evbot2.messages import ARGUMENTS, BaseReply, BaseRequest, Code, InvalidRequest, Verb
+from plugins.evbot2.messages import BaseReply, BaseRequest, Code, InvalidRequest, Verb
 from plugins.evbot3.protocol import BaseFrameCodec, HostFrameCodec, stuffed, unstuffed
+from tests.unit.plugins.evbot2.streams import assert_survives, damaged, replies, requests
 
 REQUESTS = [
     (
@@ -86,22 +87,6 @@ def test_replies_without_sense_are_passed_over(frame: bytes) -> None:
     assert HostFrameCodec().feed(frame) == []
 
 
-numbers_ = st.integers(-(2**31), 2**31 - 1)
-tags = st.integers(0, 65535)
-
-
-@st.composite
-def requests(draw: st.DrawFn) -> BaseRequest:
-    verb = draw(st.sampled_from(sorted(ARGUMENTS)))
-    count = ARGUMENTS[verb]
-    return BaseRequest(verb, draw(tags), draw(tags), tuple(draw(st.lists(numbers_, min_size=count, max_size=count))))
-
-
-replies = st.builds(
-    BaseReply, st.sampled_from(Verb), tags, st.sampled_from(Code), st.lists(numbers_, max_size=24).map(tuple)
-)
-
-
 @given(st.binary(max_size=400), st.binary(max_size=400))
 def test_any_bytes_do_no_harm_and_the_next_frame_is_understood(noise: bytes, more: bytes) -> None:
     base, host = BaseFrameCodec(), HostFrameCodec()
@@ -114,28 +99,18 @@ def test_any_bytes_do_no_harm_and_the_next_frame_is_understood(noise: bytes, mor
 
 @given(st.lists(requests(), max_size=5), st.data())
 def test_requests_survive_the_wire_however_it_cuts_them(sent: list[BaseRequest], data: st.DataObject) -> None:
-    stream = b"".join(HostFrameCodec().encode(request) for request in sent)
-    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=6)))
-    codec, got = BaseFrameCodec(), []
-    for begin, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
-        got += codec.feed(stream[begin:end])
-    assert got == sent
+    assert_survives(sent, HostFrameCodec(), BaseFrameCodec(), data)
 
 
-@given(st.lists(replies, max_size=5), st.data())
+@given(st.lists(replies(24), max_size=5), st.data())
 def test_replies_survive_the_wire_however_it_cuts_them(sent: list[BaseReply], data: st.DataObject) -> None:
-    stream = b"".join(BaseFrameCodec().encode(reply) for reply in sent)
-    cut = data.draw(st.integers(0, len(stream)))
-    codec = HostFrameCodec()
-    assert codec.feed(stream[:cut]) + codec.feed(stream[cut:]) == sent
+    assert_survives(sent, BaseFrameCodec(), HostFrameCodec(), data)
 
 
 @given(requests(), st.data())
 def test_a_changed_byte_never_makes_another_request(request_: BaseRequest, data: st.DataObject) -> None:
-    frame = bytearray(HostFrameCodec().encode(request_))
-    at = data.draw(st.integers(0, len(frame) - 1))
-    frame[at] = data.draw(st.integers(0, 255).filter(lambda byte: byte != frame[at]))
-    assert [got for got in BaseFrameCodec().feed(bytes(frame) + b"\0") if got != request_] == []
+    received = damaged(HostFrameCodec().encode(request_), data) + b"\0"
+    assert [got for got in BaseFrameCodec().feed(received) if got != request_] == []
 
 
 def test_bytes_without_an_end_are_not_kept() -> None:
