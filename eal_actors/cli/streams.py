@@ -54,7 +54,7 @@ class _FailsafeStream:
             self._discard_output(error)
 
     def _discard_output(self, error: OSError) -> None:
-        """Redirect the stream, with what its buffer holds, to the null device; report the error unless nobody reads."""
+        """Redirect the stream and its buffer to the null device; report the error unless nobody reads."""
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, self._stream.fileno())
         os.close(null)

@@ -165,7 +165,7 @@ class PluginSettings:
 
 @dataclass(frozen=True, slots=True)
 class RobotConfig:
-    """A robot with everything that defaults and types say about it.
+    """A robot, merged with its types and the defaults.
 
     Attributes:
         name: unique in the fleet.

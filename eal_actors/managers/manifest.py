@@ -118,7 +118,7 @@ class ManifestFile(StrictModel):
     devices: tuple[DeviceSection, ...] = Field(default=(), strict=False)
     """The devices that its settings name."""
     former_names: dict[Name, Text] = Field(default={}, json_schema_extra=NAMES_ONLY)
-    """Names that fleet files used before, and what to write now."""
+    """Former names in fleet files, and their replacements."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -151,7 +151,7 @@ class NetworkSection(StrictModel):
     routers: tuple[EndpointText, ...] = Field(default=(), strict=False)
     """Endpoints of routers, to which controllers and robots with the address `router` connect."""
     security: SecuritySection | None = None
-    """Without it, everybody on the network may command the robots."""
+    """Without it, every program on the network may command the robots."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,13 +23,13 @@ from .motion import MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionProgress, WheelMo
 
 _MOST_DOUBT_M: Final = 0.03  # of the travel, in one straight drive
 _MOST_DOUBT_IN_A_TURN_M: Final = 0.01
-_REST_S: Final = 1.0  # the longest that it may take to come to rest
-_STEP_S: Final = 0.05  # between two looks at the speed, also where readings are rarer
-_AT_END_M: Final = 0.0002  # below what the encoders count
-_NEAR_COUNTS: Final = 1.5  # of the encoders, within which a motion is at its end
-_OVERSHOT_M: Final = 0.005  # so far beyond its length a motion goes back
-_ATTEMPTS: Final = 3  # at a motion's length, as between readings its progress is guessed
-_TELL_AGAIN_S: Final = 0.3  # without a count, after which the command to the wheels may have been lost on its way
+_REST_S: Final = 1.0  # time limit to come to rest
+_STEP_S: Final = 0.05  # interval of speed updates, also with fewer readings
+_AT_END_M: Final = 0.0002  # below the resolution of the encoders
+_NEAR_COUNTS: Final = 1.5  # tolerance of the end of a motion, in encoder counts
+_OVERSHOT_M: Final = 0.005  # a motion that overshoots by this drives back
+_ATTEMPTS: Final = 3  # corrections of a motion, because its progress between readings is estimated
+_RESEND_S: Final = 0.3  # without a count, the wheel command is sent again: it may have been lost
 _STALL_S: Final = 2.0  # without a count from driven wheels; the slowest turn counts twice a second
 
 
@@ -50,7 +50,7 @@ class RoombaBase(DifferentialBase):
         return self._roomba.not_ready()
 
     def close(self) -> None:
-        """Stop, and leave the Roomba to itself in passive mode."""
+        """Stop, and release the Roomba into passive mode."""
         self._roomba.release()
 
     def background(self) -> Activity:
@@ -110,7 +110,7 @@ class RoombaBase(DifferentialBase):
                 left_m = motion.left_m(self._roomba.latest(), start_m)
                 if -_OVERSHOT_M < left_m < _NEAR_COUNTS * self._roomba.count_m:
                     break
-                if left_m < 0:  # a command to slow down was lost on its way
+                if left_m < 0:  # a command to slow down was lost
                     motion = motion.back(-left_m)
                     start_m = motion.counted_m(self._roomba.latest())
             return 1
@@ -119,7 +119,7 @@ class RoombaBase(DifferentialBase):
             self._roomba.stop()
 
     def _come_to_rest(self) -> Activity:
-        """Wait until a reading that is asked for from now on sees both wheels stand."""
+        """Wait until a reading requested from now on shows both wheels at rest."""
         begun_s = self._roomba.clock.now()
         while self._roomba.clock.now() - begun_s < _REST_S:
             reading = self._roomba.latest()
@@ -128,13 +128,13 @@ class RoombaBase(DifferentialBase):
             yield self._roomba.next_look_s()
 
     def _go(self, motion: WheelMotion, start_m: float) -> Activity:
-        """Drive until the encoders have counted the motion's length, slowing down towards its end."""
+        """Drive until the encoders have counted the motion's length; slow down before its end."""
         progress = MotionProgress(motion, self._roomba.latest(), start_m, self._roomba.clock.now())
-        told_s, doubted_m = 0.0, self._roomba.travel_doubt_m
+        resent_s, doubted_m = 0.0, self._roomba.travel_doubt_m
         most_doubt_m = _MOST_DOUBT_M if motion.ahead else _MOST_DOUBT_IN_A_TURN_M
         while True:
             reading = self._roomba.latest()
-            self._require_way(forward=motion.goes_forward)
+            self._check_motion(forward=motion.goes_forward)
             left_m = progress.update(reading, self._roomba.clock.now())
             if (doubt_m := self._roomba.travel_doubt_m - doubted_m) > most_doubt_m:
                 raise ResourceFaultError(
@@ -150,15 +150,15 @@ class RoombaBase(DifferentialBase):
             if left_m <= _AT_END_M:
                 return
             velocity_mm_s = motion.velocity_mm_s(left_m)
-            if velocity_mm_s != progress.velocity_mm_s or progress.stalled_s > told_s + _TELL_AGAIN_S:
-                told_s = progress.stalled_s
+            if velocity_mm_s != progress.velocity_mm_s or progress.stalled_s > resent_s + _RESEND_S:
+                resent_s = progress.stalled_s
                 yield from self._roomba.drive(self._roomba.wheels(*motion.wheels_mm_s(velocity_mm_s)))
                 progress.velocity_mm_s = velocity_mm_s
             yield min(left_m / velocity_mm_s * 1000, self._roomba.next_look_s(), _STEP_S)
 
-    def _require_way(self, *, forward: bool) -> None:
-        """Raise ResourceFaultError if the robot must not go on, or has ended the motion by itself."""
-        _require_ground(self._roomba.latest().contacts, forward=forward)
+    def _check_motion(self, *, forward: bool) -> None:
+        """Raise ResourceFaultError if the robot must stop, or has ended the motion by itself."""
+        _check_ground(self._roomba.latest().contacts, forward=forward)
         if (why := self._roomba.interruption) is not None:
             raise ResourceFaultError(f"halted: {why}")
 
@@ -168,31 +168,31 @@ class RoombaBase(DifferentialBase):
     def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
         drive = self._roomba.twist(speed_m_s, turn_rate_rad_s)
         forward = drive.goes_forward
-        _require_ground(self._roomba.latest().contacts, forward=forward)
+        _check_ground(self._roomba.latest().contacts, forward=forward)
         yield from self._roomba.drive(drive)
         self._twist_until_s = until_s = self._roomba.clock.now() + timeout_s
         self._twist_forward = forward
         while not self._roomba.is_due(until_s):
             yield min(self._roomba.next_look_s(), until_s - self._roomba.clock.now())
-            self._require_way(forward=forward)
+            self._check_motion(forward=forward)
         self.halt()
 
     def _watch_twist(self) -> None:
-        """End a twist at its end, or at a cliff or drop; its caller may have gone."""
+        """End a twist at its timeout, a cliff or a drop; its caller may be gone."""
         if self._twist_until_s is None:
             return
         if self._roomba.is_due(self._twist_until_s):
             self.halt()
             return
         try:
-            self._require_way(forward=self._twist_forward)
+            self._check_motion(forward=self._twist_forward)
         except (ResourceFaultError, UnavailableError) as error:
             self.halt()
             get_logger().warning("a twist is halted", reason=error.message)
 
 
-def _require_ground(contacts: Contacts, *, forward: bool) -> None:
-    """Raise ResourceFaultError if a wheel has dropped, or if a cliff lies where the robot is to go."""
+def _check_ground(contacts: Contacts, *, forward: bool) -> None:
+    """Raise ResourceFaultError if a wheel has dropped, or if a forward motion meets a cliff."""
     drops = {"left wheel": contacts.drop_left, "right wheel": contacts.drop_right, "caster": contacts.drop_caster}
     cliffs = {
         "left": contacts.cliff_left,

@@ -19,9 +19,9 @@ from .listening import LOOK_S, Listener, until
 from .reading import RoombaReading, WheelCommand
 from .sci import MODE_PAUSE_S, Mode, Op
 
-_MODE_PAUSE_S: Final = MODE_PAUSE_S + 0.002  # a little longer, as clocks differ
+_MODE_PAUSE_S: Final = MODE_PAUSE_S + 0.002  # clocks differ
 _WAKE_TRIES: Final = 3
-_INSIST_S: Final = 0.1  # how long a stop may take to show before it is repeated
+_INSIST_S: Final = 0.1  # a stop without an effect is repeated after this time
 _DETECT_HIGH_S: Final = 0.1
 _DETECT_LOW_S: Final = 0.5
 _WAKE_UP_S: Final = 3.0
@@ -30,10 +30,10 @@ _START: Final = bytes([Op.START])
 
 
 class RoombaDriver(Listener):
-    """Commands and readings over one link, for several resources in threads of their own.
+    """Commands and readings over one link, for several resources with their own threads.
 
     Args:
-        link: the way to the Roomba.
+        link: to the Roomba.
         clock: the fleet's clock.
         mode: the mode to drive in: safe or full.
         poll_hz: readings a second.
@@ -60,11 +60,11 @@ class RoombaDriver(Listener):
         self._mode = Mode.OFF  # as far as is known
         self._quiet_until_s = clock.now()
         self._commanded_m_s = (0.0, 0.0)  # the left and the right wheel
-        self._said = 0  # how often the command to the next mode was sent
+        self._sent_count = 0  # how often the command to the next mode was sent
         self._goes_forward = False
         self._greeted = 0
         self._is_asleep = False
-        self._is_to_stand = False
+        self._must_stand = False
         self._stopped_s = self._stop_sent_s = clock.now()
 
     # Differences between the protocols.
@@ -75,16 +75,16 @@ class RoombaDriver(Listener):
 
     @abstractmethod
     def twist(self, speed_m_s: float, turn_rate_rad_s: float) -> WheelCommand:
-        """Return the command for a twist; where a wheel would have to go too fast, for the same curve, slower."""
+        """Return the command for a twist; if a wheel would be too fast, drive the same curve slower."""
 
     @abstractmethod
     def _poll_once(self) -> Generator[float, None, bool]:
-        """Get a reading; returns whether it came."""
+        """Request a reading; return whether it arrived."""
 
     # Life.
 
     def wake(self) -> Activity:
-        """Bring it into the mode to drive in, and read it for the first time; one that is silent is no error."""
+        """Enter the driving mode and take the first reading; a silent Roomba is no error."""
         for _ in range(_WAKE_TRIES * self._link.repeats):
             if self._link.why_not_ready() is not None:
                 return
@@ -97,7 +97,7 @@ class RoombaDriver(Listener):
                 self._note_trouble(error.message)
 
     def not_ready(self) -> str | None:
-        """Return why it cannot be used at present, None if it can: the link is away, or it sleeps or is silent."""
+        """Return why it cannot be used now: the link is absent, or the Roomba sleeps or is silent."""
         if self._is_asleep:
             return "the Roomba sleeps; the command wake of its resource Power wakes it"
         return self.silence()
@@ -111,7 +111,7 @@ class RoombaDriver(Listener):
             self._note_mode(Mode.OFF)
 
     def wake_up(self) -> Activity:
-        """Wake it by the device detect line, where there is one, and start it.
+        """Wake it by the device detect line, if connected, and start its interface.
 
         Raises:
             NotReadyError: it does not answer.
@@ -138,7 +138,7 @@ class RoombaDriver(Listener):
 
     @property
     def travel_doubt_m(self) -> float:
-        """By how much the travel in all may be wrong because readings were lost; it only grows."""
+        """Error bound of the total travel due to lost readings; it only grows."""
         return 0.0
 
     @property
@@ -148,7 +148,7 @@ class RoombaDriver(Listener):
 
     @property
     def mode(self) -> Mode:
-        """The mode that it is in, as far as is known."""
+        """Its last known mode."""
         return self._mode
 
     def release(self) -> None:
@@ -164,11 +164,11 @@ class RoombaDriver(Listener):
         try:
             if self._mode in (Mode.SAFE, Mode.FULL):
                 self.release()
-            yield from self._say_all()
+            yield from self._flush()
         except UnavailableError as error:
             self._log.warning("the Roomba may not have been released", reason=error.message)
 
-    def _say_all(self) -> Activity:
+    def _flush(self) -> Activity:
         """Wait until everything is sent; on a lossy link, repeat it."""
         if self._link.why_not_ready() is not None:
             return
@@ -182,14 +182,14 @@ class RoombaDriver(Listener):
             yield LOOK_S
 
     def close(self) -> None:
-        """Let go of the link."""
+        """Close the link."""
         with self._lock:
             self._link.close()
 
     # Commands.
 
     def command(self, data: bytes) -> Activity:
-        """Send a command as soon as the Roomba is in the mode to drive in; it is brought there if need be.
+        """Send a command; enter the driving mode first if necessary.
 
         Raises:
             ResourceFaultError: a wheel has dropped, and safe mode takes no command then.
@@ -208,7 +208,7 @@ class RoombaDriver(Listener):
             UnavailableError: the link is broken, and it may be moving.
         """
         with self._lock:
-            may_move = any(self._commanded_m_s) or self._is_to_stand
+            may_move = any(self._commanded_m_s) or self._must_stand
             if may_move or self._link.why_not_ready() is None:
                 self._stop()
 
@@ -221,7 +221,7 @@ class RoombaDriver(Listener):
         now_s = self.clock.now()
         self._goes_forward = False
         self._commanded_m_s = (0.0, 0.0)
-        self._is_to_stand, self._stopped_s = True, now_s
+        self._must_stand, self._stopped_s = True, now_s
         self._send_stop(now_s)
 
     def _send_stop(self, now_s: float) -> None:
@@ -229,7 +229,7 @@ class RoombaDriver(Listener):
         self._link.urge(self.stop_data)
 
     def _try_command(self, data: bytes, drive: WheelCommand | None = None) -> float | None:
-        """Send a command, or do the next step towards it and return the wait until the one after it."""
+        """Send a command, or do the next step towards it and return the delay until the following step."""
         contacts = self.latest().contacts
         if contacts.any_drop and self._wanted is Mode.SAFE:
             raise ResourceFaultError(
@@ -241,12 +241,12 @@ class RoombaDriver(Listener):
             self._link.send(data, supersedes=drive is not None)
             if drive is not None:
                 self._goes_forward = drive.goes_forward
-                self._is_to_stand = False
+                self._must_stand = False
                 self._commanded_m_s = (drive.left_m_s, drive.right_m_s)
             return None
 
     def _enter(self, wanted: Mode) -> Activity:
-        """Bring it into a mode from one further away."""
+        """Enter a mode step by step."""
 
         def step() -> float | None:
             with self._lock:
@@ -255,20 +255,20 @@ class RoombaDriver(Listener):
         yield from until(step)
 
     def _mode_step(self, wanted: Mode) -> float | None:
-        """Go one mode further towards the wanted one; return the wait after it, None when nothing is left to do."""
+        """Do the next mode change towards the wanted mode; return the delay after it, or None at the end."""
         if not self.is_due(self._quiet_until_s):
             return self._quiet_until_s - self.clock.now()
         if self._mode is wanted or self._mode not in self.ways:
             return None
         op, mode = self.ways[self._mode]
         self._link.send(bytes([op]))
-        self._said += 1
-        self._note_mode(mode if self._said >= self._link.repeats else self._mode)
+        self._sent_count += 1
+        self._note_mode(mode if self._sent_count >= self._link.repeats else self._mode)
         return _MODE_PAUSE_S
 
     def _note_mode(self, mode: Mode) -> None:
         if mode is not self._mode:
-            self._mode, self._said = mode, 0
+            self._mode, self._sent_count = mode, 0
         self._quiet_until_s = self.clock.now() + _MODE_PAUSE_S
 
     # Polling.
@@ -282,8 +282,8 @@ class RoombaDriver(Listener):
         if (yield from self._poll_once()):
             self._trouble = None
         else:
-            yield from self._start_anew_if_silent()
-        self._insist_on_standing()
+            yield from self._restart_if_silent()
+        self._repeat_stop()
 
     def _forget_state(self) -> None:
         """Reset the state: the Roomba may be another one, or have been switched off and on."""
@@ -292,24 +292,24 @@ class RoombaDriver(Listener):
             self._link.receive()
             self._mode = Mode.OFF
 
-    def _start_anew_if_silent(self) -> Activity:
+    def _restart_if_silent(self) -> Activity:
         reading = self._reading
         if reading is not None and self.clock.now() - reading.stamp_s <= self._silence_s:
             return
-        self._log.debug("no answer; the interface is started anew", port=self._link.name)
+        self._log.debug("no answer; the interface is restarted", port=self._link.name)
         with self._lock:
             self._mode = Mode.OFF
         yield from self._enter(Mode.PASSIVE)
 
-    def _insist_on_standing(self) -> None:
+    def _repeat_stop(self) -> None:
         """Repeat a stop until a reading confirms it."""
         now_s = self.clock.now()
         with self._lock:
             reading = self._reading
-            if not self._is_to_stand:
+            if not self._must_stand:
                 return
             if reading is not None and reading.stands and reading.stamp_s - self._stopped_s > _INSIST_S:
-                self._is_to_stand = False
+                self._must_stand = False
             elif now_s - self._stop_sent_s > _INSIST_S:
                 self._send_stop(now_s)
 

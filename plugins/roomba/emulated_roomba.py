@@ -42,17 +42,17 @@ _WAKES_IN_S: Final = 0.5
 
 
 class Counter:
-    """A count in whole units since it was read last; what is below one unit stays for the next time.
+    """A count in whole units since its last reading; fractions stay for the next one.
 
     Args:
-        total: the count in all, in any unit.
+        total: the total count, in any unit.
     """
 
     def __init__(self, total: float) -> None:
         self._taken = total
 
     def take(self, total: float) -> int:
-        """Return the units since the last call, as many as the wire can carry, of a count in all."""
+        """Return the units since the last call, clamped to 16 bits, from the total count."""
         since = math.trunc(round(total - self._taken, 6))
         self._taken += since
         return clamped(since, 16)
@@ -62,30 +62,30 @@ class EmulatedRoomba(ABC):
     """The byte-level state machine.
 
     Args:
-        body: what it drives and feels.
-        mode_pause_s: how long it hears nothing after a change of its mode; 0 where the bytes come through an
-            operating system, which delays them as it likes.
+        body: its body.
+        mode_pause_s: it ignores input for this time after a mode change; 0 if the bytes come through an operating
+            system, with its unknown delays.
         has_device_detect: whether its line for waking it is connected, see `device_detect`. If not, as on a
             pseudo-terminal, Start wakes it.
 
     Attributes:
-        mode: the mode it is in.
-        violations: bytes that came while it could not listen, and were lost.
-        refused: commands that its mode did not allow, or that made no sense.
-        complaints: what made no sense, the latest.
-        baud_rate: the baud rate it was set to.
-        songs: the notes of each song it keeps.
+        mode: its mode.
+        violations: bytes lost during pauses.
+        refused: number of commands that were invalid, or not allowed in its mode.
+        complaints: the latest invalid commands.
+        baud_rate: its baud rate.
+        songs: the notes of each stored song.
         pressed: the pressed buttons; a test or a simulation sets them.
         brushes: the cleaning motors: side brush, vacuum, main brush.
-        is_asleep: it was put to sleep, and hears nothing.
+        is_asleep: whether it sleeps and ignores input.
 
     Thread: its owner's; none of it blocks.
     """
 
     data_bytes: ClassVar[Mapping[int, int]]
-    """How many bytes follow each op code that it knows; see `_more_bytes`."""
+    """Number of bytes after each known op code; see `_more_bytes`."""
     accepted_in: ClassVar[Mapping[int, frozenset[Mode]]]
-    """Where an op code is accepted; the others in safe and full mode."""
+    """The modes that accept an op code; default: safe and full."""
     leads_to: ClassVar[Mapping[int, Mode]]
     """The op codes that change its mode."""
     usual_baud_rate: ClassVar[int]
@@ -113,7 +113,7 @@ class EmulatedRoomba(ABC):
         self._song: int | None = None
 
     def feed(self, data: bytes, now_s: float) -> bytes:
-        """Take bytes from the wire and return the reply to them.
+        """Process bytes from the wire and return the reply.
 
         Args:
             data: any bytes, in pieces of any size.
@@ -140,7 +140,7 @@ class EmulatedRoomba(ABC):
         return bytes(reply)
 
     def update(self) -> None:
-        """Act by reflex: in safe mode a dropped wheel, or a cliff on the way forward, ends the control."""
+        """In safe mode, end control at a wheel drop, or at a cliff during a forward motion."""
         if self.mode is not Mode.SAFE:
             return
         forward = self._left_m_s + self._right_m_s > 0
@@ -148,7 +148,7 @@ class EmulatedRoomba(ABC):
             self._enter(Mode.PASSIVE)
 
     def device_detect(self, *, low: bool, now_s: float) -> None:
-        """Set the line that wakes it: low for half a second does."""
+        """Set the device detect line; low for half a second wakes the Roomba."""
         if not low and self._low_since_s is not None and now_s - self._low_since_s >= _WAKES_IN_S - _ROUNDING_S:
             self.is_asleep = False
         if low and self._low_since_s is None:
@@ -161,17 +161,17 @@ class EmulatedRoomba(ABC):
         self.complaints.append(complaint)
 
     def playing(self, now_s: float) -> int | None:
-        """Return the number of the song that sounds, or None."""
+        """Return the number of the playing song, or None."""
         return self._song if now_s < self._sings_until_s else None
 
     def _wanted(self) -> int:
-        """Return the length of the command that has begun to arrive."""
+        """Return the length of the incoming command."""
         op = self._waiting[0]
         length = 1 + self.data_bytes[op]
         return length + self._more_bytes(op, self._waiting) if len(self._waiting) >= length else length
 
     def _more_bytes(self, op: int, begun: bytes | bytearray) -> int:
-        """Return how many bytes more follow a command whose count of bytes is among the first ones."""
+        """Return the number of further bytes of a command that contains its length."""
         return 2 * min(begun[2], MAX_NOTES) if op == Op.SONG else 0
 
     def _obey(self, op: int, data: bytes, now_s: float) -> bytes:
@@ -198,7 +198,7 @@ class EmulatedRoomba(ABC):
 
     @abstractmethod
     def _execute(self, op: int, data: bytes, now_s: float) -> bytes:
-        """Carry out a command that only this kind of Roomba knows, or knows in its own way; return the reply."""
+        """Execute a command specific to this interface; return the reply."""
 
     def _enter(self, mode: Mode) -> None:
         self.mode = mode
@@ -256,7 +256,7 @@ def clamped(value: float, bits: int) -> int:
 
 
 def power_of(body: RoombaBody) -> PowerGroup:
-    """Return what a body's battery shows, in the units of the wire."""
+    """Return the state of a body's battery, in the units of the wire."""
     battery = body.battery()
     return PowerGroup(
         voltage_mv=max(0, clamped(battery.voltage_v * 1000, 17)),

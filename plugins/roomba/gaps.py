@@ -8,19 +8,19 @@ from typing import Final, TypeAlias
 Pair: TypeAlias = tuple[float, float]
 """Of the left and the right wheel."""
 
-_NOISE_M: Final = 0.004  # what two wheels' counts may differ from what fits
-_ACCELERATION_M_S2: Final = 0.8  # about what a Roomba's wheels do
+_NOISE_M: Final = 0.004  # tolerance of the counts of two wheels
+_ACCELERATION_M_S2: Final = 0.8  # about that of a Roomba's wheels
 
 
 class TravelGaps:
-    """Estimates what the wheels travelled between two replies of which those between were lost.
+    """Estimates the travel between two replies when the replies in between were lost.
 
-    A reading whose reply is lost on its way has begun the counters anew; one whose question is lost has not. Which it
-    was shows in what the next reply counts: it fits what the wheels can have done since one of the questions best. They
-    went on as they did, or sped up or slowed down to what was commanded.
+    A lost reply has reset the counters; a lost request has not. The count of the next reply decides which it was: it
+    fits best the possible travel since one of the requests. The wheels either kept their speeds or accelerated to the
+    commanded ones.
 
     Attributes:
-        doubt_m: by how much what was estimated may be wrong in all, 0 or more.
+        doubt_m: error bound of all estimates, 0 or more.
     """
 
     def __init__(self) -> None:
@@ -30,15 +30,15 @@ class TravelGaps:
         self._unanswered_s: list[float] = []
 
     def ask(self, now_s: float) -> None:
-        """Note that the sensors are asked."""
+        """Record a request of the sensors."""
         self._unanswered_s.append(now_s)
 
     def answer(self, counted_m: Pair, commanded_m_s: Pair) -> Pair:
-        """Return what is to be added to what the reply to the latest question counts: 0 where none was lost.
+        """Return the travel to add to the count of the latest reply: 0 if no reply was lost.
 
         Args:
-            counted_m: what it counts.
-            commanded_m_s: the speeds that were commanded last.
+            counted_m: the count.
+            commanded_m_s: the last commanded speeds.
         """
         if not self._unanswered_s:
             return 0.0, 0.0
@@ -48,7 +48,7 @@ class TravelGaps:
             for place, since_s in enumerate((self._answered_s, *between_s))
             for target in (commanded_m_s, self._speeds_m_s)
         ]
-        misfit_m, _, since_s, target = min(fits)  # of equals the first: that nothing was lost
+        misfit_m, _, since_s, target = min(fits)  # of equal fits the first: no loss
         missing = self._travel_m(since_s - self._answered_s, target)
         others = (self._travel_m(fit[2] - self._answered_s, fit[3]) for fit in fits if fit[0] <= misfit_m + _NOISE_M)
         self.doubt_m += max(abs(other[0] - missing[0]) + abs(other[1] - missing[1]) for other in others) / 2
@@ -66,7 +66,7 @@ class TravelGaps:
         )
 
     def _travel_m(self, duration_s: float, target: Pair) -> Pair:
-        """Return what the wheels travel in a time from the latest reading on, if they go towards such speeds."""
+        """Return the travel of the wheels in a time from the latest reading, if they accelerate to target speeds."""
         left, right = (
             _ramp_m(before, after, duration_s) for before, after in zip(self._speeds_m_s, target, strict=True)
         )

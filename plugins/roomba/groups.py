@@ -1,4 +1,4 @@
-"""The sensor groups of the Serial Command Interface: what a Roomba answers to Sensors.
+"""The sensor groups of the Serial Command Interface: the replies to Sensors.
 
 Source: iRobot Roomba Serial Command Interface (SCI) specification.
 """
@@ -19,7 +19,7 @@ def bits(*flags: bool) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """Sensor group 1: what the Roomba touches and sees around itself."""
+    """Sensor group 1: bumpers, cliffs, drops and walls."""
 
     bump_right: bool = False
     bump_left: bool = False
@@ -65,7 +65,7 @@ class Contacts:
         """Read the group's 10 bytes.
 
         Raises:
-            DataError: they are no such group.
+            DataError: they are not a valid group.
         """
         _check(data, 1)
         bumps = _flags(data, 0, 5)
@@ -84,7 +84,7 @@ NO_REMOTE: Final = 255
 
 @dataclass(frozen=True, slots=True)
 class Controls:
-    """Sensor group 2: buttons, and what the wheels have travelled since this group was read last.
+    """Sensor group 2: buttons, and the travel of the wheels since the last reading of this group.
 
     Attributes:
         remote: code of the remote control's button, NO_REMOTE for none.
@@ -117,7 +117,7 @@ class Controls:
         """Read the group's 6 bytes.
 
         Raises:
-            DataError: they are no such group.
+            DataError: they are not a valid group.
         """
         _check(data, 2)
         button_max, button_clean, button_spot, button_power = _flags(data, 1, 4)
@@ -144,8 +144,8 @@ class PowerGroup:
         voltage_mv: of the battery, 0..65535.
         current_ma: negative while it is discharged.
         temperature_c: of the battery.
-        charge_mah: what is left.
-        capacity_mah: what it held when it was full.
+        charge_mah: the remaining charge.
+        capacity_mah: the charge when full.
     """
 
     charging_state: int = 0
@@ -157,7 +157,7 @@ class PowerGroup:
 
     @property
     def is_charging(self) -> bool:
-        """Whether a charger feeds it, which ends safe mode."""
+        """Whether it is charged, which ends safe mode."""
         return CHARGING_STATES[self.charging_state] in ("charging recovery", "charging", "trickle charging")
 
     @property
@@ -174,7 +174,7 @@ class PowerGroup:
         """Read the group's 10 bytes.
 
         Raises:
-            DataError: they are no such group.
+            DataError: they are not a valid group.
         """
         _check(data, 3)
         if data[0] >= len(CHARGING_STATES):
@@ -184,7 +184,7 @@ class PowerGroup:
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """Sensor group 0: all that the Roomba senses."""
+    """Sensor group 0: all sensors."""
 
     contacts: Contacts
     controls: Controls
@@ -199,7 +199,7 @@ class Sensors:
         """Read the group's 26 bytes.
 
         Raises:
-            DataError: they are no such group.
+            DataError: they are not a valid group.
         """
         _check(data, 0)
         return cls(Contacts.decode(data[:10]), Controls.decode(data[10:16]), PowerGroup.decode(data[16:]))
@@ -215,7 +215,7 @@ def _check(data: bytes, group: int) -> None:
 
 
 def _flags(data: bytes, place: int, count: int) -> list[bool]:
-    """Return the lowest bits of a byte; one that has others set is out of step with the group."""
+    """Return the lowest bits of a byte; raise DataError if others are set, because the group is misaligned."""
     if data[place] >> count:
         raise DataError(f"SCI: byte {place} of a sensor group holds {count} flags, but is {data[place]}")
     return [bool(data[place] >> bit & 1) for bit in range(count)]

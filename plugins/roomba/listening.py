@@ -28,17 +28,17 @@ def until(step: Callable[[], float | None]) -> Activity:
 
 
 class Listener(ABC):
-    """Readings over a link, for several resources in threads of their own. Exactly one of them polls.
+    """Readings over a link, for several resources with their own threads. Exactly one of them polls.
 
     Args:
-        link: the way to the Roomba.
+        link: to the Roomba.
         clock: the fleet's clock.
         poll_hz: readings a second.
         name: the robot's name, for frames.
         wheelbase_m: nominal distance of its wheels.
 
     Attributes:
-        calibration: what is known of its wheels.
+        calibration: of its wheels.
 
     Thread: any; one lock, which is never held during a wait.
     """
@@ -58,11 +58,11 @@ class Listener(ABC):
         self._log = get_logger(robot=name)
 
     def is_due(self, time_s: float) -> bool:
-        """Return whether a time has come, to a microsecond: a clock that steps may end a wait a rounding too early."""
+        """Return whether a time has come, within 1 us: a stepped clock may end a wait too early by rounding."""
         return self.clock.now() >= time_s - _ROUNDING_S
 
     def unreachable(self) -> str | None:
-        """Return why the way to it is broken at present; None if it is not."""
+        """Return why the link is broken; None if it works."""
         return self._link.why_not_ready()
 
     def silence(self) -> str | None:
@@ -133,17 +133,17 @@ class Listener(ABC):
             due_s = self.clock.now() + self.period_s
             try:
                 yield from self._poll_turn()
-            except UnavailableError as error:  # it is tried again, and who calls meanwhile hears of it
+            except UnavailableError as error:  # polling is retried; calls report the error meanwhile
                 self._note_trouble(error.message)
             is_over = False
             while not is_over:
                 left_s = max(0.0, due_s - self.clock.now())
                 yield min(left_s, LOOK_S) if self._link.is_busy else left_s
-                self._see_to_link()
+                self._serve_link()
                 is_over = self.is_due(due_s)
 
-    def _see_to_link(self) -> None:
-        """Give the link a chance to send."""
+    def _serve_link(self) -> None:
+        """Let the link send its queue."""
         if self._link.is_busy:
             with self._lock:
                 try:
@@ -153,11 +153,11 @@ class Listener(ABC):
 
     @abstractmethod
     def _take_bytes(self, data: bytes) -> object:
-        """Take what came between two polls. Thread: holds the lock."""
+        """Process bytes received between two polls. Thread: holds the lock."""
 
     @abstractmethod
     def _poll_turn(self) -> Activity:
-        """Read it once, and do whatever else is due.
+        """Take one reading, and do the other due work.
 
         Raises:
             UnavailableError: the link is broken.

@@ -23,30 +23,29 @@ class ByteEmulator(Protocol):
     """A device at the far end of a wire."""
 
     def feed(self, data: bytes, now_s: float) -> bytes:
-        """Take bytes from the wire and return the reply to them."""
+        """Process bytes from the wire and return the reply."""
         ...
 
 
 class MotePair:
     """Both motes, and the radio between them.
 
-    The base mote acknowledges every packet that comes whole, and forwards it unless it has the number of the one
-    before it: then only the acknowledgement was lost. The mote on the robot stops the Roomba when it hears nothing for
-    a while.
+    The base mote acknowledges every intact packet, and forwards it unless it repeats the last sequence number: then
+    only the acknowledgement was lost. The mote on the robot stops the Roomba after a time of silence.
 
     Args:
         robot: the Roomba at the far mote's serial port.
         framing: the form of the packets on the line.
-        loss: part of the radio packets that get lost, 0..1, either way.
-        radio_tries: how often a radio packet is sent in all until it arrives, as TinyOS's PacketLink does.
-        ack_loss: part of the acknowledgements that get lost on the line.
-        seed: of what gets lost.
+        loss: share of lost radio packets, 0..1, in each direction.
+        radio_tries: most transmissions of a radio packet, as in TinyOS's PacketLink.
+        ack_loss: share of lost acknowledgements on the line.
+        seed: of the losses.
         watchdog_s: silence after which the mote on the robot stops it.
 
     Attributes:
-        forwarded: the payloads that reached the robot, the latest ones.
+        forwarded: the latest payloads that reached the robot.
         duplicates: packets that were not forwarded a second time.
-        lost: radio packets that got lost.
+        lost: number of lost radio packets.
     """
 
     def __init__(
@@ -72,16 +71,16 @@ class MotePair:
         self._heard_s: float | None = None
 
     def lose(self, loss: float) -> None:
-        """Have the radio lose such a part of its packets from now on, 0..1."""
+        """Set the share of lost radio packets, 0..1."""
         self._loss = loss
 
     @property
     def complaints(self) -> list[str]:
-        """The complaints of the Roomba, if it has any, for `eal plugin check`."""
+        """The complaints of the Roomba, for `eal plugin check`."""
         return list(getattr(self._robot, "complaints", ()))
 
     def feed(self, data: bytes, now_s: float) -> bytes:
-        """Take bytes from the line and return what the base mote sends on it."""
+        """Process bytes from the line and return the base mote's output."""
         self._watch(now_s)
         reply = bytearray()
         for body in self._deframer.feed(data):
@@ -114,7 +113,7 @@ class MotePair:
         return reply
 
     def _report(self, data: bytes) -> bytes:
-        """Send what the Roomba says through the radio and up the line."""
+        """Send the Roomba's output through the radio and up the line."""
         most, sent = self._framing.payload_bytes, bytearray()
         for start in range(0, len(data), most):
             if self._reaches():

@@ -1,4 +1,4 @@
-"""Motions by the encoders: how fast to go with so much left, and how far they are."""
+"""Motions by encoder counts: the speed for a remaining length, and the progress."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class WheelMotion:
     """One straight drive or turn in place.
 
     Attributes:
-        length_m: what the robot has to travel, 0 or more: where it turns, along a circle through its wheels.
-        speed_m_s: of that at most.
-        ahead: 1 where the robot goes forward, -1 where it goes back, 0 where it turns in place.
-        arc: 1 where it turns to the left, -1 to the right, 0 where it goes straight.
-        calibration: what is known of the wheels.
+        length_m: the travel, 0 or more; of a turn, along a circle through the wheels.
+        speed_m_s: the greatest speed along it.
+        ahead: 1 for forward, -1 for back, 0 for a turn in place.
+        arc: 1 for a left turn, -1 for a right turn, 0 for a straight drive.
+        calibration: of the wheels.
     """
 
     length_m: float
@@ -37,52 +37,52 @@ class WheelMotion:
 
     @classmethod
     def straight(cls, distance_m: float, speed_m_s: float, calibration: WheelCalibration) -> WheelMotion:
-        """Drive a distance; a negative one is backwards."""
+        """Return a straight drive; a negative distance is backwards."""
         return cls(abs(distance_m), speed_m_s, -1 if distance_m < 0 else 1, 0, calibration)
 
     @classmethod
     def turn(
         cls, angle_rad: float, rate_rad_s: float, wheelbase_m: float, calibration: WheelCalibration
     ) -> WheelMotion:
-        """Turn in place by an angle; a positive one is to the left."""
+        """Return a turn in place; a positive angle is to the left."""
         arm_m = wheelbase_m / 2
         return cls(abs(angle_rad) * arm_m, rate_rad_s * arm_m, 0, -1 if angle_rad < 0 else 1, calibration)
 
     def back(self, length_m: float) -> WheelMotion:
-        """Return the way back over such a length."""
+        """Return the motion back over a length."""
         return replace(self, length_m=length_m, ahead=-self.ahead, arc=-self.arc)
 
     def counted_m(self, reading: RoombaReading) -> float:
-        """Return what the robot has travelled its way in all."""
+        """Return the total travel in the direction of the motion."""
         ahead_m, arc_m = self.calibration.travelled(reading.left_m, reading.right_m)
         return self.ahead * ahead_m + self.arc * arc_m
 
     @property
     def goes_forward(self) -> bool:
-        """Whether it leads to where the cliff sensors look."""
+        """Whether it moves towards the side of the cliff sensors."""
         return self.ahead > 0
 
     def wheels_mm_s(self, velocity_mm_s: int) -> tuple[int, int]:
-        """Return the left and the right wheel's speed where the robot is to go so fast."""
+        """Return the speeds of the left and the right wheel for a speed of the robot."""
         left, right = self.calibration.counted(self.ahead * velocity_mm_s, self.arc * velocity_mm_s)
         return _reached(left), _reached(right)
 
     def left_m(self, reading: RoombaReading, start_m: float) -> float:
-        """Return what was left at a reading of a motion that began with so much counted."""
+        """Return the remaining length at a reading; `start_m` is the count at the beginning."""
         return self.length_m - (self.counted_m(reading) - start_m)
 
     def velocity_mm_s(self, left_m: float) -> int:
-        """Return how fast each wheel is to go with so much of the length left, 1 or more."""
+        """Return the speed of each wheel for a remaining length, 1 or more."""
         slowing_m_s = math.sqrt(_CREEP_M_S**2 + 2 * _BRAKE_M_S2 * max(left_m, 0.0))
         return max(1, min(MAX_SPEED_MM_S, round(min(self.speed_m_s, slowing_m_s) * 1000)))
 
 
 class MotionProgress:
-    """How far a motion is: by the encoders at each reading, and between readings by the speed that was commanded.
+    """The progress of a motion: from the encoders at each reading, extrapolated by the commanded speed in between.
 
     Attributes:
-        velocity_mm_s: the speed that was commanded; whoever commands it sets it.
-        stalled_s: how long the encoders have counted nothing though the wheels were driven.
+        velocity_mm_s: the commanded speed; the caller sets it.
+        stalled_s: time without an encoder count while the wheels are driven.
     """
 
     def __init__(self, motion: WheelMotion, reading: RoombaReading, start_m: float, now_s: float) -> None:
@@ -95,7 +95,7 @@ class MotionProgress:
         self._at_s = self._moved_s = now_s
 
     def update(self, reading: RoombaReading, now_s: float) -> float:
-        """Return what is left of the length now."""
+        """Return the remaining length now."""
         if reading is not self._reading:
             self._left_m, self._at_s = self._motion.left_m(reading, self._start_m), reading.stamp_s
             if not reading.stands:
@@ -110,13 +110,13 @@ class MotionProgress:
 
 
 def _reached(speed_mm_s: float) -> int:
-    """Return the nearest speed that a wheel reaches, and not 0 for one that is to turn."""
+    """Return the nearest possible wheel speed, which is not 0."""
     nearest = round(max(-MAX_SPEED_MM_S, min(MAX_SPEED_MM_S, speed_mm_s)))
     return nearest or (1 if speed_mm_s > 0 else -1)
 
 
 def slowed(speed_m_s: float, turn_rate_rad_s: float, wheelbase_m: float) -> tuple[float, float]:
-    """Return a twist that both wheels reach: where one would have to go too fast, the same curve, driven slower.
+    """Return a twist within the speed limit of both wheels: if one is too fast, the same curve, driven slower.
 
     Args:
         speed_m_s: forward positive.

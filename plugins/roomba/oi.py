@@ -1,4 +1,4 @@
-"""The commands of the Open Interface: bytes out, nothing else.
+"""The commands of the Open Interface: encoding of bytes.
 
 Drive, Song, Play and most op codes are those of the older Serial Command Interface, see sci.py.
 
@@ -34,7 +34,7 @@ MODES: Final = (Mode.OFF, Mode.PASSIVE, Mode.SAFE, Mode.FULL)
 
 
 class OiOp(enum.IntEnum):
-    """The op codes that the older interface does not know, or knows otherwise."""
+    """The op codes that the older interface lacks or defines differently."""
 
     RESET = 7
     DRIVE_DIRECT = 145
@@ -57,7 +57,7 @@ class OiLights:
         debris: the blue debris light.
         spot: the green light of SPOT.
         dock: the green light of DOCK.
-        check_robot: the orange light that asks to look after the robot.
+        check_robot: the orange light for a fault.
         power_colour: of the light of the button CLEAN: 0 green .. 255 red.
         power_intensity: of the same: 0 off .. 255 full.
     """
@@ -95,7 +95,7 @@ def drive_direct(left_mm_s: int, right_mm_s: int) -> bytes:
 
 
 def stream(packets: Sequence[int]) -> bytes:
-    """Encode Stream: have packets sent every 15 ms.
+    """Encode Stream: request packets every 15 ms.
 
     Raises:
         ArgumentError: there is no such packet.
@@ -104,7 +104,7 @@ def stream(packets: Sequence[int]) -> bytes:
 
 
 def query_list(packets: Sequence[int]) -> bytes:
-    """Encode Query List: have packets sent once.
+    """Encode Query List: request packets once.
 
     Raises:
         ArgumentError: there is no such packet.

@@ -136,7 +136,7 @@ class OiDriver(RoombaDriver):
             return
         if any(self._commanded_m_s) and mode not in (Mode.SAFE, Mode.FULL):
             self._interruption = f"the Roomba has left its {self._wanted.value} mode: a button, the charger, or a drop"
-        self._mode, self._said = mode, 0
+        self._mode, self._sent_count = mode, 0
 
     def _travelled_m(self, values: Mapping[int, int], stamp_s: float) -> tuple[float, float]:
         """Return what the wheels travelled since the reading before."""

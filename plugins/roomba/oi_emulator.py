@@ -1,7 +1,6 @@
-"""A Create 2 at the other end of the wire: the Open Interface over any body that drives and feels.
+"""The emulator of a Create 2: the Open Interface with any robot body.
 
-What bodies do not feel, such as light bumpers, motor currents and infrared, reads 0, or what it reads where there is
-nothing.
+Sensors that bodies lack, such as light bumpers, motor currents and infrared, read 0 or their idle value.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from .groups import NO_REMOTE, bits
 from .oi import BAUD_RATE, COUNTS, METRES_A_COUNT, MODES, SONGS, STREAM_PERIOD_S, WHEELBASE_M, OiLights, OiOp
 from .sci import DATA_BYTES, MAX_SPEED_MM_S, MODE_PAUSE_S, Mode, Op
 
-_CLIFF_SIGNAL: Final = 2600  # a floor of middling brightness
+_CLIFF_SIGNAL: Final = 2600  # a floor of medium brightness
 _ROUNDING_S: Final = 1e-9
 _EXTRA_BYTES: Final[dict[int, int]] = {
     OiOp.RESET: 0,
@@ -42,8 +41,8 @@ class OiEmulator(EmulatedRoomba):
     """A Create 2; see EmulatedRoomba.
 
     Attributes:
-        lights: the lights as they were set last.
-        digits: what the four digits show.
+        lights: the last setting of the lights.
+        digits: the text of the display.
         wheelbase_m: distance of the body's wheels.
     """
 

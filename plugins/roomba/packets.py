@@ -80,7 +80,7 @@ STREAM_HEADER: Final = 19
 
 
 def packets_of(number: int) -> Sequence[int]:
-    """Return the packets that a number asks for: of a group, or the one of that number.
+    """Return the packets of a number: those of a group, or the single one.
 
     Raises:
         DataError: there is no such packet.
@@ -93,19 +93,19 @@ def packets_of(number: int) -> Sequence[int]:
 
 
 def size_of(packet: int) -> int:
-    """Return how many bytes a packet has."""
+    """Return the size of a packet in bytes."""
     return struct.calcsize(f">{FORMS[packet]}")
 
 
 def encode(packet: int, value: int) -> bytes:
-    """Return a packet's bytes; a value that it cannot hold is brought to the nearest one."""
+    """Return a packet's bytes; a value out of range is clamped."""
     bits = 8 * size_of(packet)
     low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if FORMS[packet].islower() else (0, (1 << bits) - 1)
     return struct.pack(f">{FORMS[packet]}", max(low, min(high, value)))
 
 
 def decode(packets: Iterable[int], data: bytes) -> dict[int, int]:
-    """Read the packets that come one after the other.
+    """Decode consecutive packets.
 
     Raises:
         DataError: the bytes are too few or too many.
@@ -125,10 +125,10 @@ def stream_frame(values: Mapping[int, int]) -> bytes:
 
 
 class StreamReader:
-    """Finds frames in what comes from the Roomba, in pieces of any size, and skips what is none.
+    """Finds frames in the Roomba's output, in pieces of any size, and skips the rest.
 
     Attributes:
-        skipped: how many bytes belonged to no frame.
+        skipped: number of bytes outside frames.
     """
 
     def __init__(self) -> None:
@@ -136,7 +136,7 @@ class StreamReader:
         self._held = bytearray()
 
     def feed(self, data: bytes) -> list[dict[int, int]]:
-        """Take bytes; return the frames that are complete with them."""
+        """Process bytes; return the completed frames."""
         self._held += data
         frames: list[dict[int, int]] = []
         while self._held:
@@ -146,7 +146,7 @@ class StreamReader:
                 break
             values = _values(bytes(self._held[:size]))
             if values is None:
-                self._skip(1)  # a header within something else: the next one may be true
+                self._skip(1)  # a false header within other data
             else:
                 frames.append(values)
                 del self._held[:size]
@@ -158,7 +158,7 @@ class StreamReader:
 
 
 def _values(frame: bytes) -> dict[int, int] | None:
-    """Return what a frame says; None if it is none."""
+    """Return the values of a frame; None if it is invalid."""
     if sum(frame) & 0xFF:
         return None
     body, place, values = frame[2:-1], 0, {}

@@ -1,4 +1,4 @@
-"""The iRobot Serial Command Interface of the Roomba 4xx: bytes in, bytes out, nothing else.
+"""The iRobot Serial Command Interface of the Roomba 4xx: encoding and decoding of bytes.
 
 Numbers here are the wire's: millimetres, millimetres per second, millivolts, big-endian and in two's complement.
 
@@ -18,9 +18,9 @@ from eal_actors.plugin import ArgumentError
 from .groups import GROUP_BYTES, bits
 
 MODE_PAUSE_S: Final = 0.02
-"""How long the Roomba must be left alone after a command that changes its mode."""
+"""Pause after a command that changes the mode."""
 BAUD_PAUSE_S: Final = 0.1
-"""How long it must be left alone after a change of the baud rate."""
+"""Pause after a change of the baud rate."""
 BAUD_RATE: Final = 57600
 WHEELBASE_M: Final = 0.258
 MAX_SPEED_MM_S: Final = 500
@@ -170,7 +170,7 @@ def motors(*, side_brush: bool = False, vacuum: bool = False, main_brush: bool =
 
 
 def song(number: int, notes: Sequence[tuple[int, int]]) -> bytes:
-    """Encode Song: give the Roomba a song to keep.
+    """Encode Song: store a song.
 
     Args:
         number: of the song, 0..15.
@@ -206,4 +206,4 @@ def ask_sensors(group: int) -> bytes:
 
 
 DATA_BYTES: Final = {Op.BAUD: 1, Op.DRIVE: 4, Op.MOTORS: 1, Op.LEDS: 3, Op.SONG: 2, Op.PLAY: 1, Op.SENSORS: 1}
-"""How many bytes follow an op code; after Song's, two more for each note."""
+"""Number of bytes after an op code; after Song, two more for each note."""

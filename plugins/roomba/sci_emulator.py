@@ -1,7 +1,7 @@
-"""A Roomba 4xx at the other end of the wire: the Serial Command Interface over any body that drives and feels.
+"""The emulator of a Roomba 4xx: the Serial Command Interface with any robot body.
 
-It reads no clock and opens no port: its owner passes the bytes and the time. So the same emulator works behind a
-pseudo-terminal, a socket or a simulated robot.
+It reads no clock and opens no port: its owner passes the bytes and the time. So it works behind a pseudo-terminal, a
+socket or a simulated robot.
 """
 
 from __future__ import annotations

@@ -17,16 +17,16 @@ from .bodies import FreeRoombaBody
 from .motes import ByteEmulator
 
 TICK_S: Final = 0.001
-"""How often bytes are moved that go at a pace, and how often the emulator may speak of its own accord."""
+"""Interval of paced bytes, and of unrequested output of the emulator."""
 _BITS_A_BYTE: Final = 10  # a start bit, eight and a stop bit
 _MOST_BYTES: Final = 4096
 
 
 class LinePace:
-    """Bytes on their way, that arrive one by one as fast as a baud rate lets them.
+    """Bytes in flight, which arrive at a baud rate.
 
     Args:
-        baud_rate: None for at once.
+        baud_rate: None for no delay.
     """
 
     def __init__(self, baud_rate: int | None) -> None:
@@ -35,7 +35,7 @@ class LinePace:
         self._free_s = -math.inf
 
     def put(self, data: bytes, now_s: float) -> None:
-        """Send bytes off."""
+        """Send bytes."""
         if data and not self._waiting:
             self._free_s = max(self._free_s, now_s)
         self._waiting += data
@@ -52,19 +52,19 @@ class LinePace:
 
 
 class PacedLine:
-    """An emulator at the end of a line with a pace. Thread: its owner's.
+    """An emulator at a line with a baud rate. Thread: its owner's.
 
     Args:
-        emulator: what is served.
-        baud_rate: of the line; None for at once.
+        emulator: the served one.
+        baud_rate: of the line; None for no delay.
     """
 
     def __init__(self, emulator: ByteEmulator, baud_rate: int | None) -> None:
         self._emulator = emulator
         self._incoming, self._outgoing = LinePace(baud_rate), LinePace(baud_rate)
 
-    def go_on(self, data: bytes, now_s: float) -> bytes:
-        """Take bytes from the line, which may be none, and return those that have gone out on it."""
+    def exchange(self, data: bytes, now_s: float) -> bytes:
+        """Process bytes from the line, possibly none, and return the bytes sent on it."""
         self._incoming.put(data, now_s)
         self._outgoing.put(self._emulator.feed(self._incoming.take(now_s), now_s), now_s)
         return self._outgoing.take(now_s)
@@ -72,25 +72,25 @@ class PacedLine:
 
 @asynccontextmanager
 async def on_pty(serving: PacedLine) -> AsyncIterator[tuple[str, asyncio.Task[None]]]:
-    """Serve behind a pseudo-terminal for the length of a block; gives its path, and the task that serves."""
+    """Serve behind a pseudo-terminal during a block; yields its path and the serving task."""
     loop = asyncio.get_running_loop()
     master, slave = os.openpty()
     tty.setraw(master)
     tty.setraw(slave)
     os.set_blocking(master, False)
 
-    def go_on(data: bytes = b"") -> None:
-        if reply := serving.go_on(data, loop.time()):
+    def exchange(data: bytes = b"") -> None:
+        if reply := serving.exchange(data, loop.time()):
             with contextlib.suppress(BlockingIOError):  # without a reader, bytes that do not fit are lost, as on a wire
                 os.write(master, reply)
 
-    async def keep_going() -> None:
+    async def exchange_forever() -> None:
         while True:
-            go_on()
+            exchange()
             await asyncio.sleep(TICK_S)
 
-    loop.add_reader(master, lambda: go_on(os.read(master, _MOST_BYTES)))
-    going = asyncio.create_task(keep_going())
+    loop.add_reader(master, lambda: exchange(os.read(master, _MOST_BYTES)))
+    going = asyncio.create_task(exchange_forever())
     try:
         yield os.ttyname(slave), going
     finally:
@@ -101,19 +101,19 @@ async def on_pty(serving: PacedLine) -> AsyncIterator[tuple[str, asyncio.Task[No
 
 
 def parser(program: str, description: str) -> argparse.ArgumentParser:
-    """Return a parser of the arguments that every emulator has."""
+    """Return a parser with the common arguments of the emulators."""
     made = argparse.ArgumentParser(prog=f"python -m {program}", description=description)
     made.add_argument("--pty", action="store_true", required=True, help="serve a pseudo-terminal, and print its path")
-    made.add_argument("--pace", action="store_true", help="let bytes go at the baud rate of the line")
+    made.add_argument("--pace", action="store_true", help="delay bytes by the baud rate of the line")
     return made
 
 
 def run(make: Callable[[Callable[[], float]], tuple[ByteEmulator, FreeRoombaBody]], baud_rate: int | None) -> None:
-    """Serve an emulator until it is interrupted or ended; at first it prints the port, at the end the robot's pose.
+    """Serve an emulator until it is interrupted; prints the port first, and the robot's pose at the end.
 
     Args:
-        make: makes the emulator, and the body that it drives, from what tells the time.
-        baud_rate: pace of the line; None for at once.
+        make: creates the emulator and its body from a function that returns the time.
+        baud_rate: pace of the line; None for no delay.
     """
     asyncio.run(_run(make, baud_rate))
 
@@ -126,14 +126,14 @@ async def _run(
         loop.add_signal_handler(name, ended.set)
     emulator, body = make(loop.time)
     async with on_pty(PacedLine(emulator, baud_rate)) as (port, going):
-        _say(port)
+        _print(port)
         waiting = asyncio.create_task(ended.wait())
         await asyncio.wait((waiting, going), return_when=asyncio.FIRST_COMPLETED)
         if going.done():
-            going.result()  # raises what has ended it
+            going.result()  # raises its error
     x_m, y_m, yaw_rad = body.pose
-    _say(f"pose {x_m:.3f} m {y_m:.3f} m {math.degrees(yaw_rad):.1f} deg")
+    _print(f"pose {x_m:.3f} m {y_m:.3f} m {math.degrees(yaw_rad):.1f} deg")
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     print(text, flush=True)  # noqa: T201  # it is a program

@@ -1,7 +1,7 @@
-"""Packets of TinyOS on a serial line: bytes in, bytes out, nothing else.
+"""Packets of TinyOS on a serial line: encoding and decoding of bytes.
 
-A frame is `7E | escaped(body | CRC) | 7E`. The body begins with a protocol byte: an acknowledgement, a packet that
-wants one, or a packet that wants none. A packet carries an active message.
+A frame is `7E | escaped(body | CRC) | 7E`. The body begins with a protocol byte: an acknowledgement, a packet with
+acknowledgement, or a packet without. A packet carries an active message.
 
 Source: TinyOS TEP 113, "Serial Communication", and TEP 111; for the older form, TinyOS 1.x's framer and its TOS_Msg.
 """
@@ -31,7 +31,7 @@ class Header(enum.StrEnum):
 
 
 _PROTOCOL_BYTES: Final = {Header.TINYOS_2: (0x43, 0x44, 0x45), Header.TINYOS_1: (0x40, 0x41, 0x42)}
-"""Of each form: acknowledgement, packet that wants one, packet that wants none."""
+"""Of each form: acknowledgement, packet with and packet without acknowledgement."""
 
 
 def crc(body: bytes) -> int:
@@ -49,13 +49,13 @@ def frame(body: bytes) -> bytes:
 
 
 class Deframer:
-    """Finds frames in what comes from a line, in pieces of any size, and drops what is none.
+    """Finds frames in the bytes of a line, in pieces of any size, and drops the rest.
 
     Args:
-        longest_bytes: of a body and its CRC; what is longer is no frame.
+        longest_bytes: longest body with its CRC.
 
     Attributes:
-        dropped: how many frames were broken: a wrong CRC, too short or too long.
+        dropped: number of broken frames: a wrong CRC, too short or too long.
     """
 
     def __init__(self, longest_bytes: int) -> None:
@@ -66,7 +66,7 @@ class Deframer:
         self._is_lost = True  # until the first flag
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes; return the bodies of the frames that they end."""
+        """Process bytes; return the bodies of the completed frames."""
         bodies = []
         for byte in data:
             if byte == FLAG:
@@ -116,8 +116,8 @@ class Packet:
     """An active message.
 
     Attributes:
-        payload: what it carries.
-        sequence: 0..255 where it wants an acknowledgement; None where it wants none.
+        payload: its content.
+        sequence: 0..255 with acknowledgement; None without.
         am_type: active message type, 0..255.
         group: 0..255.
         destination: address, 0..65535.
@@ -137,7 +137,7 @@ Body: TypeAlias = Ack | Packet
 
 @dataclass(frozen=True, slots=True)
 class TinyosFraming:
-    """The form of packets, as both ends must have it.
+    """The form of packets, the same at both ends.
 
     Attributes:
         header: TinyOS 1.x or 2.x.
@@ -145,7 +145,7 @@ class TinyosFraming:
         am_type: of the packets that are sent, and that are not ignored.
         destination: of the packets that are sent.
         group: of the packets that are sent, and that are not ignored.
-        payload_bytes: what a packet carries at most.
+        payload_bytes: largest payload of a packet.
 
     Raises:
         ArgumentError: two protocol bytes are the same.
@@ -167,7 +167,7 @@ class TinyosFraming:
 
     @property
     def _bytes(self) -> tuple[int, int, int]:
-        """The protocol bytes: acknowledgement, packet that wants one, packet that wants none."""
+        """The protocol bytes: acknowledgement, packet with and packet without acknowledgement."""
         usual = _PROTOCOL_BYTES[self.header]
         own = (self.ack_byte, self.reliable_byte, self.plain_byte)
         ack, reliable, plain = (other if byte is None else byte for byte, other in zip(own, usual, strict=True))
@@ -187,7 +187,7 @@ class TinyosFraming:
         return frame(bytes([self._bytes[0], sequence]))
 
     def packet(self, payload: bytes, sequence: int | None) -> bytes:
-        """Return the frame of a packet; with a sequence number it wants an acknowledgement.
+        """Return the frame of a packet; one with a sequence number is acknowledged.
 
         Raises:
             ArgumentError: the payload is too long.
@@ -236,5 +236,5 @@ class TinyosFraming:
         return Packet(payload, sequence, am_type, group, destination, source)
 
     def is_ours(self, packet: Packet) -> bool:
-        """Return whether a packet's type and group are those that both ends agreed on."""
+        """Return whether a packet has our type and group."""
         return packet.am_type == self.am_type and packet.group == self.group

@@ -39,10 +39,10 @@ def test_question_and_answer_both_take_their_time(baud_rate: int | None, after_s
             return data
 
     serving = PacedLine(Echo(), baud_rate)
-    said = serving.go_on(b"a", 0.0)
+    said = serving.exchange(b"a", 0.0)
     for tick in range(1, 30):
         if said:
             break
-        said = serving.go_on(b"", tick / 10)
+        said = serving.exchange(b"", tick / 10)
         assert not said or tick / 10 == pytest.approx(after_s)
     assert said == b"a"
