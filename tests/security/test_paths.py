@@ -127,7 +127,7 @@ def test_paths_to_save_at_that_are_known_before_anything_moves(path: str, way: s
     file = written(tmp_path / "s.yaml", save="${where}.csv" if is_parameter else path)
     given = {"where": path.removesuffix(".csv")} if is_parameter else {}
 
-    with Fleet.load("local") as opened, pytest.raises(ConfigError, match="no name of a file inside the run's folder"):
+    with Fleet.load("local") as opened, pytest.raises(ConfigError, match="not a file name inside the run's folder"):
         run_scenario(file, opened, parameters=given, directory=tmp_path / "run")
 
     assert [found.name for found in tmp_path.iterdir()] == ["s.yaml"]
@@ -143,7 +143,7 @@ def test_paths_to_save_at_that_come_out_on_the_way(path: str, tmp_path: Path) ->
         report = run_scenario(file, opened, directory=tmp_path / "run")
 
     assert report.outcome == "failed"
-    assert "no name of a file inside the run's folder" in str(report)
+    assert "not a file name inside the run's folder" in str(report)
     assert {found.name for found in tmp_path.iterdir()} == {"s.yaml", "run"}
     assert list(tmp_path.rglob("*.csv")) == []
 
@@ -219,7 +219,7 @@ def test_the_dashboards_users_save_nothing_outside_their_run(dashboard: Dashboar
     with page_of(dashboard) as page:
         answer = page.ask(do="start", file="fine.yaml", parameters={"where": "../../../x"})
 
-    assert "no name of a file inside the run's folder" in str(answer)
+    assert "not a file name inside the run's folder" in str(answer)
     assert list(tmp_path.rglob("x.csv")) == []
 
 

@@ -86,7 +86,7 @@ class TestCalls:
         assert found["eal_calls_total", ("send_cmd", "preempted", "Base", "robot")] == 1
         assert found["eal_calls_total", ("halt", "done", "Base", "robot")] == 1
         assert found["eal_call_seconds_count", ("send_cmd", "Base", "robot")] == 3
-        assert 2.0 <= found["eal_call_seconds_sum", ("send_cmd", "Base", "robot")] < 3.0  # the drive; the rest is quick
+        assert 2.0 <= found["eal_call_seconds_sum", ("send_cmd", "Base", "robot")] <= clock.now()  # the drive
         assert found["eal_call_seconds_bucket", ("3.0", "send_cmd", "Base", "robot")] == 3
         assert found["eal_call_seconds_bucket", ("1.0", "send_cmd", "Base", "robot")] == 2
 

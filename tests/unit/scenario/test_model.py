@@ -12,8 +12,9 @@ from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.scenario import Scenario, check_scenario, load_scenario, scenario_schema
 from eal_actors.scenario.language.values import RetryPolicy
 from eal_actors.scenario.steps.calls import GetValue, SendCmd
-from eal_actors.scenario.steps.loops import ForStep, RepeatStep
+from eal_actors.scenario.steps.for_ import ForStep
 from eal_actors.scenario.steps.on import OnStep
+from eal_actors.scenario.steps.repeat import RepeatStep
 
 SHIPPED = sorted(bundled_path("scenarios").glob("*.yaml"))
 HEAD = "version: 1\nname: x\ndescription: d\nroles: {r: {}}\n"

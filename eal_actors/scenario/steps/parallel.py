@@ -1,8 +1,8 @@
-"""The blocks `if`, `parallel` and `sequence`."""
+"""The step `parallel`: perform several branches at the same time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, TypeAlias
 
@@ -13,66 +13,15 @@ from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name
 from eal_actors.kernel.yaml_tree import YamlPath, format_path
 from eal_actors.scenario.engine.context import RunContext
-from eal_actors.scenario.engine.executor import compute, perform_steps
+from eal_actors.scenario.engine.executor import perform_steps
 from eal_actors.scenario.engine.frames import ExecutionContext, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import StepGroup, find_meetings
-from eal_actors.scenario.language.expressions import Namespace, evaluate, parse_bare, to_plain
-from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
 from eal_actors.scenario.language.scenario import Scenario
 from eal_actors.scenario.language.scope import Scope, ScopeCheck
-from eal_actors.scenario.language.static_values import Guard
-from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, ExpressionText, Text
+from eal_actors.scenario.language.values import MIN_ITEMS, NOT_EMPTY, Text
 from eal_actors.scenario.steps.base import BlockStep, Keys, Show, Step, Steps, roles_at_work
 from eal_actors.scenario.steps.wording import until_words
-
-
-class IfStep(BlockStep):
-    """Perform steps if an expression is true, and others if it is not."""
-
-    kind = "if"
-    if_: ExpressionText = Field(alias="if")
-    """An expression, without `${}`."""
-    then: Steps
-    else_: Steps | None = Field(default=None, alias="else")
-
-    @override
-    def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
-        return ((("then",), self.then), *(((("else",), self.else_),) if self.else_ is not None else ()))
-
-    @override
-    def conditions(self) -> Iterable[tuple[Keys, object]]:
-        return ((("if",), self.if_),)
-
-    @override
-    def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:
-        guard = Guard(parse_bare(self.if_)[0], keys == ("then",))
-        return replace(here, values=here.values.under(guard))
-
-    @override
-    def block_words(self, show: Show) -> str:
-        return f"if {self.if_}"
-
-    @override
-    def branch_words(self, keys: Keys) -> tuple[str, str]:
-        return str(keys[-1]), str(keys[-1])
-
-    @override
-    def passes(self, scenario: Scenario) -> None:
-        return None
-
-    @override
-    def perform_inside(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
-        condition, _ = parse_bare(self.if_)
-
-        def work(names: Namespace) -> bool:
-            return bool(to_plain(evaluate(condition, names), "the condition"))
-
-        is_true = yield from compute(run, context, self, f"{path}.if", f"if {self.if_}", [condition], work)
-        if is_true is None:
-            return
-        steps, key = (self.then, "then") if is_true else (self.else_ or (), "else")
-        yield from perform_steps(run, steps, f"{path}.{key}", context.inside(self.on_failure))
 
 
 def _branches_kind(value: object) -> str:
@@ -169,18 +118,3 @@ class ParallelStep(BlockStep):
             branch = f"{path}.{format_path(keys)}"
             tasks.append((task, perform_steps(run, steps, branch, replace(inside, task=task))))
         yield from StepGroup(run, context, self.until).perform(tasks)
-
-
-class SequenceStep(BlockStep):
-    """Perform steps one after the other, with common settings such as a time limit."""
-
-    kind = "sequence"
-    sequence: Steps
-
-    @override
-    def children(self) -> Sequence[tuple[Keys, tuple[Step, ...]]]:
-        return ((("sequence",), self.sequence),)
-
-    @override
-    def perform_inside(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
-        return perform_steps(run, self.sequence, f"{path}.sequence", context.inside(self.on_failure))

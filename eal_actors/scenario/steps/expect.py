@@ -1,0 +1,90 @@
+"""The step `expect`: fail unless a condition holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from pydantic import NonNegativeFloat
+from typing_extensions import override
+
+from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.language.expressions import (
+    evaluate,
+    expressions_in,
+    parse_bare,
+    render,
+    render_text,
+    to_plain,
+)
+from eal_actors.scenario.language.scope import Scope, ScopeCheck
+from eal_actors.scenario.language.values import ExpressionText, Text, Value
+from eal_actors.scenario.steps.base import FallibleStep, Keys, Show
+from eal_actors.scenario.steps.wording import describe_names, short_value
+
+
+class ExpectStep(FallibleStep):
+    """Fail unless an expression is true, or has a value."""
+
+    kind = "expect"
+    is_expectation = True
+    expect: ExpressionText
+    """An expression, without `${}`, that must be true, or equal to `equals`."""
+    equals: Value | None = None
+    tolerance: NonNegativeFloat | None = None
+    """Maximum difference of numbers from `equals`."""
+    says: Text | None = None
+    """The beginning of the message on failure."""
+
+    @override
+    def templates(self) -> Iterable[tuple[Keys, object]]:
+        return ((("equals",), self.equals), (("says",), self.says))
+
+    @override
+    def conditions(self) -> Iterable[tuple[Keys, object]]:
+        return ((("expect",), self.expect),)
+
+    @override
+    def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
+        super().check_placement(check, path, scope)
+        if self.tolerance is not None and self.equals is None:
+            check.report((*path, "tolerance"), "has no meaning without 'equals'", key=True)
+        elif self.tolerance is not None and isinstance(self.equals, bool):
+            check.report((*path, "tolerance"), "has no meaning for true and false", key=True)
+
+    @override
+    def words(self, show: Show) -> str:
+        tolerance = f" ± {self.tolerance:g}" if self.tolerance else ""
+        equals = f" to be {show(self.equals)}{tolerance}" if self.equals is not None else ""
+        return f"expect {self.expect}{equals}"
+
+    @override
+    def attempt(self, action: StepAction) -> Coroutine:
+        expression, _ = parse_bare(self.expect)
+        expressions = [expression, *expressions_in((self.equals, self.says))]
+        names = yield from action.run.read(action.context, expressions)
+        found = to_plain(evaluate(expression, names), self.expect)
+        if self.equals is None:
+            is_right, wanted = bool(found), "to be true"
+        else:
+            target = to_plain(render(self.equals, names), "equals")
+            is_right = _is_equal(found, target, self.tolerance or 0.0)
+            around = f" ± {self.tolerance:g}" if self.tolerance else ""
+            wanted = f"to be {short_value(target)}{around}"
+        if not is_right:
+            says = f"{render_text(self.says, names)}: " if self.says is not None else ""
+            seen = describe_names(expression, names) if self.equals is None else f", but it is {short_value(found)}"
+            raise ScenarioError(f"{says}expected {self.expect} {wanted}{seen}")
+
+
+def _is_equal(found: Any, wanted: Any, tolerance: float) -> bool:
+    if isinstance(found, list | tuple) and isinstance(wanted, list | tuple):
+        pairs = list(zip(found, wanted, strict=False))
+        return len(found) == len(wanted) and all(_is_equal(one, other, tolerance) for one, other in pairs)
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in (found, wanted)):
+        return bool(math.isclose(found, wanted, rel_tol=0.0, abs_tol=tolerance + 1e-12 * tolerance))
+    return bool(type(found) is type(wanted) and found == wanted)

@@ -1,0 +1,39 @@
+"""The step `log`: send a line of text to those who watch the run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from typing_extensions import override
+
+from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.language.expressions import render_text
+from eal_actors.scenario.language.values import Text
+from eal_actors.scenario.steps.base import FallibleStep, Keys, Show
+
+
+class LogStep(FallibleStep):
+    """Send a line of text to those who watch the run."""
+
+    kind = "log"
+    is_instant = True
+    log: Text
+
+    @override
+    def templates(self) -> Iterable[tuple[Keys, object]]:
+        return ((("log",), self.log),)
+
+    @property
+    @override
+    def label(self) -> str:
+        return self.kind  # the text is in an event of its own
+
+    @override
+    def words(self, show: Show) -> str:
+        return f"log {show(self.log)}"
+
+    @override
+    def attempt(self, action: StepAction) -> Coroutine:
+        names = yield from action.read(self.log)
+        action.run.log(action.context.robot_name, render_text(self.log, names))

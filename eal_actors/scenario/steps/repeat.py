@@ -1,0 +1,70 @@
+"""The step `repeat`: perform steps several times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from typing_extensions import override
+
+from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.context import RunContext
+from eal_actors.scenario.engine.executor import compute_count
+from eal_actors.scenario.engine.frames import ExecutionContext
+from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.language.expressions import evaluate, parse_template
+from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
+from eal_actors.scenario.language.scenario import Scenario
+from eal_actors.scenario.language.scope import LoopVariable, Scope, ScopeCheck
+from eal_actors.scenario.language.static_values import StaticLoop, value_of_parameters
+from eal_actors.scenario.language.values import INDEX, Repeats, Wanted
+from eal_actors.scenario.steps.base import Keys, Show, Steps
+from eal_actors.scenario.steps.loop import LoopStep
+
+
+class RepeatStep(LoopStep):
+    """Perform steps several times; `${i}` is the number of the round, from 0."""
+
+    kind = "repeat"
+    repeat: Repeats
+    do: Steps
+
+    @override
+    def templates(self) -> Iterable[tuple[Keys, object]]:
+        return (*super().templates(), (("repeat",), self.repeat))
+
+    @override
+    def numbers(self) -> Iterable[tuple[Keys, object, Wanted]]:
+        return (*super().numbers(), (("repeat",), self.repeat, "count"))
+
+    @override
+    def loop_variable(self, check: ScopeCheck, scope: Scope) -> LoopVariable:
+        passes = self.repeat if isinstance(self.repeat, int) else None
+        return LoopVariable(INDEX, passes, check.is_static(self.repeat, scope))
+
+    @override
+    def robots_inside(self, check: RobotCheck, path: YamlPath, here: RobotScope, keys: Keys) -> RobotScope:
+        values = range(self.repeat) if isinstance(self.repeat, int) else self._static_range(self.repeat, here)
+        return replace(here, values=here.values.within(StaticLoop(INDEX, values)))
+
+    def _static_range(self, text: str, here: RobotScope) -> Sequence[object] | None:
+        """Return the numbers of the passes, if their count is known and the same for every robot."""
+        expression = parse_template(text).whole
+        if expression is None or not here.values.is_known(expression) or here.values.needs_facts([expression]):
+            return None
+        counts = {evaluate(expression, names) for names in here.values.combinations([expression])}
+        return range(max((count for count in counts if isinstance(count, int)), default=0))
+
+    @override
+    def block_words(self, show: Show) -> str:
+        return f"repeat {show(self.repeat)} times"
+
+    @override
+    def passes(self, scenario: Scenario) -> int | None:
+        found = value_of_parameters(scenario, self.repeat)
+        return found if isinstance(found, int) else None
+
+    @override
+    def perform_inside(self, run: RunContext, context: ExecutionContext, path: str) -> Coroutine:
+        count = yield from compute_count(run, context, self, path, self.repeat, "repeat")
+        yield from self.perform_passes(run, context, path, INDEX, range(count or 0))

@@ -1,0 +1,55 @@
+"""The step `signal`: give a signal, with a value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from typing_extensions import override
+
+from eal_actors.kernel.strict_model import Name
+from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.language.expressions import render
+from eal_actors.scenario.language.values import Value
+from eal_actors.scenario.report.events import Signalled
+from eal_actors.scenario.report.records import to_view
+from eal_actors.scenario.steps.base import FallibleStep, Keys, Show
+
+
+class SignalStep(FallibleStep):
+    """Give a signal to all who wait for it, now or later."""
+
+    kind = "signal"
+    is_instant = True
+    signal: Name
+    value: Value | None = None
+    """The value that `wait_for` saves; defaults to the robot's name."""
+
+    @override
+    def given_signals(self) -> Iterable[str]:
+        return (self.signal,)
+
+    @override
+    def templates(self) -> Iterable[tuple[Keys, object]]:
+        return ((("value",), self.value),)
+
+    @override
+    def words(self, show: Show) -> str:
+        return f"give signal {self.signal}"
+
+    @override
+    def attempt(self, action: StepAction) -> Coroutine:
+        robot = action.context.robot_name
+        value: Any = robot
+        if self.value is not None:
+            names = yield from action.read(self.value)
+            value = render(self.value, names)
+        frame, name = action.context.frame, self.signal
+        while True:
+            count = action.run.signals.give(frame, name, value)
+            event = (robot, f"{frame.prefix}{name}", count, to_view(value))
+            action.run.emit(lambda time_s, event=event: Signalled(time_s, *event))  # type: ignore[misc]
+            if frame.outer is None or name not in frame.signals:
+                return
+            frame, name = frame.outer, frame.signals[name]

@@ -1,0 +1,46 @@
+"""The step `wait_s`: wait for a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from typing_extensions import override
+
+from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.language.scope import Scope, ScopeCheck
+from eal_actors.scenario.language.values import Seconds, Wanted
+from eal_actors.scenario.steps.base import FallibleStep, Keys, Show
+from eal_actors.scenario.steps.wording import short_number
+
+
+class WaitStep(FallibleStep):
+    """Wait for a time."""
+
+    kind = "wait_s"
+    wait_s: Seconds
+    """Seconds of the fleet's clock."""
+
+    @override
+    def templates(self) -> Iterable[tuple[Keys, object]]:
+        return ((("wait_s",), self.wait_s),)
+
+    @override
+    def numbers(self) -> Iterable[tuple[Keys, object, Wanted]]:
+        return ((("wait_s",), self.wait_s, "seconds"),)
+
+    @override
+    def check_values(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
+        check.unit(self.wait_s, (*path, "wait_s"), "s", "this")
+        super().check_values(check, path, scope)
+
+    @override
+    def words(self, show: Show) -> str:
+        return f"wait {show(self.wait_s)} s"
+
+    @override
+    def attempt(self, action: StepAction) -> Coroutine:
+        duration_s = yield from action.number(self.wait_s, "seconds", "wait_s")
+        action.label = f"wait_s {short_number(duration_s)}"
+        yield from action.run.sleep(action.context, duration_s)

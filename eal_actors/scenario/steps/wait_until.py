@@ -1,0 +1,53 @@
+"""The step `wait_until`: poll an expression until it is true."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from pydantic import PositiveFloat
+from typing_extensions import override
+
+from eal_actors.kernel.errors import DeadlineError
+from eal_actors.scenario.engine.executor import StepAction
+from eal_actors.scenario.engine.loop import Coroutine
+from eal_actors.scenario.language.expressions import evaluate, parse_bare, to_plain
+from eal_actors.scenario.language.values import ExpressionText
+from eal_actors.scenario.steps.base import Keys, Show, WaitingStep
+from eal_actors.scenario.steps.wording import describe_names
+
+POLL_S: Final = 0.1
+
+
+class WaitUntilStep(WaitingStep):
+    """Wait until an expression is true."""
+
+    kind = "wait_until"
+    wait_until: ExpressionText
+    """An expression, without `${}`."""
+    poll_s: PositiveFloat = POLL_S
+    """Time between two evaluations, in seconds of the fleet's clock."""
+
+    @override
+    def conditions(self) -> Iterable[tuple[Keys, object]]:
+        return ((("wait_until",), self.wait_until),)
+
+    @override
+    def words(self, show: Show) -> str:
+        return f"wait until {self.wait_until}, at most {show(self.timeout_s)} s"
+
+    @override
+    def attempt(self, action: StepAction) -> Coroutine:
+        run, context = action.run, action.context
+        expression, _ = parse_bare(self.wait_until)
+        timeout_s = yield from action.number(self.timeout_s, "timeout", "timeout_s")
+        end_s = run.pauses.active_s() + timeout_s
+        while True:
+            names = yield from run.read(context, [expression])
+            if to_plain(evaluate(expression, names), self.wait_until):
+                return
+            left_s = end_s - run.pauses.active_s()
+            if left_s <= 0:
+                seen = describe_names(expression, names)
+                raise DeadlineError(f"{self.wait_until} did not become true within {timeout_s:g} s{seen}")
+            yield from run.sleep(context, min(self.poll_s, left_s))
