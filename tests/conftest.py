@@ -1,4 +1,4 @@
-"""Settings of every test: no thread may outlive it; the order of test files and the number of workers."""
+"""Rules for all tests: no thread may outlive its test; the order of the files and the number of workers."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import pykka
 import pytest
 from hypothesis import settings
 
-# How fast a busy machine is says nothing of the code, and what failed must fail again: the same examples in every run.
+# A busy machine misses deadlines, and a failure must be repeatable: no deadline, the same examples in every run.
 settings.register_profile("patient", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None)  # `pytest --hypothesis-profile search` looks for new ones
 settings.load_profile("patient")
 
-# Tests start programs by the hundred: each finds what the first one compiled.
+# Tests start hundreds of programs: let them share compiled modules.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # A shell ignores SIGINT for background programs, and nohup ignores SIGHUP; their children inherit that.
@@ -32,11 +32,11 @@ LONG: Final = (
     *("evbotos", "docs", "house", "soak", "scenarios", "testing"),
     *("fuzz", "net", "faults", "cli", "security", "operate"),
 )
-"""Folders whose files take long, the longest first: none of them is to be left over when the other workers are done."""
+"""Folders with slow files, the slowest first, so that no worker ends with a slow file of its own."""
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Take more workers than processors: a third of their time tests wait for others."""
+    """Return more workers than processors: tests spend a third of their time waiting."""
     return max(2, len(os.sched_getaffinity(0)) * 3 // 2)
 
 

@@ -70,7 +70,7 @@ class Emulated(Generic[B]):
         return self.wire.address
 
     def feed(self, data: bytes, now_s: float) -> bytes:
-        """Return the emulator's answer. Thread: the wire's."""
+        """Feed the emulator unless it is frozen. Thread: the wire's."""
         self._thawed.wait(WAIT_S)
         with self._lock:
             if self._is_cut:

@@ -1,4 +1,4 @@
-"""Robots made in the test itself: real actors around resources written beside the assertions."""
+"""Robots defined in a test: real actors around resources written beside the assertions."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def running_robot(
     wait: bool = True,
     **spec: Any,
 ) -> Iterator[RobotHandle]:
-    """Start a robot of the given resources, close it at the end."""
+    """Start a robot with the given resources; close it at the end."""
     plugins = InlinePlugins({name: InlineFactory(make) for name, make in resources.items()})
     robot_spec = RobotSpec(name, clock or SystemClock(), lambda: plugins, **spec)
     robot = RobotHandle(partial(start_robot, robot_spec), name)
@@ -71,7 +71,7 @@ def running_robot(
 
 
 def advance_until_done(clock: ManualClock, future: Future[Any], step_s: float = 0.02, most_s: float = 60.0) -> None:
-    """Move the clock on until the future is done: each step gives the actors the time to react."""
+    """Advance the clock until the future is done; each step gives the actors time to react."""
     settled = threading.Event()
     future.add_done_callback(lambda _: settled.set())
     advanced_s = 0.0

@@ -16,11 +16,11 @@ from eal_actors.operate.dashboard import Dashboard
 from tests.benchmarks.result import Result, Skipped
 from tests.chromium import FLAGS, MISSING, find_chromium
 
+TWIST: Final = (0.2, 0.5)
+"""m/s and rad/s: each robot drives in its own circle and meets no other robot."""
 ROBOTS: Final = 100
 CAMERAS: Final = 4
 SPACING_M: Final = 2.5
-TWIST: Final = (0.2, 0.5)
-"""m/s and rad/s: each robot drives in a circle of its own, and meets nobody."""
 DRIVE_S: Final = 60.0
 FIRST_FRAME_MS: Final = 60_000
 SETTLE_MS: Final = 4000

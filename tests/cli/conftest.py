@@ -1,4 +1,4 @@
-"""The program in this process and in one of its own, and a small world of files for it."""
+"""Fixtures that run `eal` in this process or in its own, and the files for it."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from typer.testing import CliRunner, Result
 from eal_actors.cli import app
 from eal_actors.cli.plugin import write_plugin
 from tests.program import eal_processes
+from tests.scenario_texts import scenario_of
 
 Program = Callable[..., Result]
 Write = Callable[[str, str], Path]
@@ -29,17 +30,13 @@ robots:
   two: {plugins: {slide: {}}}
 """
 
-MOVE = """\
-version: 1
-name: move
-description: Move a little.
-roles: {movers: {}}
-steps:
-  - on: movers
-    do:
-      - send_cmd: {resource: Slide, cmd: to0.02}
-      - get_value: {resource: Slide}
-"""
+MOVE = scenario_of(
+    "send_cmd: {resource: Slide, cmd: to0.02}",
+    "get_value: {resource: Slide}",
+    name="move",
+    role="movers",
+    description="Move a little.",
+)
 
 
 @pytest.fixture
@@ -56,7 +53,7 @@ def eal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Program]:
         return result
 
     yield run
-    structlog.reset_defaults()  # it still knows the captured stderr
+    structlog.reset_defaults()  # it still refers to the captured stderr
 
 
 @pytest.fixture
@@ -99,7 +96,7 @@ def move(write: Write) -> Path:
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start the program in a process of its own, with pipes for its output, or on a terminal that is all its own."""
+    """Start the program with pipes for its output, or on a terminal of its own."""
     with eal_processes(tmp_path) as start_eal:
 
         def start_program(

@@ -1,4 +1,4 @@
-"""`eal report`, `eal diff` and `eal replay` of what is no run, or a broken one: one message, exit code 2."""
+"""`eal report`, `eal diff` and `eal replay` of missing or broken runs: one message, exit code 2."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def run(eal: Any, slides: Path, move: Path) -> Path:
 
 
 def told(result: Any) -> str:
-    """Return what a refusal says, without its frame."""
+    """Return the text of an error message without its frame."""
     assert result.exit_code == 2, result.output
     assert isinstance(result.exception, SystemExit)
     return "".join(result.stderr.replace("│", "").split())
@@ -56,7 +56,7 @@ def test_a_file_that_makes_no_sense(
 
 
 def test_a_record_whose_bytes_were_changed(eal: Any, run: Path) -> None:
-    """Wherever a byte is another one, the record is refused or read, and nothing else happens."""
+    """A record with any one byte changed is either refused or read."""
     record = run / "run.mcap"
     good = record.read_bytes()
     for place in range(40, len(good), max(1, len(good) // 60)):

@@ -32,7 +32,7 @@ def lab(write: Write) -> Path:
 
 @pytest.fixture
 def ends(tmp_path: Path) -> Path:
-    """Where a Roomba's squares of 1 m end without noise."""
+    """End of a Roomba's squares of 1 m without noise."""
     cw, ccw = (square_end(way, 1.0, 0.258, TRUTH)[:2] for way in ("cw", "ccw"))
     write_square_ends(SquareEnds([cw] * 2, [ccw] * 2), tmp_path / "ends.csv")
     return tmp_path / "ends.csv"
@@ -64,7 +64,7 @@ def test_all_robots_in_a_table(eal: Program, lab: Path) -> None:
 
 
 def test_where_nothing_is_gained_nothing_is_written(eal: Program, write: Write) -> None:
-    """A robot that errs by chance alone, and by so much that the fit is chance too."""
+    """A robot with large random errors only: the fit is random too."""
     lab = write("lab.yaml", FLEET.replace("calibrated: false", "calibrated: true"))
     arguments = ["calibrate", "--fleet", lab, "-r", "mate", "--fast", "--write", "--runs", 1, "--seed"]
     results = [eal(*arguments, seed) for seed in range(4)]
@@ -84,7 +84,7 @@ def test_ends_from_a_file(eal: Program, lab: Path, ends: Path) -> None:
 
 
 def test_a_robot_that_is_measured_by_a_person(eal: Program, write: Write) -> None:
-    """A driver at a simulated port knows no ground truth, as a real one."""
+    """A driver at a simulated port has no ground truth, like a real one."""
     lab = write("lab.yaml", "version: 1\nrobots: {rob: {plugins: {roomba: {protocol: sci, link: sim}}}}\n")
     answers = ["", "no idea", "-20 11", "", "-3, 40", "", "1 1", "", "0 0"]
     arguments = ["calibrate", "--fleet", str(lab), "--robot", "rob", "--runs", "1", "--side", "0.3", "--fast", "--json"]

@@ -19,7 +19,7 @@ Start = Callable[..., Any]
 
 @pytest.fixture
 def served_slides(slides: Path) -> Path:
-    """Two slides that want servers."""
+    """Two slides that need servers."""
     text = slides.read_text(encoding="utf-8")
     for name in ("one", "two"):
         text = text.replace(f"  {name}: {{", f"  {name}: {{address: 'tcp/127.0.0.1:{free_port()}', ")

@@ -1,4 +1,4 @@
-"""`eal run --dry-run` on scenarios that would take for ever, or more than there is: quick answers, with the place."""
+"""`eal run --dry-run` reports endless and oversized scenarios quickly, with file, line and column."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Write = Callable[[str, str], Path]
 
 HEAD = "version: 1\nname: x\nroles: {all: {}}\n"
 MOST_CPU_S = 60.0
-"""Processor seconds that no answer may take; a quiet machine takes a tenth, and what never ends takes more."""
+"""Limit of processor seconds for an answer; an idle machine takes a tenth of it."""
 
 
 @pytest.fixture
 def look(eal: Any, write: Write, tmp_path: Path) -> Callable[[str], str]:
-    """Print the plan of a scenario on three simulated robots; return the output without the folder."""
+    """Return the output of a dry run on three simulated robots, without the folder's path."""
 
     def look_ahead(body: str) -> str:
         scenario = write("s.yaml", HEAD + body)
@@ -126,11 +126,11 @@ def test_what_would_never_end_or_does_not_fit(look: Callable[[str], str], body: 
     assert "1 problem; nothing was done." in told
 
 
-def look_at_nested_parts(look: Callable[[str], str], write: Write, step: str) -> str:
-    """Look at parts that each use the next one forty times, the last of which has one step."""
-    for level in range(6):
-        write(f"p{level}.yaml", HEAD + f"steps: [{', '.join([f'{{scenario: p{level + 1}.yaml}}'] * 40)}]\n")
-    write("p6.yaml", HEAD + f"steps: [{{{step}: x}}]\n")
+def look_at_nested_parts(look: Callable[[str], str], write: Write, step: str, levels: int = 6, uses: int = 40) -> str:
+    """Dry-run nested parts, each of which uses the next one so often; the last part has one step."""
+    for level in range(levels):
+        write(f"p{level}.yaml", HEAD + f"steps: [{', '.join([f'{{scenario: p{level + 1}.yaml}}'] * uses)}]\n")
+    write(f"p{levels}.yaml", HEAD + f"steps: [{{{step}: x}}]\n")
     return look("steps: [{scenario: p0.yaml}]\n")
 
 
@@ -146,7 +146,4 @@ def test_a_broken_part_that_is_used_everywhere_is_read_once(look: Callable[[str]
 
 
 def test_parts_inside_each_other_too_deep(look: Callable[[str], str], write: Write) -> None:
-    for level in range(12):
-        write(f"p{level}.yaml", HEAD + f"steps: [{{scenario: p{level + 1}.yaml}}]\n")
-    write("p12.yaml", HEAD + "steps: [{log: x}]\n")
-    assert "is the 9th scenario inside another" in look("steps: [{scenario: p0.yaml}]\n")
+    assert "is the 9th scenario inside another" in look_at_nested_parts(look, write, "log", levels=12, uses=1)

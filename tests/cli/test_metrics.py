@@ -59,7 +59,7 @@ class TestRun:
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=30)
         assert found["eal_robot_state", ("two", "ready")] == 1
-        assert ("eal_dead_man_trips_total", ("Slide", "one")) not in found  # that is for who serves robots
+        assert ("eal_dead_man_trips_total", ("Slide", "one")) not in found  # a metric of `eal serve` only
 
     def test_nothing_moves_if_the_port_is_in_use(self, eal: Any, slides: Path, move: Path, tmp_path: Path) -> None:
         with socket.create_server(("127.0.0.1", 0)) as taken:

@@ -1,4 +1,4 @@
-"""A served robot whose device is away: its controllers learn why, and go on when it is back."""
+"""A served robot without its device: controllers receive the reason, and continue when the device returns."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ resources: [Thermometer]
 """
 
 PLUGIN = '''
-"""A thermometer that is there when its file is."""
+"""A thermometer that exists while its file exists."""
 
 from pathlib import Path
 
@@ -74,7 +74,7 @@ def device(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def fleet(tmp_path: Path, write: Any, device: Path) -> Iterator[Path]:
-    """A fleet of one robot, which is served."""
+    """A fleet of one served robot."""
     write("plugins/thermometer/plugin.py", PLUGIN)
     write("plugins/thermometer/plugin.yaml", MANIFEST)
     file: Path = write(

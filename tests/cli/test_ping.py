@@ -1,4 +1,4 @@
-"""`eal ping`, `eal stop` and `eal resume`, with robots that are served in this process."""
+"""`eal ping`, `eal stop` and `eal resume` with robots served in this process."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def test_the_code_of_a_new_plugin_passes_the_project_s_linter(eal: Any, tmp_path
     settings = ["--config", str(bundled_path("pyproject.toml"))]
     of_tests = ["--per-file-ignores", "test_*.py:D", "--per-file-ignores", "test_*.py:S101"]
     for command in (
-        ["check", *settings, *of_tests, "--ignore", "I001", "arm"],  # what is first-party differs from place to place
+        ["check", *settings, *of_tests, "--ignore", "I001", "arm"],  # first-party modules differ from folder to folder
         ["format", "--check", *settings, "arm"],
     ):
         ruff = [sys.executable, "-m", "ruff", *command, "--no-cache"]

@@ -37,7 +37,7 @@ finally:
 
 
 def lines_until(process: subprocess.Popen[str], words: str) -> list[str]:
-    """Read stdout up to a line that holds the words."""
+    """Read stdout up to a line that contains the words."""
     assert process.stdout is not None
     lines = []
     for line in process.stdout:
@@ -217,7 +217,7 @@ def test_a_record_that_finds_no_room_ends_the_run_in_good_order(start: Start, sl
     lines_until(process, "send_cmd Slide to0.1")
     resource.prlimit(
         process.pid, resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY)
-    )  # as little as a full disk takes
+    )  # a file size limit acts like a full disk
     out, err = process.communicate()
     assert process.returncode == 1
     (record,) = (slides.parent / "runs").iterdir()
@@ -244,7 +244,7 @@ def test_ctrl_c_while_the_program_loads_ends_it_without_a_word(tmp_path: Path) -
 
 
 def on_a_terminal(start: Start, *arguments: object) -> tuple[int, str]:
-    """Run the program with its stdout on a terminal; return its exit code and what the terminal got."""
+    """Run the program with its stdout on a terminal; return its exit code and the terminal's input."""
     ours, theirs = pty.openpty()
     got: list[bytes] = []
 

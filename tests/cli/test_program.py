@@ -1,4 +1,4 @@
-"""Global options, help, exit codes, and error messages."""
+"""Global options, help, exit codes and error messages."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A controller that is killed while its robots drive, and the record of the run that goes on after it."""
+"""A controller killed while its robots drive, and the record of the resumed run."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_nothing_is_lost_from_the_record_of_a_run_that_goes_on(eal: Any, killed:
 
 
 def check_cut_off(summary: Report, events_before: Sequence[Mapping[str, Any]]) -> None:
-    """The summary holds the steps that were under way at the kill, too."""
+    """The summary includes the steps that were running at the kill."""
     started = {(event["robot"], event["step"]) for event in events_before if event["event"] == "step_started"}
     ended = {(event["record"]["robot"], event["record"]["step"]) for event in events_before if "record" in event}
     cut_off = {(step.robot, step.step): step for step in summary.steps if step.outcome == "aborted"}
@@ -99,7 +99,7 @@ def check_cut_off(summary: Report, events_before: Sequence[Mapping[str, Any]]) -
 
 
 def check_whole(record: McapContent, run: RunFolder, break_s: float) -> None:
-    """The record for other tools holds every event, every pose and every call, from before and from after."""
+    """The MCAP record contains every event, pose and call, from before and after the kill."""
     assert record.is_complete
     events = [entry.message for entry in record.messages if entry.topic == "/events"]
     assert [{key: event[key] for key in event if key != "timestamp"} for event in events] == list(run.events)

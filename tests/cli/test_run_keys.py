@@ -54,7 +54,7 @@ class Terminal:
         )
 
     def wait_for(self, text: str) -> None:
-        """Read what is shown until a text is among it."""
+        """Read the terminal until it shows a text."""
         end_s = REAL_TIME.now() + WAIT_S
         while text not in self.shown:
             assert REAL_TIME.now() < end_s, self.shown
@@ -66,7 +66,7 @@ class Terminal:
         os.write(self.master, keys)
 
     def end(self) -> int:
-        """Return the exit code, reading on meanwhile as a terminal does."""
+        """Return the exit code; read the output meanwhile as a terminal does."""
         end_s = REAL_TIME.now() + WAIT_S
         while self.process.poll() is None:
             assert REAL_TIME.now() < end_s, self.shown

@@ -1,4 +1,4 @@
-"""Options of `eal run`: parameters, robots, dry runs, events, and resumed runs."""
+"""Options of `eal run`: parameters, robots, dry runs, events and resumed runs."""
 
 from __future__ import annotations
 

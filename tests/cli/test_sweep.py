@@ -1,4 +1,4 @@
-"""`eal sweep`: the table against runs made one by one, kills and resumptions, runs that fail, and what is refused."""
+"""`eal sweep`: its table against single runs, kills and resumptions, failed runs, and invalid input."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def suite(out: Path) -> Xml.Element:
 
 
 def summaries(out: Path) -> dict[str, int]:
-    """Return when each finished run was finished."""
+    """Return the finish time of each finished run."""
     return {file.parent.name: file.stat().st_mtime_ns for file in (out / "runs").glob("*/summary.json")}
 
 
@@ -117,7 +117,7 @@ def test_the_table_says_of_every_run_what_a_run_by_itself_says(
         assert row["outcome"] == report.outcome == ("done" if way_m == 0.2 else "failed")
         assert row["expect steps[1].do[3]"] == ("passed" if way_m == 0.2 else "failed")
         assert ("expected off_m < most_m" in row["error"]) is (way_m == 0.4)
-        assert (row["scout.off_m"], way_m) in ((repr(x_m), 0.2), ("", 0.4))  # nothing is kept of a step cut short
+        assert (row["scout.off_m"], way_m) in ((repr(x_m), 0.2), ("", 0.4))  # an interrupted step leaves no file
         assert (out / "runs" / row["run"] / "events.jsonl").is_file()
     found = suite(out)
     assert (found.attrib["tests"], found.attrib["failures"], found.attrib["errors"]) == ("8", "4", "0")
@@ -139,11 +139,11 @@ def test_a_sweep_that_was_killed_goes_on_and_makes_the_same_table(
         if line.startswith("1/12"):
             killed.kill()
             break
-    rest = killed.communicate(timeout=60)[0]  # comes to its end only when the workers have, which write to it as well
+    rest = killed.communicate(timeout=60)[0]  # reaches its end only after the workers end, since they write to it too
     assert "12/12" not in rest
     finished = summaries(tmp_path / "killed")
     assert 1 <= len(finished) < 12
-    cut_off = finished.popitem()[0]  # as if it had been at work on its last step
+    cut_off = finished.popitem()[0]  # as if its last step had been running
     (tmp_path / "killed/runs" / cut_off / "summary.json").unlink()
 
     resumed = start("sweep", ways, "-f", fleet, *OPTIONS, "--out", "killed")
@@ -208,7 +208,7 @@ def test_finished_runs_are_kept_for_the_same_files_only(eal: Any, fleet: Path, w
     assert summaries(out) == first
     wider = eal("sweep", ways, "-f", fleet, "--vary", "way_m=0.2:0.4:0.1", "--jobs", 1, "--out", out)
     assert wider.exit_code == 0
-    assert first.items() < summaries(out).items()  # what was finished counts for a wider sweep
+    assert first.items() < summaries(out).items()  # finished runs count for a wider sweep
 
     ways.write_text(ways.read_text().replace("off_m < most_m", "off_m <= most_m"))
     changed = sweep()

@@ -1,4 +1,4 @@
-"""The documentation is correct: its commands and code run, its files are valid, its tables are true."""
+"""The documentation is correct: commands and code run, files are valid, tables match the program."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ INTERVAL: Final = 333_333
 NAME: Final = "Emulated Camera"
 
 PACKET_SIZES, LONG_NUMBERS, LONG_BULK = 1 << 4, 1 << 5, 1 << 6
-"""Extensions: an endpoint's largest packet is announced, a packet's number has 64 bits, a transfer's length has 32."""
+"""Extensions: an endpoint's largest packet is sent, a packet's number has 64 bits, a transfer's length has 32."""
 
 _HELLO_HEADER: Final = struct.Struct("<III")
 _HEADER: Final = struct.Struct("<IIQ")

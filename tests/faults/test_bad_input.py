@@ -1,4 +1,4 @@
-"""Bad input, as a user meets it: `eal run` names the culprit once, stops what moves, keeps the record, and ends."""
+"""`eal run` with bad input: it names the cause once, halts the robots, keeps the record, and ends."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+
+from tests.scenario_texts import scenario_of
 
 PLUGIN = '''
 import sys, threading
@@ -58,17 +60,7 @@ def destroy_Base(resource): pass
 
 MANIFEST = 'version: 1\nname: bad\ndescription: Fails.\nplugin_version: "1"\nresources: [Base]\n'
 FLEET = "version: 1\nplugin_dirs: [plugins]\ndefaults: {timeout_s: 2}\nrobots: {one: {plugins: {bad: {}}}}\n"
-SCENARIO = """\
-version: 1
-name: trouble
-description: Asks for trouble.
-roles: {all: {}}
-steps:
-  - on: all
-    do:
-      - send_cmd: {resource: Base, cmd: hop}
-      - send_cmd: {resource: Base, cmd: CMD}
-"""
+SCENARIO = scenario_of("send_cmd: {resource: Base, cmd: hop}", "send_cmd: {resource: Base, cmd: CMD}", name="trouble")
 
 
 @dataclass

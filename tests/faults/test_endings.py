@@ -1,4 +1,4 @@
-"""However a program ends, its robots stop."""
+"""Robots stop at every end of a program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults on purpose, as controllers meet them: over the link, by a plan, at `rate: max`."""
+"""Injected faults as controllers see them: over the link, from a plan, at `rate: max`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ArgumentError, ConfigError, DeadlineError, EALError
 from eal_actors.testing import Simulation
+from tests.scenario_texts import scenario_of
 
 ROOM = {"version": 1, "name": "room", "size_m": (8, 6)}
 PLAN = """
@@ -237,19 +238,13 @@ def test_a_scenario_goes_on_without_the_robot_that_died_and_says_so() -> None:
 
 
 def test_a_scenario_injects_and_ends_faults_by_ordinary_calls() -> None:
-    scenario = """
-        version: 1
-        name: limp
-        roles: {all: {}}
-        steps:
-          - on: all
-            do:
-              - set_config: {resource: Faults, key: motor_left, value: 0.5}
-              - set_config: {resource: Faults, key: frozen, value: "Range, Camera"}
-              - send_cmd: {resource: Base, cmd: f0.3}
-              - send_cmd: {resource: Faults, cmd: clear}
-              - set_config: {resource: Faults, key: stuck_right, value: true}
-    """
+    scenario = scenario_of(
+        "set_config: {resource: Faults, key: motor_left, value: 0.5}",
+        'set_config: {resource: Faults, key: frozen, value: "Range, Camera"}',
+        "send_cmd: {resource: Base, cmd: f0.3}",
+        "send_cmd: {resource: Faults, cmd: clear}",
+        "set_config: {resource: Faults, key: stuck_right, value: true}",
+    )
     with Simulation({"scout": {"model": "roomba", "start": (0, 0)}}, ROOM) as simulation:
         report = simulation.run(scenario)
         assert report.outcome == "done", report.error
@@ -258,7 +253,7 @@ def test_a_scenario_injects_and_ends_faults_by_ordinary_calls() -> None:
 
 
 def trace(seed: int) -> list[object]:
-    """Return all that a clumsy controller saw on a bad day, as exact text."""
+    """Return all answers and poses of a run with several faults, as exact text."""
     faults = [
         {"at_s": 0.5, "motor_right": 0.7, "link_loss": 0.2, "link_delay_s": 0.05},
         {"at_s": 4, "until_s": 6, "frozen": ["Odometry"]},

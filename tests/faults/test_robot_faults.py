@@ -26,29 +26,21 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Listener, Report, Run, RunEvent, Signalled, StepRetried, load_scenario, make_plan
 from plugins.roomba.bodies import ConstantBattery
 from tests.emulated import PATIENT, WAIT_S, Emulated, a_roomba, an_evbot2, an_evbot3, plugged_in, plugin_of
+from tests.scenarios.rig import HEAD as SCENARIO_HEAD
+from tests.scenarios.running import ON
 
 MAKES: dict[str, Callable[[], Emulated[Any]]] = {"evbot2": an_evbot2, "evbot3": an_evbot3, "roomba": a_roomba}
 SLOW = 0.4
-"""Rate of time where a robot is to succeed for a while: a machine that stumbles must not look like a fault."""
+"""Rate of time where a robot must succeed: a delay of a busy machine must not look like a fault."""
 WATCHDOG_S = 3.0
 """Longer than any robot's own watchdog."""
 
-HEAD = """\
-version: 1
-name: trial
-description: A trial.
-roles:
-  all: {}
-timeout_s: 60
-steps:
-- on: all
-  do:
-"""
+HEAD = f"{SCENARIO_HEAD}timeout_s: 60\n{ON}"
 SLOWLY = """
 - set_config: {resource: Base, key: speed_m_s, value: 0.1}
 - set_config: {resource: Base, key: turn_rate_deg_s, value: 20}
 """
-"""So that a machine that stumbles costs a driver little of what it knows of its wheels."""
+"""Slow motions, so that a delay of a busy machine costs the driver little odometry."""
 FAR = f"{SLOWLY}- send_cmd: {{resource: Base, cmd: f5}}"
 AGAIN = """
 - send_cmd: {resource: Base, cmd: f0.05}
@@ -66,7 +58,7 @@ def fleet_of(rate: float = 1.0, **plugins: Mapping[str, Any]) -> Iterator[Fleet]
 
 
 def start(fleet: Fleet, folder: Path, steps: str, *listeners: Listener) -> Future[Report]:
-    """Start a scenario of such steps of all robots; its record is in the folder."""
+    """Start a scenario whose robots all do these steps; its record is in the folder."""
     folder.mkdir(exist_ok=True)
     file = folder / "trial.yaml"
     file.write_text(HEAD + textwrap.indent(textwrap.dedent(steps).lstrip("\n"), "  "), encoding="utf-8")
@@ -74,7 +66,7 @@ def start(fleet: Fleet, folder: Path, steps: str, *listeners: Listener) -> Futur
 
 
 def failure(folder: Path) -> tuple[str, str, str, str]:
-    """Return robot, resource, label and message of the step that failed; all parts of the record say the same of it."""
+    """Return robot, resource, label and message of the failed step; check that all parts of the record agree."""
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     (failed,) = [step for step in summary["steps"] if step["outcome"] == "failed"]
     lines = map(json.loads, (folder / "events.jsonl").read_text(encoding="utf-8").splitlines())

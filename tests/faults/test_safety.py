@@ -1,4 +1,4 @@
-"""Safety for any behaviour of plugins, callers and signals: a stop stops, and nothing keeps running unnoticed."""
+"""Stops work whatever plugins, callers and signals do, and no motion continues unnoticed."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def test_a_hang_that_nobody_waits_for_is_noticed() -> None:
 
 
 def call_error(handle: ResourceHandle, words: str) -> BaseException | None:
-    """Ask until the answer is an error with the words in it."""
+    """Repeat a request until it fails with an error that contains the words."""
     end_s = REAL_TIME.now() + WAIT_S
     while REAL_TIME.now() < end_s:
         error = handle.get_value(timeout_s=1e6).exception()

@@ -1,4 +1,4 @@
-"""Crashes, hangs and bad starts: each is named, stops what moves, and leaves nothing hanging."""
+"""Crashes, hangs and failed starts: each is named, halts the robot, and leaves no call waiting."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tests.robots import WAIT_S, InlinePlugins, running_robot
 
 
 class Motor(Resource):
-    """A motor that can be made to fail; all of its lives share one list of notes."""
+    """A motor that fails on demand; all its instances share one list of notes."""
 
     def __init__(self, notes: list[str]) -> None:
         self.notes = notes
@@ -95,7 +95,7 @@ def test_callers_that_wait_when_it_crashes_hear_of_it() -> None:
     entered, gate = threading.Event(), threading.Event()
 
     class Fragile(Resource):
-        """Breaks while others wait."""
+        """Crashes while calls are queued."""
 
         @command("break")
         def break_(self) -> None:
@@ -119,7 +119,7 @@ def test_more_than_three_crashes_in_the_window_stop_the_whole_robot_safely() -> 
     other: list[str] = []
     clock = ManualClock()
     resources = {"Motor": partial(Motor, notes), "Other": partial(Motor, other)}
-    with running_robot(resources, clock=clock, restart_window_s=1e6) as robot:  # the clock is moved in leaps
+    with running_robot(resources, clock=clock, restart_window_s=1e6) as robot:  # the clock moves in large steps
         drive = robot["Other"].send_cmd("drive", timeout_s=1e9)
         robot["Other"].get_value().get()
         for life in itertools.count(1):
@@ -153,7 +153,7 @@ def test_an_error_in_a_background_activity_restarts_the_resource() -> None:
     lives = itertools.count(1)
 
     class Poller(Resource):
-        """Its first life loses its device."""
+        """Its first instance loses its device."""
 
         def __init__(self) -> None:
             self.life = next(lives)

@@ -1,4 +1,4 @@
-"""Small ends of a network over real zenoh: a robot that answers calls with its name, and a controller that calls."""
+"""Minimal robots and controllers over real zenoh links; a robot answers calls with its name."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _given: set[int] = set()
 
 
 def free_port() -> int:
-    """Return a port that nobody listens at, and that this process was not given before."""
+    """Return a free port that this process did not return before."""
     with ExitStack() as held:
         while True:
             probe = held.enter_context(socket.socket())
@@ -49,7 +49,7 @@ def fleet_of(network: Mapping[str, object], robots: Mapping[str, str | None], fo
 
 @contextmanager
 def answering(session: zenoh.Session, robot: str, asked: list[str] | None = None) -> Iterator[None]:
-    """Answer calls of a robot with its name, and show that it lives; note the keys of calls without their callers."""
+    """Answer a robot's calls with its name and declare it alive; note the keys of calls without their callers."""
     due: queue.SimpleQueue[str | None] = queue.SimpleQueue()  # zenoh's threads must not wait for a link
 
     def hear(call: zenoh.Sample) -> None:
@@ -77,7 +77,7 @@ def answering(session: zenoh.Session, robot: str, asked: list[str] | None = None
 
 
 class Wire:
-    """A TCP link to a port of this machine, which can be cut; a new connection gets through.
+    """A TCP link to a port of this machine that can be cut; new connections still get through.
 
     Args:
         port: where the other end listens.
@@ -115,13 +115,13 @@ class Wire:
                 end.shutdown(socket.SHUT_RDWR)
 
     def cut(self) -> None:
-        """Break the link where it is."""
+        """Cut the present connections."""
         for end in self._ends:
             with contextlib.suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Leave nothing of it."""
+        """Close the port and all connections."""
         self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
         self.cut()
@@ -159,7 +159,7 @@ def ask(session: zenoh.Session, key: str, caller: str = "_", *, least: int = 0, 
 
 
 def eventually(happens: Callable[[], object]) -> bool:
-    """Return whether something becomes true, looking often."""
+    """Poll a condition; return whether it becomes true in time."""
     clock = SystemClock()
     while clock.now() < PATIENCE_S:
         if happens():

@@ -1,4 +1,4 @@
-"""Machines on cables, as network namespaces of this one: a controller, and robots with a link each."""
+"""Network namespaces as machines: a controller, and robots with a link each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def _ip(*words: str) -> None:
 
 
 def why_not() -> str | None:
-    """Return why this machine cannot be divided; None if it can."""
+    """Return why this machine cannot make network namespaces; None if it can."""
     if shutil.which("ip") is None:
         return "ip is not installed; Debian has it in iproute2"
     with ExitStack() as stack:
@@ -52,21 +52,21 @@ class Cabled:
     hosts: dict[str, str]
 
     def at_controller(self) -> Sequence[str]:
-        """Return what runs a command on the controller's machine."""
+        """Return the prefix of a command line that runs on the controller's machine."""
         return ("ip", "netns", "exec", self.controller)
 
     def at(self, robot: str) -> Sequence[str]:
-        """Return what runs a command on a robot's machine."""
+        """Return the prefix of a command line that runs on a robot's machine."""
         return ("ip", "netns", "exec", self.robots[robot])
 
     def cut(self, robot: str) -> None:
-        """Take a robot's cable out."""
+        """Disconnect a robot's cable."""
         _ip("-n", self.robots[robot], "link", "set", "cable", "down")
 
 
 @contextmanager
 def cabled(robots: Sequence[str]) -> Iterator[Cabled]:
-    """Divide this machine for the length of a `with` block."""
+    """Make the namespaces for the length of a `with` block."""
     stem = f"eal{os.getpid()}"
     with ExitStack() as stack:
         controller = stack.enter_context(_namespace(f"{stem}c"))

@@ -1,4 +1,4 @@
-"""Robots that are served by processes of their own, which can be killed and frozen, and what they wrote down."""
+"""Robots served by processes of their own, which tests kill and freeze, and the notes of these robots."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PLUGINS = Path(__file__).parent / "plugins"
 WAIT_S = 30.0
 """Real seconds after which a test gives up waiting."""
 LONGER_THAN_TTL_S = 1.3
-"""Real seconds in which a command becomes too old to be begun."""
+"""Real seconds after which a command is too old to begin."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Rig:
             yield stack.enter_context(ready(Fleet(config)))
 
     def notes(self, *events: str, robot: str | None = None) -> list[Note]:
-        """Return what was written down so far, of these events."""
+        """Return the notes so far of these events."""
         if not self.notes_file.exists():
             return []
         lines = [line.split() for line in self.notes_file.read_text(encoding="utf-8").splitlines()]
@@ -123,7 +123,7 @@ class Rig:
         return [note for note in notes if note.event in events and robot in (None, note.robot)]
 
     def begun(self, what: str) -> bool:
-        """Return whether a command comes to its beginning, after some waiting."""
+        """Wait until a command begins; return whether it does in time."""
         return eventually(lambda: any(note.what == what for note in self.notes("begin")))
 
     def steps(self) -> list[str]:
@@ -131,14 +131,14 @@ class Rig:
         return [note.what for note in self.notes("step")]
 
     def never_twice(self) -> bool:
-        """Return whether no two commands of one robot ran at a time, and none ran twice."""
+        """Return whether the robots' commands ran one at a time and once each."""
         begun = [(note.robot, note.what) for note in self.notes("begin", "step")]
         return len(begun) == len(set(begun))
 
 
 @contextmanager
 def ready(fleet: Fleet) -> Iterator[Fleet]:
-    """Connect a fleet, and wait for all its robots."""
+    """Connect a fleet and wait for all its robots."""
     with fleet:
         for robot in fleet.values():
             assert becomes(robot, RobotState.READY), robot.problems
@@ -146,7 +146,7 @@ def ready(fleet: Fleet) -> Iterator[Fleet]:
 
 
 def becomes(robot: RobotHandle, state: RobotState) -> bool:
-    """Return whether a robot comes to a state, after some waiting."""
+    """Wait for a robot's state; return whether it is reached in time."""
     return eventually(lambda: robot.state is state)
 
 
@@ -158,7 +158,7 @@ def failure(future: Any, kind: type[EALError]) -> EALError:
 
 
 class Process:
-    """A program in a process of its own, whose output is read as it comes.
+    """A program in a process of its own, whose output is read continuously.
 
     Args:
         arguments: of the Python interpreter.
@@ -210,7 +210,7 @@ class Process:
         return self
 
     def wait_until_listening(self) -> Self:
-        """Wait until it can be found."""
+        """Wait until the robot is discoverable."""
         return self.wait_for("listening at", "dials out to")
 
     def _has(self, *words: str) -> bool:
@@ -221,30 +221,30 @@ class Process:
         self._popen.send_signal(number)
 
     def kill(self) -> None:
-        """End it on the spot, and wait for that."""
+        """Kill the process and wait for its end."""
         self._popen.kill()
         self._popen.wait(WAIT_S)
 
     def freeze(self) -> None:
-        """Stop all its threads where they are, and return once they stand."""
+        """Freeze all threads of the process; return once they are stopped."""
         self.signal(signal.SIGSTOP)
         os.waitid(os.P_PID, self.pid, os.WSTOPPED)
 
     def thaw(self) -> None:
-        """Let it go on."""
+        """Continue the frozen process."""
         self.signal(signal.SIGCONT)
 
     def wait(self) -> int:
-        """Wait for its end; return its exit code."""
+        """Wait until the process ends; return its exit code."""
         return self._popen.wait(WAIT_S)
 
     def memory_bytes(self) -> int:
-        """Return what it holds in memory."""
+        """Return the resident memory of the process."""
         fields = Path(f"/proc/{self.pid}/statm").read_text(encoding="ascii").split()
         return int(fields[1]) * os.sysconf("SC_PAGE_SIZE")
 
     def end(self) -> None:
-        """Leave nothing of it."""
+        """Kill the process and close its pipes."""
         self.kill()
         self._reader.join(WAIT_S)
         assert self._popen.stdout is not None
@@ -277,7 +277,7 @@ class Servers:
         return self._running[robot]
 
     def start(self, *robots: str) -> None:
-        """Start or restart the servers of robots, and wait until they can be found."""
+        """Start or restart the servers of robots and wait until they are discoverable."""
         for robot in robots:
             if robot in self._running:
                 self._running[robot].end()
@@ -287,7 +287,7 @@ class Servers:
             self._running[robot].wait_until_listening()
 
     def close(self) -> None:
-        """Leave nothing of them."""
+        """Kill all servers."""
         self._stack.close()
 
 

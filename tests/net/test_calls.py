@@ -1,4 +1,4 @@
-"""A robot behind a network answers as one of this process does, and keeps its order, its limits and its stops."""
+"""A remote robot behaves like a local one: answers, order, limits and stops."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def pair(rig: Rig) -> Iterator[tuple[RobotHandle, RobotHandle]]:
 
 
 def outcome(call: Future[Any]) -> tuple[Any, ...]:
-    """Return everything that a caller could see of an outcome."""
+    """Return all that a caller can see of an outcome."""
     error = call.exception(timeout=WAIT_S)
     if isinstance(error, EALError):
         return type(error), str(error), error.robot, error.resource
@@ -151,7 +151,7 @@ def test_a_frame_arrives_as_it_was(remote: RobotHandle) -> None:
 def test_64_megabytes_pass_in_both_directions(remote: RobotHandle) -> None:
     most = np.zeros(MAX_PAYLOAD_BYTES, np.uint8)
     taken = remote["Eye"].set_value(most)
-    for _ in range(3):  # it is late, and so not done, where the machine takes more than a second to carry it over
+    for _ in range(3):  # expired, and so not done, if the machine needs more than a second to deliver it
         if not isinstance(taken.exception(timeout=WAIT_S), StaleCommandError):
             break
         taken = remote["Eye"].set_value(most)
@@ -291,7 +291,7 @@ def test_a_flood_does_not_hold_up_a_halt(rig: Rig, remote: RobotHandle) -> None:
 
 
 def test_outcomes_of_commands_get_through_beside_frames(remote: RobotHandle) -> None:
-    """The outcome of a long command comes as an event, in the middle of a flood of frames."""
+    """The outcome of a long command arrives as an event during a flood of frames."""
     for _ in range(5):
         moves = remote["Arm"].send_cmd("move0.15")
         frames = [remote["Eye"].get_value(timeout_s=WAIT_S) for _ in range(60)]
@@ -299,7 +299,7 @@ def test_outcomes_of_commands_get_through_beside_frames(remote: RobotHandle) -> 
         gather(frames, return_exceptions=True).get()
 
 
-# The ends.
+# Closing.
 
 
 def test_a_fleet_may_leave_and_come_back(rig: Rig) -> None:

@@ -1,4 +1,4 @@
-"""The thesis's own programs, unchanged, against robots that are served by processes of their own."""
+"""The thesis's own programs, unchanged, with robots in processes of their own."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def fleet(running: Servers, fleet_file: Path) -> Iterator[Fleet]:
 
 
 def poses(fleet: Fleet) -> dict[str, tuple[float, ...]]:
-    """Return where the robots say that they are."""
+    """Return the poses that the robots report."""
     ready = {name: robot for name, robot in fleet.items() if robot.state is RobotState.READY}
     return {name: tuple(map(float, robot["Pose"].get_value().get().value)) for name, robot in ready.items()}
 

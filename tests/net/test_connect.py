@@ -1,4 +1,4 @@
-"""`connect` to machines: by an address in a fleet file, and to robots that are in none."""
+"""`connect` to robots by an address of a fleet file, and to robots that no fleet file lists."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def port() -> Iterator[int]:
 
 @pytest.fixture
 def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A fleet file that knows nothing of it, and is the one that is taken."""
+    """A fleet file without the robot; it is the default fleet file."""
     file = tmp_path / "other.yaml"
     file.write_text("version: 1\nrobots: {here: {plugins: {sample: {}}}}\n", encoding="utf-8")
     monkeypatch.setenv("EAL_FLEET", str(file))

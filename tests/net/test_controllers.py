@@ -44,7 +44,7 @@ def test_an_emergency_stop_holds_over_the_network(tmp_path: Path) -> None:
             refused = failure(robot["Arm"].send_cmd("step1"), StoppedError)
             assert "somebody is in the way" in str(refused)
             assert robot["Gauge"].get_value().get().value == -42
-        with Fleet(rig.config) as other:  # a later controller receives it
+        with Fleet(rig.config) as other:  # later controllers receive the reason too
             assert other["r1"].stopped_because == "somebody is in the way"
             failure(other["r1"]["Arm"].send_cmd("step2"), StoppedError)
         fleet.resume().get()
@@ -66,9 +66,9 @@ def test_a_stop_of_another_controller_is_a_stop(rig: Rig) -> None:
 
 
 def hold_up(remote: RobotHandle, gate: threading.Event) -> None:
-    """Keep calls from being sent until the gate opens, as a stalled link would."""
+    """Block outgoing calls until the gate opens, as a stalled link does."""
     controller = remote._actor._controller  # type: ignore[attr-defined]
-    controller.window.sent()  # as if one were under way: so none leaves from its caller's thread
+    controller.window.sent()  # as if a call were under way: so no call is sent from its caller's thread
 
     def wait() -> None:
         gate.wait(WAIT_S)
@@ -81,7 +81,7 @@ def test_a_halt_drops_what_waits_for_its_own_resource_alone(rig: Rig, remote: Ro
     gate = threading.Event()
     hold_up(remote, gate)
     dropped, kept = remote["Arm"].send_cmd("step1"), remote["Eye"].set_value(np.zeros(3, np.uint8))
-    assert remote["Arm"].halt().get() == 1  # past everything
+    assert remote["Arm"].halt().get() == 1  # before all queued calls
     gate.set()
     failure(dropped, PreemptedError)
     assert kept.get() == 3
@@ -94,7 +94,7 @@ def test_what_waits_to_be_sent_does_not_get_stale(rig: Rig, remote: RobotHandle)
     step = remote["Arm"].send_cmd("step1")
     failure(remote["Gauge"].get_value(timeout_s=LONGER_THAN_TTL_S), DeadlineError)
     gate.set()
-    assert step.get() == 1  # older than its time to live, which counts from its sending
+    assert step.get() == 1  # older than its time to live, which begins when it is sent
 
 
 def test_no_more_than_so_many_calls_to_a_robot_are_under_way(rig: Rig, remote: RobotHandle) -> None:
@@ -152,7 +152,7 @@ def test_an_actuator_obeys_one_controller_at_a_time(rig: Rig) -> None:
         assert other["r1"].ping().get().holders == {"Arm": process_name()}
         assert other["r1"]["Arm"].get_value().get().value == 0.0
         assert other["r1"]["Eye"].set_value(b"sensors are nobody's").get() == 20
-        assert other["r1"]["Arm"].halt().get() == 1  # which is for everybody
+        assert other["r1"]["Arm"].halt().get() == 1  # a reading needs no lease
         assert fleet["r1"]["Arm"].send_cmd("step3").get() == 3
         fleet.close()
         assert other["r1"]["Arm"].send_cmd("step4").get() == 4
@@ -255,7 +255,7 @@ def test_a_controller_that_leaves_halts_what_it_moved(rig: Rig) -> None:
         assert rig.begun("move30")
         with ready(Fleet(rig.config)):
             pass
-        assert fleet["r1"]["Arm"].get_status().get() == 1  # it was not the other one's
+        assert fleet["r1"]["Arm"].get_status().get() == 1  # the other controller did not hold it
         fleet.close()
         assert eventually(lambda: rig.notes("halt"))
     assert not rig.notes("end")

@@ -1,4 +1,4 @@
-"""Robots in processes of their own, killed, frozen, flooded and lied to: what callers see, and what still runs."""
+"""Robots whose processes are killed, frozen, flooded and lied to: errors of callers, and calls that still work."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ with Fleet.load(sys.argv[1]) as fleet:
 
 
 def controller_of(rig: Rig, command: str = "move60") -> Any:
-    """Run a controller in a process of its own that commands the arm."""
+    """Run a controller that commands the arm, in a process of its own."""
     return process(["-c", CONTROLLER, str(rig.file), command], rig.folder)
 
 
@@ -60,7 +60,7 @@ def test_a_kill_in_the_middle_of_a_command(rig: Rig) -> None:
         assert becomes(robot, RobotState.READY)
         failure(move, UnavailableError)  # the new server knows nothing of it
         assert robot["Arm"].send_cmd("step2").get() == 2
-    assert lost_s < 2.0  # 0.5 s where nobody else is at work
+    assert lost_s < 2.0  # 0.5 s on an idle machine
     assert refused_s < 1.0
     assert rig.steps() == ["2"]
     assert len(rig.notes("begin")) == 1
@@ -95,7 +95,7 @@ def test_a_server_that_is_told_to_stop_halts_and_says_so(rig: Rig, number: str) 
         error = failure(move, CallError)
         told_s = clock.now()
         assert isinstance(error, PreemptedError | StoppedError | UnavailableError), repr(error)
-    assert ended_s < 10.0  # 1 s where nobody else is at work
+    assert ended_s < 10.0  # 1 s on an idle machine
     assert told_s < 12.0
     assert rig.notes("halt")
     assert not rig.notes("end")
@@ -127,7 +127,7 @@ def test_a_controller_that_falls_silent_is_halted_for(tmp_path: Path, way: str) 
 
 
 def outlast_dead_man(robot: RobotHandle) -> None:
-    """Wait, by a request that takes it, longer than the dead-man's time."""
+    """Wait longer than the dead-man's time, with a request that takes so long."""
     assert robot["Gauge"].send_req("slow1.6").get().value == 1.6
 
 
@@ -190,7 +190,7 @@ def test_a_reading_under_way_is_asked_again_when_the_link_comes_back(rig: Rig) -
                     assert becomes(fleet["r1"], RobotState.READY)
                     return error is None
 
-                for _ in range(10):  # on a busy machine the link may take longer to come back than it is waited for
+                for _ in range(10):  # on a busy machine the link may return after the wait
                     asked = len(rig.notes("slow"))
                     if is_answered_after_a_cut():
                         break
@@ -218,7 +218,7 @@ def test_a_flood_leaves_the_server_as_small_as_it_was(rig: Rig) -> None:
 
         flood()
         before = running["r1"].memory_bytes()
-        for _ in range(4):  # what is 200 MB together
+        for _ in range(4):  # 200 MB in all
             kinds = flood()
             assert BusyError in kinds
             assert kinds <= {type(None), BusyError, UnsupportedError, StaleCommandError}
@@ -279,7 +279,7 @@ def test_a_router_that_is_restarted(tmp_path: Path) -> None:
                 second.wait_for(place)
                 for robot in fleet.values():
                     assert becomes(robot, RobotState.READY)
-                assert move.get() == 7  # it went on, and is followed again
+                assert move.get() == 7  # the command continued, and its progress arrives again
                 assert gather(robot["Arm"].send_cmd("step3") for robot in fleet.values()).get() == [3, 3]
                 fleet.close()
     assert rig.never_twice()

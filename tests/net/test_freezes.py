@@ -1,4 +1,4 @@
-"""Robots whose processes are frozen for a while: what is stale is refused, and what is to halt halts."""
+"""Robots whose processes freeze for a while refuse stale commands and halt."""
 
 from __future__ import annotations
 
@@ -95,13 +95,13 @@ def test_a_freeze_beyond_the_lease_loses_the_robot_and_its_commands(tmp_path: Pa
         assert becomes(robot, RobotState.LOST)
         lost_s = clock.now()
         failure(robot["Arm"].send_cmd("step3"), UnavailableError)
-        clock.sleep(LONGER_THAN_TTL_S)  # what is younger may still be obeyed
+        clock.sleep(LONGER_THAN_TTL_S)  # younger commands may still run
         running["r1"].thaw()
         assert becomes(robot, RobotState.READY)
         for call in old:
             assert isinstance(call.exception(timeout=WAIT_S), StaleCommandError | UnavailableError)
         assert robot["Arm"].send_cmd("step4").get() == 4
-    assert lost_s < 6.0  # lease + 0.5 s where nobody else is at work
+    assert lost_s < 6.0  # lease + 0.5 s on an idle machine
     assert rig.steps() == ["0", "4"]
 
 

@@ -1,4 +1,4 @@
-"""Robots and their controller as machines of their own, with cables that can be cut."""
+"""Robots and their controller on separate machines (network namespaces), with cables that can be cut."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DANCERS = ("evbot2-1", "evbot3-1", "roomba-1")
 
 
 def started(stack: ExitStack, within: tuple[str, ...], folder: Path, *words: object) -> Process:
-    """Start `eal` on one of the machines; it is ended with the stack."""
+    """Start `eal` on one of the machines; it ends with the exit stack."""
     process = Process(["-m", "eal_actors", *map(str, words)], folder, within)
     stack.callback(process.end)
     return process
@@ -83,7 +83,7 @@ def test_a_robot_whose_cable_is_cut_halts_and_the_run_names_it(tmp_path: Path) -
         servers["r2"].wait_for("its controller is silent: halted")
         assert eventually(lambda: rig.notes("halt", robot="r2"))
         assert run.wait() != 0
-        assert {note.robot for note in rig.notes("end")} == {"r1", "r3"}  # nobody else was disturbed
+        assert {note.robot for note in rig.notes("end")} == {"r1", "r3"}  # the other robots were not disturbed
     told = summary(runs)
     assert {name: robot["outcome"] for name, robot in told["robots"].items()} == {
         "r1": "done",

@@ -62,7 +62,7 @@ def test_two_routers_joined() -> None:
     at_desk = fleet_of({"routers": [near]}, {"r1": "router"})
 
     with (
-        open_session(router_config([far], [near])),  # which is not there yet
+        open_session(router_config([far], [near])),  # which does not exist yet
         open_session(robot_config(at_robot, "r1")) as robot,
         answering(robot, "r1"),
         open_session(router_config([near])),
@@ -222,7 +222,7 @@ def test_sessions_leave_no_threads_of_the_system_behind() -> None:
             pass
         return len(list(Path("/proc/self/task").iterdir()))
 
-    for _ in range(3):  # zenoh starts its own threads, which all sessions share, as it comes to need them
+    for _ in range(3):  # zenoh starts its threads on demand; all sessions share them
         open_and_close()
     before = open_and_close()
     counts = [open_and_close() for _ in range(6)]
@@ -269,7 +269,7 @@ def test_a_session_closes_in_time_while_a_peer_stalls() -> None:
 
             flood = threading.Thread(target=put_much)
             flood.start()
-            flood.join(0.2)  # by then it hangs in the middle
+            flood.join(0.2)  # by then it blocks in the middle of a write
             assert flood.is_alive()
             clock = SystemClock()
         assert clock.now() < 2.0
@@ -291,7 +291,7 @@ class TestCommand:
             yield partial(start, "router", environment={"COLUMNS": "200", "PATH": ""})
 
     @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-    def test_it_routes_until_it_is_told_to_stop(
+    def test_it_routes_until_a_signal(
         self, start: Callable[..., subprocess.Popen[str]], number: signal.Signals
     ) -> None:
         router = endpoint()
@@ -309,7 +309,7 @@ class TestCommand:
             clock = SystemClock()
             process.send_signal(number)
             process.wait(PATIENCE_S)
-            assert clock.now() < 10.0  # 0.3 s where nobody else is at work
+            assert clock.now() < 10.0  # 0.3 s on an idle machine
         assert process.returncode == 0
 
     def test_a_port_in_use_is_told(self, start: Callable[..., subprocess.Popen[str]]) -> None:

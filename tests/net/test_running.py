@@ -28,7 +28,7 @@ def test_progress_comes_through_the_network_now_and_again(fleet: Fleet) -> None:
     assert move.get() == 7
     fractions = [progress.fraction for progress in heard]
     assert 2 <= len(heard) <= 5  # of some fifty steps, four in a second at most
-    assert fractions == sorted(fractions)  # type: ignore[type-var]  # in order
+    assert fractions == sorted(fractions)  # type: ignore[type-var]  # each is reported
     assert heard[-1].text.endswith("s left")
     assert move.progress() is heard[-1]
     assert all(0 < progress.time_s < fleet.clock.now() for progress in heard)

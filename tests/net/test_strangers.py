@@ -1,4 +1,4 @@
-"""Peers that make no sense, speak another version, replay commands, or are not allowed what they ask for."""
+"""Peers that send invalid messages, speak another version, replay commands, or lack permission."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served, servers
 CLIENT = "ab" * 8
 
 
-# Peers that make no sense.
+# Invalid messages.
 
 
 def test_garbage_on_the_port_harms_nobody(rig: Rig) -> None:
@@ -70,7 +70,7 @@ def test_garbage_on_the_port_harms_nobody(rig: Rig) -> None:
 
 
 class Stranger:
-    """Speaks with a robot by hand-made calls."""
+    """Sends hand-made calls to a robot."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
@@ -82,7 +82,7 @@ class Stranger:
         self._heard.put((answer.attachment.to_bytes(), answer.payload.to_bytes()))
 
     def ask(self, key: str, envelope: bytes, payload: bytes = b"", client: str = CLIENT) -> CallReply:
-        """Return the answer to a call; there must be one."""
+        """Return the answer to a call."""
         self._session.put(f"eal/f/r1/{key}/_/{client}", payload, attachment=envelope)
         reply = decode_reply(*self._heard.get(timeout=WAIT_S))
         assert self._heard.empty(), key
@@ -101,7 +101,7 @@ class Stranger:
         return reply.answer
 
     def robot_time(self) -> RobotTime:
-        """Return what the robot's clock shows."""
+        """Return the time of the robot's clock."""
         time = self.ask("_/ping", encode_call(CallHeader(CLIENT, 0, 1, 1.0, 1.0))[0]).time
         assert time is not None
         return time
@@ -131,7 +131,7 @@ def test_wrong_versions_and_senseless_queries_are_answered_with_what_is_wrong(ri
             assert str(PROTOCOL_VERSION) in error.message
             for envelope in (b"", b"\xc1", b"\x00" * 1000, good[:-1], good + b"x", msgpack.packb({"a": 1})):
                 assert isinstance(peer.error(key, envelope), ProtocolError), (key, envelope)
-            assert peer.ask(key, newer).sequence == 0  # nobody knows which call it was
+            assert peer.ask(key, newer).sequence == 0  # the call's number is unreadable
         assert isinstance(peer.error("Arm/stream", good), ProtocolError)
         assert peer.error("Nothing/get_value", good).code == "resource_not_found"
         assert isinstance(peer.error("Gauge/get_value", good, b"a payload without a type"), ProtocolError)
@@ -184,7 +184,7 @@ def test_a_halt_that_overtakes_a_command_on_its_way_stops_it(rig: Rig) -> None:
 
 
 def test_a_robot_of_another_version_is_not_let_in(rig: Rig) -> None:
-    """Somebody answers in the robot's place, in a version that nobody knows."""
+    """An impostor answers in the robot's place, in an unknown version."""
     clock = SystemClock()
     with open_session(robot_config(rig.config, "r1")) as impostor:
         due: queue.SimpleQueue[str | None] = queue.SimpleQueue()
@@ -212,7 +212,7 @@ def test_a_robot_of_another_version_is_not_let_in(rig: Rig) -> None:
 
 
 def test_a_robot_of_another_release_is_seen_and_told_apart_until_it_is_updated(rig: Rig) -> None:
-    """Two versions share only the key of the liveliness token."""
+    """The key of the heartbeat is the only part of the protocol that all versions share."""
     other = PROTOCOL_VERSION + 1
     told: dict[str, EALError | None] = {}
     with ExitStack() as old:
@@ -237,7 +237,7 @@ def test_a_robot_of_another_release_is_seen_and_told_apart_until_it_is_updated(r
 
 @pytest.fixture(scope="module")
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The keys of a robot and of those who would command it."""
+    """The keys of a robot and of controllers."""
     folder = tmp_path_factory.mktemp("keys")
     make_authority(folder, "f")
     make_certificate(folder, "r1", ["127.0.0.1"])
@@ -256,7 +256,7 @@ def secured(folder: Path, keys: Path) -> Rig:
 
 @contextmanager
 def seen_by(rig: Rig, name: str, keys: Path | None = None) -> Iterator[Fleet]:
-    """Connect the fleet as somebody else, with a certificate of that name."""
+    """Connect the fleet with the certificate of another name."""
     config = rig.config
     assert config.network.security is not None
     security = replace(config.network.security, controller=name, keys=keys or config.network.security.keys)

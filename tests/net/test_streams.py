@@ -1,4 +1,4 @@
-"""Streams through the network: published while somebody reads, the newest first, and back when the robot is."""
+"""Streams over the network: published while a reader exists, newest first, and resumed when the robot returns."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ with Fleet.load(sys.argv[1]) as fleet, fleet["r1"]["Eye"].stream(50) as frames:
 
 
 class Watcher:
-    """Counts what a robot publishes, without asking for it."""
+    """Counts a robot's published samples without subscribing as a reader."""
 
     def __init__(self) -> None:
         self.clock = SystemClock()
@@ -101,7 +101,7 @@ def test_nothing_is_published_when_nobody_asks(rig: Rig, fleet: Fleet) -> None:
         with gauge.stream(50) as first, gauge.stream(50) as second:
             next(first)
             first.close()
-            assert next(second).value == -42  # the other reader of the same stream goes on
+            assert next(second).value == -42  # the other reader of the same stream still receives samples
             assert next(second).value == -42
             assert eventually(lambda: watcher.keys)
         assert eventually(lambda: watcher.silent_for(0.3))

@@ -26,7 +26,7 @@ ROLES = {
 
 @pytest.fixture(scope="module")
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a fleet file with the keys of everybody in it."""
+    """The folder of a fleet file, with the keys of all roles."""
     folder = tmp_path_factory.mktemp("fleet")
     make_authority(folder / "keys", "f")
     for robot in ("r1", "r2", "gate"):
@@ -43,7 +43,7 @@ def secured(folder: Path, robots: Mapping[str, str | None], routers: tuple[str, 
 
 
 def as_seen_by(fleet: FleetConfig, name: str) -> FleetConfig:
-    """Return the fleet as the fleet file of somebody else says, who dials with a certificate of that name."""
+    """Return the fleet as seen by a controller with the certificate of that name."""
     assert fleet.network.security is not None
     security = replace(fleet.network.security, controller=name)
     return replace(fleet, network=replace(fleet.network, security=security))
@@ -51,7 +51,7 @@ def as_seen_by(fleet: FleetConfig, name: str) -> FleetConfig:
 
 @dataclass
 class Served:
-    """Two robots that listen, and who was asked what."""
+    """Two robots that listen, and the calls that each received."""
 
     fleet: FleetConfig
     asked: list[str]
@@ -154,7 +154,7 @@ def test_a_role_may_be_limited_to_robots_and_to_resources(served: Served) -> Non
     with open_session(controller_config(as_seen_by(served.fleet, "driver"))) as driver:
         assert eventually(lambda: ask(driver, "eal/f/r1/Wheels/send_cmd", "driver") == ["r1"])
         assert ask(driver, "eal/f/r1/_/stop", "driver", least=1) == ["r1"]
-        assert ask(driver, "eal/f/r1/Camera/get_value", "driver", least=1) == ["r1"]  # who is named twice may do both
+        assert ask(driver, "eal/f/r1/Camera/get_value", "driver", least=1) == ["r1"]  # named twice: both rights
         for key in ("r1/Camera/send_cmd", "r2/Wheels/send_cmd", "r1/_/resume", "r2/_/stop"):
             assert ask(driver, f"eal/f/{key}", "driver") == [], key
     with open_session(controller_config(as_seen_by(served.fleet, "guest"))) as guest:
@@ -221,7 +221,7 @@ def test_no_certificate_is_refused(served: Served) -> None:
 
 
 def check_refused(served: Served, config: dict[str, object]) -> None:
-    """An impostor opens, since peers open before they are linked, but is never linked while others are."""
+    """An impostor's session opens, since peers open before they are linked, but no link is made."""
     with open_session(config) as impostor, open_session(controller_config(served.fleet)) as controller:
         assert eventually(lambda: ask_each(controller, "_/ping", "controller") == ["r1", "r2"])
         served.asked.clear()
@@ -233,7 +233,7 @@ def check_refused(served: Served, config: dict[str, object]) -> None:
 
 
 def test_a_robot_that_is_not_at_its_address_is_refused(keys: Path) -> None:
-    """A stolen key of one robot cannot impersonate another robot."""
+    """The thief of one robot's key cannot listen at another robot's address."""
     make_certificate(keys / "keys", "elsewhere", ["10.99.0.1"])
     address = f"tls/127.0.0.1:{free_port()}"
     fleet = secured(keys, {"r1": address, "r2": f"tls/127.0.0.1:{free_port()}", "elsewhere": "tls/10.99.0.1:50000"})

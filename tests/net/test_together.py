@@ -18,7 +18,7 @@ from eal_actors.kernel.errors import ArgumentError, DeadlineError, PreemptedErro
 from tests.net.rig import WAIT_S, Rig, failure
 
 NEAR_S = 0.15
-"""The tolerated lateness of a busy machine; the delay of the links is far greater."""
+"""Tolerance for a busy machine; the delay of the links below is far more."""
 FAR_S = 0.3
 
 

@@ -114,7 +114,7 @@ def test_a_program_s_own_span_is_above_its_calls(fleet: Fleet) -> None:
     with Tracing(exporter, "test"):
         with trace.use_span(trace.NonRecordingSpan(above)):
             fleet["r1"]["Arm"].get_value().get()
-        fleet["r1"]["Arm"].get_value().get()  # a part of nothing
+        fleet["r1"]["Arm"].get_value().get()  # has no parent span
     found = exporter.get_finished_spans()
     assert {span.context.trace_id for span in found} == {0xA1}
     assert [(span.name, span.kind) for span in found if span.parent and span.parent.span_id == 0xB2] == [

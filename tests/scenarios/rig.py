@@ -1,4 +1,4 @@
-"""Fleets whose robots fail, dawdle or hang on demand, and scenarios written beside the assertions."""
+"""Fleets whose robots fail, delay or hang on demand, and scenarios written beside the assertions."""
 
 from __future__ import annotations
 
@@ -12,17 +12,10 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock, ScaledClock
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Scenario, load_scenario
+from tests.plugin_files import write_plugin
 
 RATE = 20.0
 """Seconds of fleet time in a real second, so that waits and time-outs are short."""
-
-MANIFEST = """\
-version: 1
-name: rig
-description: A base and an eye for tests.
-plugin_version: "1"
-resources: [Base, Eye]
-"""
 
 PLUGIN = """\
 import threading
@@ -158,24 +151,8 @@ def connect(context):
     return EALPlugin("Base", "Eye")
 
 
-def disconnect(plugin):
-    pass
-
-
 def create_Base(context):
     return Base(context.settings)
-
-
-def destroy_Base(resource):
-    pass
-
-
-def create_Eye():
-    return Eye()
-
-
-def destroy_Eye(resource):
-    pass
 """
 
 HEAD = """\
@@ -189,10 +166,7 @@ roles:
 
 def write_fleet(folder: Path, robots: Mapping[str, Mapping[str, Any]], head: str = "") -> Path:
     """Write the plugin and a fleet file; each robot's mapping is the rig's settings, and `tags`."""
-    plugin = folder / "plugins" / "rig"
-    plugin.mkdir(parents=True, exist_ok=True)
-    (plugin / "plugin.yaml").write_text(MANIFEST)
-    (plugin / "plugin.py").write_text(PLUGIN)
+    write_plugin(folder, "rig", PLUGIN, "Base", "Eye")
     lines = ["version: 1", "name: rigs", "plugin_dirs: [plugins]", *head.splitlines(), "robots:"]
     for name, settings in robots.items():
         rig = {key: value for key, value in settings.items() if key != "tags"}

@@ -1,8 +1,8 @@
-"""Run scenarios on rigs, and look at what became of them."""
+"""Run scenarios on rigs and summarise their reports."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from eal_actors.scenario import (
     StepStarted,
     run_scenario,
 )
-from tests.scenarios.rig import HEAD, scenario
+from tests.scenarios.rig import HEAD, rigs, scenario
 
 WAIT_S = 20.0
 """Real seconds after which a test that waits for something gives up."""
@@ -22,6 +22,14 @@ WAIT_S = 20.0
 
 def run(fleet: Fleet, folder: Path, body: str, head: str = HEAD, **keywords: Any) -> Report:
     return run_scenario(scenario(folder, body, head), fleet, **keywords)
+
+
+def run_rigs(
+    folder: Path, body: str, listeners: Sequence[Callable[[RunEvent], object]] = (), **robots: Mapping[str, Any]
+) -> Report:
+    """Run a scenario on a fleet of rigs that is closed at the end."""
+    with rigs(folder, clock=None, head="", **robots) as fleet:
+        return run(fleet, folder, body, listeners=listeners)
 
 
 def records(report: Report, robot: str) -> list[StepRecord]:
@@ -37,7 +45,7 @@ def outcomes(report: Report) -> dict[str, str]:
 
 
 class Watch:
-    """A listener that keeps the events, and acts once when a step with a certain label begins."""
+    """A listener that keeps the events and acts once, when a step with a label begins."""
 
     def __init__(self, label: str = "", action: Callable[[], object] = lambda: None) -> None:
         self.events: list[RunEvent] = []
@@ -51,4 +59,5 @@ class Watch:
             self._action()
 
 
+THEN_NOW = "- on: all\n  do:\n  - send_cmd: {resource: Base, cmd: now}\n"
 ON = "steps:\n- on: all\n  do:\n"

@@ -1,4 +1,4 @@
-"""The dance against the ideal: no robot ever waits for anything but the slowest."""
+"""The dance is as fast as its slowest robot."""
 
 from __future__ import annotations
 

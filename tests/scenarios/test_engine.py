@@ -24,16 +24,11 @@ from eal_actors.scenario import (
 from tests.manual_clock import ManualClock
 from tests.robots import advance_until_done
 from tests.scenarios.rig import HEAD, rigs, scenario
-from tests.scenarios.running import ON, Watch, outcomes, records, run
+from tests.scenarios.running import ON, THEN_NOW, Watch, outcomes, records, run
 
 
 def test_robots_move_at_once_and_wait_for_each_other(two: Fleet, tmp_path: Path) -> None:
-    report = run(
-        two,
-        tmp_path,
-        f"{ON}  - send_cmd: {{resource: Base, cmd: go9}}\n"
-        "- on: all\n  do:\n  - send_cmd: {resource: Base, cmd: now}\n",
-    )
+    report = run(two, tmp_path, f"{ON}  - send_cmd: {{resource: Base, cmd: go9}}\n{THEN_NOW}")
     fast, slow = records(report, "fast"), records(report, "slow")
 
     assert (report.outcome, report.error) == ("done", None)

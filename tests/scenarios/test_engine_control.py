@@ -1,4 +1,4 @@
-"""Pauses, single steps, and runs that go on after their controller died."""
+"""Pauses, single steps, and runs resumed after their controller died."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_a_paused_run_can_be_aborted(two: Fleet, tmp_path: Path) -> None:
     assert not run.is_paused, "it is over"
 
 
-# Going on after a crash.
+# Resuming after a crash.
 
 STEPS = """\
 timeout_s: 1000

@@ -21,13 +21,14 @@ from eal_actors.scenario import (
 from tests.scenarios.rig import ask, rigs, scenario
 from tests.scenarios.running import ON, WAIT_S, Watch, brief, outcomes, records, run
 
-FINALLY = """\
-finally:
-  - on: all
-    do:
-      - send_cmd: {resource: Base, cmd: fail}
-      - send_cmd: {resource: Base, cmd: s}
-"""
+
+def finally_of(*commands: str) -> str:
+    """Return a `finally` in which every robot sends these commands to its Base."""
+    steps = "".join(f"  - send_cmd: {{resource: Base, cmd: {command}}}\n" for command in commands)
+    return f"finally:\n- on: all\n  do:\n{steps}"
+
+
+FINALLY = finally_of("fail", "s")
 
 
 def test_a_failure_in_finally_stops_nothing(two: Fleet, tmp_path: Path) -> None:
@@ -62,7 +63,7 @@ def test_a_robot_that_cannot_be_halted_has_failed(tmp_path: Path) -> None:
 def abort_at(
     fleet: Fleet, folder: Path, label: str, body: str, abort: Callable[[Run], object], times: int = 1
 ) -> Report:
-    """Run a scenario, and abort it from this thread when a step with the label begins."""
+    """Run a scenario; abort it from this thread when a step with the label begins."""
     reached = threading.Event()
     aborted = Run(make_plan(scenario(folder, body), fleet), fleet, None, [Watch(label, reached.set)])
     future: Future[Report] = aborted.start()
@@ -123,13 +124,7 @@ def test_a_signal_handler_may_abort(two: Fleet, tmp_path: Path) -> None:
     assert str(report.error and report.error.message) == "aborted: by signal"
 
 
-SLOW_FINALLY = """\
-finally:
-  - on: all
-    do:
-      - send_cmd: {resource: Base, cmd: go99}
-      - send_cmd: {resource: Base, cmd: now}
-"""
+SLOW_FINALLY = finally_of("go99", "now")
 
 
 def test_one_abort_during_finally_lets_it_go_on(two: Fleet, tmp_path: Path) -> None:

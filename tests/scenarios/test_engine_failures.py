@@ -8,7 +8,7 @@ from eal_actors.scenario import (
     StepRetried,
 )
 from tests.scenarios.rig import ask, rigs
-from tests.scenarios.running import ON, Watch, brief, outcomes, records, run
+from tests.scenarios.running import ON, THEN_NOW, Watch, brief, outcomes, records, run, run_rigs
 
 
 def test_a_call_is_tried_again(tmp_path: Path) -> None:
@@ -38,13 +38,8 @@ def test_a_call_is_tried_again(tmp_path: Path) -> None:
 
 def test_retries_come_to_an_end(tmp_path: Path) -> None:
     watch = Watch()
-    with rigs(tmp_path, a={"failures": 2}) as fleet:
-        report = run(
-            fleet,
-            tmp_path,
-            f"on_failure: {{retry: 1}}\n{ON}  - send_cmd: {{resource: Base, cmd: flaky}}\n  - log: x\n",
-            listeners=[watch],
-        )
+    body = f"on_failure: {{retry: 1}}\n{ON}  - send_cmd: {{resource: Base, cmd: flaky}}\n  - log: x\n"
+    report = run_rigs(tmp_path, body, [watch], a={"failures": 2})
 
     (record,) = report.steps
     assert (report.outcome, record.outcome, record.attempts) == ("failed", "failed", 2)
@@ -59,12 +54,7 @@ def test_retries_come_to_an_end(tmp_path: Path) -> None:
 
 def test_a_robot_that_fails_is_dropped_and_the_others_go_on(tmp_path: Path) -> None:
     with rigs(tmp_path, a={"failures": 1}, b={}) as fleet:
-        report = run(
-            fleet,
-            tmp_path,
-            f"on_failure: drop\n{ON}  - send_cmd: {{resource: Base, cmd: flaky}}\n"
-            "- on: all\n  do:\n  - send_cmd: {resource: Base, cmd: now}\n",
-        )
+        report = run(fleet, tmp_path, f"on_failure: drop\n{ON}  - send_cmd: {{resource: Base, cmd: flaky}}\n{THEN_NOW}")
         halts = {robot: ask(fleet, robot, "halts") for robot in fleet}
 
     assert outcomes(report) == {"a": "dropped", "b": "done"}
@@ -75,10 +65,8 @@ def test_a_robot_that_fails_is_dropped_and_the_others_go_on(tmp_path: Path) -> N
 
 
 def test_without_any_robot_left_the_run_ends(tmp_path: Path) -> None:
-    with rigs(tmp_path, a={"failures": 1}) as fleet:
-        report = run(
-            fleet, tmp_path, f"on_failure: drop\n{ON}  - send_cmd: {{resource: Base, cmd: flaky}}\n- wait_s: 1000\n"
-        )
+    body = f"on_failure: drop\n{ON}  - send_cmd: {{resource: Base, cmd: flaky}}\n- wait_s: 1000\n"
+    report = run_rigs(tmp_path, body, a={"failures": 1})
 
     assert (report.outcome, outcomes(report)) == ("failed", {"a": "dropped"})
     assert report.duration_s < 500
@@ -130,13 +118,8 @@ def test_a_call_has_a_deadline(two: Fleet, tmp_path: Path) -> None:
 
 
 def test_a_resource_that_hangs_holds_nobody_up(tmp_path: Path) -> None:
-    with rigs(tmp_path, a={"failures": 1}, b={}) as fleet:
-        report = run(
-            fleet,
-            tmp_path,
-            f"timeout_s: 5\non_failure: drop\n{ON}  - send_cmd: {{resource: Base, cmd: hang}}\n"
-            "- on: all\n  do:\n  - send_cmd: {resource: Base, cmd: now}\n",
-        )
+    body = f"timeout_s: 5\non_failure: drop\n{ON}  - send_cmd: {{resource: Base, cmd: hang}}\n{THEN_NOW}"
+    report = run_rigs(tmp_path, body, a={"failures": 1}, b={})
 
     assert outcomes(report) == {"a": "dropped", "b": "done"}
     assert [record.error.code for record in records(report, "a") if record.error] == ["deadline"]

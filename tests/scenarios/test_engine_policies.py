@@ -5,7 +5,7 @@ from pathlib import Path
 from eal_actors.facade.fleet import Fleet
 from eal_actors.scenario import LogLine, RobotReplaced, StepRetried
 from tests.scenarios.rig import HEAD, ask, rigs
-from tests.scenarios.running import ON, Watch, brief, outcomes, records, run
+from tests.scenarios.running import ON, Watch, brief, outcomes, records, run, run_rigs
 
 FLAKY = "  - send_cmd: {resource: Base, cmd: flaky}\n"
 NOW = "  - send_cmd: {resource: Base, cmd: now}\n"
@@ -22,13 +22,8 @@ def test_a_step_that_may_be_skipped_is_and_the_record_tells(tmp_path: Path) -> N
 
 def test_the_back_off_grows(tmp_path: Path) -> None:
     watch = Watch()
-    with rigs(tmp_path, a={"failures": 3}) as fleet:
-        report = run(
-            fleet,
-            tmp_path,
-            f"on_failure: {{retry: 3, back_off_s: 1, factor: 2}}\n{ON}{FLAKY}",
-            listeners=[watch],
-        )
+    body = f"on_failure: {{retry: 3, back_off_s: 1, factor: 2}}\n{ON}{FLAKY}"
+    report = run_rigs(tmp_path, body, [watch], a={"failures": 3})
 
     assert report.outcome == "done"
     times_s = [event.time_s for event in watch.events if isinstance(event, StepRetried)]

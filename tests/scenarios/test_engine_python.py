@@ -1,4 +1,4 @@
-"""Python steps: what they are given, and what becomes of those that fail, take too long or are not allowed."""
+"""Python steps: their arguments, failures, timeouts and missing permissions."""
 
 from __future__ import annotations
 

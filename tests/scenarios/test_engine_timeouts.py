@@ -1,4 +1,4 @@
-"""Blocks that take too long, and waits that go on without what they waited for."""
+"""Timeouts of blocks, and waits that continue after their timeout."""
 
 from __future__ import annotations
 
@@ -99,13 +99,8 @@ def test_a_block_that_failed_is_tried_again(tmp_path: Path) -> None:
 def test_a_spare_begins_the_block_anew(tmp_path: Path) -> None:
     head = HEAD.replace("all: {}", "all: {spares: 1}")
     with rigs(tmp_path, slow={"slowness": 10}, ready={}) as fleet:
-        body = """
-            steps:
-              - on: all
-                timeout_s: 4
-                on_failure: substitute
-                do: [{send_cmd: {resource: Base, cmd: go2}}]
-            """
+        step = "{on: all, timeout_s: 4, on_failure: substitute, do: [{send_cmd: {resource: Base, cmd: go2}}]}"
+        body = f"steps: [{step}]\n"
         report = run(fleet, tmp_path, body, head)
         assert outcomes(report) == {"slow": "replaced", "ready": "done"}
 

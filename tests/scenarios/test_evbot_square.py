@@ -21,13 +21,13 @@ SQUARE = Path(__file__).parents[2] / "scenarios/square.yaml"
 PORTS = {"evbot2": {"port": "sim://world/body"}, "evbot3": {"address": "sim://world/body"}}
 RATE = 5.0
 """Of the fleet's clock, and of the emulators' time."""
-PATIENT = {"watchdog_s": 5.0}  # a machine that stumbles is no silence
+PATIENT = {"watchdog_s": 5.0}  # a delay of a busy machine is not a silent robot
 STEP_M = {"evbot2": 0.0005, "evbot3": 0.0002}
 TRACK_M = {"evbot2": 0.24, "evbot3": 0.30}
 
 
 def tolerance(make: str) -> float:
-    """Return how far off, in metres, eight sides of 0.5 m and eight turns may end that each err by an encoder step."""
+    """Return the largest error, in metres, of eight sides of 0.5 m and eight turns that each err by an encoder step."""
     step_m = STEP_M[make]
     return 8 * (step_m + step_m / TRACK_M[make] * 0.5)
 

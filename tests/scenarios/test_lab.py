@@ -49,22 +49,22 @@ WORLD = "version: 1\nname: world\nsize_m: [10.0, 6.0]\n"
 COUNT_M = {"evbot2-1": 0.0005, "evbot3-1": 0.0002, "roomba-1": 0.001, "create-1": math.pi * 0.072 / 508.8}
 """The resolution of each robot's encoders."""
 ARM_M = {"evbot2-1": 0.12, "evbot3-1": 0.15, "roomba-1": 0.129, "create-1": 0.129}
-"""From each robot's middle to its wheels."""
+"""Distance from each robot's centre to its wheels."""
 OFF_COUNTS = 2.0
-"""Within so many counts of its length a motion is at its end."""
+"""Tolerance of a motion's end, in counts."""
 STEP_M = 0.5
 POLL_HZ = 20
 
 
 def tolerance(robot: str, drives: int, turns: int) -> tuple[float, float]:
-    """Return how far off, in m and rad, a robot may be where each motion's end is off by its encoders' resolution."""
+    """Return the largest error, in m and rad, if each motion ends within the resolution of the encoders."""
     turn_rad = OFF_COUNTS * COUNT_M[robot] / ARM_M[robot]
     return drives * (OFF_COUNTS * COUNT_M[robot] + STEP_M * turn_rad), turns * turn_rad
 
 
 @pytest.fixture
 def floor(tmp_path: Path) -> Iterator[Fleet]:
-    """The laboratory's fleet, in which each emulator drives a robot of a simulated floor, and a camera that plays."""
+    """The laboratory's fleet: emulators drive robots on a simulated floor; the camera plays a recording."""
     (tmp_path / "pictures").mkdir()
     draw(tmp_path / "pictures")
     (tmp_path / "world.yaml").write_text(WORLD, encoding="utf-8")
@@ -156,7 +156,7 @@ steps:
 
 @pytest.fixture
 def lab(tmp_path: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
-    """Start `eal lab` in a process of its own, which nods by so many degrees."""
+    """Start `eal lab` in a process of its own; the robots turn by the given degrees."""
     (tmp_path / "fleet.yaml").write_text(QUICK, encoding="utf-8")
     with eal_processes(tmp_path) as start_eal:
 
@@ -193,7 +193,7 @@ def test_no_emulator_outlives_the_lab(lab: Callable[[str], subprocess.Popen[str]
         if begun == 4:
             break
     process.send_signal(number)
-    out, err = process.communicate(timeout=60)  # which ends when nobody has stderr any more: they inherited it
+    out, err = process.communicate(timeout=60)  # ends once all emulators, which inherited stderr, have ended
     assert process.returncode == {signal.SIGKILL: -signal.SIGKILL}.get(number, 130), out + err
     assert "Traceback" not in err
     if number != signal.SIGKILL:
@@ -251,7 +251,7 @@ print(ENDING)
 
 @pytest.fixture
 def foreign(tmp_path: Path) -> Path:
-    """Write a plugin into a folder of somebody else, and a fleet that finds it there."""
+    """Write a third-party plugin and a fleet that finds it."""
     folder = tmp_path / "theirs" / "lift"
     folder.mkdir(parents=True)
     (folder / "plugin.yaml").write_text(FOREIGN_MANIFEST, encoding="utf-8")

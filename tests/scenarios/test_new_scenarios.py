@@ -37,7 +37,7 @@ def fleet_file(name: str) -> Path:
 def run(
     simulation: Simulation, name: str, directory: Path | None = None, **parameters: Any
 ) -> tuple[Report, list[str]]:
-    """Run a shipped scenario; return its report and what it said, each line with its robot."""
+    """Run a shipped scenario; return its report and its log lines, each with its robot."""
     said: list[str] = []
 
     def listen(event: RunEvent) -> None:
@@ -58,7 +58,7 @@ def message(report: Report) -> str:
 
 
 def scattered(count: int, room_m: tuple[float, float], seed: int) -> Robots:
-    """Robots of all makes anywhere in a room, at least 65 cm from middle to middle."""
+    """Robots of all makes at random places of a room, at least 65 cm apart (centres)."""
     generator = random.Random(seed)  # noqa: S311  # no secret
     starts: list[tuple[float, float, float]] = []
     while len(starts) < count:
@@ -70,7 +70,7 @@ def scattered(count: int, room_m: tuple[float, float], seed: int) -> Robots:
 
 
 def least_gap_m(paths: Mapping[str, Sequence[PoseSample]], robots: Robots) -> float:
-    """Return how near the hulls of any two robots came to each other."""
+    """Return the least distance between the hulls of any two robots."""
     gaps_m = [9.0]
     at = {name: {sample.time_s: (sample.x_m, sample.y_m) for sample in path} for name, path in paths.items()}
     for one, other in itertools.combinations(at, 2):
@@ -87,7 +87,7 @@ def watched(robots: Robots, room_m: tuple[float, float], seed: int) -> Iterator[
 
 
 def worst_m(simulation: Simulation, rule: Formation) -> float:
-    """Return how far the emptiest place of a shape is from its robot."""
+    """Return the largest distance of a robot from its place in a shape."""
     at = [simulation.pose(name)[:2] for name in simulation.fleet]
     return max(min(math.dist((place.x_m, place.y_m), point) for point in at) for place in formation_poses(rule))
 
@@ -115,7 +115,7 @@ def test_a_shape_is_formed_without_near_misses(count: int, room_m: tuple[float, 
 
 
 def test_without_assignment_and_phases_there_are_near_misses() -> None:
-    """The same nine robots and places as above, each sent to the place of its own number, all at once."""
+    """The same nine robots and places as above; each robot goes to the place of its number, all at once."""
     robots = scattered(9, (10, 8), seed=9)
     places = formation_poses(Formation(shape="grid", count=9, spacing_m=0.8))
     with watched(robots, (10, 8), seed=9) as (simulation, recorder):

@@ -1,4 +1,4 @@
-"""`eal rehearse`: distances worked out by hand, collisions, stand-ins for real robots, and what is refused."""
+"""`eal rehearse`: hand-calculated distances, collisions, simulated twins of real robots, and invalid input."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from eal_actors.plugin import FleetServices, PluginContext
 from eal_actors.scenario import Scenario, load_scenario, parse_scenario
 from plugins.sim import plugin as sim
 from tests.manual_clock import ManualClock
+from tests.scenario_texts import scenario_of
 
 RADIUS_M = 0.17  # of a Roomba
 SPEED_M_S, ACCELERATION_M_S2 = 0.3, 0.8
@@ -39,7 +40,7 @@ size_m: [6, 4]
 
 
 def seconds_to(distance_m: float) -> float:
-    """Return how long a Roomba takes that starts from rest and does not slow down before."""
+    """Return the time of a Roomba that starts from rest and does not brake."""
     return distance_m / SPEED_M_S + SPEED_M_S / ACCELERATION_M_S2 / 2
 
 
@@ -129,7 +130,7 @@ def test_two_robots_that_collide_are_told_with_the_time_of_the_first_touch(fleet
     assert {incident.approach.robot, incident.approach.nearest.other} == {"a", "b"}
     assert incident.approach.nearest.time_s == pytest.approx(seconds_to(1.0 - 2 * RADIUS_M), abs=0.05)
     assert incident.approach.start_s == pytest.approx(seconds_to(1.0 - 2 * RADIUS_M - 0.1), abs=0.021)
-    assert [step.robot for step in incident.steps] == ["a"]  # the other one stands by, and has no step
+    assert [step.robot for step in incident.steps] == ["a"]  # the other robot waits and has no step
 
 
 @pytest.mark.parametrize(
@@ -162,20 +163,9 @@ def test_robots_that_stand_too_near_are_told_though_nothing_moves(fleet: Callabl
     assert incident.approach.nearest.gap_m == pytest.approx(0.4 - 2 * RADIUS_M)
 
 
-def test_coming_near_twice_is_told_twice(fleet: Callable[..., Path]) -> None:
-    text = """
-        version: 1
-        name: twice
-        roles: {a: {}}
-        steps:
-          - on: a
-            do:
-              - repeat: 2
-                do:
-                  - send_cmd: {resource: Base, cmd: f0.5}
-                  - send_cmd: {resource: Base, cmd: b0.5}
-    """
-    scenario = parse_scenario(dedent(text), "twice.yaml")
+def test_two_approaches_are_two_incidents(fleet: Callable[..., Path]) -> None:
+    drives = "{send_cmd: {resource: Base, cmd: f0.5}}, {send_cmd: {resource: Base, cmd: b0.5}}"
+    scenario = parse_scenario(scenario_of(f"{{repeat: 2, do: [{drives}]}}", role="a"), "twice.yaml")
     start_m = 3.0 - RADIUS_M - 0.55  # half a metre ahead, 5 cm are left to the wall
     rehearsal = rehearsed(fleet({"a": roomba(start_m, 0)}), scenario)
     assert told(rehearsal) == [("a", "the east wall", False)] * 2
@@ -183,7 +173,7 @@ def test_coming_near_twice_is_told_twice(fleet: Callable[..., Path]) -> None:
 
 
 def test_nothing_is_missed_between_two_looks() -> None:
-    """The same drives with a look at every robot at every tick come to the same approaches, to the last bit."""
+    """Checking every robot at every tick finds the same approaches, to the last bit."""
 
     class Unresting(ProximityRecorder):
         looks = 0
@@ -292,7 +282,7 @@ def eal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Result]]:
     monkeypatch.setenv("COLUMNS", "160")
     monkeypatch.delenv("EAL_FLEET", raising=False)
     yield lambda *arguments: CliRunner().invoke(app, ["rehearse", *map(str, arguments)])
-    structlog.reset_defaults()  # it still knows the captured stderr
+    structlog.reset_defaults()  # it still refers to the captured stderr
 
 
 COLLIDE = """\

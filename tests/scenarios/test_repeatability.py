@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def poses_after(scenario: str, rate: float, seed: int) -> dict[str, list[str]]:
-    """Run a scenario; return where each robot ended up, to the last bit."""
+    """Run a scenario; return each robot's last pose, to the last bit."""
     with patient_fleet(ROOT / "fleets/sim.yaml", rate, seed) as fleet:
         report = run_scenario(patient_scenario(ROOT / "scenarios" / scenario), fleet)
         assert report.outcome == "done", report.error

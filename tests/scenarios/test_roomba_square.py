@@ -59,9 +59,7 @@ def test_the_square_ends_where_it_should(protocol: str, settings: str, tmp_path:
             assert base.send_cmd(move).get() == 1
         end_x_m, end_y_m, end_yaw_rad = pose.get_value().get().value
         believed = odometry.get_value().get().value
-    turn_rad = (
-        OFF_COUNTS * COUNT_M[protocol] / ARM_M
-    )  # each turn may be off by so much, and each side by so many counts
+    turn_rad = OFF_COUNTS * COUNT_M[protocol] / ARM_M  # tolerance of each turn, and of each side in counts
     assert abs(math.remainder(end_yaw_rad - yaw_rad, math.tau)) < 4 * turn_rad
     assert math.hypot(end_x_m - x_m, end_y_m - y_m) < 4 * OFF_COUNTS * COUNT_M[protocol] + SIDE_M * 2 * turn_rad
     truth = (end_x_m - x_m, end_y_m - y_m, math.remainder(end_yaw_rad - yaw_rad, math.tau))

@@ -1,4 +1,4 @@
-"""A kind of step is one module: this one is defined here, and runs without a change anywhere else."""
+"""A kind of step is one module: the one defined here runs without any other change."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PACKAGE = Path(registry.__file__).parents[2]
 
 
 class NapStep(TimedStep):
-    """Sleep, and keep how long."""
+    """Sleep and keep the duration."""
 
     kind = "nap_s"
     nap_s: Seconds

@@ -1,4 +1,4 @@
-"""No name leads out of its folder: of robots, resources, plugins, keys, scenarios, saved files, pages and images."""
+"""No name leads out of its folder: robots, resources, plugins, keys, scenarios, saved files, pages and images."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from evbotos.lock import LockedWheel
 from tests.operate.dashboard.rig import open_dashboard, page_of
 
 HOSTILE = ("../x", "..", ".", "a/../../x", "/etc/x", "a/b", "a\\b", "x\0y", "x\n", "", "~/x", "%2e%2e%2fx", "-x")
-"""Names that, put into a path, would lead elsewhere, or nowhere."""
+"""Names that are invalid or lead out of the folder as a part of a path."""
 ELSEWHERE = ("../x.csv", "a/../../x.csv", "/etc/eal-x.csv", "../../x.csv")
-"""Paths that are not inside the folder that they are relative to."""
+"""Paths outside the folder that they are relative to."""
 
 
 def fleet(**changes: Any) -> Mapping[str, Any]:
@@ -122,7 +122,7 @@ def test_names_of_scenarios_which_their_runs_are_named_after(name: str, tmp_path
 @pytest.mark.parametrize("path", ELSEWHERE)
 @pytest.mark.parametrize("way", ["as it is written", "as a parameter says"])
 def test_paths_to_save_at_that_are_known_before_anything_moves(path: str, way: str, tmp_path: Path) -> None:
-    """Parameters of dashboard users and command lines cannot name a place outside the run."""
+    """Parameters from the dashboard or the command line cannot select a path outside the run."""
     is_parameter = way == "as a parameter says"
     file = written(tmp_path / "s.yaml", save="${where}.csv" if is_parameter else path)
     given = {"where": path.removesuffix(".csv")} if is_parameter else {}

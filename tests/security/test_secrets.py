@@ -1,4 +1,4 @@
-"""Secrets stay where they are: private keys, tokens and passwords stand in no output, log, record or page."""
+"""No output, log, record or page contains private keys, tokens or passwords."""
 
 from __future__ import annotations
 
@@ -23,16 +23,10 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.net.security.certificates import make_authority, make_certificate
 from eal_actors.recording.provenance import resolved_fleet
 from tests.net.links import free_port
+from tests.plugin_files import write_plugin
 
 PROGRAM = (sys.executable, "-m", "eal_actors", "--log-level", "debug", "--log-format", "json")
 PASSWORD = "Xyzzy-plugh-42"  # noqa: S105  # it must not be found
-MANIFEST = """\
-version: 1
-name: slide
-description: A slide behind a password.
-plugin_version: "1"
-resources: [Slide]
-"""
 PLUGIN = """\
 from eal_actors.plugin import EALPlugin, PluginSettingsModel, Resource, ResourceType, command
 
@@ -63,16 +57,8 @@ def connect(context):
     return EALPlugin("Slide")
 
 
-def disconnect(plugin):
-    pass
-
-
 def create_Slide(context):
     return Slide(context.settings)
-
-
-def destroy_Slide(resource):
-    pass
 """
 NOTHING: Mapping[str, str] = {}
 SCENARIO = """\
@@ -89,7 +75,7 @@ steps:
 
 
 class Words:
-    """The secrets that must not be found, in every encoding."""
+    """Secrets in every encoding in which they could leak."""
 
     def __init__(self, *secrets: str) -> None:
         self._forms = {form for secret in secrets for form in _forms(secret)}
@@ -169,10 +155,7 @@ def secured_fleet(folder: Path) -> Path:
     make_authority(folder / "keys", "f")
     make_certificate(folder / "keys", "r1", ["127.0.0.1"])
     make_certificate(folder / "keys", "controller")
-    plugin = folder / "plugins" / "slide"
-    plugin.mkdir(parents=True)
-    (plugin / "plugin.yaml").write_text(MANIFEST)
-    (plugin / "plugin.py").write_text(PLUGIN)
+    write_plugin(folder, "slide", PLUGIN, "Slide")
     content = {
         "version": 1,
         "name": "f",

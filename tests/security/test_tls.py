@@ -1,4 +1,4 @@
-"""Connections that TLS must refuse: expired certificates, false identities, and plain connections.
+"""Peers that TLS must refuse: expired certificates, false names, and peers without TLS.
 
 `tests/net/test_tls.py` has who may do what, and the impostors of other authorities, without certificates and at other
 addresses; here is the rest, over the whole stack.

@@ -1,4 +1,4 @@
-"""The kernel reports processes without processor time."""
+"""The kernel reports processes that wait for processor time."""
 
 from __future__ import annotations
 

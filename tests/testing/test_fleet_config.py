@@ -1,4 +1,4 @@
-"""The short way in which a test names its robots and its world."""
+"""The short notation for a test's robots and world."""
 
 from __future__ import annotations
 

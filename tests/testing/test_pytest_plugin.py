@@ -1,4 +1,4 @@
-"""The pytest plugin, as its users meet it: in test files of their own, run by a pytest of their own."""
+"""The pytest plugin in test files that a separate pytest runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def run(pytester: pytest.Pytester, text: str, *options: str) -> pytest.RunResult
 
 
 def run_all(pytester: pytest.Pytester, *options: str) -> pytest.RunResult:
-    """Run what is in the folder; the plugin is named where the installed metadata lacks it."""
+    """Run the folder's tests; name the plugin if the installed metadata lacks it."""
     is_installed = any(point.value == PLUGIN for point in entry_points(group="pytest11"))
     named = [] if is_installed else ["-p", PLUGIN]
     return pytester.runpytest_subprocess("-p", "no:cacheprovider", *named, *options, timeout=LIMIT_S)

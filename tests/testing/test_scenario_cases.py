@@ -67,13 +67,11 @@ def run(pytester: pytest.Pytester, *arguments: str) -> pytest.RunResult:
     return pytester.runpytest_inprocess(*options, *named, *arguments)
 
 
-def test_a_scenario_that_expects_something_is_a_case_and_nothing_else_is(
-    pytester: pytest.Pytester, folder: Path
-) -> None:
+def test_only_a_scenario_with_expectations_is_a_case(pytester: pytest.Pytester, folder: Path) -> None:
     result = run(pytester, "--eal", "-v", "scenarios")
     result.assert_outcomes(passed=1)
     result.stdout.fnmatch_lines(["scenarios/drive.yaml::drive PASSED*"])
-    assert not list((pytester.path / "kept").glob("drive*"))  # only what fails leaves its run behind
+    assert not list((pytester.path / "kept").glob("drive*"))  # only failed cases keep their run
 
 
 def test_without_the_option_no_scenario_is_collected(pytester: pytest.Pytester, folder: Path) -> None:

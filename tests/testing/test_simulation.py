@@ -1,4 +1,4 @@
-"""A simulated fleet under a test's hand."""
+"""A simulated fleet that a test controls."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import threading
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
+from textwrap import indent
 
 import pytest
 
@@ -25,15 +26,9 @@ from eal_actors.kernel.errors import (
 )
 from eal_actors.testing import Pose, Simulation
 from eal_actors.testing.simulation import read_scenario
+from tests.scenario_texts import scenario_of
 
-TURN = """
-    version: 1
-    name: turn
-    roles: {all: {}}
-    steps:
-      - on: all
-        do: [{send_cmd: {resource: Base, cmd: l90}}]
-"""
+TURN = indent(scenario_of("{send_cmd: {resource: Base, cmd: l90}}", name="turn"), "    ")
 ROOM = {"version": 1, "name": "room", "size_m": (6, 4)}
 
 
@@ -145,7 +140,7 @@ def test_a_scenario_runs_from_text_from_a_file_and_ready_made(pair: Simulation, 
 
 
 def test_what_is_wrong_with_a_text_is_told_by_its_lines(pair: Simulation) -> None:
-    with pytest.raises(ConfigError, match=r"\nscenario:7:38: steps\[0\]\.do\[0\]\.send_cmd\.cm: unknown"):
+    with pytest.raises(ConfigError, match=r"\nscenario:8:37: steps\[0\]\.do\[0\]\.send_cmd\.cm: unknown"):
         pair.run(TURN.replace("cmd: l90", "cm: l90"))
     with pytest.raises(ConfigError, match=r"^scenario:6:9: steps\[0\]\.on: unknown role 'nobody'"):
         pair.run(TURN.replace("on: all", "on: nobody"))

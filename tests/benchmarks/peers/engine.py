@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Final
 
 import pykka
 import zenoh
+from typing_extensions import override
 
 from tests.benchmarks.peers.peer import FRAME, GIVE_UP_S, HOST, ROBOTS, VALUE, Peer, SyncPeer, timed
 
@@ -179,7 +180,7 @@ class Publications(Zenoh):
     root = "calls"
 
     def try_once(self) -> None:
-        """Ask once; a publication before discovery is lost."""
+        """Ask once: messages published before discovery are lost without an answer."""
         self._own.ask(["calls/0/get"], timeout_s=0.2)
 
 
@@ -216,6 +217,7 @@ class Pykka(SyncPeer):
     def handle(self) -> _ActorHandle:
         return _ActorHandle(self._actors[0])
 
+    @override
     def fan_out(self, count: int) -> float:
         def once() -> None:
             pykka.get_all([actor.ask("command", block=False) for actor in self._actors])

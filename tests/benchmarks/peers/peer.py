@@ -16,6 +16,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
+from typing_extensions import override
+
 from eal_actors.kernel.clock import REAL_TIME
 from tests.net.links import free_port
 
@@ -253,6 +255,7 @@ class AsyncPeer(Peer):
     def frame(self, count: int) -> float:
         return float(self.run(self._median(self.frame_once, count)))
 
+    @override
     def callers(self, count: int) -> float:
         async def call() -> None:
             for _ in range(count):
@@ -265,6 +268,7 @@ class AsyncPeer(Peer):
 
         return float(self.run(all_together())) / (CALLERS * count)
 
+    @override
     def fan_out(self, count: int) -> float:
         async def all_robots() -> None:
             await asyncio.gather(*(self.command_once(robot) for robot in range(ROBOTS)))

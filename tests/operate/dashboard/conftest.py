@@ -1,4 +1,4 @@
-"""Fixtures of the dashboard's tests: a fleet, and a real Chromium where one is installed."""
+"""A fleet of counting robots, and a real Chromium where one is installed."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tests.operate.dashboard.rig import counting_fleet
 
 @pytest.fixture
 def fleet(tmp_path: Path) -> Iterator[Fleet]:
+    """Yield a connected fleet of two counting robots."""
     with counting_fleet(tmp_path, "one", "two").connect() as opened:
         yield opened
 

@@ -15,6 +15,7 @@ from websockets.typing import Origin
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.operate.dashboard import Access, Dashboard
+from tests.plugin_files import write_plugin
 
 ROOT = Path(__file__).parents[3]
 SIM = ROOT / "fleets/sim.yaml"
@@ -75,48 +76,12 @@ class Pose(Resource):
     def get_value(self):
         self.asked += 1
         return [self.asked * 0.1, 0.0, 0.0]
-
-
-def connect():
-    return EALPlugin("Base", "Pose")
-
-
-def create_Base():
-    return Base()
-
-
-def create_Pose():
-    return Pose()
-
-
-def destroy_Base(resource):
-    pass
-
-
-def destroy_Pose(resource):
-    pass
-
-
-def disconnect(plugin):
-    pass
-"""
-
-MANIFEST = """\
-version: 1
-name: counting
-description: Counts what it is asked.
-plugin_version: "1"
-resources: [Base, Pose]
 """
 
 
 def counting_fleet(folder: Path, *robots: str) -> Fleet:
     """Return a fleet of robots whose resources count what they are asked; it is not connected yet."""
-    plugin = folder / "plugins" / "counting"
-    plugin.mkdir(parents=True)
-    (plugin / "plugin.yaml").write_text(MANIFEST)
-    (plugin / "__init__.py").write_text("")
-    (plugin / "plugin.py").write_text(COUNTING_PLUGIN)
+    write_plugin(folder, "counting", COUNTING_PLUGIN, "Base", "Pose")
     names = "".join(f"  {name}: {{plugins: {{counting: {{}}}}}}\n" for name in robots)
     file = folder / "fleet.yaml"
     file.write_text(f"version: 1\nname: counted\nplugin_dirs: [plugins]\nrobots:\n{names}")

@@ -9,14 +9,9 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.operate.dashboard import Dashboard
 from eal_actors.recording import RunFolder
 from tests.operate.dashboard.rig import SIM, WAIT_S, counting_fleet, open_dashboard, page_of
+from tests.scenario_texts import scenario_of
 
-TURN = """\
-version: 1
-name: turn
-description: Turn a little.
-roles: {all: {}}
-steps: [{on: all, do: [{send_cmd: {resource: Base, cmd: r20}}]}]
-"""
+TURN = scenario_of("send_cmd: {resource: Base, cmd: r20}", name="turn")
 KEPT = {
     "events.jsonl",
     "fleet.yaml",

@@ -1,4 +1,4 @@
-"""Each check finds the mistake that it is for: a good plugin is spoilt in one place at a time."""
+"""Each check finds its mistake: a correct plugin is broken in one place at a time."""
 
 import threading
 from dataclasses import replace

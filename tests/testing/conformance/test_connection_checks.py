@@ -1,4 +1,4 @@
-"""The checks of the wire find what they are for: a good driver with an emulator is spoilt in one place at a time."""
+"""Each wire check finds its mistake: a correct driver with an emulator is broken in one place at a time."""
 
 from __future__ import annotations
 

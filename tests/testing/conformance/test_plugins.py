@@ -1,4 +1,4 @@
-"""Every plugin that is shipped passes every check that a plugin's author can run."""
+"""Every shipped plugin passes every conformance check."""
 
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,11 @@ SETTINGS: dict[str, list[dict[str, Any]]] = {
     "sim": [{"model": make} for make in ("evbot2", "evbot3", "roomba")],
     "replay": [
         {"record": RECORD, "robot": "evbot2-1", "loop": True}
-    ],  # it received no command: all others must follow the record
+    ],  # no pose was given: all else must follow the record
     "camera": [{"source": PICTURES, "loop": True, "fps": 50, "fov_deg": 60}],
     "socket_port": [{}, {"protocol": "udp", "host": "127.0.0.1", "port": 9}],
-    "system": [{"resources": ["Cpu", "Memory", "Disk", "Network", "Uptime"]}],  # few computers of tests have sensors
-    "evbot2": [{}, {"port": "sim://world"}],  # without settings, an emulator stands in for the robot
+    "system": [{"resources": ["Cpu", "Memory", "Disk", "Network", "Uptime"]}],  # few test machines have sensors
+    "evbot2": [{}, {"port": "sim://world"}],  # without settings, an emulator replaces the robot
     "evbot3": [{}, {"address": "sim://world"}],
     "roomba": [
         {"protocol": "sci", "port": "sim://world", "poll_hz": 5},
@@ -36,7 +36,7 @@ SETTINGS: dict[str, list[dict[str, Any]]] = {
         {"protocol": "oi", "poll_hz": 5},
     ],
 }
-"""For plugins that cannot do without: each of these is checked."""
+"""Settings of the plugins that need some; each is checked."""
 
 CASES = [
     pytest.param(folder, settings, id="-".join([folder.name, *map(str, settings.values())]))

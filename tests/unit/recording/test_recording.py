@@ -54,24 +54,8 @@ def connect(context):
     return EALPlugin("Pose", "Clock")
 
 
-def disconnect(plugin):
-    pass
-
-
 def create_Pose(context):
     return Pose(context.settings)
-
-
-def destroy_Pose(resource):
-    pass
-
-
-def create_Clock(context):
-    return Clock()
-
-
-def destroy_Clock(resource):
-    pass
 """
 
 

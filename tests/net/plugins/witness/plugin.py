@@ -1,4 +1,4 @@
-"""A plugin whose actuator writes down each beginning, end and halt, to be read from outside its process."""
+"""A plugin whose actuator logs each begin, end and halt to a file that other processes can read."""
 
 # ruff: noqa: N802  # the plugin API names the functions after the resources
 from __future__ import annotations
@@ -10,39 +10,24 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from eal_actors.plugin import (
-    Activity,
-    ArgumentError,
-    DataType,
-    EALData,
-    EALPlugin,
-    PluginContext,
-    PluginSettingsModel,
-    Resource,
-    ResourceType,
-    ValueInfo,
-    command,
-    config,
-    config_setter,
-    request,
-)
+from eal_actors import plugin as api
 
 FRAME_SHAPE = (480, 640, 3)
 _STEP_S = 0.02
-_SECONDS = ValueInfo(DataType.DOUBLE, "s", minimum=0)
+_SECONDS = api.ValueInfo(api.DataType.DOUBLE, "s", minimum=0)
 
 
-class Settings(PluginSettingsModel):
+class Settings(api.PluginSettingsModel):
     """The settings of the fleet file."""
 
     file: str
-    """Where to write down what happens."""
+    """File of the notes."""
 
 
 class Notebook:
     """Appends whole lines to a file, so that a process may be killed at any time."""
 
-    def __init__(self, context: PluginContext) -> None:
+    def __init__(self, context: api.PluginContext) -> None:
         self.robot = context.robot
         self.clock = context.clock
         self._file = os.open(context.settings.file, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
@@ -53,11 +38,11 @@ class Notebook:
         os.write(self._file, f"{now_s:.6f} {self.robot} {event} {what}\n".encode())
 
 
-class Arm(Resource):
-    """An actuator that moves for the given time."""
+class Arm(api.Resource):
+    """An actuator whose commands last as long as their argument says."""
 
-    types = ResourceType.ACTUATOR
-    value = ValueInfo(DataType.DOUBLE, minimum=-1, maximum=1)
+    types = api.ResourceType.ACTUATOR
+    value = api.ValueInfo(api.DataType.DOUBLE, minimum=-1, maximum=1)
 
     def __init__(self, notebook: Notebook) -> None:
         self._notebook = notebook
@@ -71,7 +56,7 @@ class Arm(Resource):
     def get_value(self) -> float:
         return self._value
 
-    def set_value(self, data: EALData) -> None:
+    def set_value(self, data: api.EALData) -> None:
         self._value = float(data.value)
         self._notebook.note("set", f"{self._value:g}")
 
@@ -85,8 +70,8 @@ class Arm(Resource):
         finally:
             self._moving = 0
 
-    @command("move<seconds>", _SECONDS)
-    def move(self, seconds: float) -> Activity:
+    @api.command("move<seconds>", _SECONDS)
+    def move(self, seconds: float) -> api.Activity:
         """Move for so long; the answer is 7."""
         with self._move(f"move{seconds:g}"):
             end_s = self._notebook.clock.now() + seconds
@@ -95,38 +80,38 @@ class Arm(Resource):
                 yield min(left_s, _STEP_S)
         return 7
 
-    @command("step<number>", ValueInfo(DataType.INT))
+    @api.command("step<number>", api.ValueInfo(api.DataType.INT))
     def step(self, number: int) -> int:
         """Note a number at once, and answer it."""
         self._notebook.note("step", str(number))
         return number
 
-    @command("put", ValueInfo(DataType.INT))
+    @api.command("put", api.ValueInfo(api.DataType.INT))
     def put(self, number: int) -> None:
         """Take a number that is no part of the text."""
         self._notebook.note("put", str(number))
 
-    @command("jam")
-    def jam(self) -> Activity:
+    @api.command("jam")
+    def jam(self) -> api.Activity:
         """Begin, and fail."""
         yield 0.0
         raise OSError("jammed")
 
-    @command("s", urgent=True)
+    @api.command("s", urgent=True)
     def stop(self) -> None:
         """Stop."""
         self._notebook.note("stop")
 
-    @config("speed", ValueInfo(DataType.DOUBLE, "m/s", minimum=0, maximum=1))
+    @api.config("speed", api.ValueInfo(api.DataType.DOUBLE, "m/s", minimum=0, maximum=1))
     def speed(self) -> float:
         """How fast."""
         return self._speed
 
-    @config_setter("speed")
+    @api.config_setter("speed")
     def set_speed(self, speed: float) -> None:
         self._speed = speed
 
-    @config("serial", ValueInfo(DataType.CHAR))
+    @api.config("serial", api.ValueInfo(api.DataType.CHAR))
     def serial(self) -> str:
         """Which one it is."""
         return "W-1"
@@ -135,11 +120,11 @@ class Arm(Resource):
         self._notebook.note("halt")
 
 
-class Gauge(Resource):
+class Gauge(api.Resource):
     """A sensor with requests that take time or fail."""
 
-    types = ResourceType.SENSOR
-    value = ValueInfo(DataType.INT)
+    types = api.ResourceType.SENSOR
+    value = api.ValueInfo(api.DataType.INT)
 
     def __init__(self, notebook: Notebook) -> None:
         self._notebook = notebook
@@ -150,53 +135,53 @@ class Gauge(Resource):
     def get_value(self) -> int:
         return -42
 
-    @request("slow<seconds>", ValueInfo(DataType.DOUBLE), _SECONDS)
+    @api.request("slow<seconds>", api.ValueInfo(api.DataType.DOUBLE), _SECONDS)
     def slow(self, seconds: float) -> float:
         """Hold up everything for so long."""
         self._notebook.note("slow", f"{seconds:g}")
         self._notebook.clock.sleep(seconds)
         return seconds
 
-    @request("fault")
+    @api.request("fault")
     def fault(self) -> int:
         """Raise."""
         raise ZeroDivisionError("no gauge")
 
-    @request("refuse")
+    @api.request("refuse")
     def refuse(self) -> int:
         """Refuse."""
-        raise ArgumentError("not today")
+        raise api.ArgumentError("not today")
 
-    @request("text", ValueInfo(DataType.INT))
+    @api.request("text", api.ValueInfo(api.DataType.INT))
     def text(self) -> str:
         """Answer something else than promised."""
         return "text"
 
 
-class Eye(Resource):
+class Eye(api.Resource):
     """A sensor of large values, which takes large values too."""
 
-    types = ResourceType.SENSOR
+    types = api.ResourceType.SENSOR
 
     def __init__(self) -> None:
         self._frame = (np.arange(np.prod(FRAME_SHAPE)) % 251).astype(np.uint8).reshape(FRAME_SHAPE)
 
-    def get_value(self) -> EALData:
-        return EALData.of(self._frame)
+    def get_value(self) -> api.EALData:
+        return api.EALData.of(self._frame)
 
-    def set_value(self, data: EALData) -> int:
+    def set_value(self, data: api.EALData) -> int:
         return data.length
 
-    @request("blob<bytes>", None, ValueInfo(DataType.INT, minimum=0))
-    def blob(self, count: int) -> EALData:
+    @api.request("blob<bytes>", None, api.ValueInfo(api.DataType.INT, minimum=0))
+    def blob(self, count: int) -> api.EALData:
         """Answer so many bytes."""
-        return EALData.of(np.zeros(count, np.uint8))
+        return api.EALData.of(np.zeros(count, np.uint8))
 
 
-class Line(Resource):
+class Line(api.Resource):
     """A line that gives back what was written to it."""
 
-    types = ResourceType.COMMUNICATION
+    types = api.ResourceType.COMMUNICATION
 
     def __init__(self) -> None:
         self._bytes = b""
@@ -205,35 +190,35 @@ class Line(Resource):
         taken, self._bytes = self._bytes[:length], self._bytes[length:]
         return taken
 
-    def write_comm(self, data: EALData, length: int) -> int:
+    def write_comm(self, data: api.EALData, length: int) -> int:
         self._bytes += bytes(data.payload)[:length]
         return length
 
     def halt(self) -> None: ...
 
 
-class Watch(Resource):
-    """Tells the time that all processes of the machine share, stamped by the robot's own clock."""
+class Watch(api.Resource):
+    """Returns the machine's monotonic time, stamped by the robot's own clock."""
 
-    types = ResourceType.SENSOR | ResourceType.COMMUNICATION
+    types = api.ResourceType.SENSOR | api.ResourceType.COMMUNICATION
 
     def __init__(self, notebook: Notebook) -> None:
         self._clock = notebook.clock
         self._age_s = -1.0
 
-    def get_value(self) -> EALData:
-        return EALData.of(time.clock_gettime(time.CLOCK_MONOTONIC), stamp_s=self._clock.now())
+    def get_value(self) -> api.EALData:
+        return api.EALData.of(time.clock_gettime(time.CLOCK_MONOTONIC), stamp_s=self._clock.now())
 
-    def read_comm(self, length: int) -> Activity:
+    def read_comm(self, length: int) -> api.Activity:
         """Take longer than a query waits."""
         yield 0.5
-        return EALData.of(time.clock_gettime(time.CLOCK_MONOTONIC), stamp_s=self._clock.now())
+        return api.EALData.of(time.clock_gettime(time.CLOCK_MONOTONIC), stamp_s=self._clock.now())
 
-    def set_value(self, data: EALData) -> None:
+    def set_value(self, data: api.EALData) -> None:
         assert data.stamp_s is not None
         self._age_s = self._clock.now() - data.stamp_s
 
-    @request("age", ValueInfo(DataType.DOUBLE, "s"))
+    @api.request("age", api.ValueInfo(api.DataType.DOUBLE, "s"))
     def age(self) -> float:
         """How old the value was that was set last."""
         return self._age_s
@@ -241,7 +226,7 @@ class Watch(Resource):
     def halt(self) -> None: ...
 
 
-class Witness(EALPlugin):
+class Witness(api.EALPlugin):
     """Keeps the notebook of its resources."""
 
     def __init__(self, notebook: Notebook) -> None:
@@ -249,21 +234,21 @@ class Witness(EALPlugin):
         self.notebook = notebook
 
 
-def connect(context: PluginContext) -> Witness:
+def connect(context: api.PluginContext) -> Witness:
     return Witness(Notebook(context))
 
 
 def disconnect(plugin: Witness) -> None: ...
 
 
-def create_Arm(context: PluginContext) -> Arm:
+def create_Arm(context: api.PluginContext) -> Arm:
     return Arm(context.plugin.notebook)
 
 
 def destroy_Arm(resource: Arm) -> None: ...
 
 
-def create_Gauge(context: PluginContext) -> Gauge:
+def create_Gauge(context: api.PluginContext) -> Gauge:
     return Gauge(context.plugin.notebook)
 
 
@@ -284,7 +269,7 @@ def create_Line() -> Line:
 def destroy_Line(resource: Line) -> None: ...
 
 
-def create_Watch(context: PluginContext) -> Watch:
+def create_Watch(context: api.PluginContext) -> Watch:
     return Watch(context.plugin.notebook)
 
 

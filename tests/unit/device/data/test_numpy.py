@@ -1,4 +1,4 @@
-"""Arrays cross without a copy; without numpy everything else goes on."""
+"""Arrays cross without a copy; without numpy everything else still works."""
 
 from __future__ import annotations
 

@@ -8,30 +8,21 @@ import sys
 import pytest
 
 from eal_actors.lab.panorama import stitch
-from tests.unit.lab.panorama.turning import (
-    VIEW_RAD,
-    by_odometry_alone,
-    noisy,
-    shots,
-    ssim,
-    steps,
-    truth,
-    yaw_error_rad,
-)
+from tests.unit.lab.panorama import turning
 from tests.unit.plugins.sim.ray_caster import psnr_db
 
 
 def check_seed(seed: int, width: int) -> None:
-    meant_rad = steps()
-    true_rad = noisy(meant_rad, seed)
-    frames = shots(true_rad, width)
-    panorama = stitch(frames, meant_rad, VIEW_RAD)
-    perfect = truth(panorama, true_rad)
-    alone = by_odometry_alone(frames, meant_rad)
-    alone_db = psnr_db(alone.image, truth(alone, true_rad, rays_per_side=1))
+    meant_rad = turning.steps()
+    true_rad = turning.noisy(meant_rad, seed)
+    frames = turning.shots(true_rad, width)
+    panorama = stitch(frames, meant_rad, turning.VIEW_RAD)
+    perfect = turning.truth(panorama, true_rad)
+    alone = turning.by_odometry_alone(frames, meant_rad)
+    alone_db = psnr_db(alone.image, turning.truth(alone, true_rad, rays_per_side=1))
 
-    reached_db, alike = psnr_db(panorama.image, perfect), ssim(panorama.image, perfect)
-    yaw_error_deg = math.degrees(yaw_error_rad(panorama, true_rad))
+    reached_db, alike = psnr_db(panorama.image, perfect), turning.ssim(panorama.image, perfect)
+    yaw_error_deg = math.degrees(turning.yaw_error_rad(panorama, true_rad))
     figures = (
         f"seed {seed}: {reached_db:.1f} dB, SSIM {alike:.3f}, yaw {yaw_error_deg:.3f} deg; alone {alone_db:.1f} dB"
     )
