@@ -20,9 +20,7 @@ CALL_S = 15.0
 
 SETTINGS: dict[str, list[dict[str, Any]]] = {
     "sim": [{"model": make} for make in ("evbot2", "evbot3", "roomba")],
-    "replay": [
-        {"record": RECORD, "robot": "evbot2-1", "loop": True}
-    ],  # no pose was given: all else must follow the record
+    "replay": [{"record": RECORD, "robot": "evbot2-1", "loop": True}],  # every value follows the record
     "camera": [{"source": PICTURES, "loop": True, "fps": 50, "fov_deg": 60}],
     "socket_port": [{}, {"protocol": "udp", "host": "127.0.0.1", "port": 9}],
     "system": [{"resources": ["Cpu", "Memory", "Disk", "Network", "Uptime"]}],  # few test machines have sensors
