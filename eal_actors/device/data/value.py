@@ -348,16 +348,15 @@ class ValueInfo:
 
     def problem(self, data: EALData) -> str | None:
         """Return the error of a value as the end of a sentence that begins with its name, or None."""
-        numeric = self.type in NUMERIC_TYPES and data.type in NUMERIC_TYPES
-        whole = self.type is DataType.INT and data.type is not DataType.INT
-        if (data.type is not self.type and not numeric) or whole:
+        kind, wanted = data.type, self.type
+        if kind is not wanted and (wanted is DataType.INT or kind not in NUMERIC_TYPES or wanted not in NUMERIC_TYPES):
             return f"must be {self.describe()}, not {repr_of(data)}"
         if self.shape:
             return self._shape_problem(data)
         value = data.value
         if self.choices and value not in self.choices:
             return f"must be one of {', '.join(map(str, self.choices))}, not {value!r}"
-        return self._number_problem(data, value) if self.type in NUMERIC_TYPES else None
+        return self._number_problem(data, value) if wanted in NUMERIC_TYPES else None
 
     def _number_problem(self, data: EALData, value: Any) -> str | None:
         if not isinstance(value, int | float):
