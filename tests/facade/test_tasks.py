@@ -287,13 +287,13 @@ def test_each_works_on_a_clock_that_runs() -> None:
 
 
 TURNING = """
-import signal, sys, threading
+import os, signal, sys, threading
 from eal_actors import Fleet
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for programs in the background
 
 def turn(robot):
-    print("turning", flush=True)
+    os.write(1, b"turning\\n")  # one call a line: print's two would mix with another thread's
     while True:
         robot["Base"].send_cmd("r360").get()
 
@@ -314,9 +314,13 @@ def test_ctrl_c_halts_every_robot_and_leaves_no_thread(rate: str, tmp_path: Path
     fleet.write_text(f"version: 1\ninclude: ['{sim}']\nclock: {{rate: {rate}}}\ndefaults: {{timeout_s: 1000}}\n")
     with subprocess.Popen([sys.executable, "-c", TURNING, str(fleet)], stdout=subprocess.PIPE, text=True) as program:
         assert program.stdout is not None
-        assert [program.stdout.readline() for _ in range(3)] == ["turning\n"] * 3
-        program.send_signal(signal.SIGINT)
-        assert program.stdout.readline() == "all stand\n"
+        try:
+            assert [program.stdout.readline() for _ in range(3)] == ["turning\n"] * 3
+            program.send_signal(signal.SIGINT)
+            assert program.stdout.readline() == "all stand\n"
+        except BaseException:
+            program.kill()
+            raise
     assert program.returncode == -signal.SIGINT
 
 
