@@ -1,5 +1,6 @@
 """Expressions in `${...}`: parsed and checked when the file is read, evaluated when the step is reached."""
 
+from eal_actors.scenario.language.expressions.budget import MAX_WORK, WorkBudget, WorkLimitError, size_of
 from eal_actors.scenario.language.expressions.evaluation import (
     LocatedExpression,
     Namespace,
@@ -24,6 +25,7 @@ from eal_actors.scenario.language.expressions.grammar import (
 )
 
 __all__ = [
+    "MAX_WORK",
     "Expression",
     "Flaw",
     "LocatedExpression",
@@ -31,6 +33,8 @@ __all__ = [
     "Namespace",
     "RobotReading",
     "Template",
+    "WorkBudget",
+    "WorkLimitError",
     "bare_expressions",
     "evaluate",
     "evaluate_bare",
@@ -41,5 +45,6 @@ __all__ = [
     "parse_template",
     "render",
     "render_text",
+    "size_of",
     "to_plain",
 ]

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ast
+import textwrap
 import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -17,6 +18,14 @@ from simpleeval import InvalidExpression, SimpleEval
 from eal_actors.device.data import EALData
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.language.expressions.budget import (
+    MAX_SIZE,
+    SCALARS,
+    WorkLimitError,
+    current_budget,
+    require_small,
+    size_of,
+)
 from eal_actors.scenario.language.expressions.functions import (
     CONSTANTS,
     FUNCTIONS,
@@ -32,6 +41,8 @@ from eal_actors.scenario.language.expressions.grammar import (
     RobotReading,
     parse_expression,
 )
+
+_MOST_SHOWN: Final = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,16 +65,23 @@ def evaluate(expression: Expression, names: Namespace) -> Any:
 
     Raises:
         ScenarioError: a variable has no value, or the expression has none.
+        WorkLimitError: it needs too much work.
     """
     if expression.flaws or expression.tree is None:
         raise ScenarioError(f"${{{expression.text}}}: {expression.flaws[0].message}")
     if isinstance(expression.tree, ast.Name) and expression.tree.id not in CONSTANTS:
         return _look_up(expression.tree.id, names)
+    budget = current_budget()
+    if budget is not None and budget.is_spent():
+        raise WorkLimitError(budget.message())
     evaluator = _evaluator()
     evaluator.names = _Names(names)
     evaluator.answers = names.readings
+    evaluator.work = 0
     try:
         return evaluator.eval(expression.text, previously_parsed=expression.tree)
+    except WorkLimitError as error:
+        raise WorkLimitError(f"{textwrap.shorten(expression.text, _MOST_SHOWN)}: {error}") from error
     except ScenarioError:
         raise
     except (RefusalError, InvalidExpression) as error:
@@ -75,6 +93,8 @@ def evaluate(expression: Expression, names: Namespace) -> Any:
     finally:
         evaluator.names = {}
         evaluator.answers = {}
+        if budget is not None:
+            budget.spent += evaluator.work
 
 
 def _reason(error: Exception) -> str:
@@ -94,11 +114,15 @@ def to_plain(value: object, what: str) -> Any:
         if getattr(inner, "size", 0) > MAX_ITEMS:
             raise ScenarioError(f"{what} has more than {MAX_ITEMS} elements, too many for an expression")
         return inner.tolist()
+    if isinstance(inner, tuple | list):
+        require_small(inner, what)
     return _as_lists(inner)
 
 
 def _as_lists(value: Any) -> Any:
-    return [_as_lists(item) for item in value] if isinstance(value, tuple | list) else value
+    if not isinstance(value, tuple | list):
+        return value
+    return [_as_lists(item) if isinstance(item, tuple | list) else item for item in value]
 
 
 def _look_up(name: str, names: Namespace) -> object:
@@ -124,6 +148,7 @@ class _Evaluator(SimpleEval):  # type: ignore[misc]  # simpleeval has no types
     """An evaluator with our operators, functions and lists, and nothing else."""
 
     answers: Mapping[RobotReading, object]
+    work = 0
 
     def __init__(self) -> None:
         functions = {name: function.call for name, function in FUNCTIONS.items()}
@@ -134,6 +159,12 @@ class _Evaluator(SimpleEval):  # type: ignore[misc]  # simpleeval has no types
         for kind in (ast.Assign, ast.AugAssign, ast.Import, ast.JoinedStr, ast.FormattedValue, ast.Expr):
             self.nodes.pop(kind, None)
         self.nodes[ast.List] = lambda node: [self._eval(item) for item in node.elts]
+
+    def _check_disallowed_items(self, item: object) -> None:
+        """Charge for the result of an operation. The grammar has no attributes and no calls of values to refuse."""
+        self.work += 1 if type(item) in SCALARS else size_of(item)
+        if self.work > MAX_SIZE:
+            raise WorkLimitError(f"needs more work than {MAX_SIZE} items, characters and operations")
 
     def _reader(self, method: str) -> Any:
         def read(resource: str, argument: str | None = None) -> Any:
@@ -240,9 +271,13 @@ def render(value: object, names: Namespace) -> object:
 
     Raises:
         ScenarioError: a variable has no value, or one that has no form in a text.
+        WorkLimitError: the value is too large.
     """
     if isinstance(value, tuple):
-        return tuple(render(item, names) for item in value)
+        found = tuple(render(item, names) for item in value)
+        if found != value:
+            require_small(found, "the list")
+        return found
     if not isinstance(value, str) or "${" not in value:
         return value
     template = parse_template(value)
@@ -262,9 +297,11 @@ def render_text(text: str, names: Namespace) -> str:
     template = parse_template(text)
     if template.flaws:
         raise ScenarioError(template.flaws[0].message)
-    return "".join(
-        part if isinstance(part, str) else _as_text(part[0], evaluate(part[0], names)) for part in template.parts
-    )
+    found = ""
+    for part in template.parts:
+        found += part if isinstance(part, str) else _as_text(part[0], evaluate(part[0], names))
+        require_small(found, "the text")
+    return found
 
 
 def _as_text(expression: Expression, value: object) -> str:
@@ -294,7 +331,9 @@ def evaluate_bare(value: object, names: Namespace) -> Any:
         ScenarioError: as for `evaluate`.
     """
     if isinstance(value, tuple | list):
-        return [evaluate_bare(item, names) for item in value]
+        found = [evaluate_bare(item, names) for item in value]
+        require_small(found, "the list")
+        return found
     return evaluate(parse_bare(value)[0], names) if isinstance(value, str) else value
 
 

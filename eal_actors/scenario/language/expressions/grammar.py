@@ -10,6 +10,7 @@ comprehensions, lambdas and everything else of Python are not part of it.
 from __future__ import annotations
 
 import ast
+import re
 import warnings
 from dataclasses import dataclass
 from functools import lru_cache
@@ -102,6 +103,11 @@ class Expression:
     names: tuple[Name, ...] = ()
     readings: tuple[tuple[RobotReading, int], ...] = ()
     flaws: tuple[Flaw, ...] = ()
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether its value depends on nothing."""
+        return not self.names and not self.readings and not re.search(r"\brun\b", self.text)
 
 
 @lru_cache(maxsize=4096)
