@@ -235,12 +235,13 @@ class RobotServer:
             return
         if header.deadline_s <= 0:
             raise DeadlineError(f"{method} came after its deadline; it was not executed")
+        timeout_s = self._clock.of_real(header.deadline_s)
         if method in keys.RETRYABLE_METHODS:
-            call = _start_call(handle, method, header, data)
+            call = _start_call(handle, method, header, data, timeout_s)
             call.link(lambda done, _: self._answer(reply_to, self._outcome(done), send=self._outbox.publish_from_here))
         elif method == keys.HALT or _is_stop(handle, method, header):
             self._admission.note_stop(header, handle.name)
-            call = _start_call(handle, method, header, data)
+            call = _start_call(handle, method, header, data, timeout_s)
             call.link(lambda done, _: self._answer(reply_to._replace(is_urgent=True), self._outcome(done)))
         else:
             self._serve_command(handle, method, reply_to, header, data)
@@ -249,12 +250,13 @@ class RobotServer:
         self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
     ) -> None:
         self._halt_silent()  # before another controller's first command
-        begin_by_s = self._clock.now() + self._clock.of_real(self._admission.check(header, method, handle.name))
+        begin_in_s, left_s = map(self._clock.of_real, self._admission.check(header, method, handle.name))
+        begin_by_s = self._clock.now() + begin_in_s
         start_s = None if header.start_s is None else fleet_time_of(self._clock, header.start_s)
         call_id = header.call_id
         self._outbox.expect(1, has_more=header.has_more)
         try:
-            call = _start_call(handle, method, header, data, begin_by_s, start_s)
+            call = _start_call(handle, method, header, data, left_s, begin_by_s, start_s)
         except EALError as error:
             self._outbox.expect(-1)
             self._admission.finish(call_id, error)
@@ -339,6 +341,7 @@ def _start_call(
     method: str,
     header: CallHeader,
     data: EALData | None,
+    timeout_s: float,
     begin_by_s: float | None = None,
     start_s: float | None = None,
 ) -> Call[Any]:
@@ -353,7 +356,7 @@ def _start_call(
         raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
     if method in _TAKE_DATA:
         arguments = (data, *plain) if method in ("set_value", "write_comm") else (*plain, data)
-    return handle.start_call(method, arguments, header.deadline_s, begin_by_s, start_s)
+    return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s)
 
 
 def _is_stop(handle: ResourceHandle, method: str, header: CallHeader) -> bool:

@@ -64,8 +64,8 @@ class CallHeader(NamedTuple):
         client: see CallId.
         epoch: see CallId.
         sequence: see CallId.
-        ttl_s: time to live: seconds after receipt within which the robot may begin.
-        deadline_s: seconds left until the caller's deadline at the time of sending; negative once it has passed.
+        ttl_s: time to live: real seconds after the sending within which the robot may begin.
+        deadline_s: real seconds from the sending to the caller's deadline; negative once it has passed.
         start_s: time to begin, by the robot's clock, in seconds; None for at once.
         arguments: the method's str and int arguments in order; ints have at most 64 bits.
         era: of a command: the run of the robot's server that the echo is from; see freshness.
