@@ -40,6 +40,7 @@ from eal_actors.net.wire.messages import (
     Answer,
     CallHeader,
     CallReply,
+    Heartbeat,
     RobotEvent,
     RobotTime,
     decode_call,
@@ -184,10 +185,10 @@ class RobotServer:
             event = RobotEvent("progress", now_s, command.call_id, fields=command.progress_fields())
             self._publish(event, is_vital=False)
 
-    def receive_heartbeat(self, client: str, name: str) -> None:
+    def receive_heartbeat(self, caller: str, beat: Heartbeat) -> None:
         """Note a controller's heartbeat and display name. Thread: zenoh's; does not block."""
-        self._admission.heard(client)
-        self._admission.names.note(client, name)
+        self._admission.heard(beat.client)
+        self._admission.names.note(beat.client, caller, beat.name)
 
     def _halt_silent(self) -> None:
         for silent in self._admission.silences():
@@ -206,13 +207,14 @@ class RobotServer:
         try:
             header, data = decode_call(envelope, payload)
             reply_to = ReplyTo(reply_to.key, header.sequence)
-            if header.client != call.client:
-                raise ProtocolError(f"{call.client} calls in the name of {header.client}")
+            if header.client != keys.client_id(call.caller, call.client):
+                raise ProtocolError(f"a controller named {call.caller} calls in the name of another one")
+            self._admission.names.note(header.client, call.caller)
             if data is not None and data.stamp_s is not None:
                 data = data.with_meta(stamp_s=fleet_time_of(self._clock, data.stamp_s))
             with spans.within(header.traceparent):
                 if call.resource == keys.ROBOT:
-                    self._serve_robot(call.method, reply_to, header)
+                    self._serve_robot(call, reply_to, header)
                 else:
                     self._serve(self._robot[call.resource], call.method, reply_to, header, data)
         except EALError as error:
@@ -278,9 +280,10 @@ class RobotServer:
             fields = {} if began_s is None else {"began_s": began_s}
             self._publish(RobotEvent("result", REAL_TIME.now(), command.call_id, outcome, fields))
 
-    def _serve_robot(self, method: str, reply_to: ReplyTo, header: CallHeader) -> None:
+    def _serve_robot(self, call: keys.CallKey, reply_to: ReplyTo, header: CallHeader) -> None:
+        method = call.method
         if method == keys.PING:
-            self._answer(reply_to, self._handler.ping(), send=self._outbox.publish_from_here)
+            self._answer(reply_to, self._handler.ping(header), send=self._outbox.publish_from_here)
         elif method == keys.RELEASE:
             self._answer(reply_to, self._handler.release(header))
         elif method == keys.STOP:
@@ -293,6 +296,8 @@ class RobotServer:
             self._log.warning("resumed")
             self._robot.resume().link(lambda done, _: self._answer(reply_to, self._outcome(done)))
         else:
+            if method == keys.HELLO:
+                self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
             self._run_soon(lambda: self._answer(reply_to, self._handler.answer(method, header)))
 
     # Replies and events. Thread: any.
