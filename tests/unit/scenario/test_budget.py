@@ -19,7 +19,7 @@ from eal_actors.scenario.language.expressions import (
     render_text,
     size_of,
 )
-from eal_actors.scenario.language.expressions.budget import MAX_LEVELS, MAX_SIZE
+from eal_actors.scenario.language.expressions.evaluation import MAX_LEVELS, MAX_SIZE
 
 
 def nested(levels: int) -> list[Any]:

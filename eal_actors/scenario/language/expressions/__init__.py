@@ -1,19 +1,20 @@
 """Expressions in `${...}`: parsed and checked when the file is read, evaluated when the step is reached."""
 
-from eal_actors.scenario.language.expressions.budget import MAX_WORK, WorkBudget, WorkLimitError, size_of
 from eal_actors.scenario.language.expressions.evaluation import (
+    MAX_WORK,
     LocatedExpression,
     Namespace,
-    Template,
+    WorkBudget,
+    WorkLimitError,
     bare_expressions,
     evaluate,
     evaluate_bare,
     expressions_in,
     locate_expressions,
     parse_bare,
-    parse_template,
     render,
     render_text,
+    size_of,
     to_plain,
 )
 from eal_actors.scenario.language.expressions.grammar import (
@@ -21,7 +22,9 @@ from eal_actors.scenario.language.expressions.grammar import (
     Flaw,
     Name,
     RobotReading,
+    Template,
     parse_expression,
+    parse_template,
 )
 
 __all__ = [

@@ -1,6 +1,11 @@
 """Evaluation of expressions, and of texts with `${...}` in them. `$${` is a literal `${`.
 
 `simpleeval` evaluates expressions; Python's own `eval` is never used.
+
+Size and work are bounded. The size of a value is the number of its characters and of its values, lists included. The
+items of a list inside a list count each time that the list is referenced. Otherwise a few lines such as
+`b: [a, a, a]`, `c: [b, b, b]` make a value that fills the memory. An operation of an expression costs the size of its
+result.
 """
 
 from __future__ import annotations
@@ -8,9 +13,9 @@ from __future__ import annotations
 import ast
 import textwrap
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 from simpleeval import InvalidExpression, SimpleEval
@@ -18,14 +23,6 @@ from simpleeval import InvalidExpression, SimpleEval
 from eal_actors.device.data import EALData
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.language.expressions.budget import (
-    MAX_SIZE,
-    SCALARS,
-    WorkLimitError,
-    current_budget,
-    require_small,
-    size_of,
-)
 from eal_actors.scenario.language.expressions.functions import (
     CONSTANTS,
     FUNCTIONS,
@@ -37,12 +34,103 @@ from eal_actors.scenario.language.expressions.functions import (
 from eal_actors.scenario.language.expressions.grammar import (
     READINGS,
     Expression,
-    Flaw,
     RobotReading,
     parse_expression,
+    parse_template,
 )
 
+MAX_SIZE: Final = 100_000
+"""Maximum size of a value, and maximum work of one expression."""
+MAX_WORK: Final = 10_000_000
+"""Maximum work of the expressions that are evaluated before a run."""
+MAX_LEVELS: Final = 40
+"""Maximum nesting of lists."""
+SCALARS: Final = frozenset({int, float, bool, type(None)})
+"""The types of values of size 1."""
+_local = threading.local()
 _MOST_SHOWN: Final = 60
+
+
+# Limits.
+
+
+class WorkLimitError(ScenarioError):
+    """An expression, or all expressions of a check or a run together, would need too much time or memory."""
+
+
+class WorkBudget:
+    """The work that the expressions of a check or a run may do together.
+
+    Args:
+        purpose: names the expressions in messages, such as `the expressions of this run`.
+        limit: the work at any time.
+        earned: returns additional work that is allowed by now.
+
+    Attributes:
+        spent: the work so far.
+    """
+
+    def __init__(self, purpose: str, limit: int, earned: Callable[[], float] = lambda: 0.0) -> None:
+        self.spent = 0
+        self._purpose = purpose
+        self._limit = limit
+        self._earned = earned
+
+    def is_spent(self) -> bool:
+        """Return whether no work is left."""
+        return self.spent > self._limit + self._earned()
+
+    def message(self) -> str:
+        """Return the text of the problem that the budget is spent."""
+        return f"up to here, {self._purpose} need more work than {self._limit} items, characters and operations"
+
+    @contextmanager
+    def applied(self) -> Iterator[None]:
+        """Charge the budget with the expressions that the calling thread evaluates in a `with` block."""
+        outer = getattr(_local, "budget", None)
+        _local.budget = self
+        try:
+            yield
+        finally:
+            _local.budget = outer
+
+
+def size_of(value: object, limit: int = MAX_SIZE) -> int:
+    """Return the size of a value; a number over the limit if it is larger, or nested too deep."""
+    if type(value) in SCALARS:
+        return 1
+    size, level = 0, [value]
+    for _ in range(MAX_LEVELS + 1):
+        inner: list[Any] = []
+        for item in level:
+            size += 1
+            if type(item) in SCALARS:
+                continue
+            if isinstance(item, str):
+                size += len(item)
+            elif isinstance(item, list | tuple | Mapping):
+                if size + len(inner) + len(item) > limit:
+                    return limit + 1
+                inner += item.values() if isinstance(item, Mapping) else item
+        if not inner:
+            return size
+        level = inner
+    return limit + 1
+
+
+def require_small(value: object, what: str) -> None:
+    """Check the size of a value.
+
+    Raises:
+        WorkLimitError: it is too large.
+    """
+    if size_of(value) > MAX_SIZE:
+        raise WorkLimitError(
+            f"{what} has more than {MAX_SIZE} items and characters, or lists nested more than {MAX_LEVELS} levels deep"
+        )
+
+
+# Values.
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +159,7 @@ def evaluate(expression: Expression, names: Namespace) -> Any:
         raise ScenarioError(f"${{{expression.text}}}: {expression.flaws[0].message}")
     if isinstance(expression.tree, ast.Name) and expression.tree.id not in CONSTANTS:
         return _look_up(expression.tree.id, names)
-    budget = current_budget()
+    budget: WorkBudget | None = getattr(_local, "budget", None)
     if budget is not None and budget.is_spent():
         raise WorkLimitError(budget.message())
     evaluator = _evaluator()
@@ -174,9 +262,6 @@ class _Evaluator(SimpleEval):  # type: ignore[misc]  # simpleeval has no types
         return read
 
 
-_local = threading.local()
-
-
 def _evaluator() -> _Evaluator:
     """Return the thread's own evaluator. Creating one takes longer than most expressions."""
     if not hasattr(_local, "evaluator"):
@@ -186,74 +271,6 @@ def _evaluator() -> _Evaluator:
 
 
 # Texts.
-
-_BROKEN: Final = "${ must be closed, as in ${expression}; write $${ for a literal ${"
-
-
-@dataclass(frozen=True, slots=True)
-class Template:
-    """A parsed text.
-
-    Attributes:
-        parts: literal texts, and expressions with the offset of their first character in the text.
-        flaws: its problems.
-    """
-
-    parts: tuple[str | tuple[Expression, int], ...]
-    flaws: tuple[Flaw, ...] = ()
-
-    @property
-    def whole(self) -> Expression | None:
-        """The expression, if the text is one `${...}` and nothing else."""
-        return self.parts[0][0] if len(self.parts) == 1 and isinstance(self.parts[0], tuple) else None
-
-    def expressions(self) -> Iterator[tuple[Expression, int]]:
-        """Yield the expressions with their offsets in the text."""
-        for part in self.parts:
-            if isinstance(part, tuple):
-                yield part
-
-
-@lru_cache(maxsize=4096)
-def parse_template(text: str) -> Template:
-    """Parse a text; its problems are its `flaws`."""
-    parts: list[str | tuple[Expression, int]] = []
-    flaws: list[Flaw] = []
-    literal, position = "", 0
-    while (start := text.find("${", position)) >= 0:
-        if start > position and text[start - 1] == "$":
-            literal += text[position : start - 1] + "${"
-            position = start + 2
-            continue
-        literal += text[position:start]
-        end = _closing(text, start + 2)
-        if end is None:
-            return Template((text,), (Flaw(_BROKEN, start),))
-        if literal:
-            parts.append(literal)
-        literal, position = "", end + 1
-        expression = parse_expression(text[start + 2 : end])
-        parts.append((expression, start + 2))
-        flaws += [Flaw(flaw.message, start + 2 + flaw.offset) for flaw in expression.flaws]
-    literal += text[position:]
-    if literal or not parts:
-        parts.append(literal)
-    return Template(tuple(parts), tuple(flaws))
-
-
-def _closing(text: str, position: int) -> int | None:
-    """Return the position of the brace that closes an expression; braces in quotes do not count."""
-    quote = ""
-    for index in range(position, len(text)):
-        character = text[index]
-        if quote:
-            if character == quote and text[index - 1] != "\\":
-                quote = ""
-        elif character in "'\"":
-            quote = character
-        elif character == "}":
-            return index
-    return None
 
 
 def expressions_in(value: object) -> Iterator[Expression]:
@@ -369,5 +386,7 @@ def locate_expressions(keys: YamlPath, value: object, *, is_bare: bool = False) 
         for index, item in enumerate(value):
             yield from locate_expressions((*keys, index), item, is_bare=is_bare)
     elif isinstance(value, str):
+        if not is_bare and "${" not in value:
+            return
         for expression, offset in (parse_bare(value),) if is_bare else parse_template(value).expressions():
             yield LocatedExpression(expression, keys, value, offset)
