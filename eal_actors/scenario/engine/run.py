@@ -213,7 +213,7 @@ class Run:
         self._phase = _Phase.FINALLY
         if len(self._abort_reasons) < 2:
             yield from self._guarded(self._perform_finally())
-        self._is_aborted = bool(self._abort_reasons)
+        self._is_aborted = bool(self._abort_reasons or run.emergency)
         self._phase = _Phase.HALTS
         yield from self._guarded(run.halt(everyone))
 
@@ -330,7 +330,7 @@ class Run:
         if self._error is not None or errors:
             return "failed", self._error or errors[0]
         if self._is_aborted:
-            return "aborted", ScenarioError(f"aborted: {self._abort_reasons[0]}")
+            return "aborted", ScenarioError(f"aborted: {[*self._abort_reasons, self._run.emergency][0]}")
         return "done", None
 
 
