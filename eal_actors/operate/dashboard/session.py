@@ -24,6 +24,7 @@ from eal_actors.operate.dashboard.dispatcher import Dispatcher, failure
 from eal_actors.operate.dashboard.limits import (
     COMMANDS_AT_ONCE,
     COMMANDS_PER_S,
+    MAX_BROWSERS,
     MESSAGES_AT_ONCE,
     MESSAGES_PER_S,
     TokenBucket,
@@ -38,6 +39,7 @@ from eal_actors.operate.dashboard.messages import (
     parse_message,
 )
 from eal_actors.operate.dashboard.notifier import Notifier
+from eal_actors.operate.dashboard.places import place_of
 from eal_actors.operate.dashboard.state_store import StateReader, StateStore
 
 HELLO_S: Final = 5.0
@@ -48,7 +50,12 @@ MOST_ANSWERS: Final = 200
 SEND_PERIOD_S: Final = 1 / 60
 """The least real time between two updates."""
 POLICY_VIOLATION: Final = 1008
+TRY_AGAIN_LATER: Final = 1013
 _numbers = itertools.count(1)
+
+
+class _FullError(BusyError):
+    """All places for browsers are taken."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +77,14 @@ class AppState:
 
 
 class BrowserSession:
-    """Serves one page, on a websocket that is not accepted yet. Thread: the loop's."""
+    """Serves one page, on a websocket that is not accepted yet. `admit` may refuse it. Thread: the loop's."""
 
-    def __init__(self, websocket: WebSocket, app_state: AppState) -> None:
+    def __init__(self, websocket: WebSocket, app_state: AppState, admit: Callable[[BrowserSession], bool]) -> None:
         self.name: Final = f"browser {next(_numbers)}"
         self._websocket = websocket
         self._app_state = app_state
+        self._admit = admit
+        self._place = place_of(websocket.scope)
         self._denied: str | None = "the first message must be hello"
         self._event = app_state.notifier.subscribe()
         self._answers: deque[dict[str, Any]] = deque(maxlen=MOST_ANSWERS)
@@ -98,8 +107,10 @@ class BrowserSession:
                 task.result()
         except (WebSocketDisconnect, TimeoutError):
             pass
+        except _FullError as error:
+            await self._reject(error, TRY_AGAIN_LATER)
         except EALError as error:
-            await self._reject(error)
+            await self._reject(error, POLICY_VIOLATION)
         finally:
             self._app_state.notifier.unsubscribe(self._event)
             self._app_state.dispatcher.leave(self.name)
@@ -114,15 +125,29 @@ class BrowserSession:
         if not isinstance(hello, Hello):
             raise ArgumentError("the first message must be hello")
         self._denied = self._app_state.access.refusal(hello.token)
+        if not self._admit(self):
+            raise _FullError(f"{MAX_BROWSERS} browsers are connected already")
+        if self._place is not None:
+            self._place.keep()
         rights = {"you": self.name, "may_command": self._denied is None, "why": self._denied}
         await self._send_text({"hello": {**self._app_state.introduction(), **rights}})
 
-    async def _reject(self, error: EALError) -> None:
+    async def _reject(self, error: EALError, code: int) -> None:
         get_logger().warning("a browser was disconnected", browser=self.name, reason=error.message)
         if self._websocket.application_state is WebSocketState.CONNECTED:
             with contextlib.suppress(TimeoutError, WebSocketDisconnect, RuntimeError):
                 async with asyncio.timeout(STUCK_S):
-                    await self._websocket.close(POLICY_VIOLATION, error.message[:100])
+                    await self._websocket.close(code, error.message[:100])
+
+    @property
+    def may_stop(self) -> bool:
+        """Whether its user may stop the robots."""
+        return self._denied is None
+
+    def abort(self) -> None:
+        """Drop the connection: an orderly close would wait for the browser. It may connect again."""
+        if self._place is not None:
+            self._place.abort()
 
     # Incoming messages.
 
@@ -230,7 +255,5 @@ class BrowserSession:
                 await send(message)
         except TimeoutError:
             get_logger().warning("a browser was disconnected", browser=self.name, reason="it stopped reading")
-            abort = self._websocket.scope.get("state", {}).get("abort")
-            if abort is not None:
-                abort()
+            self.abort()
             raise
