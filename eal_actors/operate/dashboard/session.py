@@ -47,6 +47,8 @@ HELLO_S: Final = 5.0
 STUCK_S: Final = 10.0
 """Real seconds after which a browser that reads nothing is disconnected."""
 MOST_ANSWERS: Final = 200
+HEARTBEAT_S: Final = 1.0
+"""The greatest real time between two updates: a page that receives none for longer shows that it is outdated."""
 SEND_PERIOD_S: Final = 1 / 60
 """The least real time between two updates."""
 POLICY_VIOLATION: Final = 1008
@@ -90,6 +92,7 @@ class BrowserSession:
         self._answers: deque[dict[str, Any]] = deque(maxlen=MOST_ANSWERS)
         self._cameras: tuple[CameraKey, ...] = ()
         self._frame_period_s = 0.2
+        self._sent_s = 0.0
         self._frames: dict[CameraKey, tuple[int, float]] = {}
         self._messages = TokenBucket(MESSAGES_PER_S, MESSAGES_AT_ONCE)
         self._commands = TokenBucket(COMMANDS_PER_S, COMMANDS_AT_ONCE)
@@ -208,7 +211,8 @@ class BrowserSession:
             answers = [self._answers.popleft() for _ in range(len(self._answers))]
             if answers:
                 update["answers"] = answers
-            if update:
+            if update or REAL_TIME.now() >= self._sent_s + HEARTBEAT_S:
+                self._sent_s = REAL_TIME.now()
                 await self._send_text({**update, "now_s": round(self._app_state.clock.now(), 3)})
             next_frame_s = await self._send_frames()
             await asyncio.sleep(SEND_PERIOD_S)
@@ -217,7 +221,7 @@ class BrowserSession:
 
     async def _wait_for_change(self, at_most_s: float | None) -> None:
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(at_most_s):
+            async with asyncio.timeout(HEARTBEAT_S if at_most_s is None else min(at_most_s, HEARTBEAT_S)):
                 await self._event.wait()
         self._event.clear()
 
