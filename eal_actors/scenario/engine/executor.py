@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.kernel import spans
-from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError
+from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError, PreemptedError, StoppedError
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
@@ -296,7 +296,7 @@ class _Execution:
         )
 
     def _outcome(self, attempts: int, error: EALError) -> StepOutcome:
-        was_cut = isinstance(error, CallCancelledError) or attempts <= self._retries
+        was_cut = isinstance(error, CallCancelledError | PreemptedError | StoppedError) or attempts <= self._retries
         if self._context.robot is not self._robot and not self._run.is_stopping:
             return "replaced"
         if self._run.is_stopping and was_cut:
