@@ -27,17 +27,19 @@ class PluginSettingsModel(StrictModel):
 class EALPlugin:
     """The result of `connect`: the names of the plugin's resources (Source: thesis B.3.2).
 
-    Either `EALPlugin("A", "B")`, or with the count first, `EALPlugin(2, "A", "B")`, where names beyond the count are
-    ignored and too few are an error. Subclass it to hold objects that the resources share, such as an open port.
+    Either `EALPlugin("A", "B")`, which a None may end as in the thesis, or with the count first,
+    `EALPlugin(2, "A", "B")`, where names beyond the count are ignored and too few are an error. Subclass it
+    to hold objects that the resources share, such as an open port.
 
     Raises:
         PluginError: no name, a name twice, or fewer names than the count.
     """
 
-    def __init__(self, *names: str | int) -> None:
-        count, named = len(names), list(names)
+    def __init__(self, *names: str | int | None) -> None:
+        named = names[: names.index(None)] if None in names else names
+        count = len(named)
         if named and isinstance(named[0], int):
-            count = int(named.pop(0))
+            count, named = named[0], named[1:]
             if count > len(named):
                 raise PluginError(f"EALPlugin was promised {count} resources, but only {len(named)} are named")
         resources = [str(name) for name in named[:count]]

@@ -277,7 +277,7 @@ def _with_context(function: Callable[..., Any], context: PluginContext) -> Any:
 def _resource_of(module: ModuleType, name: str, context: PluginContext) -> PluginResource:
     functions = []
     for function in (f"create_{name}", f"destroy_{name}"):
-        found = getattr(module, function, None)
+        found = getattr(module, function, getattr(module, function.replace("_", "", 1), None))  # the thesis's name too
         if not callable(found):
             raise PluginError(
                 f"plugin {context.instance!r} names the resource {name!r}, but lacks the function {function}()"

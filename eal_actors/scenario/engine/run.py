@@ -189,7 +189,7 @@ class Run:
         about = {"eal.scenario": scenario, "eal.fleet": self._fleet.name}
         span = spans.tracer.begin_trace(f"scenario {scenario}", about) if spans.tracer is not None else None
         try:
-            with span.current() if span is not None else nullcontext():
+            with span.current() if span is not None else nullcontext(), self._run.budget.applied():
                 self._loop.run(self._phases())
         except BaseException as error:  # noqa: BLE001  # the caller waits for a report
             self._fail(error)
