@@ -184,8 +184,15 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         """The reason of the emergency stop that holds the robot; None if none does."""
         return self._view.latch.reason
 
+    @property
+    def is_stop_confirmed(self) -> bool:
+        """Whether the robot has halted since its emergency stop. Until then it may still move."""
+        return self._view.latch.is_confirmed
+
     def stop(self, reason: str = "") -> Future[None]:
         """Stop in an emergency: halt everything that moves, and refuse motions with StoppedError until `resume`.
+
+        A robot on the network gets the stop again and again until it confirms it; see `is_stop_confirmed`.
 
         Args:
             reason: appears in the errors of refused motions.

@@ -124,7 +124,7 @@ class Ping:
         resources: how many resources it has.
         stopped: the reason of an emergency stop that holds it; None if none does.
         holders: the names of the controllers that hold resources, by the resources' names.
-        holder_ids: the ids of the same controllers; see RobotHandle.controller_id.
+        holder_ids: of these, the resources that this process holds, with its RobotHandle.controller_id.
         round_trip_s: the ping's round trip in real seconds; 0 for a robot of this process.
         offset_s: the robot's clock minus the controller's, both in real seconds; 0 for a robot of this process.
         offset_error_s: the greatest error of `offset_s`, either way.

@@ -174,17 +174,15 @@ class CallQueue(UrgentMessage):
 
     def _send(self, call: Call[Any], *, is_last: bool) -> None:
         channel = self._channel
-        left_s = (call.deadline_s or 0.0) - channel.clock.now()
-        if call.stops:
-            left_s = max(left_s, call.cell.timeout_s)
-        elif call.done():
-            self._unanswered.discard(call)
-            return
-        elif left_s <= 0:
-            self.expire(call)
-            return
+        if not call.stops:
+            if call.done():
+                self._unanswered.discard(call)
+                return
+            if self._left_s(call) <= 0:
+                self.expire(call)
+                return
         try:
-            header, data = self._header(call, left_s, has_more=not is_last)
+            header, data = self._header(call, has_more=not is_last)
             envelope, payload = encode_call(header, data)
         except EALError as error:
             self._unanswered.discard(call)
@@ -194,20 +192,26 @@ class CallQueue(UrgentMessage):
             self.tracker.commands[header.call_id] = call
         if call.span is not None:
             call.span.note("sent")
-        end_s = REAL_TIME.now() + left_s / channel.clock.of_real(1.0)
+        end_s = REAL_TIME.now() + header.deadline_s
         channel.pending.add(header.sequence, _SentCall(self, call, header.call_id, end_s))
         self.window.sent()
         key = self._controller.call_key(channel.name, call.cell.name, call.method)
         if not self._controller.put(channel.name, key, envelope, payload, is_urgent=call.stops, is_last=is_last):
             channel.pending.lose_all()
 
-    def _header(self, call: Call[Any], left_s: float, *, has_more: bool) -> tuple[CallHeader, EALData | None]:
+    def _left_s(self, call: Call[Any]) -> float:
+        """Return the real seconds until a call's deadline; a late stop is still a stop."""
+        clock = self._channel.clock
+        left_s = (call.deadline_s or 0.0) - clock.now()
+        return (max(left_s, call.cell.timeout_s) if call.stops else left_s) / clock.of_real(1.0)
+
+    def _header(self, call: Call[Any], *, has_more: bool) -> tuple[CallHeader, EALData | None]:
         """Return the header and the value of a call; commands and stops have a stamp that proves their age."""
         plain, data = _split_arguments(call)
         stamper = self._channel.stamper
         traceparent = "" if call.span is None else call.span.traceparent
         if call.method in keys.RETRYABLE_METHODS:
-            number = stamper.number()
+            number, left_s = stamper.number(), self._left_s(call)
             head = CallHeader(
                 stamper.client, stamper.epoch, number, left_s, left_s, None, plain, traceparent=traceparent
             )
@@ -221,6 +225,7 @@ class CallQueue(UrgentMessage):
             stamper.heard(time.era, time.time_s, heard_s)
         stamp = stamper.stamp(TTL_S, REAL_TIME.now())
         proof = stamp.era, stamp.echo_s, stamp.held_s
+        left_s = self._left_s(call)  # read after the stamp: their sum is never later than the deadline
         return CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *proof, has_more, traceparent), data
 
     def _robot_time(self, fleet_s: float) -> float:
