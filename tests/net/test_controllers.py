@@ -199,13 +199,15 @@ def test_what_a_controller_lets_go_of_another_may_command_at_once(rig: Rig) -> N
     with rig.served_here() as fleet, ready(Fleet(rig.config)) as other:
         mine, theirs = fleet["r1"], other["r1"]
         assert mine["Arm"].send_cmd("step1").get() == 1
-        assert theirs.ping().get().holder_ids == {"Arm": mine.controller_id}
+        assert mine.ping().get().holder_ids == {"Arm": mine.controller_id}
+        assert theirs.ping().get().holders == mine.ping().get().holders
+        assert theirs.ping().get().holder_ids == {}  # only its own are disclosed
         theirs.release().get()  # of what it does not hold: nothing happens
         failure(theirs["Arm"].send_cmd("step2"), ResourceBusyError)
         mine.release("Arm").get()
         assert theirs.ping().get().holders == {}
         assert theirs["Arm"].send_cmd("step3").get() == 3
-        assert mine.ping().get().holder_ids == {"Arm": theirs.controller_id}
+        assert theirs.ping().get().holder_ids == {"Arm": theirs.controller_id}
         failure(mine["Arm"].send_cmd("step4"), ResourceBusyError)
     assert [note.what for note in rig.notes("step")] == ["1", "3"]
 

@@ -175,7 +175,8 @@ class AdmissionMachine(RuleBasedStateMachine):
     def reconnect(self, who: int) -> None:
         stamper = self.stampers[who]
         stamper.reconnect()
-        self.admission.enter(stamper.client, stamper.epoch, f"controller {who}")
+        self.admission.names.note(stamper.client, "_", f"controller {who}")
+        self.admission.enter(stamper.client, stamper.epoch)
 
     @rule(who=WHO)
     def leave(self, who: int) -> None:

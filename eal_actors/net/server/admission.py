@@ -17,6 +17,7 @@ from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import DeadlineError, EALError, StaleCommandError
 from eal_actors.net.freshness import CommandHistory, CommandRecord, Stamp
 from eal_actors.net.server.leases import DeadManSwitch, Leases, SilentController
+from eal_actors.net.wire.keys import ANYBODY
 from eal_actors.net.wire.messages import Answer, CallHeader, CallId
 
 _CLAIMING: Final = MOTION_METHODS | {"set_config"}
@@ -31,15 +32,30 @@ _MAX_NAME: Final = 100
 
 
 class ControllerNames:
-    """Display names of the last controllers heard. Names are unproven; no right depends on one. Thread: any."""
+    """Display names of the last controllers heard.
+
+    A name begins with that of the certificate; the rest is unproven, and no right depends on it.
+
+    Thread: any.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._names: OrderedDict[str, str] = OrderedDict()
 
-    def note(self, client: str, name: str) -> None:
-        """Store a name, without characters that a terminal cannot print."""
+    def note(self, client: str, caller: str, name: str = "") -> None:
+        """Store a controller's display name, without characters that a terminal cannot print.
+
+        Args:
+            client: the controller.
+            caller: name of its certificate; ANYBODY in a fleet without security.
+            name: how it calls itself; the stored name stays if empty.
+        """
+        if not name and client in self._names:  # every call but the first
+            return
         printable = "".join(letter for letter in name[:_MAX_NAME] if letter.isprintable()).strip()
+        if caller != ANYBODY and printable.partition("@")[0] != caller:
+            printable = f"{caller} ({printable})" if printable else caller
         if not printable or self._names.get(client) == printable:  # every heartbeat but the first
             return
         with self._lock:
@@ -123,9 +139,8 @@ class Admission:
         with self._guard:
             return self._history.recall(call)
 
-    def enter(self, client: str, epoch: int, name: str) -> None:
-        """Note a controller's handshake and its name."""
-        self.names.note(client, name)
+    def enter(self, client: str, epoch: int) -> None:
+        """Note a controller's handshake; StaleCommandError if its epoch is impossible."""
         with self._guard:
             self._history.enter(client, epoch, self._clock.now())
 

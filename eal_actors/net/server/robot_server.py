@@ -41,6 +41,7 @@ from eal_actors.net.wire.messages import (
     Answer,
     CallHeader,
     CallReply,
+    Heartbeat,
     RobotEvent,
     RobotTime,
     decode_call,
@@ -120,8 +121,8 @@ class RobotServer:
         )
         self._token: zenoh.LivelinessToken | None = None
         self._unlogged_stop: str | None = None
-        self._failed = new_waiter()
-        self._has_failed = False
+        self._ended = new_waiter()
+        self._is_closed = self._has_failed = False
         self.dead_man_trips: dict[str, int] = {}
         self._state = robot.state
         self._log = get_logger(robot=robot.name)
@@ -139,25 +140,27 @@ class RobotServer:
             token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
         self._on_close()
         self._publisher.close()
+        self._is_closed = True
+        REAL_TIME.wake(self._ended)
 
     def fail(self) -> None:
         """Halt the robot and withdraw it: its host has crashed. Thread: the host's."""
         self._robot.halt()
-        self.close()
         self._has_failed = True
-        REAL_TIME.wake(self._failed)
+        self.close()
 
     def wait(self) -> None:
-        """Wait forever, unless the server fails.
+        """Wait until the server is closed.
 
         Raises:
             UnavailableError: it has failed; the robot is halted and unreachable.
 
         Thread: blocks the caller.
         """
-        while not self._has_failed:
-            REAL_TIME.wait(self._failed, None)
-        raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
+        while not self._is_closed:
+            REAL_TIME.wait(self._ended, None)
+        if self._has_failed:
+            raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
 
     # Calls of the host.
 
@@ -185,10 +188,10 @@ class RobotServer:
             event = RobotEvent("progress", now_s, command.call_id, fields=command.progress_fields())
             self._publish(event, is_vital=False)
 
-    def receive_heartbeat(self, client: str, name: str) -> None:
+    def receive_heartbeat(self, caller: str, beat: Heartbeat) -> None:
         """Note a controller's heartbeat and display name. Thread: zenoh's; does not block."""
-        self._admission.heard(client)
-        self._admission.names.note(client, name)
+        self._admission.heard(beat.client)
+        self._admission.names.note(beat.client, caller, beat.name)
 
     def _halt_silent(self) -> None:
         for silent in self._admission.silences():
@@ -207,13 +210,14 @@ class RobotServer:
         try:
             header, data = decode_call(envelope, payload)
             reply_to = ReplyTo(reply_to.key, header.sequence)
-            if header.client != call.client:
-                raise ProtocolError(f"{call.client} calls in the name of {header.client}")
+            if header.client != keys.client_id(call.caller, call.client):
+                raise ProtocolError(f"a controller named {call.caller} calls in the name of another one")
+            self._admission.names.note(header.client, call.caller)
             if data is not None and data.stamp_s is not None:
                 data = data.with_meta(stamp_s=fleet_time_of(self._clock, data.stamp_s))
             with spans.within(header.traceparent):
                 if call.resource == keys.ROBOT:
-                    self._serve_robot(call.method, reply_to, header)
+                    self._serve_robot(call, reply_to, header)
                 else:
                     self._serve(self._robot[call.resource], call.method, reply_to, header, data)
         except EALError as error:
@@ -279,9 +283,10 @@ class RobotServer:
             fields = {} if began_s is None else {"began_s": began_s}
             self._publish(RobotEvent("result", REAL_TIME.now(), command.call_id, outcome, fields))
 
-    def _serve_robot(self, method: str, reply_to: ReplyTo, header: CallHeader) -> None:
+    def _serve_robot(self, call: keys.CallKey, reply_to: ReplyTo, header: CallHeader) -> None:
+        method = call.method
         if method == keys.PING:
-            self._answer(reply_to, self._handler.ping(), send=self._outbox.publish_from_here)
+            self._answer(reply_to, self._handler.ping(header), send=self._outbox.publish_from_here)
         elif method == keys.RELEASE:
             self._answer(reply_to, self._handler.release(header))
         elif method == keys.STOP:
@@ -295,6 +300,8 @@ class RobotServer:
             urgent = reply_to._replace(is_urgent=True)
             self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
         else:
+            if method == keys.HELLO:
+                self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
             self._run_soon(lambda: self._answer(reply_to, self._handler.answer(method, header)))
 
     # Replies and events. Thread: any.
