@@ -133,3 +133,16 @@ def test_check_of_no_plugin(eal: Any, tmp_path: Path) -> None:
     result = eal("plugin", "check", tmp_path)
     assert result.exit_code == 2
     assert "plugin.yaml: no such file" in result.stderr
+
+
+def test_the_lines_of_the_checks_are_not_mixed_with_warnings() -> None:
+    command = [sys.executable, "-u", "-m", "eal_actors", "plugin", "check", str(bundled_path("plugins/serial_port"))]
+    done = subprocess.run(
+        command, cwd=bundled_path("."), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+    )
+    lines = done.stdout.splitlines()
+    assert done.returncode == 0, done.stdout
+    for line, check in zip(lines, CHECKS, strict=False):
+        assert line.startswith(f"{check.name} ")
+    assert "not ready" in "".join(lines[len(CHECKS) : -1])  # it was unplugged
+    assert lines[-1].endswith("serial_port: conforms")
