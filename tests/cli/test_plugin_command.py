@@ -36,9 +36,9 @@ def test_new_writes_a_plugin_that_conforms_and_whose_own_test_passes(eal: Any, t
     result = eal("plugin", "new", "my_arm2", "--dir", tmp_path / "own")
     folder = tmp_path / "own" / "my_arm2"
     assert result.exit_code == 0
-    names = ["README.md", "__init__.py", "plugin.py", "plugin.yaml", "test_my_arm2.py"]
+    names = ["README.md", "__init__.py", "plugin.py", "plugin.yaml", "pyproject.toml", "test_my_arm2.py"]
     assert sorted(file.name for file in folder.iterdir()) == names
-    assert result.stdout.splitlines()[:5] == [str(folder / name) for name in names]
+    assert result.stdout.splitlines()[:6] == [str(folder / name) for name in names]
     assert "$" not in "".join(file.read_text(encoding="utf-8") for file in folder.iterdir())
     checked = eal("plugin", "check", folder)
     assert checked.exit_code == 0
