@@ -19,6 +19,7 @@ from eal_actors.device.info import ResourceType
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import (
+    BusyError,
     DeadlineError,
     EALError,
     ProtocolError,
@@ -296,7 +297,8 @@ class RobotServer:
             self._unlogged_stop = reason
         elif method == keys.RESUME:
             self._log.warning("resumed")
-            self._robot.resume().link(lambda done, _: self._answer(reply_to, self._outcome(done)))
+            urgent = reply_to._replace(is_urgent=True)
+            self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
         else:
             if method == keys.HELLO:
                 self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
@@ -324,6 +326,8 @@ class RobotServer:
     ) -> None:
         """Reply to a call."""
         time = RobotTime(self._era, REAL_TIME.now(), began_s)
+        if isinstance(answer, EALData) and self._outbox.is_full:
+            answer = BusyError("too many values wait for the network; read them less often", robot=self._robot.name)
         try:
             envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time))
         except EALError as error:  # too large, for example
