@@ -19,6 +19,7 @@ from eal_actors.device.info import ResourceType
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import (
+    BusyError,
     DeadlineError,
     EALError,
     ProtocolError,
@@ -120,8 +121,8 @@ class RobotServer:
         )
         self._token: zenoh.LivelinessToken | None = None
         self._unlogged_stop: str | None = None
-        self._failed = new_waiter()
-        self._has_failed = False
+        self._ended = new_waiter()
+        self._is_closed = self._has_failed = False
         self.dead_man_trips: dict[str, int] = {}
         self._state = robot.state
         self._log = get_logger(robot=robot.name)
@@ -139,25 +140,27 @@ class RobotServer:
             token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
         self._on_close()
         self._publisher.close()
+        self._is_closed = True
+        REAL_TIME.wake(self._ended)
 
     def fail(self) -> None:
         """Halt the robot and withdraw it: its host has crashed. Thread: the host's."""
         self._robot.halt()
-        self.close()
         self._has_failed = True
-        REAL_TIME.wake(self._failed)
+        self.close()
 
     def wait(self) -> None:
-        """Wait forever, unless the server fails.
+        """Wait until the server is closed.
 
         Raises:
             UnavailableError: it has failed; the robot is halted and unreachable.
 
         Thread: blocks the caller.
         """
-        while not self._has_failed:
-            REAL_TIME.wait(self._failed, None)
-        raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
+        while not self._is_closed:
+            REAL_TIME.wait(self._ended, None)
+        if self._has_failed:
+            raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
 
     # Calls of the host.
 
@@ -294,7 +297,8 @@ class RobotServer:
             self._unlogged_stop = reason
         elif method == keys.RESUME:
             self._log.warning("resumed")
-            self._robot.resume().link(lambda done, _: self._answer(reply_to, self._outcome(done)))
+            urgent = reply_to._replace(is_urgent=True)
+            self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
         else:
             if method == keys.HELLO:
                 self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
@@ -322,6 +326,8 @@ class RobotServer:
     ) -> None:
         """Reply to a call."""
         time = RobotTime(self._era, REAL_TIME.now(), began_s)
+        if isinstance(answer, EALData) and self._outbox.is_full:
+            answer = BusyError("too many values wait for the network; read them less often", robot=self._robot.name)
         try:
             envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time))
         except EALError as error:  # too large, for example
