@@ -16,6 +16,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.net.server.outbox import Outbox
 from eal_actors.net.server.robot_server import RobotServer
+from eal_actors.net.throttled_log import ThrottledLog
 from eal_actors.net.wire import keys
 from eal_actors.net.wire.messages import decode_heartbeat
 
@@ -47,7 +48,7 @@ class RobotHost(EALActor):
         self._network = network
         self._lock = threading.Lock()
         self._servers: dict[str, RobotServer] = {}
-        self._last_bad_heartbeat = ""
+        self._malformed = ThrottledLog(fleet=fleet)
         self._subscribers: list[zenoh.Subscriber[None]] = []
         self._outbox = Outbox(f"{robot or fleet} outbox", session)
 
@@ -139,7 +140,7 @@ class RobotHost(EALActor):
         try:
             call = keys.parse_call(str(sample.key_expr))
         except ProtocolError as error:
-            get_logger(fleet=self._fleet).warning("a call is malformed", reason=error.message)
+            self._malformed.warn(keys.sender_of(str(sample.key_expr)), "a call is malformed", error.message)
             return
         server = self._servers.get(call.robot)
         if server is not None:  # else another process serves the robot
@@ -153,9 +154,7 @@ class RobotHost(EALActor):
             if beat.client != keys.client_id(caller, client):
                 raise ProtocolError(f"a controller named {caller} sends the heartbeat of another one")
         except ProtocolError as error:
-            if error.message != self._last_bad_heartbeat:  # it is repeated
-                self._last_bad_heartbeat = error.message
-                get_logger(fleet=self._fleet).warning("heartbeats are malformed", reason=error.message)
+            self._malformed.warn(keys.sender_of(str(sample.key_expr)), "a heartbeat is malformed", error.message)
             return
         for server in self._servers.values():
             server.receive_heartbeat(caller, beat)

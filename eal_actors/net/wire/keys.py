@@ -210,6 +210,11 @@ def parse_call(key: str) -> CallKey:
     return call
 
 
+def sender_of(key: str) -> str:
+    """Return the caller that any key of a call or a heartbeat names, as it is spelt there."""
+    return key.rpartition("/")[0].rpartition("/")[2]
+
+
 def _split(key: str) -> list[str]:
     if len(key) > _MAX_KEY:
         raise ProtocolError(f"a key of {len(key)} characters, more than {_MAX_KEY}")
