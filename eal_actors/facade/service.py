@@ -17,7 +17,8 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER
 from eal_actors.net.server.host import RobotHost
 from eal_actors.net.server.robot_server import RobotServer
-from eal_actors.net.session import endpoints_of, open_session, robot_config
+from eal_actors.net.session import endpoints_of, robot_config
+from eal_actors.net.session_keeper import SessionKeeper
 
 _CLOSE_S: Final = 1.5
 """Real seconds for each step of closing."""
@@ -52,8 +53,7 @@ class RobotService:
         self._config = config
         self._name = robot
         self._exclusive = wanted.exclusive
-        self._network = robot_config(config, robot)
-        self.endpoints: Final = endpoints_of(self._network)
+        self.endpoints: Final = endpoints_of(robot_config(config, robot))
         self.is_behind_router: Final = wanted.address == BEHIND_ROUTER
         self._fleet = Fleet(replace(config, robots={robot: replace(wanted, address=None, listen=None)}))
         self._server: RobotServer | None = None
@@ -80,13 +80,16 @@ class RobotService:
             self._fleet.connect()
             self.robot.require_started()
             self._check_exclusive()
-            session = stack.enter_context(open_session(self._network))
+            keeper = SessionKeeper(self._name, self._config.network, lambda: robot_config(self._config, self._name))
+            stack.callback(keeper.close)
+            session = keeper.open()
             host = RobotHost(self._config.name, session, self._config.network, self._name).launch()
             stack.callback(host.close, _CLOSE_S)
             self._server = server = host.serve(self.robot, self._exclusive)
             self.dead_man_trips = server.dead_man_trips
             stack.callback(server.close)
             stack.callback(self._halt)
+            keeper.follow(host.move_to)
             self._stack = stack.pop_all()
         return self
 

@@ -51,7 +51,7 @@ class Scene:
 
     @property
     def target(self) -> Target:
-        """What the attackers know."""
+        """The holder as the attackers know it."""
         holder = self.holder
         return Target(holder.name, holder.secret, holder.id, holder.epoch, holder.sequence)
 

@@ -18,6 +18,7 @@ from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.net.security.expiry import certificate_warnings
 from eal_actors.net.sender import InFlightWindow, Sender, UrgentMessage
 from eal_actors.net.session import controller_config, open_session
 from eal_actors.net.throttled_log import ThrottledLog
@@ -96,6 +97,10 @@ class Controller(EALActor):
         self.sender: Final = Sender(f"{config.name} sender", self.window)
         self._urgent_sender = Sender(f"{config.name} urgent sender")
         self._callbacks = EALActor(f"{config.name} callbacks", clock)
+
+    def warnings(self) -> list[str]:
+        """Return warnings about certificates of this process that expire soon. Thread: any."""
+        return certificate_warnings(self._config.network.security, self._caller)
 
     # Life.
 

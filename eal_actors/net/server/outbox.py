@@ -44,6 +44,10 @@ class Outbox(Sender):
         self._left_in_batch = 0
         self._log = get_logger()
 
+    def move_to(self, session: zenoh.Session) -> None:
+        """Send on another session from now on. Thread: any."""
+        self._session = session
+
     def expect(self, replies: int, *, has_more: bool | None = None) -> None:
         """Change the number of expected replies.
 

@@ -233,13 +233,14 @@ class _RobotPoller:
     def state(self) -> dict[str, Any]:
         self._take_answers()
         robot, answer, ours = self._robot, self._answer, self._ours()
+        warnings = () if answer is None else answer.warnings
         return {
             **self._description,
             **self._steps.of(robot.name),
             "state": robot.state.value,
             "stopped": robot.stopped_because,
             "not_ready": robot.not_ready,
-            "problems": [problem.message for problem in robot.problems],
+            "problems": [*(problem.message for problem in robot.problems), *warnings],
             "restarts": {name: count for name, count in robot.restarts.items() if count},
             "battery": None if self._charge is None else round(self._charge, 3),
             "round_trip_ms": round(answer.round_trip_s * 1000, 1) if answer is not None and robot.is_remote else None,
