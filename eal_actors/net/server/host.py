@@ -157,7 +157,7 @@ class RobotHost(EALActor):
 
     @override
     def on_stop(self) -> None:
-        for subscriber in self._subscribers:
+        for subscriber in () if self._session.is_closed() else self._subscribers:
             subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
         self._outbox.end_soon()
 

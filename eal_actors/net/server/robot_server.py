@@ -124,8 +124,8 @@ class RobotServer:
         )
         self._token: zenoh.LivelinessToken | None = None
         self._unlogged_stop: str | None = None
-        self._failed = new_waiter()
-        self._has_failed = False
+        self._ended = new_waiter()
+        self._is_closed = self._has_failed = False
         self.dead_man_trips: dict[str, int] = {}
         self._state = robot.state
         self._log = get_logger(robot=robot.name)
@@ -151,29 +151,31 @@ class RobotServer:
     def close(self) -> None:
         """Withdraw the robot from the network. Thread: blocks the caller, for a bounded time."""
         token, self._token = self._token, None
-        if token is not None:
+        if token is not None and not self._session.is_closed():
             token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
         self._on_close()
         self._publisher.close()
+        self._is_closed = True
+        REAL_TIME.wake(self._ended)
 
     def fail(self) -> None:
         """Halt the robot and withdraw it: its host has crashed. Thread: the host's."""
         self._robot.halt()
-        self.close()
         self._has_failed = True
-        REAL_TIME.wake(self._failed)
+        self.close()
 
     def wait(self) -> None:
-        """Wait forever, unless the server fails.
+        """Wait until the server is closed.
 
         Raises:
             UnavailableError: it has failed; the robot is halted and unreachable.
 
         Thread: blocks the caller.
         """
-        while not self._has_failed:
-            REAL_TIME.wait(self._failed, None)
-        raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
+        while not self._is_closed:
+            REAL_TIME.wait(self._ended, None)
+        if self._has_failed:
+            raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
 
     # Calls of the host.
 

@@ -10,7 +10,7 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import DataType, EALData
-from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, RobotNotFoundError, error_text
+from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, RobotNotFoundError, StoppedError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.cameras import Cameras
 from eal_actors.operate.dashboard.control import DashboardContext
@@ -121,8 +121,8 @@ class Dispatcher:
     # Stop.
 
     def _stop(self, number: int, reply: Reply) -> None:
-        answers = {name: robot.stop(STOP_REASON) for name, robot in self._fleet.items()}  # before anything else
-        self._runs.abort(STOP_REASON)
+        self._runs.abort(STOP_REASON)  # which waits for nothing; first, or the run would fail with the stopped commands
+        answers = {name: robot.stop(STOP_REASON) for name, robot in self._fleet.items()}
         get_logger().warning("emergency stop of every robot, from the dashboard")
         self._reply_for_all(number, answers, reply)
 
@@ -154,7 +154,7 @@ class Dispatcher:
         def on_end(error: BaseException | None) -> None:
             if is_command:
                 self._control.done(message.robot, message.resource)
-            if error is not None and not isinstance(error, PreemptedError):
+            if error is not None and not isinstance(error, PreemptedError | StoppedError):
                 label = f"{message.resource} {message.text or message.method}"
                 self._steps.record_error(message.robot, f"{label}: {error_text(error)}")
 

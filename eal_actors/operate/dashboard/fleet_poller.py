@@ -17,7 +17,7 @@ from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.info import ResourceInfo
-from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.clock import REAL_TIME, new_waiter, wall_time
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import ControlRegistry, DashboardContext
@@ -124,6 +124,7 @@ class _RobotPoller:
         self._charge: float | None = None
         self._ping: Future[Ping] | None = None
         self._answer: Ping | None = None
+        self._seen: str | None = None
         self._description: dict[str, Any] = {}
         self._described: object = None
         self._form: object = None
@@ -212,6 +213,8 @@ class _RobotPoller:
             self._charge = float(number) if isinstance(number, int | float) else None
         if self._ping is not None and self._ping.done():
             self._answer, self._ping = _result_or_none(self._ping), None
+            if self._answer is not None:
+                self._seen = wall_time().isoformat(timespec="seconds")
             self._control.release_idle(self._robot, self._ours())
 
     def _ours(self) -> list[str]:
@@ -239,8 +242,10 @@ class _RobotPoller:
             **self._steps.of(robot.name),
             "state": robot.state.value,
             "stopped": robot.stopped_because,
+            "is_stop_confirmed": robot.is_stop_confirmed,
             "not_ready": robot.not_ready,
             "problems": [*(problem.message for problem in robot.problems), *warnings],
+            "last_seen": self._seen if robot.state is RobotState.LOST else None,
             "restarts": {name: count for name, count in robot.restarts.items() if count},
             "battery": None if self._charge is None else round(self._charge, 3),
             "round_trip_ms": round(answer.round_trip_s * 1000, 1) if answer is not None and robot.is_remote else None,

@@ -18,6 +18,9 @@ let token = null;
 
 export const connection = {
   isOpen: false,
+  /** When the last message came, by this machine's clock; null before the first. */
+  /** @type {Date | null} */
+  heardAt: null,
   /** @type {string | null} Why the server closed the connection. */
   closeReason: null,
   onState: () => {},
@@ -50,7 +53,11 @@ function open() {
   socket = opened;
   opened.binaryType = "arraybuffer";
   opened.onopen = () => opened.send(JSON.stringify({ do: "hello", token }));
-  opened.onmessage = ({ data }) => (typeof data === "string" ? receive(JSON.parse(data)) : receiveFrame(data));
+  opened.onmessage = ({ data }) => {
+    connection.heardAt = new Date();
+    if (typeof data === "string") receive(JSON.parse(data));
+    else receiveFrame(data);
+  };
   opened.onclose = ({ reason }) => {
     connection.isOpen = false;
     for (const resolve of pending.values()) resolve({ ok: false, error: "the connection to the dashboard was lost" });

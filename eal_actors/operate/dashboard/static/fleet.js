@@ -1,6 +1,6 @@
 // All robots, one row each.
 
-import { el, setText } from "./dom.js";
+import { clockTime, el, setText } from "./dom.js";
 import { activitiesOf, activityText, controlText, stateOf, store } from "./store.js";
 
 /** @import { Robot, Tone, View } from "./types" */
@@ -83,6 +83,7 @@ class Row {
     const content = JSON.stringify([robot, activities, controllers, calls]);
     if (content === this.shown) return;
     this.shown = content;
+    this.node.classList.toggle("outdated", Boolean(robot?.last_seen));
     const [name, state, battery, roundTrip, activity, control, error] = this.cells;
     const type = el("span", { class: "faint small" }, robot?.type);
     name.replaceChildren(el("a", { href: `#/robot/${encodeURIComponent(this.name)}` }, this.name), " ", type);
@@ -103,6 +104,7 @@ class Row {
 function stateParts(robot) {
   const [shape, word, tone] = stateOf(robot);
   const reasons = Object.entries(robot?.not_ready ?? {}).map(([resource, reason]) => `${resource}: ${reason}`);
+  if (robot?.last_seen) reasons.unshift(`last seen ${clockTime(new Date(robot.last_seen))}`);
   return [
     el("span", { class: `state ${tone}` }, el("span", { "aria-hidden": "true" }, shape), word),
     ...[...reasons, ...(robot?.problems ?? [])].map((text) => el("div", { class: "small" }, text)),

@@ -126,6 +126,11 @@ class Store {
     return this.names().filter((name) => this.robots[name]?.stopped);
   }
 
+  /** Return the stopped robots that have not confirmed it: they may still move. */
+  unconfirmed() {
+    return this.stopped().filter((name) => !this.robots[name].is_stop_confirmed);
+  }
+
   mayCommand() {
     return Boolean(this.hello?.may_command);
   }
@@ -202,6 +207,7 @@ const STATES = {
  */
 export function stateOf(robot) {
   if (!robot) return ["◌", "unknown", "warn"];
+  if (robot.stopped && !robot.is_stop_confirmed) return ["▲", "stop NOT CONFIRMED", "bad"];
   if (robot.state === "ready" && robot.stopped) return ["■", "stopped", "bad"];
   if (robot.state === "ready" && Object.keys(robot.not_ready).length) return ["◐", "partly ready", "warn"];
   return STATES[robot.state] ?? ["?", robot.state, "warn"];

@@ -55,6 +55,10 @@ export interface Robot {
   state: string;
   /** Why an emergency stop holds the robot. */
   stopped: string | null;
+  /** Whether it has halted since; until then it may still move. */
+  is_stop_confirmed: boolean;
+  /** When a lost robot last answered, in ISO 8601. */
+  last_seen: string | null;
   /** Reasons by resource. */
   not_ready: Record<string, string>;
   problems: string[];

@@ -17,6 +17,7 @@ from eal_actors.actors.handles import ResourceHandle
 from eal_actors.kernel.errors import ArgumentError, NotReadyError, PreemptedError
 from eal_actors.managers.config import EALConfigManager
 from tests.unit.device.test_ports import WAIT_S, Cable
+from tests.unit.device.test_serial_ports import serial_server
 
 FAST = 4_000_000
 
@@ -183,3 +184,17 @@ def test_the_settings_name_the_resource(cable: Cable) -> None:
     with Fleet(EALConfigManager.of(content, name="test").fleet) as fleet:
         assert list(fleet["buoy"]) == ["Gps"]
         assert fleet["buoy"]["Gps"].write_comm("x").get() == 1
+
+
+@pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")  # of pyserial
+def test_the_control_lines_are_set_at_the_far_end() -> None:
+    with serial_server() as (url, far):
+        plugins = {"serial_port": {"port": url, "dtr": False}}
+        content = {"version": 1, "name": "f", "robots": {"buoy": {"plugins": plugins, "timeout_s": WAIT_S}}}
+        with Fleet(EALConfigManager.of(content, name="test").fleet) as fleet:
+            port = fleet["buoy"]["SerialPort"]
+            assert (port.get_config("dtr").get().value, port.get_config("rts").get().value) == (False, True)
+            assert (far.dtr, far.rts) == (False, True)
+            port.set_config("dtr", True).get()
+            port.set_config("rts", False).get()
+            assert (far.dtr, far.rts) == (True, False)
