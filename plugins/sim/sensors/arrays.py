@@ -49,7 +49,7 @@ class WorldArrays:
     a line of sight begin with the pillars: robots are low and beacons thin.
 
     Attributes:
-        version: increases with each change of the columns.
+        version: the world's version at the last update; -1 before the first.
         first_opaque: the column of the first pillar.
         first_rectangle: the column of the first rectangle.
         x_m: centres, shape (n,), as all the others.
@@ -80,25 +80,23 @@ class WorldArrays:
     half_room_m: Span
 
     def __init__(self) -> None:
-        self.version = 0
-        self._at_s = math.nan
+        self.version = -1
         self._rows: dict[str, int] = {}
 
-    def update(self, world: SimWorld, now_s: float) -> None:
-        """Update the columns; within one tick of the world only joining robots can change them."""
-        robots, boxes = world.robots, world.boxes
-        if len(robots) != len(self._rows) or not self.version:
-            self._build(world.model, robots, boxes)
-        elif now_s == self._at_s:
+    def update(self, world: SimWorld) -> None:
+        """Update the columns, if anything in the world has another pose since the last update."""
+        if self.version == world.version:
             return
+        robots, boxes = world.robots, world.boxes
+        if len(robots) != len(self._rows) or self.version < 0:
+            self._build(world.model, robots, boxes)
         if robots:
             self._poses[:, : len(robots)] = np.array([robot.pose for robot in robots]).T
         if boxes:
             first = self.first_rectangle
             self._poses[:, first : first + len(boxes)] = np.array([box.pose for box in boxes]).T
         self.cos, self.sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
-        self._at_s = now_s
-        self.version += 1
+        self.version = world.version
 
     def column_of(self, robot: str) -> int:
         """Return the column of the robot of that name.

@@ -58,14 +58,14 @@ class RayCaster:
     def __init__(self) -> None:
         self._arrays: WorldArrays | None = None
         self._found_m: dict[str, Array] = {}
-        self._found_in = 0
+        self._found_in = -1
         self._asked_s: dict[str, float] = {}
         self._due_s: dict[str, float] = {}
 
     def ranges_m(self, world: SimWorld, robot: SimRobot, now_s: float) -> Array:
         """Return the ranges of a robot; see the function `ranges_m`."""
         arrays = self._arrays = self._arrays or shared(world, WorldArrays)
-        arrays.update(world, now_s)
+        arrays.update(world)
         if arrays.version != self._found_in:
             self._found_in = arrays.version
             self._found_m.clear()
