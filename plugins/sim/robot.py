@@ -195,7 +195,7 @@ class SimRobot:
         self.turret = SimTurret(make.turret, now_s) if make.turret else None
         name_seed = zlib.crc32(name.encode())
         motion_generator, self.sensor_generator = (np.random.default_rng([seed, name_seed, use]) for use in range(2))
-        self._wheels = SimWheels(make if noise else make.without_errors(), motion_generator, tick_s)
+        self._wheels = SimWheels(make if noise else make.without_errors(), motion_generator)
         self._battery = SimBattery(make.battery, charge)
         self.tick_s = tick_s
         self._faults = HEALTHY
