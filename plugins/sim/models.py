@@ -12,6 +12,11 @@ from typing import Final, Literal
 
 MakeName = Literal["evbot2", "evbot3", "roomba"]
 
+_HEAD_SHARE: Final = 0.62  # of the radius
+_BASE_SHARE: Final = 0.55  # of the height
+_POST_M: Final = 0.035
+_ABOVE_CAMERA_M: Final = 0.02
+
 
 @dataclass(frozen=True, slots=True)
 class WheelErrors:
@@ -132,6 +137,18 @@ class Make:
     def without_errors(self) -> Make:
         """Return the same make with perfect wheels."""
         return replace(self, errors=WheelErrors(), turn_noise_rad=0.0)
+
+
+def outline_m(radius_m: float, height_m: float, camera_height_m: float) -> tuple[tuple[float, float], ...]:
+    """Return the discs that a robot consists of, each its radius and the height of its top, from below.
+
+    A robot that is higher than wide has a head; a low one has a post if its camera is above its top.
+    """
+    if height_m > radius_m:
+        return (radius_m, height_m * _BASE_SHARE), (radius_m * _HEAD_SHARE, height_m)
+    if camera_height_m > height_m:
+        return (radius_m, height_m), (_POST_M, camera_height_m + _ABOVE_CAMERA_M)
+    return ((radius_m, height_m),)
 
 
 MAKES: Final = MappingProxyType(

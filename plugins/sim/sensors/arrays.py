@@ -23,6 +23,7 @@ _Row: TypeAlias = tuple[float, float, float, float, float, float, float]
 
 Columns: TypeAlias = "NDArray[np.intp] | slice"
 
+_UPRIGHT: Final = (np.array(1.0), np.array(0.0))
 
 _T = TypeVar("_T")
 
@@ -108,6 +109,28 @@ class WorldArrays:
         if row is None:
             raise UnavailableError(f"the simulated world has no free place for robot {robot!r}")
         return row
+
+    def spans_m(self, x_m: float, y_m: float, ux: Array, uy: Array) -> Span:
+        """Return the spans of lines from one point in all bodies, each of shape (lines, n).
+
+        Args:
+            x_m: of the point.
+            y_m: of the point.
+            ux: unit directions of the lines, shape (lines, 1).
+            uy: likewise.
+        """
+        dx, dy = self.x_m - x_m, self.y_m - y_m
+        discs, rectangles = slice(self.first_rectangle), slice(self.first_rectangle, None)
+        found = (
+            self.disc_span_m(discs, dx[discs], dy[discs], ux, uy),
+            self.rectangle_span_m(rectangles, dx[rectangles], dy[rectangles], ux, uy),
+        )
+        enter_m, leave_m = (np.concatenate(side, axis=1) for side in zip(*found, strict=True))
+        return enter_m, leave_m
+
+    def to_walls_m(self, x_m: Array, y_m: Array, ux: Array, uy: Array) -> Array:
+        """Return the distances from points to the walls of the room, along unit directions."""
+        return rectangle_span_m(-x_m, -y_m, ux, uy, *_UPRIGHT, *self.half_room_m)[1]
 
     def disc_span_m(self, bodies: Columns, dx: Array, dy: Array, ux: Array, uy: Array) -> Span:
         """Return the spans of lines in some of the discs; see geometry.disc_span_m."""

@@ -90,12 +90,8 @@ def _in_sight(world: SimWorld, eye: Array, targets: Array) -> NDArray[np.bool_]:
     to = (targets - eye)[:, :, np.newaxis]
     distance_m = np.maximum(np.hypot(to[:, 0], to[:, 1]), 1e-9)  # horizontal; a lamp may hang right above
     ux, uy, slope = to[:, 0] / distance_m, to[:, 1] / distance_m, to[:, 2] / distance_m
-    hidden = np.zeros(len(targets), dtype=np.bool_)
-    pillars, rectangles = slice(arrays.first_opaque, arrays.first_rectangle), slice(arrays.first_rectangle, None)
-    for bodies, span_m in ((pillars, arrays.disc_span_m), (rectangles, arrays.rectangle_span_m)):
-        dx, dy = arrays.x_m[bodies] - eye[0], arrays.y_m[bodies] - eye[1]
-        enter_m, leave_m = span_m(bodies, dx, dy, ux, uy)
-        enter_m, leave_m = np.maximum(enter_m, 0.0), np.minimum(leave_m, distance_m)
-        lowest_m = eye[2] + np.minimum(slope * enter_m, slope * leave_m)
-        hidden |= ((enter_m < leave_m) & (arrays.height_m[bodies] > lowest_m)).any(axis=1)
-    return ~hidden
+    enter_m, leave_m = (span[:, arrays.first_opaque :] for span in arrays.spans_m(eye[0], eye[1], ux, uy))
+    enter_m, leave_m = np.maximum(enter_m, 0.0), np.minimum(leave_m, distance_m)
+    lowest_m = eye[2] + np.minimum(slope * enter_m, slope * leave_m)
+    hidden = ((enter_m < leave_m) & (arrays.height_m[arrays.first_opaque :] > lowest_m)).any(axis=1)
+    return np.asarray(~hidden)

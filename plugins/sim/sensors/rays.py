@@ -15,7 +15,7 @@ import numpy as np
 from ..robot import SimRobot
 from ..world import SimWorld
 from .arrays import WorldArrays, shared
-from .geometry import Array, rectangle_span_m
+from .geometry import Array
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,7 +28,6 @@ RAY_ANGLES_RAD: Final = np.arange(RAYS, dtype=np.float64) * _PITCH_RAD
 _Indices: TypeAlias = "NDArray[np.intp]"
 _COS: Final = np.cos(RAY_ANGLES_RAD)
 _SIN: Final = np.sin(RAY_ANGLES_RAD)
-_UPRIGHT: Final = (np.array(1.0), np.array(0.0))
 _MARGIN: Final = 1e-6  # of a ray's pitch: rounding must not skip a ray
 _EARLY_S: Final = 1e-6  # times are counted in ticks, so that this is only rounding
 
@@ -93,8 +92,7 @@ def cast(arrays: WorldArrays, rows: list[int]) -> Array:
     of = np.array(rows)[:, np.newaxis]
     x_m, y_m, cos, sin = arrays.x_m[of], arrays.y_m[of], arrays.cos[of], arrays.sin[of]
     ux, uy = _COS * cos - _SIN * sin, _COS * sin + _SIN * cos
-    _, walls_m = rectangle_span_m(-x_m, -y_m, ux, uy, *_UPRIGHT, *arrays.half_room_m)
-    found_m = np.minimum(walls_m, MAX_RANGE_M).ravel()
+    found_m = np.minimum(arrays.to_walls_m(x_m, y_m, ux, uy), MAX_RANGE_M).ravel()
     dx, dy = arrays.x_m - x_m, arrays.y_m - y_m
     distance_m = np.sqrt(dx * dx + dy * dy)
     distance_m[np.arange(len(rows)), rows] = np.inf  # rays ignore their own robot
