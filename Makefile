@@ -16,7 +16,7 @@ EVBOTOS_TOOLS := apt bc binutils bison device-tree-compiler dosfstools dpkg e2fs
 	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: demo demo-network lab test test-slow check docs bench bench-peers bench-scale soak fuzz figures format evbotos-setup test-evbotos clean help
+.PHONY: demo demo-network lab test test-slow check docs bench bench-peers bench-scale soak fuzz fuzz-motions figures format evbotos-setup test-evbotos clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -74,6 +74,9 @@ soak: $(STAMP)  ## twenty robots under kills, freezes, cuts, floods and garbage 
 
 fuzz: $(STAMP)  ## look for bytes that decoders and loaders cannot bear, a minute for each
 	$(BIN)/python -m tests.fuzz
+
+fuzz-motions: $(STAMP)  ## 10,000 motions of each driver over wires that damage bytes, judged by the true path
+	$(BIN)/python -m pytest -n auto -m slow -rP tests/fuzz/test_motions.py
 
 figures: $(STAMP)  ## make the pictures of the documentation
 	$(BIN)/python docs/figures.py

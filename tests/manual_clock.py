@@ -50,3 +50,10 @@ class ManualClock(Clock):
         for _, _, waiter, expired in due:
             expired[0] = True
             release(waiter)
+
+
+class HurriedClock(ManualClock):
+    """A clock on which who sleeps moves the time."""
+
+    def sleep(self, duration_s: float) -> None:
+        self.advance(duration_s)

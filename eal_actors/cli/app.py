@@ -20,6 +20,7 @@ from eal_actors.cli import (
     lab,
     ping,
     plugin,
+    ports,
     records,
     rehearse,
     resources,
@@ -108,6 +109,7 @@ app.command("stop", cls=EalCommand)(stop.stop_robots)
 app.command("resume", cls=EalCommand)(stop.resume_robots)
 app.command("discover", cls=EalCommand)(discover.discover_robots)
 app.command("doctor", cls=EalCommand)(doctor.examine)
+app.command("ports", cls=EalCommand)(ports.show_ports)
 app.command("router", cls=EalCommand)(router.run_router)
 app.add_typer(keys.app, name="keys")
 app.add_typer(plugin.app, name="plugin")

@@ -6,7 +6,10 @@ the program at once.
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
+from collections.abc import Callable
 from types import FrameType
 from typing import Any, Final, NoReturn, Self, TypeVar
 
@@ -28,6 +31,20 @@ def handle_signals() -> None:
     """Make SIGTERM and SIGHUP raise KeyboardInterrupt, so that every `finally` stops its motors."""
     for number in (signal.SIGTERM, *_handled_hangups()):
         signal.signal(number, _interrupt)
+
+
+def reload_at_hangup(reload: Callable[[], None]) -> None:
+    """Make SIGHUP run a function in a thread of its own, unless it comes from a terminal that has closed."""
+    terminals = [number for number in range(3) if os.isatty(number)]
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        if all(map(os.isatty, terminals)):
+            threading.Thread(target=reload, name="reload", daemon=True).start()
+        else:
+            _interrupt(number, frame)
+
+    for number in _handled_hangups():
+        signal.signal(number, handle)
 
 
 def _handled_hangups() -> list[int]:

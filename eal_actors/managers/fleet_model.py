@@ -22,7 +22,7 @@ from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.lock_step import Rate
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, NameTemplate, StrictModel, Version1, problems_from
-from eal_actors.kernel.yaml_tree import MarkedDict, YamlPath, YamlTree
+from eal_actors.kernel.yaml_tree import Mark, MarkedDict, YamlPath, YamlTree
 from eal_actors.managers.network_model import (
     DEFAULT_NETWORK,
     AddressText,
@@ -211,6 +211,7 @@ class FleetConfig:
         robots: by name, in the order of the file; never empty.
         network: how robots that have an address are reached.
         content: the merged content of the file and its includes, as plain values.
+        tree: the same content with its places in the files.
         python_steps: functions for the `python` steps of scenarios, as `module:function`.
     """
 
@@ -223,6 +224,7 @@ class FleetConfig:
     robots: dict[str, RobotConfig]
     network: NetworkConfig = DEFAULT_NETWORK
     content: Mapping[str, Any] = field(default_factory=dict)
+    tree: YamlTree = field(default=YamlTree(MarkedDict(Mark("fleet", 0, 0))), compare=False, repr=False)
     python_steps: tuple[str, ...] = ()
 
 

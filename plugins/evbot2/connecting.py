@@ -28,7 +28,7 @@ from .messages import WATCHDOG_MS, BaseReply, BaseRequest, OrderChannel
 from .odometry import Odometer, Odometry
 from .session import BaseSession
 
-_FIRST_GREETING_S: Final = 0.5
+_FIRST_GREETING_S: Final = 2.0  # so that the first call finds a base that a busy computer serves late
 _WATCHDOG_POLLS: Final = 3
 
 
@@ -136,7 +136,7 @@ def start_session(
         channels: its channels.
         track_m: nominal distance of its wheels.
 
-    Thread: the robot's; waits at most half a second for the base.
+    Thread: the robot's; waits at most two seconds for a base that is silent.
     """
     settings: SessionSettings = context.settings
     odometer = Odometer(track_m, settings.calibration)

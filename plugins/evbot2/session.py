@@ -144,7 +144,8 @@ class BaseSession:
         """Return why the base cannot be used now; None if it can. Does not block."""
         if (reason := self._port.why_not_ready()) is not None:
             return reason
-        if self._lease is None or self._reading is None:
+        lease = self._lease
+        if lease is None or self._reading is None or lease.opening != self._port.openings:
             return self._absence
         return self._why_stale(self._reading)
 
@@ -199,7 +200,7 @@ class BaseSession:
         """Send a stop at once, in place of a pending order; `poll` repeats it until it is acknowledged.
 
         Raises:
-            UnavailableError: it cannot be sent. The base stops by itself after the watchdog time.
+            NotReadyError: the port or the base is absent. The base stops by itself after the watchdog time.
         """
         with self._lock:
             if self._lease is None and self._reading is None:
@@ -208,13 +209,13 @@ class BaseSession:
                 self._begin(channel, STOPS[channel], ())
                 self._receive()
             except UnavailableError as error:
-                raise UnavailableError(
+                raise type(error)(
                     f"{error.message}; if the robot moves, it stops {self.watchdog_s:g} s after its last message"
                 ) from error
 
     def _begin(self, channel: OrderChannel, verb: Verb, numbers: tuple[int, ...]) -> _PendingOrder:
         lease = self._lease
-        if lease is None:
+        if lease is None or lease.opening != self._port.openings:
             raise NotReadyError(self._port.why_not_ready() or self._absence)
         tag = lease.tags[channel] = (lease.tags[channel] + 1) % TAGS
         now_s = self.clock.now()

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, Self, TypeVar
 
 from pydantic import model_validator
+from typing_extensions import override
 
 from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsModel, Resource, WheelCalibration
 
@@ -77,6 +78,13 @@ class Settings(PluginSettingsModel):
         if lacking:
             raise ValueError(f"faults: the {self.model} has no {', '.join(sorted(lacking))} to freeze")
         return self
+
+    @override
+    def refused_changes(self, former: Self) -> dict[str, str]:
+        """Refuse what belongs to the robot's body, which stays in the world."""
+        keys = ("model", "start", "noise", "calibrated", "charge")
+        changed = [key for key in keys if getattr(self, key) != getattr(former, key)]
+        return dict.fromkeys(changed, "cannot change while the robot is in the simulated world; close the fleet first")
 
 
 class SimPlugin(EALPlugin):

@@ -149,12 +149,12 @@ def test_the_shown_names_hold_no_tricks() -> None:
 
     names = ControllerNames()
     assert names.of("ab") == "ab"
-    names.note("ab", " anna@\x1b[31mlab\n ")
+    names.note("ab", "_", " anna@\x1b[31mlab\n ")
     assert names.of("ab") == "anna@[31mlab"
-    names.note("ab", "\n")
+    names.note("ab", "_", "\n")
     assert names.of("ab") == "anna@[31mlab"
-    names.note("cd", "x" * 1000)
+    names.note("cd", "_", "x" * 1000)
     assert len(names.of("cd")) == 100
     for number in range(2000):
-        names.note(str(number), "somebody")
+        names.note(str(number), "_", "somebody")
     assert names.of("ab") == "ab"  # forgotten: as many as that are never under way

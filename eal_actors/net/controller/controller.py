@@ -65,7 +65,7 @@ class Controller(EALActor):
 
     Attributes:
         fleet: the fleet's name.
-        client: identifier of this controller, new in each process.
+        client: identifier of this controller, new in each process; see keys.client_id.
         certificate: name of its certificate; None in a fleet without security.
         display_name: its name for people, which robots show.
         sender: sends the calls to all robots.
@@ -77,10 +77,11 @@ class Controller(EALActor):
     def __init__(self, config: FleetConfig, clock: Clock, robots: Iterable[str] | None = None) -> None:
         super().__init__(f"{config.name} network", clock)
         self.fleet: Final = config.name
-        self.client: Final = secrets.token_hex(8)
+        self._secret: Final = secrets.token_hex(16)
         security = config.network.security
         self.certificate: Final = None if security is None else security.controller
         self._caller = self.certificate or keys.ANYBODY
+        self.client: Final = keys.client_id(self._caller, self._secret)
         self.display_name: Final = process_name(self.certificate)
         self._config = config
         self._network = controller_config(config, robots)
@@ -89,7 +90,6 @@ class Controller(EALActor):
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
         self._session: zenoh.Session | None = None
         self._stack = ExitStack()
-        self._sequence = 0
         self.window: Final = InFlightWindow()
         self.sender: Final = Sender(f"{config.name} sender", self.window)
         self._urgent_sender = Sender(f"{config.name} urgent sender")
@@ -139,7 +139,7 @@ class Controller(EALActor):
             return
         self._session = session
         callback = zenoh.handlers.Callback
-        answers = keys.answer_keys(self.fleet, self._caller, self.client)
+        answers = keys.answer_keys(self.fleet, self._caller, self._secret)
         session.declare_subscriber(answers, callback(self._on_answer, indirect=False))
         session.liveliness().declare_subscriber(
             keys.alive_keys(self.fleet), callback(self._on_liveliness, indirect=False), history=True
@@ -149,14 +149,13 @@ class Controller(EALActor):
         self._tick()
 
     def _beat(self) -> None:
-        self._sequence += 1
         if self._session is not None:
             import zenoh
 
-            beat = encode_heartbeat(Heartbeat(self.client, 0, self._sequence, self.display_name))
+            beat = encode_heartbeat(Heartbeat(self.client, self.display_name))
             try:
                 self._session.put(
-                    keys.heartbeat_key(self.fleet, self.client),
+                    keys.heartbeat_key(self.fleet, self._caller, self._secret),
                     beat,
                     priority=zenoh.Priority.REAL_TIME,
                     congestion_control=zenoh.CongestionControl.DROP,
@@ -249,7 +248,7 @@ class Controller(EALActor):
 
     def call_key(self, robot: str, resource: str, method: str) -> str:
         """Return the key of this controller's calls of a method."""
-        return keys.call_key(keys.CallKey(self.fleet, robot, resource, method, self._caller, self.client))
+        return keys.call_key(keys.CallKey(self.fleet, robot, resource, method, self._caller, self._secret))
 
     def put(
         self, robot: str, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False, is_last: bool = True

@@ -42,6 +42,7 @@ class RemoteSpec(NamedTuple):
         clock: the fleet's clock.
         timeout_s: the default deadline of a call.
         link: fault injection for its calls.
+        mailbox: limit of the pending calls to one resource.
     """
 
     name: str
@@ -49,6 +50,7 @@ class RemoteSpec(NamedTuple):
     clock: Clock
     timeout_s: float
     link: FaultyLink
+    mailbox: int
 
 
 _REQUEST_TIMEOUT_S: Final = 2.0
@@ -71,13 +73,14 @@ class RemoteRobot(EALActor):
         view.controller_id = controller.client
         self._controller = controller
         self._channel = Channel(self, view, controller)
-        self.calls: Final = CallQueue(self._channel)
+        self.calls: Final = CallQueue(self._channel, spec.mailbox)
         self._feeds = RemoteFeeds(self._channel)
         self._board = CommandBoard()
         self._listener = RobotListener(
             spec.name, self._on_alive, self._on_gone, self.calls.receive_reply, self._on_event, self.calls.tick
         )
         self._unsent_stop: str | None = None
+        self._is_repeating_stop = False
         self._is_shaking_hands = False
         self._log = get_logger(robot=spec.name)
 
@@ -202,8 +205,9 @@ class RemoteRobot(EALActor):
         if stopped is not None:
             self._unsent_stop = None
             self.view.latch.set(stopped)
+            self.view.latch.confirm()
         elif self._unsent_stop is not None:
-            self.stop_now(self._unsent_stop)
+            self._send_stop(self._unsent_stop)
         else:
             self.view.latch.clear()
 
@@ -246,16 +250,33 @@ class RemoteRobot(EALActor):
         return fleet_time_of(self.clock, robot_s - (0.0 if known is None else known.offset.offset_s))
 
     def stop_now(self, reason: str) -> Future[None]:
-        """Stop the robot until it is resumed; repeated after a reconnect until the robot has confirmed it."""
+        """Stop the robot until it is resumed; repeated until the robot has confirmed it."""
         rights = self._channel.rights
         if rights is None or rights.allows(keys.ROBOT, keys.STOP):
             self.view.latch.set(reason)
             self._unsent_stop = reason
+            self._channel.run_soon(self._repeat_stop_later)
+        return self._send_stop(reason)
 
+    def _send_stop(self, reason: str) -> Future[None]:
         def confirm(*_: object) -> None:
             self._unsent_stop = None
+            self.view.latch.confirm()
 
         return self._channel.call(keys.STOP, (reason,), _REQUEST_TIMEOUT_S, confirm)
+
+    def _repeat_stop_later(self) -> None:
+        if not self._is_repeating_stop:
+            self._is_repeating_stop = True
+            self.actor_inbox.call_later(self.clock.of_real(_REQUEST_TIMEOUT_S), self._repeat_stop)
+
+    def _repeat_stop(self) -> None:
+        """Send a stop again that the robot has not confirmed: it may have been frozen, and yet never lost."""
+        self._is_repeating_stop = False
+        if self._unsent_stop is not None:
+            if self._channel.is_ready:
+                self._send_stop(self._unsent_stop)
+            self._repeat_stop_later()
 
     def resume(self) -> Future[None]:
         """End an emergency stop."""

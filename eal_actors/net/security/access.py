@@ -3,8 +3,8 @@
 Each end of a link proves its identity by a certificate, and each end checks the messages of the other. A robot and a
 router restrict controllers and observers; a controller and a router allow a robot only its own keys. Messages from a
 router were checked there and are trusted. zenoh drops messages that no rule allows, so a forbidden call gets no reply.
-The key of a call ends with its caller and the key of a reply names its receiver: nobody calls in another one's name or
-reads another one's replies.
+The keys of calls and heartbeats name their sender and the key of a reply its receiver: nobody calls in another one's
+name, keeps its dead-man's switch from halting, or reads its replies.
 
 A robot also sends its grants in the handshake (`encode_rights`), so that a controller fails forbidden calls at once
 (`Rights`). The robot's own access control remains authoritative.
@@ -126,7 +126,7 @@ class _AccessRules:
 
     def allow_robot(self, robot: str) -> None:
         """Allow calls to a robot, and what it publishes under its own name."""
-        self._link(robot, "egress", (f"{robot}/**", f"{keys.HEARTBEATS}/*"))
+        self._link(robot, "egress", (f"{robot}/**", f"{keys.HEARTBEATS}/*/*"))
         published = f"{keys.ANSWERS}/*/*/{robot}", f"{keys.EVENTS}/{robot}", f"{keys.STREAMS}/{robot}/**"
         self._link(robot, "ingress", published, (f"{keys.ANSWERS}/*/*/*", f"{keys.EVENTS}/*", f"{keys.STREAMS}/**"))
         self._allow(robot, "ingress", _DECLARE_TOKEN, [f"{self._all}/{keys.ALIVE}/*/{robot}"])
@@ -138,7 +138,7 @@ class _AccessRules:
         calls = [f"{robot}/{method}/{name}/*" for robot in robots for method in _methods_of(grant)]
         self._link(name, "ingress", calls, [f"{robot}/**" for robot in robots])
         if grant.role == "controller":
-            self._link(name, "ingress", [f"{keys.HEARTBEATS}/*"])
+            self._link(name, "ingress", [f"{keys.HEARTBEATS}/{name}/*"], [f"{keys.HEARTBEATS}/*/*"])
         resources = grant.resources or ("*",)
         published = [f"{keys.ANSWERS}/{name}/*/{robot}" for robot in robots]
         published += [f"{keys.EVENTS}/{robot}" for robot in robots]

@@ -58,7 +58,7 @@ class RobotHost(EALActor):
         self._outbox.launch()
         for key, receive in (  # before any token: a robot that is found can be called
             (keys.call_keys(self._fleet, self._robot), self._on_call),
-            (keys.heartbeat_key(self._fleet, None), self._on_heartbeat),
+            (keys.heartbeat_key(self._fleet, None, None), self._on_heartbeat),
         ):
             callback = zenoh.handlers.Callback(receive, indirect=False)
             self._subscribers.append(self._session.declare_subscriber(key, callback))
@@ -103,7 +103,7 @@ class RobotHost(EALActor):
         """Send the queued messages and end. Thread: blocks the caller."""
         end_s = REAL_TIME.now() + timeout_s
         self.end_soon()
-        for actor in (self, self._outbox):
+        for actor in (self, self._outbox, self._outbox.urgent):
             if actor.thread is not None:
                 actor.thread.join(max(0.0, end_s - REAL_TIME.now()))
                 if actor.thread.is_alive():
@@ -148,11 +148,14 @@ class RobotHost(EALActor):
 
     def _on_heartbeat(self, sample: zenoh.Sample) -> None:
         try:
+            caller, client = keys.parse_heartbeat(str(sample.key_expr))
             beat = decode_heartbeat(sample.payload.to_bytes())
+            if beat.client != keys.client_id(caller, client):
+                raise ProtocolError(f"a controller named {caller} sends the heartbeat of another one")
         except ProtocolError as error:
             if error.message != self._last_bad_heartbeat:  # it is repeated
                 self._last_bad_heartbeat = error.message
                 get_logger(fleet=self._fleet).warning("heartbeats are malformed", reason=error.message)
             return
         for server in self._servers.values():
-            server.receive_heartbeat(beat.client, beat.name)
+            server.receive_heartbeat(caller, beat)

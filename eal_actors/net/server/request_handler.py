@@ -33,10 +33,10 @@ class RequestHandler:
     _publish: Callable[[RobotEvent], None]
     _security: SecurityConfig | None
 
-    def ping(self) -> Answer:
+    def ping(self, header: CallHeader) -> Answer:
         """Answer a ping. Thread: any."""
         received_s = REAL_TIME.now()
-        fields = {**self._state_fields(), **self._load_fields(), "resources": len(self._robot)}
+        fields = {**self._state_fields(header), **self._load_fields(), "resources": len(self._robot)}
         return {**fields, "received_s": received_s, "replied_s": REAL_TIME.now()}
 
     def _load_fields(self) -> dict[str, Any]:
@@ -65,25 +65,24 @@ class RequestHandler:
             return ProtocolError(f"the call is malformed: {error_text(error)}", robot=self._robot.name)
 
     def _hello(self, header: CallHeader) -> Answer:
-        name = next(iter(header.arguments), "")
-        self._admission.enter(header.client, header.epoch, str(name))
+        self._admission.enter(header.client, header.epoch)
         if self._robot.state is RobotState.STARTING:
             raise UnavailableError("it is still starting")
         return {
-            **self._state_fields(),
+            **self._state_fields(header),
             "problems": [error_text(problem) for problem in self._robot.problems],
             "resources": [handle.info.to_dict() for handle in self._robot.values()],
             "rights": encode_rights(self._security, self._robot.name),
         }
 
-    def _state_fields(self) -> dict[str, Any]:
+    def _state_fields(self, header: CallHeader) -> dict[str, Any]:
         holders = self._admission.holders()
         return {
             "release": release(),
             "state": self._robot.state.value,
             "stopped": self._robot.stopped_because,
             "holders": {resource: self._admission.names.of(client) for resource, client in holders.items()},
-            "holder_ids": holders,
+            "holder_ids": {resource: client for resource, client in holders.items() if client == header.client},
             "not_ready": dict(self._robot.not_ready),
             "running": [[*command.call_id, command.to_fields()] for command in self._running.announced()],
         }

@@ -47,7 +47,7 @@ class CallId(NamedTuple):
     """Identifier of a call, unique over all controllers and their restarts.
 
     Attributes:
-        client: 16 hexadecimal digits, new in each process of a controller.
+        client: the controller's process; see keys.client_id.
         epoch: number of the client's connection to the robot.
         sequence: number of the client's call to the robot, from 1.
     """
@@ -64,8 +64,8 @@ class CallHeader(NamedTuple):
         client: see CallId.
         epoch: see CallId.
         sequence: see CallId.
-        ttl_s: time to live: seconds after receipt within which the robot may begin.
-        deadline_s: seconds left until the caller's deadline at the time of sending; negative once it has passed.
+        ttl_s: time to live: real seconds after the sending within which the robot may begin.
+        deadline_s: real seconds from the sending to the caller's deadline; negative once it has passed.
         start_s: time to begin, by the robot's clock, in seconds; None for at once.
         arguments: the method's str and int arguments in order; ints have at most 64 bits.
         era: of a command: the run of the robot's server that the echo is from; see freshness.
@@ -161,14 +161,10 @@ class Heartbeat:
 
     Attributes:
         client: see CallId.
-        epoch: see CallId.
-        sequence: number of the heartbeat within the epoch.
         name: display name, such as `anna@lab-pc`.
     """
 
     client: str
-    epoch: int
-    sequence: int
     name: str = ""
 
 
@@ -271,13 +267,7 @@ def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> RobotEvent:
 
 def encode_heartbeat(beat: Heartbeat) -> bytes:
     """Return a heartbeat's envelope; DataError if a field cannot be packed."""
-    fields = {
-        "version": PROTOCOL_VERSION,
-        "client": packed_client(beat.client),
-        "epoch": beat.epoch,
-        "sequence": beat.sequence,
-        "name": beat.name,
-    }
+    fields = {"version": PROTOCOL_VERSION, "client": packed_client(beat.client), "name": beat.name}
     return pack(fields, "heartbeat")
 
 
@@ -285,10 +275,7 @@ def decode_heartbeat(envelope: Buffer) -> Heartbeat:
     """Return a heartbeat; ProtocolError if the bytes are no heartbeat of this version."""
     fields = unpack_map(envelope, "heartbeat")
     return Heartbeat(
-        checked_client(fields.get("client"), "heartbeat"),
-        checked_count(fields.get("epoch"), "heartbeat: epoch"),
-        checked_count(fields.get("sequence"), "heartbeat: sequence"),
-        checked_text(fields.get("name", ""), "heartbeat: name"),
+        checked_client(fields.get("client"), "heartbeat"), checked_text(fields.get("name", ""), "heartbeat: name")
     )
 
 

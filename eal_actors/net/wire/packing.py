@@ -17,7 +17,7 @@ from eal_actors.device.data.storage import as_bytes
 from eal_actors.kernel import errors
 from eal_actors.kernel.errors import ConfigError, DataError, EALError, ProtocolError
 
-PROTOCOL_VERSION: Final = 2
+PROTOCOL_VERSION: Final = 3
 """Incremented when an older reader would misunderstand a message; see docs/reference/wire-format.md."""
 MAX_ENVELOPE_BYTES: Final = 1024**2
 MAX_PAYLOAD_BYTES: Final = 64 * 1024**2
@@ -26,7 +26,7 @@ MAX_ITEMS: Final = 4096
 MAX_MESSAGE_CHARS: Final = 16_000
 """Longer error messages are truncated."""
 
-_CLIENT_BYTES: Final = 8
+_CLIENT_BYTES: Final = 16
 
 Buffer = bytes | bytearray | memoryview
 
@@ -222,7 +222,7 @@ def checked_payload(payload: Buffer, what: str) -> Payload:
 
 
 def packed_client(client: str) -> bytes:
-    """Return the bytes of a client id; DataError unless it is 16 hexadecimal digits."""
+    """Return the bytes of a client id; DataError unless it is 32 hexadecimal digits."""
     try:
         packed = bytes.fromhex(client)
     except (ValueError, TypeError):

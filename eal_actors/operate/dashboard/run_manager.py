@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.actors.future import Future
-from eal_actors.kernel.errors import ConfigError, EALError, ScenarioError, WaitTimeoutError, error_text
+from eal_actors.kernel.errors import (
+    ConfigError,
+    EALError,
+    PreemptedError,
+    ScenarioError,
+    StoppedError,
+    WaitTimeoutError,
+    error_text,
+)
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import WHOLE, DashboardContext
 from eal_actors.operate.dashboard.run_record import REPORT, RunRecord
@@ -38,6 +46,8 @@ _RECORD_END_S: Final = 20.0
 """Real seconds for the end of a run's record, with its picture and its report."""
 _MOST_FILES: Final = 200
 _CLOSED: Final = "the dashboard was closed"
+_STOP_CODES: Final = (PreemptedError.code, StoppedError.code)
+"""Of errors that a stop causes. They are over with the resume, and no errors of a robot."""
 
 
 class RunManager:
@@ -222,7 +232,8 @@ class RunManager:
 
     def _record_end(self, record: StepRecord, robot: str) -> None:
         self._steps.end(robot, record.step)
-        if record.error is not None and record.outcome != "aborted":
+        is_of_stop = record.error is not None and record.error.code in _STOP_CODES
+        if record.error is not None and record.outcome != "aborted" and not is_of_stop:
             self._steps.record_error(robot, f"{record.label}: {record.error.message}")
         if record.is_call:
             done_by = self._status["done_by"]

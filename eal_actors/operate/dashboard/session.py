@@ -24,6 +24,7 @@ from eal_actors.operate.dashboard.dispatcher import Dispatcher, failure
 from eal_actors.operate.dashboard.limits import (
     COMMANDS_AT_ONCE,
     COMMANDS_PER_S,
+    MAX_BROWSERS,
     MESSAGES_AT_ONCE,
     MESSAGES_PER_S,
     TokenBucket,
@@ -38,6 +39,7 @@ from eal_actors.operate.dashboard.messages import (
     parse_message,
 )
 from eal_actors.operate.dashboard.notifier import Notifier
+from eal_actors.operate.dashboard.places import place_of
 from eal_actors.operate.dashboard.state_store import StateReader, StateStore
 
 HELLO_S: Final = 5.0
@@ -45,10 +47,17 @@ HELLO_S: Final = 5.0
 STUCK_S: Final = 10.0
 """Real seconds after which a browser that reads nothing is disconnected."""
 MOST_ANSWERS: Final = 200
+HEARTBEAT_S: Final = 1.0
+"""The greatest real time between two updates: a page that receives none for longer shows that it is outdated."""
 SEND_PERIOD_S: Final = 1 / 60
 """The least real time between two updates."""
 POLICY_VIOLATION: Final = 1008
+TRY_AGAIN_LATER: Final = 1013
 _numbers = itertools.count(1)
+
+
+class _FullError(BusyError):
+    """All places for browsers are taken."""
 
 
 @dataclass(frozen=True)
@@ -70,17 +79,20 @@ class AppState:
 
 
 class BrowserSession:
-    """Serves one page, on a websocket that is not accepted yet. Thread: the loop's."""
+    """Serves one page, on a websocket that is not accepted yet. `admit` may refuse it. Thread: the loop's."""
 
-    def __init__(self, websocket: WebSocket, app_state: AppState) -> None:
+    def __init__(self, websocket: WebSocket, app_state: AppState, admit: Callable[[BrowserSession], bool]) -> None:
         self.name: Final = f"browser {next(_numbers)}"
         self._websocket = websocket
         self._app_state = app_state
+        self._admit = admit
+        self._place = place_of(websocket.scope)
         self._denied: str | None = "the first message must be hello"
         self._event = app_state.notifier.subscribe()
         self._answers: deque[dict[str, Any]] = deque(maxlen=MOST_ANSWERS)
         self._cameras: tuple[CameraKey, ...] = ()
         self._frame_period_s = 0.2
+        self._sent_s = 0.0
         self._frames: dict[CameraKey, tuple[int, float]] = {}
         self._messages = TokenBucket(MESSAGES_PER_S, MESSAGES_AT_ONCE)
         self._commands = TokenBucket(COMMANDS_PER_S, COMMANDS_AT_ONCE)
@@ -98,8 +110,10 @@ class BrowserSession:
                 task.result()
         except (WebSocketDisconnect, TimeoutError):
             pass
+        except _FullError as error:
+            await self._reject(error, TRY_AGAIN_LATER)
         except EALError as error:
-            await self._reject(error)
+            await self._reject(error, POLICY_VIOLATION)
         finally:
             self._app_state.notifier.unsubscribe(self._event)
             self._app_state.dispatcher.leave(self.name)
@@ -114,15 +128,29 @@ class BrowserSession:
         if not isinstance(hello, Hello):
             raise ArgumentError("the first message must be hello")
         self._denied = self._app_state.access.refusal(hello.token)
+        if not self._admit(self):
+            raise _FullError(f"{MAX_BROWSERS} browsers are connected already")
+        if self._place is not None:
+            self._place.keep()
         rights = {"you": self.name, "may_command": self._denied is None, "why": self._denied}
         await self._send_text({"hello": {**self._app_state.introduction(), **rights}})
 
-    async def _reject(self, error: EALError) -> None:
+    async def _reject(self, error: EALError, code: int) -> None:
         get_logger().warning("a browser was disconnected", browser=self.name, reason=error.message)
         if self._websocket.application_state is WebSocketState.CONNECTED:
             with contextlib.suppress(TimeoutError, WebSocketDisconnect, RuntimeError):
                 async with asyncio.timeout(STUCK_S):
-                    await self._websocket.close(POLICY_VIOLATION, error.message[:100])
+                    await self._websocket.close(code, error.message[:100])
+
+    @property
+    def may_stop(self) -> bool:
+        """Whether its user may stop the robots."""
+        return self._denied is None
+
+    def abort(self) -> None:
+        """Drop the connection: an orderly close would wait for the browser. It may connect again."""
+        if self._place is not None:
+            self._place.abort()
 
     # Incoming messages.
 
@@ -183,7 +211,8 @@ class BrowserSession:
             answers = [self._answers.popleft() for _ in range(len(self._answers))]
             if answers:
                 update["answers"] = answers
-            if update:
+            if update or REAL_TIME.now() >= self._sent_s + HEARTBEAT_S:
+                self._sent_s = REAL_TIME.now()
                 await self._send_text({**update, "now_s": round(self._app_state.clock.now(), 3)})
             next_frame_s = await self._send_frames()
             await asyncio.sleep(SEND_PERIOD_S)
@@ -192,7 +221,7 @@ class BrowserSession:
 
     async def _wait_for_change(self, at_most_s: float | None) -> None:
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(at_most_s):
+            async with asyncio.timeout(HEARTBEAT_S if at_most_s is None else min(at_most_s, HEARTBEAT_S)):
                 await self._event.wait()
         self._event.clear()
 
@@ -230,7 +259,5 @@ class BrowserSession:
                 await send(message)
         except TimeoutError:
             get_logger().warning("a browser was disconnected", browser=self.name, reason="it stopped reading")
-            abort = self._websocket.scope.get("state", {}).get("abort")
-            if abort is not None:
-                abort()
+            self.abort()
             raise

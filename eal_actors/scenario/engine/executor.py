@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.kernel import spans
-from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError
+from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError, PreemptedError, StoppedError
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.engine.synchronization import StepGroup
-from eal_actors.scenario.language.expressions import Expression, Namespace, expressions_in, render
+from eal_actors.scenario.language.expressions import Expression, Namespace, WorkLimitError, expressions_in, render
 from eal_actors.scenario.language.values import OnFailure, RetryPolicy, Wanted, checked_number, final_action
 from eal_actors.scenario.report.events import StepEnded, StepRetried, StepStarted
 from eal_actors.scenario.report.summary import ErrorReport, StepOutcome, StepRecord
@@ -272,6 +272,9 @@ class _Execution:
             error: EALError | None = None
             try:
                 yield from self._action.attempt()
+            except WorkLimitError as caught:
+                mark = self._run.main.scenario.position_of(self._path)
+                error = WorkLimitError(f"{mark.file}:{mark.line}:{mark.column}: {caught.message}")
             except EALError as caught:
                 error = caught
             if error is None or self._is_over() or not self._action.is_begun or attempts > self._retries:
@@ -296,7 +299,7 @@ class _Execution:
         )
 
     def _outcome(self, attempts: int, error: EALError) -> StepOutcome:
-        was_cut = isinstance(error, CallCancelledError) or attempts <= self._retries
+        was_cut = isinstance(error, CallCancelledError | PreemptedError | StoppedError) or attempts <= self._retries
         if self._context.robot is not self._robot and not self._run.is_stopping:
             return "replaced"
         if self._run.is_stopping and was_cut:

@@ -17,7 +17,7 @@ from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import Clock, new_waiter, wall_time
-from eal_actors.kernel.errors import ScenarioError
+from eal_actors.kernel.errors import PreemptedError, ScenarioError, StoppedError
 from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine import checkpoints
 from eal_actors.scenario.engine.context import RunContext
@@ -189,7 +189,7 @@ class Run:
         about = {"eal.scenario": scenario, "eal.fleet": self._fleet.name}
         span = spans.tracer.begin_trace(f"scenario {scenario}", about) if spans.tracer is not None else None
         try:
-            with span.current() if span is not None else nullcontext():
+            with span.current() if span is not None else nullcontext(), self._run.budget.applied():
                 self._loop.run(self._phases())
         except BaseException as error:  # noqa: BLE001  # the caller waits for a report
             self._fail(error)
@@ -327,6 +327,8 @@ class Run:
     def _outcome(self) -> tuple[RunOutcome, BaseException | None]:
         errors = [robot.error for robot in self._robots.values() if robot.outcome in ("failed", "dropped")]
         errors += self._run.failures
+        if self._is_aborted:  # the errors of an emergency stop are the abort's own
+            errors = [error for error in errors if not isinstance(error, PreemptedError | StoppedError)]
         if self._error is not None or errors:
             return "failed", self._error or errors[0]
         if self._is_aborted:

@@ -11,10 +11,19 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
-from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.errors import EALError, Problem
 from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.language.expressions import Expression, expressions_in, parse_bare, parse_template
+from eal_actors.scenario.language.expressions import (
+    MAX_WORK,
+    Expression,
+    Namespace,
+    WorkBudget,
+    evaluate,
+    expressions_in,
+    parse_bare,
+    parse_template,
+)
 from eal_actors.scenario.language.expressions.functions import CONSTANTS, FUNCTIONS
 from eal_actors.scenario.language.expressions.grammar import READINGS
 from eal_actors.scenario.language.parameters import unit_problem
@@ -111,6 +120,7 @@ class ScopeCheck:
         self.saved: dict[str | None, set[str]] = {}
         self.constants = frozenset(scenario.file.parameters)
         self.signals = signals_of(scenario)
+        self._budget = WorkBudget("the expressions of this file", MAX_WORK)
 
     def report(self, path: YamlPath, message: str, *, key: bool = False, inside: tuple[str, int] | None = None) -> None:
         """Add a problem; see `Scenario.problem`."""
@@ -174,6 +184,7 @@ class ScopeCheck:
             for expression, offset in template.expressions():
                 self._variables(expression, path, scope, value, offset, static)
                 self._readings(expression, path, scope, value, offset, static)
+                self._constant(expression, path, value, offset)
 
     def expression(self, value: object, path: YamlPath, scope: Scope) -> None:
         """Check a value that is an expression without `${}`, or a list of them."""
@@ -186,6 +197,19 @@ class ScopeCheck:
                 self.report(path, flaw.message, inside=(value, offset + flaw.offset))
             self._variables(expression, path, scope, value, offset, "", is_bare=True)
             self._readings(expression, path, scope, value, offset, "")
+            self._constant(expression, path, value, offset)
+
+    def _constant(self, expression: Expression, path: YamlPath, text: str, offset: int) -> None:
+        """Check that an expression without variables has a value."""
+        if expression.flaws or not expression.is_constant or self._budget.is_spent():
+            return
+        try:
+            with self._budget.applied():
+                evaluate(expression, Namespace({}))
+        except EALError as error:
+            self.report(path, error.message, inside=(text, offset))
+        if self._budget.is_spent():
+            self.report(path, self._budget.message(), inside=(text, offset))
 
     def _variables(
         self,

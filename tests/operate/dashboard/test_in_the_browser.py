@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
@@ -19,7 +20,9 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.operate.dashboard import Dashboard
 from eal_actors.operate.dashboard.access import new_token
 from tests.net.links import free_port
+from tests.net.rig import Rig, served
 from tests.operate.dashboard.rig import ROOT, SIM, open_dashboard, resource_of, wait_for
+from tests.operate.dashboard.test_command import started
 
 OpenPage = Callable[..., AbstractContextManager[Page]]
 VIEWS = ("fleet", "map", "cameras", "scenario", "logs", "robot/one")
@@ -73,7 +76,7 @@ def test_the_page_starts_shows_and_stops_the_dance(open_page: OpenPage, tmp_path
             places = poses_after(fleet, name, late_s)
             assert len(places) == 1, f"{name} still moved half a second after the stop: {places}"
         expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
-        expect(page.locator("#main")).to_contain_text(re.compile("Aborted|Failed"))
+        expect(page.locator("#main")).to_contain_text("Aborted")
         assert all(robot.stopped_because for robot in fleet.values())
 
 
@@ -203,6 +206,52 @@ def test_two_browsers_see_one_fleet_and_either_may_resume(
         second.get_by_role("button", name="Resume", exact=True).click()
         expect(first.locator("#stopped")).to_be_hidden()
         assert fleet["one"].stopped_because is None
+
+
+def test_the_banner_names_the_robots_that_have_not_confirmed_the_stop(open_page: OpenPage, tmp_path: Path) -> None:
+    rig = Rig(tmp_path, ("r1", "r2", "r3"), {"lease_s": 20.0, "dead_man_s": 20.0})
+    with (
+        served(rig) as (running, fleet),
+        open_dashboard(fleet) as dashboard,
+        open_page(dashboard.link) as page,
+    ):
+        connected(page)
+        banner, frozen = page.locator("#stopped"), page.locator("tr[data-robot='r3']")
+        expect(frozen).to_contain_text("ready")
+        running["r3"].freeze()
+        page.keyboard.press("Escape")
+        expect(banner).to_contain_text("2 of 3 stopped, r3 NOT CONFIRMED: STOP on the dashboard")
+        expect(frozen).to_contain_text("stop NOT CONFIRMED")
+        expect(page.locator("tr[data-robot='r1']")).to_contain_text("■stopped")
+        expect(page.locator("#notices")).to_contain_text("Stop not confirmed: r3")
+        expect(banner).to_contain_text("2 of 3 stopped, r3 NOT CONFIRMED")  # though the request is over
+        running["r3"].thaw()
+        expect(banner).to_contain_text("All robots refuse to move")
+        expect(banner).not_to_contain_text("NOT CONFIRMED")
+
+
+def test_a_page_without_a_server_is_dimmed_and_says_when_it_was_seen(open_page: OpenPage, tmp_path: Path) -> None:
+    with started(tmp_path) as (process, link), open_page(link, expects_errors=True) as page:
+        connected(page)
+        expect(page.locator("#outdated")).to_be_hidden()
+        process.send_signal(signal.SIGSTOP)  # its connection stays open
+        expect(page.locator("#outdated")).to_contain_text(re.compile(r"last seen at \d\d:\d\d:\d\d"))
+        expect(page.locator("body")).to_have_class("outdated")
+        page.keyboard.press("Escape")
+        expect(page.locator("#notices")).to_contain_text("STOP NOT CONFIRMED: no answer yet")
+        process.send_signal(signal.SIGCONT)
+        expect(page.locator("#outdated")).to_be_hidden()
+        expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
+        process.kill()
+        expect(page.locator("#outdated")).to_be_visible()
+        expect(page.locator("#connection")).to_contain_text("no connection")
+
+
+def test_stop_is_the_first_in_the_order_of_the_tab_key(open_page: OpenPage, dashboard: Dashboard) -> None:
+    with open_page(dashboard.link) as page:
+        connected(page)
+        page.keyboard.press("Tab")
+        expect(page.locator("#stop")).to_be_focused()
 
 
 # Access.

@@ -27,7 +27,6 @@ SETTINGS: dict[str, list[dict[str, Any]]] = {
     "replay": [{"record": RECORD, "robot": "evbot2-1", "loop": True}],  # every value follows the record
     "camera": [{"source": PICTURES, "loop": True, "fps": 50, "fov_deg": 60}],
     "socket_port": [{}, {"protocol": "udp", "host": "127.0.0.1", "port": 9}],
-    "system": [{"resources": ["Cpu", "Memory", "Disk", "Network", "Uptime"]}],  # few test machines have sensors
     "evbot2": [{}, {"port": "sim://world"}],  # without settings, an emulator replaces the robot
     "evbot3": [{}, {"address": "sim://world"}],
     "roomba": [

@@ -12,12 +12,16 @@ const pending = new Map();
 /** @type {WebSocket | null} */
 let socket = null;
 let lastId = 0;
+let lossReason = "";
 let retries = 0;
 /** @type {string | null} */
 let token = null;
 
 export const connection = {
   isOpen: false,
+  /** When the last message came, by this machine's clock; null before the first. */
+  /** @type {Date | null} */
+  heardAt: null,
   /** @type {string | null} Why the server closed the connection. */
   closeReason: null,
   onState: () => {},
@@ -50,10 +54,16 @@ function open() {
   socket = opened;
   opened.binaryType = "arraybuffer";
   opened.onopen = () => opened.send(JSON.stringify({ do: "hello", token }));
-  opened.onmessage = ({ data }) => (typeof data === "string" ? receive(JSON.parse(data)) : receiveFrame(data));
+  opened.onmessage = ({ data }) => {
+    connection.heardAt = new Date();
+    if (typeof data === "string") receive(JSON.parse(data));
+    else receiveFrame(data);
+  };
   opened.onclose = ({ reason }) => {
     connection.isOpen = false;
-    for (const resolve of pending.values()) resolve({ ok: false, error: "the connection to the dashboard was lost" });
+    const error = lossReason || "the connection to the dashboard was lost";
+    lossReason = "";
+    for (const resolve of pending.values()) resolve({ ok: false, error });
     pending.clear();
     connection.closeReason = reason || null;
     connection.onState();
@@ -69,6 +79,11 @@ function receive(message) {
     connection.closeReason = null;
     store.reset(message.hello);
     connection.onState();
+    return;
+  }
+  if (!store.hasSameRobots(message)) {
+    lossReason = "the fleet has other robots now";
+    socket?.close(); // the fleet file was reloaded: the next connection begins with its robots
     return;
   }
   for (const answer of message.answers ?? []) {

@@ -2,7 +2,7 @@
 
 import { camerasView, showFrame } from "./cameras.js";
 import { connect, connection, request } from "./connection.js";
-import { byId, el, setText } from "./dom.js";
+import { byId, clockTime, el, setText } from "./dom.js";
 import { releaseAll, showDriveError } from "./drive.js";
 import { fleetView } from "./fleet.js";
 import { logsView } from "./logs.js";
@@ -22,6 +22,8 @@ const VIEWS = [
   ["logs", "Logs", logsView],
 ];
 const NOTICE_MS = 12000;
+const LATE_MS = 1000;
+const OUTDATED_S = 3;
 const MAX_NOTICES = 4;
 const MAX_NAMES = 4;
 const main = byId("main");
@@ -81,6 +83,7 @@ connection.onState = () => {
   const reason = connection.closeReason ? `: ${connection.closeReason}` : "";
   setText(chip, connection.isOpen ? "● connected" : `▲ no connection${reason}; reconnecting`);
   if (!connection.isOpen) showDriveError({ error: "the connection was lost" });
+  showAge();
   setText(byId("fleet-name"), store.hello?.fleet ?? "eal");
   const permission = byId("permission");
   permission.hidden = store.mayCommand() || !store.hello;
@@ -99,10 +102,22 @@ function canCommand() {
 }
 
 setInterval(() => {
+  showAge();
   if (!connection.isOpen) return;
   byId("connection").title = `${store.updatesPerSecond().toFixed(0)} updates per second`;
   document.body.dataset.rate = store.updatesPerSecond().toFixed(1);
 }, 500);
+
+// The server sends something every second. A page without it shows the past, and says so.
+function showAge() {
+  const heardAt = connection.heardAt;
+  const age_s = heardAt ? (Date.now() - heardAt.getTime()) / 1000 : 0;
+  const isOutdated = heardAt !== null && (age_s > OUTDATED_S || !connection.isOpen);
+  byId("outdated").hidden = !isOutdated;
+  document.body.classList.toggle("outdated", isOutdated);
+  if (!isOutdated) return;
+  setText(byId("outdated-why"), `The dashboard was last seen at ${clockTime(heardAt)}. Robots may have moved since.`);
+}
 
 // Notices.
 
@@ -132,19 +147,29 @@ async function stop() {
     notify(`STOP was not sent: ${reason}`, true);
     return;
   }
+  const late = setTimeout(() => notify("STOP NOT CONFIRMED: no answer yet.", true), LATE_MS);
   const answer = await request("stop", {});
+  clearTimeout(late);
   if (answer.ok) notify(`${answer.confirmed.length} robots confirmed the stop.`);
   else notify(`Stop not confirmed: ${describeFailure(answer)}`, true);
+}
+
+/** @param {string[]} names */
+function list(names) {
+  const rest = names.length - MAX_NAMES;
+  return names.slice(0, MAX_NAMES).join(", ") + (rest > 0 ? ` and ${rest} more` : "");
 }
 
 function showStop() {
   const stopped = store.stopped();
   byId("stopped").hidden = !stopped.length;
   if (stopped.length) {
-    const rest = stopped.length - MAX_NAMES;
-    const some = stopped.slice(0, MAX_NAMES).join(", ") + (rest > 0 ? ` and ${rest} more` : "");
-    const robots = stopped.length === store.names().length ? "All robots" : some;
-    setText(byId("stopped-why"), `${robots} refuse to move: ${store.robots[stopped[0]].stopped}.`);
+    const [total, missing] = [store.names().length, store.unconfirmed()];
+    const count = `${stopped.length - missing.length} of ${total} stopped, ${list(missing)} NOT CONFIRMED`;
+    const robots = stopped.length === total ? "All robots" : list(stopped);
+    const state = missing.length ? count : `${robots} refuse to move`;
+    setText(byId("stopped-word"), missing.length ? "▲ Stop not confirmed." : "■ Stopped.");
+    setText(byId("stopped-why"), `${state}: ${store.robots[stopped[0]].stopped}.`);
   }
   byId("stop").setAttribute("aria-disabled", String(!canCommand()));
   /** @type {HTMLButtonElement} */ (byId("resume")).disabled = !store.mayCommand();

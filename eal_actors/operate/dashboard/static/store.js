@@ -51,13 +51,22 @@ class Store {
     this.onChange(new Set(["hello", "robots", "poses", "run", "logs", "events"]));
   }
 
+  /**
+   * Return whether an update is of the robots that the page knows. A removed robot is null.
+   *
+   * @param {Update} update
+   */
+  hasSameRobots(update) {
+    return Object.entries(update.robots ?? {}).every(([name, robot]) => this.names().includes(name) === Boolean(robot));
+  }
+
   /** @param {Update} update */
   apply(update) {
     this.#countUpdate(update.now_s);
     /** @type {Set<Change>} */
     const changed = new Set();
     if (update.robots) {
-      Object.assign(this.robots, update.robots);
+      for (const [name, robot] of Object.entries(update.robots)) if (robot) this.robots[name] = robot;
       changed.add("robots");
     }
     if (update.poses) {
@@ -124,6 +133,11 @@ class Store {
 
   stopped() {
     return this.names().filter((name) => this.robots[name]?.stopped);
+  }
+
+  /** Return the stopped robots that have not confirmed it: they may still move. */
+  unconfirmed() {
+    return this.stopped().filter((name) => !this.robots[name].is_stop_confirmed);
   }
 
   mayCommand() {
@@ -202,6 +216,7 @@ const STATES = {
  */
 export function stateOf(robot) {
   if (!robot) return ["◌", "unknown", "warn"];
+  if (robot.stopped && !robot.is_stop_confirmed) return ["▲", "stop NOT CONFIRMED", "bad"];
   if (robot.state === "ready" && robot.stopped) return ["■", "stopped", "bad"];
   if (robot.state === "ready" && Object.keys(robot.not_ready).length) return ["◐", "partly ready", "warn"];
   return STATES[robot.state] ?? ["?", robot.state, "warn"];

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors.actors.robot_view import Ping, RobotState
+from eal_actors.device.serial_ports import usb_id
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import discover
 from eal_actors.operate.doctor.certificates import RequiredCertificate, judge_mode, judge_validity
@@ -22,7 +23,6 @@ from eal_actors.operate.doctor.devices import (
     judge_device,
     named_devices,
     read_facts,
-    usb_id,
 )
 from eal_actors.operate.doctor.diagnostic import Severity
 from eal_actors.operate.doctor.packages import judge_python, judge_requirements

@@ -17,16 +17,9 @@ from plugins.evbot2.messages import OrderChannel
 from plugins.evbot2.protocol import MODEL, HostLineCodec
 from plugins.evbot2.serving import FaultyWire
 from plugins.evbot2.vehicle import FreeVehicle
-from tests.manual_clock import ManualClock
+from tests.manual_clock import HurriedClock
 
 TICK_S = 0.01
-
-
-class HurriedClock(ManualClock):
-    """A clock on which who sleeps moves the time."""
-
-    def sleep(self, duration_s: float) -> None:
-        self.advance(duration_s)
 
 
 class MemoryPort:

@@ -24,7 +24,7 @@ from plugins.roomba.sci_emulator import SciEmulator
 from plugins.roomba.tinyos import TinyosFraming
 from plugins.sim import port as simulated_ports
 from plugins.sim.world import world_of
-from tests.manual_clock import ManualClock
+from tests.manual_clock import HurriedClock, ManualClock
 
 T = TypeVar("T")
 
@@ -95,13 +95,6 @@ class MemoryPort:
 
     def use(self, action: Callable[[Any], T]) -> T:
         return action(self)
-
-
-class HurriedClock(ManualClock):
-    """A clock on which who sleeps moves the time."""
-
-    def sleep(self, duration_s: float) -> None:
-        self.advance(duration_s)
 
 
 class Rig:

@@ -18,8 +18,7 @@ from eal_actors.testing.conformance.emulator_wires import TcpWire
 from plugins.roomba import emulator, plugin
 from plugins.roomba.motes import ByteEmulator
 from plugins.roomba.sci import Mode
-from tests.manual_clock import ManualClock
-from tests.unit.plugins.roomba.rig import HurriedClock
+from tests.manual_clock import HurriedClock, ManualClock
 from tests.unit.plugins.roomba.wires import roomba_on_a_pty, roombas_on_sockets
 
 FOLDER = bundled_path("plugins/roomba")

@@ -13,7 +13,8 @@ from eal_actors.plugin import FleetServices, PluginContext
 from plugins.roomba import plugin, sci
 from plugins.roomba.base import RoombaBase
 from plugins.roomba.resources import RoombaBattery, RoombaBump, RoombaCliff, RoombaOdometry
-from tests.unit.plugins.roomba.rig import HurriedClock, SimulatedRig
+from tests.manual_clock import HurriedClock
+from tests.unit.plugins.roomba.rig import SimulatedRig
 
 
 def arena(**things: Any) -> WorldModel:
