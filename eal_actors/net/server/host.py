@@ -143,7 +143,7 @@ class RobotHost(EALActor):
         """Send the queued messages and end. Thread: blocks the caller."""
         end_s = REAL_TIME.now() + timeout_s
         self.end_soon()
-        for actor in (self, self._outbox):
+        for actor in (self, self._outbox, self._outbox.urgent):
             if actor.thread is not None:
                 actor.thread.join(max(0.0, end_s - REAL_TIME.now()))
                 if actor.thread.is_alive():

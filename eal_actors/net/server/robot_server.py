@@ -20,6 +20,7 @@ from eal_actors.kernel import spans
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import (
     AccessDeniedError,
+    BusyError,
     DeadlineError,
     EALError,
     ProtocolError,
@@ -312,7 +313,8 @@ class RobotServer:
             self._unlogged_stop = reason
         elif method == keys.RESUME:
             self._log.warning("resumed")
-            self._robot.resume().link(lambda done, _: self._answer(reply_to, self._outcome(done)))
+            urgent = reply_to._replace(is_urgent=True)
+            self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
         elif method == keys.REVOKE:
             if call.caller != keys.AUTHORITY_CALLER:
                 raise AccessDeniedError("only the holder of the authority's key may revoke a certificate")
@@ -351,6 +353,8 @@ class RobotServer:
     ) -> None:
         """Reply to a call."""
         time = RobotTime(self._era, REAL_TIME.now(), began_s)
+        if isinstance(answer, EALData) and self._outbox.is_full:
+            answer = BusyError("too many values wait for the network; read them less often", robot=self._robot.name)
         try:
             envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time))
         except EALError as error:  # too large, for example
