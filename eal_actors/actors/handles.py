@@ -37,6 +37,7 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         type: its type's name in the fleet file, or None.
         types: its type and the types that it builds on.
         tags: its tags.
+        starts: how often the fleet has started its connection; a reload may start it anew.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class RobotHandle(Mapping[str, ResourceHandle]):
     ) -> None:
         self.name = name
         self.label(types, tags)
+        self.starts = 1
         self._actor, self._view = start()
 
     def label(self, types: tuple[str, ...], tags: tuple[str, ...]) -> None:
@@ -66,6 +68,7 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         actor, view = start()
         view.inherit(self._view)
         self._actor, self._view = actor, view
+        self.starts += 1
 
     def __repr__(self) -> str:
         return f"<RobotHandle {self.name}: {self.state.value}>"

@@ -95,7 +95,8 @@ class RobotStarter:
             controller = Controller(self.config, self._clock, names).launch()
             self._controllers |= dict.fromkeys(names, controller)
         view = RobotView(robot.name, self._clock)
-        spec = RemoteSpec(robot.name, address, self._clock, robot.timeout_s, self.services.link(robot.name))
+        link = self.services.link(robot.name)
+        spec = RemoteSpec(robot.name, address, self._clock, robot.timeout_s, link, robot.mailbox)
         return RemoteRobot(spec, view, self._controllers[robot.name]).launch(), view
 
     def end_sessions(self, timeout_s: float, robots: Iterable[str] | None = None) -> None:

@@ -36,19 +36,9 @@ def changes_between(before: FleetConfig, after: FleetConfig) -> FleetChanges:
     Raises:
         ConfigError: they change what all robots of the fleet share; each problem has its place in the new file.
     """
-    is_networked = any(robot.address is not None for robot in before.robots.values())
-    fixed = {
-        ("name",): before.name != after.name,
-        ("clock", "rate"): _rate(before) != _rate(after),
-        ("seed",): before.content.get("seed", 0) != after.content.get("seed", 0),
-        ("world",): before.world != after.world,
-        ("network",): is_networked and before.network != after.network,
-    }
     why = "cannot change while the fleet is open; close the fleet and open it again"
-    if problems := [
-        after.tree.problem(path, f"'{'.'.join(path)}' {why}") for path, differs in fixed.items() if differs
-    ]:
-        raise ConfigError(problems)
+    if fixed := _changed_for_all(before, after):
+        raise ConfigError([after.tree.problem(path, f"'{'.'.join(path)}' {why}") for path in fixed])
     both = {name: (before.robots[name], robot) for name, robot in after.robots.items() if name in before.robots}
     restarted = tuple(name for name, (old, new) in both.items() if _connection(old) != _connection(new))
     return FleetChanges(
@@ -61,6 +51,19 @@ def changes_between(before: FleetConfig, after: FleetConfig) -> FleetChanges:
             if name not in restarted and (old.types, old.tags) != (new.types, new.tags)
         ),
     )
+
+
+def _changed_for_all(before: FleetConfig, after: FleetConfig) -> list[tuple[str, ...]]:
+    """Return the paths of the keys that have changed and that all robots of the fleet share."""
+    is_networked = any(robot.address is not None for robot in before.robots.values())
+    differs = {
+        ("name",): before.name != after.name,
+        ("clock", "rate"): _rate(before) != _rate(after),
+        ("seed",): before.content.get("seed", 0) != after.content.get("seed", 0),
+        ("world",): before.world != after.world,
+        ("network",): is_networked and before.network != after.network,
+    }
+    return [path for path, is_changed in differs.items() if is_changed]
 
 
 def _rate(config: FleetConfig) -> object:

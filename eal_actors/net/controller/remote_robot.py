@@ -42,6 +42,7 @@ class RemoteSpec(NamedTuple):
         clock: the fleet's clock.
         timeout_s: the default deadline of a call.
         link: fault injection for its calls.
+        mailbox: limit of the pending calls to one resource.
     """
 
     name: str
@@ -49,6 +50,7 @@ class RemoteSpec(NamedTuple):
     clock: Clock
     timeout_s: float
     link: FaultyLink
+    mailbox: int
 
 
 _REQUEST_TIMEOUT_S: Final = 2.0
@@ -71,7 +73,7 @@ class RemoteRobot(EALActor):
         view.controller_id = controller.client
         self._controller = controller
         self._channel = Channel(self, view, controller)
-        self.calls: Final = CallQueue(self._channel)
+        self.calls: Final = CallQueue(self._channel, spec.mailbox)
         self._feeds = RemoteFeeds(self._channel)
         self._board = CommandBoard()
         self._listener = RobotListener(
@@ -234,7 +236,7 @@ class RemoteRobot(EALActor):
             if isinstance(answer, dict):  # always true after read_ping
                 self._board.replace(answer.get("running", ()), answer["received_s"])
             self.view.not_ready = dict(ping.not_ready)
-            return replace(ping, running=self.running())
+            return replace(ping, running=self.running(), warnings=(*ping.warnings, *self._controller.warnings()))
 
         return self._channel.call(keys.PING, (), PING_TIMEOUT_S, read)
 

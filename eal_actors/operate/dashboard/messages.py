@@ -97,6 +97,12 @@ class ResumeAll(_AnsweredMessage):
     do: Literal["resume"]
 
 
+class ReloadFleet(_AnsweredMessage):
+    """Read the fleet file again, and adopt its changes."""
+
+    do: Literal["reload"]
+
+
 class StartRun(_AnsweredMessage):
     """Run a scenario."""
 
@@ -122,12 +128,13 @@ Message = Annotated[
     | CallResource
     | StopAll
     | ResumeAll
+    | ReloadFleet
     | StartRun
     | ControlRun,
     Field(discriminator="do"),
 ]
 
-COMMANDS = (CallResource, StopAll, ResumeAll, DriveRobot, ReleaseRobot, StartRun, ControlRun)
+COMMANDS = (CallResource, StopAll, ResumeAll, ReloadFleet, DriveRobot, ReleaseRobot, StartRun, ControlRun)
 """Messages that need permission to command."""
 
 _ADAPTER: TypeAdapter[Any] = TypeAdapter(Message)

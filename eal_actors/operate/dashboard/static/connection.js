@@ -12,6 +12,7 @@ const pending = new Map();
 /** @type {WebSocket | null} */
 let socket = null;
 let lastId = 0;
+let lossReason = "";
 let retries = 0;
 /** @type {string | null} */
 let token = null;
@@ -60,7 +61,9 @@ function open() {
   };
   opened.onclose = ({ reason }) => {
     connection.isOpen = false;
-    for (const resolve of pending.values()) resolve({ ok: false, error: "the connection to the dashboard was lost" });
+    const error = lossReason || "the connection to the dashboard was lost";
+    lossReason = "";
+    for (const resolve of pending.values()) resolve({ ok: false, error });
     pending.clear();
     connection.closeReason = reason || null;
     connection.onState();
@@ -76,6 +79,11 @@ function receive(message) {
     connection.closeReason = null;
     store.reset(message.hello);
     connection.onState();
+    return;
+  }
+  if (!store.hasSameRobots(message)) {
+    lossReason = "the fleet has other robots now";
+    socket?.close(); // the fleet file was reloaded: the next connection begins with its robots
     return;
   }
   for (const answer of message.answers ?? []) {
