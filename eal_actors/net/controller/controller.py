@@ -18,8 +18,10 @@ from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.net.security.expiry import certificate_warnings
 from eal_actors.net.sender import InFlightWindow, Sender, UrgentMessage
 from eal_actors.net.session import controller_config, open_session
+from eal_actors.net.throttled_log import ThrottledLog
 from eal_actors.net.wire import keys
 from eal_actors.net.wire.messages import CallReply, Heartbeat, RobotEvent, decode_event, decode_reply, encode_heartbeat
 from eal_actors.net.wire.packing import PROTOCOL_VERSION
@@ -86,6 +88,7 @@ class Controller(EALActor):
         self._config = config
         self._network = controller_config(config, robots)
         self._lock = threading.Lock()
+        self._malformed = ThrottledLog(fleet=config.name)
         self._listeners: dict[str, RobotListener] = {}
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
         self._session: zenoh.Session | None = None
@@ -94,6 +97,10 @@ class Controller(EALActor):
         self.sender: Final = Sender(f"{config.name} sender", self.window)
         self._urgent_sender = Sender(f"{config.name} urgent sender")
         self._callbacks = EALActor(f"{config.name} callbacks", clock)
+
+    def warnings(self) -> list[str]:
+        """Return warnings about certificates of this process that expire soon. Thread: any."""
+        return certificate_warnings(self._config.network.security, self._caller)
 
     # Life.
 
@@ -329,7 +336,7 @@ class Controller(EALActor):
             _, name = keys.parse_robot(str(sample.key_expr))
             event = decode_event(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
         except ProtocolError as error:
-            get_logger(fleet=self.fleet).warning("an event is malformed", reason=error.message)
+            self._malformed.warn(str(sample.key_expr).rpartition("/")[2], "an event is malformed", error.message)
             return
         with self._lock:
             listener = self._listeners.get(name)
@@ -338,4 +345,4 @@ class Controller(EALActor):
         try:
             listener.on_event(event)
         except ProtocolError as error:
-            get_logger(robot=name).warning("an event is malformed", reason=error.message)
+            self._malformed.warn(name, "an event is malformed", error.message)

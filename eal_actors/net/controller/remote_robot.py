@@ -236,7 +236,7 @@ class RemoteRobot(EALActor):
             if isinstance(answer, dict):  # always true after read_ping
                 self._board.replace(answer.get("running", ()), answer["received_s"])
             self.view.not_ready = dict(ping.not_ready)
-            return replace(ping, running=self.running())
+            return replace(ping, running=self.running(), warnings=(*ping.warnings, *self._controller.warnings()))
 
         return self._channel.call(keys.PING, (), PING_TIMEOUT_S, read)
 

@@ -17,7 +17,7 @@ from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import DeadlineError, EALError, StaleCommandError
 from eal_actors.net.freshness import CommandHistory, CommandRecord, Stamp
 from eal_actors.net.server.leases import DeadManSwitch, Leases, SilentController
-from eal_actors.net.wire.keys import ANYBODY
+from eal_actors.net.wire.keys import ANYBODY, certificate_id, client_id
 from eal_actors.net.wire.messages import Answer, CallHeader, CallId
 
 _CLAIMING: Final = MOTION_METHODS | {"set_config"}
@@ -156,6 +156,12 @@ class Admission:
         with self._guard:
             self._leases.leave(client)
             return self._dead_man.leave(client)
+
+    def clients_of(self, caller: str) -> list[str]:
+        """Return the controllers with the certificate of a name that hold or move anything."""
+        with self._guard:
+            clients = self._dead_man.clients.union(self._leases.holders(self._clock.now()).values())
+        return sorted(client for client in clients if certificate_id(client) == certificate_id(client_id(caller, "")))
 
     def release(self, client: str, resources: Sequence[str]) -> tuple[str, ...]:
         """End a controller's leases of some resources; returns those to halt."""

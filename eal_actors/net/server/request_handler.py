@@ -12,6 +12,7 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, error_text
 from eal_actors.managers.network_model import SecurityConfig
 from eal_actors.net.security.access import encode_rights
+from eal_actors.net.security.expiry import certificate_warnings
 from eal_actors.net.server.admission import Admission
 from eal_actors.net.server.running_commands import RunningCommands
 from eal_actors.net.server.streams import StreamPublisher
@@ -84,6 +85,7 @@ class RequestHandler:
             "holders": {resource: self._admission.names.of(client) for resource, client in holders.items()},
             "holder_ids": {resource: client for resource, client in holders.items() if client == header.client},
             "not_ready": dict(self._robot.not_ready),
+            "warnings": certificate_warnings(self._security, self._robot.name),
             "running": [[*command.call_id, command.to_fields()] for command in self._running.announced()],
         }
 
@@ -114,8 +116,11 @@ class RequestHandler:
         return 1
 
     def _leave(self, header: CallHeader) -> Answer:
-        """Disconnect a controller: halt what it commanded and end its leases and streams."""
-        self._publisher.leave(header.client)
-        for resource in self._admission.leave(header.client):
-            self._robot[resource].halt()
+        self.disconnect(header.client)
         return 1
+
+    def disconnect(self, client: str) -> None:
+        """Disconnect a controller: halt what it commanded and end its leases and streams."""
+        self._publisher.leave(client)
+        for resource in self._admission.leave(client):
+            self._robot[resource].halt()

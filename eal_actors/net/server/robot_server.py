@@ -19,6 +19,7 @@ from eal_actors.device.info import ResourceType
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import (
+    AccessDeniedError,
     BusyError,
     DeadlineError,
     EALError,
@@ -81,6 +82,7 @@ class RobotServer:
         network: the fleet's network.
         outbox: sends its replies and events.
         exclusive: names of the resources that one controller at a time may command; every actuator if None.
+        revoke: adds names to the list of revoked certificates; runs in the host's thread.
         run_soon: runs an action in the host's thread.
         on_close: called when the server closes.
 
@@ -99,6 +101,7 @@ class RobotServer:
         outbox: Outbox,
         *,
         exclusive: Iterable[str] | None,
+        revoke: Callable[[Iterable[str]], None],
         run_soon: Callable[[Callable[[], None]], None],
         on_close: Callable[[], None],
     ) -> None:
@@ -107,6 +110,7 @@ class RobotServer:
         self._clock = robot.clock
         self._session = session
         self._outbox = outbox
+        self._revoke = revoke
         self._run_soon = run_soon
         self._on_close = on_close
         self._era = secrets.token_hex(4)
@@ -133,10 +137,22 @@ class RobotServer:
         """Declare the robot's liveliness token. Thread: blocks the caller for a moment."""
         self._token = self._session.liveliness().declare_token(keys.alive_key(self._fleet, self._robot.name))
 
+    def move_to(self, session: zenoh.Session) -> None:
+        """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
+        self._session = session
+        self._publisher.move_to(session)
+        self.announce()
+
+    def expel(self, caller: str) -> None:
+        """Disconnect every controller with a revoked certificate, and halt what they moved. Thread: the host's."""
+        for client in self._admission.clients_of(caller):
+            self._log.warning("its certificate is revoked: disconnected", certificate=caller)
+            self._handler.disconnect(client)
+
     def close(self) -> None:
         """Withdraw the robot from the network. Thread: blocks the caller, for a bounded time."""
         token, self._token = self._token, None
-        if token is not None:
+        if token is not None and not self._session.is_closed():
             token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
         self._on_close()
         self._publisher.close()
@@ -299,10 +315,21 @@ class RobotServer:
             self._log.warning("resumed")
             urgent = reply_to._replace(is_urgent=True)
             self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
+        elif method == keys.REVOKE:
+            if call.caller != keys.AUTHORITY_CALLER:
+                raise AccessDeniedError("only the holder of the authority's key may revoke a certificate")
+            self._run_soon(lambda: self._answer(reply_to, self._revoked(header)))
         else:
             if method == keys.HELLO:
                 self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
             self._run_soon(lambda: self._answer(reply_to, self._handler.answer(method, header)))
+
+    def _revoked(self, header: CallHeader) -> Answer:
+        try:
+            self._revoke(map(str, header.arguments))
+        except EALError as error:
+            return error.at(self._robot.name)
+        return 1
 
     # Replies and events. Thread: any.
 

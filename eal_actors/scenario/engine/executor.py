@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.kernel import spans
-from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError, PreemptedError, StoppedError
+from eal_actors.kernel.errors import CallCancelledError, CallError, DeadlineError, EALError, StoppedError
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
@@ -277,6 +277,8 @@ class _Execution:
                 error = WorkLimitError(f"{mark.file}:{mark.line}:{mark.column}: {caught.message}")
             except EALError as caught:
                 error = caught
+            if self._is_emergency(error):
+                self._run.stop_for_emergency(f"emergency stop: {error}", is_finally=self._context.is_finally)
             if error is None or self._is_over() or not self._action.is_begun or attempts > self._retries:
                 return attempts, error
             self._run.emit(partial(self._retried, attempts, error))
@@ -298,8 +300,15 @@ class _Execution:
             or (self._robot is not None and self._robot.outcome is not None and not self._context.is_finally)
         )
 
+    def _is_emergency(self, error: EALError | None) -> bool:
+        """Return whether a step failed because of the emergency stop of its robot."""
+        is_held = self._robot is not None and self._robot.handle.stopped_because is not None
+        return isinstance(error, StoppedError) or (is_held and isinstance(error, CallError))
+
     def _outcome(self, attempts: int, error: EALError) -> StepOutcome:
-        was_cut = isinstance(error, CallCancelledError | PreemptedError | StoppedError) or attempts <= self._retries
+        if self._is_emergency(error):
+            return "aborted"
+        was_cut = isinstance(error, CallCancelledError) or attempts <= self._retries
         if self._context.robot is not self._robot and not self._run.is_stopping:
             return "replaced"
         if self._run.is_stopping and was_cut:
