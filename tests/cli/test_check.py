@@ -151,5 +151,6 @@ def test_names_are_checked_as_paths_are(eal: Any, write: Any, monkeypatch: pytes
 
 
 def test_a_scenario_may_run_a_bundled_one(eal: Any, write: Any) -> None:
-    file = write("outer.yaml", "version: 1\nname: outer\nroles: {all: {}}\nsteps:\n  - scenario: dance\n    roles: {dancers: all}\n")
+    steps = "steps:\n  - scenario: dance\n    roles: {dancers: all}\n"
+    file = write("outer.yaml", f"version: 1\nname: outer\nroles: {{all: {{}}}}\n{steps}")
     assert eal("check", file).exit_code == 0, eal("check", file).stdout
