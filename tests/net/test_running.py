@@ -168,5 +168,6 @@ def test_the_shown_names_hold_no_tricks() -> None:
     names.note("cd", "_", "x" * 1000)
     assert len(names.of("cd")) == 100
     for number in range(2000):
-        names.note(str(number), "_", "somebody")
-    assert names.of("ab") == "ab"  # forgotten: as many as that are never under way
+        names.note(f"{number:032x}", "_", "somebody")
+    assert names.of(32 * "0") == 32 * "0"  # forgotten: as many as that are never under way
+    assert names.of("ab") == "anna@[31mlab"  # of another certificate

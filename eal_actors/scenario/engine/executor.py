@@ -131,18 +131,21 @@ def perform_within(
     meets: frozenset[Hashable],
     inside: Callable[[ExecutionContext], Coroutine],
 ) -> Coroutine:
-    """Perform the steps of a block; with a time limit, the block is a step that can fail."""
-    limit = step.timeout_s
-    if limit is None:
+    """Perform the steps of a block; with a time limit, or to be repeated, the block is a step that can fail."""
+    limit, repeats = step.timeout_s, isinstance(step.on_failure, RetryPolicy)
+    if limit is None and not repeats:
         yield from inside(context)
         return
 
     def attempt(action: StepAction) -> Coroutine:
         action.began_s = run.now_s()
-        timeout_s = yield from action.number(limit, "timeout", "timeout_s")
-        task = StepTask(context.task, context.slot, meets=meets)
+        timeout_s = None if limit is None else (yield from action.number(limit, "timeout", "timeout_s"))
+        task = StepTask(context.task, context.slot, meets=meets, repeats=step if repeats else None)
         group = StepGroup(run, context, "all", timeout_s)
-        yield from group.perform([(task, inside(replace(context, task=task)))])
+        here = replace(context, task=task, attempt=task if repeats else context.attempt)
+        yield from group.perform([(task, inside(here))])
+        if task.error is not None:
+            raise task.error
         if group.late is not None:
             action.late = group.late if context.slot is None else ()
             raise DeadlineError(f"{step.kind} did not end within {timeout_s:g} s")
@@ -218,7 +221,12 @@ class _Execution:
         self._action = action
         self._is_quiet = is_quiet
         self._robot = context.robot
-        self._policy: OnFailure = "drop" if context.is_finally else context.effective_policy(step.on_failure)
+        own, attempt = step.on_failure, context.attempt
+        is_inside = attempt is not None and (attempt.repeats is step or own is None)
+        self._attempt = attempt if is_inside and not context.is_finally else None
+        self._policy: OnFailure = "drop" if context.is_finally else context.effective_policy(own)
+        if self._attempt is not None:
+            self._policy = "abort"
         self._retries = self._policy.retry if isinstance(self._policy, RetryPolicy) else 0
 
     @property
@@ -361,7 +369,9 @@ class _Execution:
     def _apply(self, outcome: StepOutcome, error: EALError) -> Coroutine:
         """Apply the outcome of a failed step to its robot and to the run."""
         robot, run = self._robot, self._run
-        if outcome == "failed":
+        if outcome == "failed" and self._attempt is not None:
+            yield from self._fail_attempt(self._attempt, error)
+        elif outcome == "failed":
             self._end_failed(error)
         elif outcome == "dropped" and not self._context.is_finally:
             leaving = [one for one in (self._action.late if robot is None else [robot]) if one.outcome is None]
@@ -373,6 +383,13 @@ class _Execution:
             if slot is not None and spare is not None and not self._context.is_finally:
                 run.replace(slot, spare, error)
                 yield from run.halt([robot])
+
+    def _fail_attempt(self, attempt: StepTask, error: EALError) -> Coroutine:
+        """End the attempt of the block around the step, and halt its robots."""
+        robots = [robot for robot in dict.fromkeys(attempt.robots()) if robot.outcome is None]
+        touched = attempt.touched if attempt.slot is not None and not attempt.touches_all else None
+        attempt.fail(error)
+        yield from self._run.halt(robots, touched)
 
     def _end_failed(self, error: EALError) -> None:
         robot, is_finally = self._robot, self._context.is_finally
