@@ -57,7 +57,7 @@ demo-network: $(STAMP)  ## the same dance over the network: three robots, each s
 lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, drive the square and dance
 	$(BIN)/eal lab
 
-test: $(STAMP)  ## run every test
+test: $(STAMP)  ## run the tests; what it deselects, test-slow and test-evbotos run
 	$(PYTEST)
 
 test-slow: $(STAMP)  ## run the tests that take many seeds
@@ -95,7 +95,7 @@ fuzz: $(STAMP)  ## look for bytes that decoders and loaders cannot bear, a minut
 	$(BIN)/python -m tests.fuzz
 
 fuzz-motions: $(STAMP)  ## 10,000 motions of each driver over wires that damage bytes, judged by the true path
-	$(BIN)/python -m pytest -n auto -m slow -rP tests/fuzz/test_motions.py
+	$(BIN)/python -m pytest -n auto -m slow -rP tests/fuzz/test_motions.py tests/fuzz/test_evbot_motions.py
 
 figures: $(STAMP)  ## make the pictures of the documentation
 	$(BIN)/python docs/figures.py
