@@ -110,9 +110,9 @@ def revoke_keys(
 
 
 def _send(config: FleetConfig, place: Path, names: tuple[str, ...]) -> dict[str, EALError | None]:
-    """Send the revoked names to all robots; returns each robot's error, None where it confirmed."""
+    """Send the names to all robots; returns the error of each that is not revoked itself, None where it confirmed."""
     security = config.network.security
-    robots = [name for name, robot in config.robots.items() if robot.address is not None and name not in names]
+    robots = [name for name, robot in config.robots.items() if robot.address is not None]
     errors: dict[str, EALError | None] = {}
     if security is None or not robots:
         return errors
@@ -122,7 +122,7 @@ def _send(config: FleetConfig, place: Path, names: tuple[str, ...]) -> dict[str,
         ask_robots(replace(config, network=network), robots, keys.REVOKE, names, on_result=errors.__setitem__)
     except EALError as error:  # no router answers
         errors.update({robot: error.at(robot) for robot in robots if robot not in errors})
-    return errors
+    return {robot: error for robot, error in errors.items() if robot not in names}
 
 
 def _require_known(names: list[str], known: Iterable[str]) -> None:

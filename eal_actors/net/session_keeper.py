@@ -19,7 +19,7 @@ from typing_extensions import override
 
 from eal_actors.actors.actor import EALActor
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.errors import EALError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import DEFAULT_NETWORK, NetworkConfig
@@ -93,6 +93,7 @@ class SessionKeeper(EALActor):
 
     @override
     def on_crash(self, error: BaseException) -> None:
+        get_logger().error("changed keys are no longer followed", actor=self.name, error=error_text(error))
         self._stack.close()
 
     def _tick(self) -> None:
@@ -103,7 +104,7 @@ class SessionKeeper(EALActor):
         self.actor_inbox.call_later(_PERIOD_S, self._tick)
 
     def _versions(self) -> tuple[int, ...]:
-        return tuple(file.stat().st_mtime_ns if file.exists() else 0 for file in self._files)
+        return tuple(map(_version, self._files))
 
     def _fits(self) -> bool:
         """Return whether the certificate and its key can be used, so that no link is closed in vain."""
@@ -114,16 +115,24 @@ class SessionKeeper(EALActor):
         return True
 
     def _reopen(self, versions: tuple[int, ...]) -> None:
+        import zenoh
+
         log = get_logger(certificate=self._pair[0].stem)
         self._stack.close()
         try:
-            session = self._stack.enter_context(open_session(self._configure()))
-        except EALError as error:  # tried again with the next tick
-            log.error("the network cannot be opened with the changed keys", reason=error.message)
+            self._on_session(self._stack.enter_context(open_session(self._configure())))
+        except (EALError, zenoh.ZError) as error:  # tried again with the next tick
+            log.error("the network cannot be opened with the changed keys; it is tried again", reason=error_text(error))
             return
         self._used = versions
-        self._on_session(session)
         log.info("the keys have changed: the network was opened again")
+
+
+def _version(file: Path) -> int:
+    try:
+        return file.stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 @contextmanager

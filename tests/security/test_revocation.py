@@ -7,7 +7,7 @@ import shutil
 import socket
 import ssl
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
@@ -16,6 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from eal_actors.cli.app import app
+from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import AccessDeniedError, ConfigError
 from eal_actors.managers.fleet_model import FleetConfig
@@ -29,11 +30,15 @@ from eal_actors.net.security.certificates import (
 )
 from eal_actors.net.security.revocation import REVOKED, revoked_names
 from eal_actors.net.session import controller_config, open_session, router_config
-from eal_actors.net.session_keeper import router_session
+from eal_actors.net.session_keeper import SessionKeeper, router_session
 from eal_actors.net.wire import keys
 from eal_actors.net.wire.messages import ACCEPTED
+from eal_actors.operate.doctor import diagnose_fleet
+from eal_actors.operate.top.call_statistics import RecentCalls
+from eal_actors.operate.top.robot_row import robot_row
 from tests.net.links import ask, eventually, free_port
-from tests.net.rig import Rig
+from tests.net.rig import Rig, ready
+from tests.operate.dashboard.rig import open_dashboard, page_of
 from tests.security.forging import RawClient, as_seen_by, make_keys, raw_client, secure_rig
 
 
@@ -86,6 +91,12 @@ def site(tmp_path: Path) -> Site:
     return Site(secure_rig(tmp_path, folder, 60.0), folder, folder_for("r1", folder, tmp_path / "theirs"))
 
 
+def links(client: RawClient) -> list[str]:
+    """Return the sessions to which a client is linked."""
+    info = client.session.info
+    return [str(end) for end in (*info.peers_zid(), *info.routers_zid())]
+
+
 def answers(client: RawClient) -> bool:
     """Return whether the robot answers a ping, even a malformed one."""
     return bool(ask(client.session, f"eal/f/r1/_/{keys.PING}", client.name))
@@ -104,6 +115,8 @@ def test_a_revoked_controller_is_halted_and_cut_off_and_all_others_stay(site: Si
         overheard: list[str] = []
         mate.session.declare_subscriber("eal/f/@events/r1", lambda event: overheard.append(str(event.key_expr)))
 
+        former = links(controller)
+
         code, output = site.revoke("mate")
 
         assert (code, "r1: stored and in force" in output) == (0, True), output
@@ -111,8 +124,10 @@ def test_a_revoked_controller_is_halted_and_cut_off_and_all_others_stay(site: Si
         assert service.robot["Arm"].get_status().get() == 0
         assert revoked_names(site.theirs) == {"mate"}
         assert not answers(mate)
-        assert eventually(lambda: ask(mate.session, "eal/f/r1/_/ping", "mate") == [] and answers(controller))
-        assert eventually(lambda: controller.call("Arm", "send_cmd", "step1") == 1)
+        assert eventually(lambda: links(controller) not in (former, []))  # the robot has opened its session again
+        assert eventually(lambda: answers(controller))
+        controller.ping()
+        assert controller.call("Arm", "send_cmd", "step1") == 1
         assert eventually(lambda: answers(display))
         assert not answers(mate)
         overheard.clear()
@@ -181,7 +196,14 @@ def serial_of(site: Site) -> bytes:
         return b""
 
 
-def test_a_renewed_certificate_is_used_without_a_restart(site: Site) -> None:
+def test_a_renewed_certificate_is_used_without_a_restart(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    fitting, fits = list[bool](), SessionKeeper._fits
+
+    def note_fits(keeper: SessionKeeper) -> bool:
+        fitting.append(fits(keeper))
+        return fitting[-1]
+
+    monkeypatch.setattr(SessionKeeper, "_fits", note_fits)
     with site.served() as service, raw_client(site.rig.config, "controller") as controller:
         controller.ping()
         assert controller.call("Arm", "send_cmd", "move60") is ACCEPTED
@@ -190,7 +212,9 @@ def test_a_renewed_certificate_is_used_without_a_restart(site: Site) -> None:
         new = ssl.PEM_cert_to_DER_cert(certificate_file(site.keys, "r1").read_text())
         assert serial_of(site) != new
         shutil.copy(certificate_file(site.keys, "r1"), site.theirs)  # without its key: not followed
-        assert not eventually_within_two_looks(site, new)
+        assert eventually(lambda: fitting)
+        assert not any(fitting)
+        assert serial_of(site) not in (new, b"")
         shutil.copy(key_file(site.keys, "r1"), site.theirs)
         assert eventually(lambda: serial_of(site) == new)
         assert eventually(lambda: answers(controller))
@@ -198,41 +222,72 @@ def test_a_renewed_certificate_is_used_without_a_restart(site: Site) -> None:
         assert controller.call(keys.ROBOT, keys.CANCEL, 1, controller.sequence - 1) == 1
 
 
-def eventually_within_two_looks(site: Site, new: bytes) -> bool:
-    """Return whether the robot presents a certificate; asked a few times, which takes longer than two looks."""
-    return any(serial_of(site) == new for _ in range(8))
+@dataclass
+class RoutedSite:
+    """A router and a robot behind it, each with a folder of keys of its own.
+
+    Attributes:
+        rig: the operator's fleet file.
+        gate: the router's folder.
+    """
+
+    rig: Rig
+    gate: Path
+    _theirs: Path
+
+    def serve(self) -> RobotService:
+        return RobotService(with_keys(self.rig.config, self._theirs), "r1")
 
 
-def test_a_router_follows_the_list_that_it_forwards(tmp_path: Path) -> None:
+@pytest.fixture
+def routed(tmp_path: Path) -> Iterator[RoutedSite]:
     folder = make_keys(tmp_path / "keys")
     make_certificate(folder, "router", ["127.0.0.1"])
     endpoint = f"tls/127.0.0.1:{free_port()}"
     rig = secure_rig(tmp_path, folder, 60.0)
-    rig.content["network"]["routers"] = [endpoint]
-    rig.content["network"]["security"]["roles"] = {
-        **rig.content["network"]["security"]["roles"],
-        "routers": ["router"],
-    }
+    network = rig.content["network"]
+    network["routers"] = [endpoint]
+    network["security"]["roles"] = {**network["security"]["roles"], "routers": ["router"]}
     rig.content["robots"]["r1"]["address"] = "router"
     rig.write()
     gate = folder_for("router", folder, tmp_path / "gate")
-    theirs = folder_for("r1", folder, tmp_path / "theirs")
-    routed = with_keys(rig.config, gate)
-    with ExitStack() as stack:
-        stack.enter_context(router_session(routed, "router", lambda: router_config([endpoint], (), routed, "router")))
-        stack.enter_context(RobotService(with_keys(rig.config, theirs), "r1"))
-        controller = stack.enter_context(raw_client(rig.config, "controller"))
-        display = stack.enter_context(raw_client(rig.config, "display"))
+    config = with_keys(rig.config, gate)
+    with router_session(config, "router", lambda: router_config([endpoint], (), config, "router")):
+        yield RoutedSite(rig, gate, folder_for("r1", folder, tmp_path / "theirs"))
+
+
+def test_a_router_follows_the_list_that_it_forwards(routed: RoutedSite) -> None:
+    config = routed.rig.config
+    with routed.serve(), raw_client(config, "controller") as controller, raw_client(config, "display") as display:
         assert answers(controller)
         assert answers(display)
 
-        code, output = invoke("keys", "revoke", "display", "--fleet", str(rig.file))
+        code, output = invoke("keys", "revoke", "display", "--fleet", str(routed.rig.file))
 
         assert (code, "r1: stored and in force" in output) == (0, True), output
-        assert eventually(lambda: revoked_names(gate) == {"display"})
+        assert eventually(lambda: revoked_names(routed.gate) == {"display"})
         assert not answers(display)
         assert eventually(lambda: answers(controller))
         assert not answers(display)
+
+
+def test_a_router_lets_a_revoked_robot_in_no_more(routed: RoutedSite) -> None:
+    config = routed.rig.config
+    with routed.serve(), raw_client(config, "controller") as controller:
+        former = links(controller)
+        assert answers(controller)
+        code, output = invoke("keys", "revoke", "r1", "--fleet", str(routed.rig.file))
+        assert code == 0, output
+        assert eventually(lambda: revoked_names(routed.gate) == {"r1"})
+        assert eventually(lambda: links(controller) not in (former, []))
+        assert not answers(controller)
+        assert list(controller.session.liveliness().get("eal/f/@alive/*/*")) == []
+
+
+def test_a_router_hears_of_a_revoked_robot_that_is_away(routed: RoutedSite) -> None:
+    code, output = invoke("keys", "revoke", "r1", "--fleet", str(routed.rig.file))
+    assert code == 0, output
+    assert eventually(lambda: revoked_names(routed.gate) == {"r1"})
 
 
 # Lifetimes.
@@ -269,6 +324,28 @@ def test_what_is_about_to_expire_is_renewed_and_warned_of(site: Site, monkeypatc
     assert code == 0, output
     assert output.count("valid until") == 1
     assert "r1.pem: made for 127.0.0.1" in output
+
+
+def test_every_tool_warns_before_a_certificate_expires(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the robot's certificate and of this program's own: in pings, `eal top`, `eal doctor` and on the page."""
+    for name, hosts in (("r1", ["127.0.0.1"]), ("controller", [])):
+        make_certificate(site.keys, name, hosts, valid=timedelta(hours=9), force=True)
+    folder_for("r1", site.keys, site.theirs)
+    later = expiry.validity(certificate_file(site.keys, "r1"))[1] - timedelta(hours=1, minutes=1)
+    monkeypatch.setattr(expiry, "wall_time", lambda: later)
+    monkeypatch.setattr("eal_actors.operate.doctor.certificates.wall_time", lambda: later)
+    with site.served(), ready(Fleet(site.rig.config)) as fleet:
+        ping = fleet["r1"].ping().get()
+        own, robots = "eal keys renew controller", "eal keys renew r1"
+        assert [warning.rpartition(": ")[2] for warning in ping.warnings] == [robots, own]
+        notes = "\n".join(robot_row(fleet["r1"], RecentCalls(), RecentCalls(), ping).notes)
+        doctor = "\n".join(str(finding) for finding in diagnose_fleet(site.rig.config))
+        pinged = invoke("ping", "--count", "1", "--fleet", str(site.rig.file))[1]
+        for told in (notes, doctor, pinged):
+            assert own in told
+            assert robots in told
+        with open_dashboard(fleet) as dashboard, page_of(dashboard) as page:
+            page.hear_until(lambda: robots in str(page.robots.get("r1", {}).get("problems")))
 
 
 @pytest.mark.slow

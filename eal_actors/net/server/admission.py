@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from eal_actors.actors.call import MOTION_METHODS
@@ -29,6 +29,7 @@ device, its thread may wait for the interpreter or a processor."""
 
 _MAX_NAMES: Final = 1024
 _MAX_NAME: Final = 100
+_NO_NAMES: Final[Mapping[str, str]] = {}
 
 
 class ControllerNames:
@@ -41,7 +42,7 @@ class ControllerNames:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._names: OrderedDict[str, str] = OrderedDict()
+        self._names: dict[str, OrderedDict[str, str]] = {}  # by certificate, so that none pushes out another's
 
     def note(self, client: str, caller: str, name: str = "") -> None:
         """Store a controller's display name, without characters that a terminal cannot print.
@@ -51,21 +52,23 @@ class ControllerNames:
             caller: name of its certificate; ANYBODY in a fleet without security.
             name: how it calls itself; the stored name stays if empty.
         """
-        if not name and client in self._names:  # every call but the first
+        names = self._names.get(certificate_id(client), _NO_NAMES)
+        if not name and client in names:  # every call but the first
             return
         printable = "".join(letter for letter in name[:_MAX_NAME] if letter.isprintable()).strip()
         if caller != ANYBODY and printable.partition("@")[0] != caller:
             printable = f"{caller} ({printable})" if printable else caller
-        if not printable or self._names.get(client) == printable:  # every heartbeat but the first
+        if not printable or names.get(client) == printable:  # every heartbeat but the first
             return
         with self._lock:
-            self._names[client] = printable
-            if len(self._names) > _MAX_NAMES:
-                self._names.popitem(last=False)
+            known = self._names.setdefault(certificate_id(client), OrderedDict())
+            known[client] = printable
+            if len(known) > _MAX_NAMES:
+                known.popitem(last=False)
 
     def of(self, client: str) -> str:
         """Return a controller's name; its client id if it has none."""
-        return self._names.get(client, client)
+        return self._names.get(certificate_id(client), _NO_NAMES).get(client, client)
 
 
 class Admission:

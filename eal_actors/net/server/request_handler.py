@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +33,7 @@ class RequestHandler:
     _publisher: StreamPublisher
     _publish: Callable[[RobotEvent], None]
     _security: SecurityConfig | None
+    _revoke_names: Callable[[Iterable[str]], None]
 
     def ping(self, header: CallHeader) -> Answer:
         """Answer a ping. Thread: any."""
@@ -57,6 +58,7 @@ class RequestHandler:
             keys.REATTACH: self._reattach,
             keys.CANCEL: self._cancel,
             keys.LEAVE: self._leave,
+            keys.REVOKE: self._revoke,
         }[method]
         try:
             return handle(header)
@@ -113,6 +115,10 @@ class RequestHandler:
         """End leases of a controller and halt those resources. Thread: any; at once, since a command may follow."""
         for resource in self._admission.release(header.client, [str(name) for name in header.arguments]):
             self._robot[resource].halt()
+        return 1
+
+    def _revoke(self, header: CallHeader) -> Answer:
+        self._revoke_names(map(str, header.arguments))
         return 1
 
     def _leave(self, header: CallHeader) -> Answer:

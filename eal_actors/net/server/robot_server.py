@@ -110,7 +110,6 @@ class RobotServer:
         self._clock = robot.clock
         self._session = session
         self._outbox = outbox
-        self._revoke = revoke
         self._run_soon = run_soon
         self._on_close = on_close
         self._era = secrets.token_hex(4)
@@ -121,7 +120,7 @@ class RobotServer:
         self._running = RunningCommands()
         self._publisher = StreamPublisher(fleet, robot, session, self._era)
         self._handler = RequestHandler(
-            robot, self._admission, self._running, self._publisher, self._publish, network.security
+            robot, self._admission, self._running, self._publisher, self._publish, network.security, revoke
         )
         self._token: zenoh.LivelinessToken | None = None
         self._unlogged_stop: str | None = None
@@ -315,21 +314,12 @@ class RobotServer:
             self._log.warning("resumed")
             urgent = reply_to._replace(is_urgent=True)
             self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
-        elif method == keys.REVOKE:
-            if call.caller != keys.AUTHORITY_CALLER:
-                raise AccessDeniedError("only the holder of the authority's key may revoke a certificate")
-            self._run_soon(lambda: self._answer(reply_to, self._revoked(header)))
+        elif method == keys.REVOKE and call.caller != keys.AUTHORITY_CALLER:
+            raise AccessDeniedError("only the holder of the authority's key may revoke a certificate")
         else:
             if method == keys.HELLO:
                 self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
             self._run_soon(lambda: self._answer(reply_to, self._handler.answer(method, header)))
-
-    def _revoked(self, header: CallHeader) -> Answer:
-        try:
-            self._revoke(map(str, header.arguments))
-        except EALError as error:
-            return error.at(self._robot.name)
-        return 1
 
     # Replies and events. Thread: any.
 
