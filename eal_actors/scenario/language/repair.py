@@ -88,11 +88,12 @@ def _replace(root: MarkedDict, path: YamlPath, tried: dict[YamlPath, int], names
         except (LookupError, TypeError):  # such as a key with a dot in its name
             path = path[:-1]
             continue
-        key, number = path[-1], len(_VALUES) if remove and path not in tried else tried.get(path, 0)
+        key: Any = path[-1]
+        number = len(_VALUES) if remove and path not in tried else tried.get(path, 0)
         tried[path] = number + 1
         is_there = not isinstance(node, dict) or key in node
         if is_there:
-            names.update(_words({"": node[key]} if isinstance(node, list) else {key: node[key]}))
+            names.update(_words({"" if isinstance(node, list) else str(key): node[key]}))
         if number < len(_VALUES):
             value = _VALUES[number]()
             if isinstance(node, MarkedDict):

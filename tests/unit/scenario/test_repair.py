@@ -70,7 +70,7 @@ def test_mistakes_of_all_kinds_are_reported_at_once(tmp_path: Path) -> None:
         "30:13: steps[4].scenario",
         "31:3: steps[5].limit",
     ]
-    once = [len(check_scenario(write_without(file, line))) for line in (3, 6, 17)]
+    once = [len(check_scenario(write_without(file, line))) for line in (3, 9, 17)]
     assert once == [19, 19, 19]
 
 
