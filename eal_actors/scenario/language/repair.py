@@ -81,37 +81,42 @@ def repair(tree: YamlTree, problems: Sequence[Problem]) -> RepairedFile | None:
 def _replace(root: MarkedDict, path: YamlPath, tried: dict[YamlPath, int], names: set[str], *, remove: bool) -> None:
     """Replace a value by the next one to try; if none is left, or at once, remove it, or replace the one around it."""
     while path:
-        node: Any = root
-        try:
-            for key in path[:-1]:
-                node = node[key]
-        except (LookupError, TypeError):  # such as a key with a dot in its name
-            path = path[:-1]
-            continue
-        key: Any = path[-1]
+        node, key = _find(root, path[:-1]), path[-1]
         number = len(_VALUES) if remove and path not in tried else tried.get(path, 0)
         tried[path] = number + 1
-        is_there = not isinstance(node, dict) or key in node
-        if is_there:
-            names.update(_words({"" if isinstance(node, list) else str(key): node[key]}))
-        if number < len(_VALUES):
-            value = _VALUES[number]()
-            if isinstance(node, MarkedDict):
-                node.put(str(key), value, node.mark, node.mark)
-            else:
-                node[key] = value
-            return
-        if isinstance(node, dict) and is_there and number == len(_VALUES):
-            del node[key]
-            return
+        if isinstance(node, MarkedList) and isinstance(key, int) and key < len(node):
+            names.update(_words(node[key]))
+            if number < len(_VALUES):
+                node[key] = _VALUES[number]()
+                return
+        elif isinstance(node, MarkedDict):
+            is_there = key in node
+            names.update(_words({key: node[key]}) if is_there else ())
+            if number < len(_VALUES):
+                node.put(str(key), _VALUES[number](), node.mark, node.mark)
+                return
+            if is_there and number == len(_VALUES):
+                del node[key]
+                return
         path, remove = path[:-1], False
+
+
+def _find(root: MarkedDict, path: YamlPath) -> object:
+    """Return the value at a path; None if there is none, as for a key with a dot in its name."""
+    node: Any = root
+    try:
+        for key in path:
+            node = node[key]
+    except (LookupError, TypeError):
+        return None
+    return node
 
 
 def _words(value: object) -> Iterator[str]:
     """Yield the words in all keys and texts of a value."""
     if isinstance(value, Mapping):
         for key, item in value.items():
-            yield from _words(key)
+            yield from _words(str(key))
             yield from _words(item)
     elif isinstance(value, list):
         for item in value:
