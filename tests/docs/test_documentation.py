@@ -14,6 +14,7 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.device.world import load_world
+from eal_actors.kernel import errors
 from eal_actors.kernel.bundled import bundled_names
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import check_scenario
@@ -128,3 +129,10 @@ def test_the_robots_of_the_readme_answer_while_they_turn(
     statuses = re.search(r"answered while they turn: (.*)", code)
     assert statuses is not None
     assert capsys.readouterr().out.splitlines()[0] == f"[{statuses[1]}]"
+
+
+def test_the_page_of_the_api_explains_every_error() -> None:
+    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.EALError)]
+    concrete = {kind.__name__ for kind in kinds if not any(kind in other.__bases__ for other in kinds)}
+    page = (ROOT / "docs/python.md").read_text()
+    assert concrete - set(re.findall(r"`(\w+Error)`", page[page.index("## Errors") :])) == set()
