@@ -89,11 +89,11 @@ def _replace(root: MarkedDict, path: YamlPath, tried: dict[YamlPath, int], names
             if number < len(_VALUES):
                 node[key] = _VALUES[number]()
                 return
-        elif isinstance(node, MarkedDict):
+        elif isinstance(node, MarkedDict) and isinstance(key, str):
             is_there = key in node
             names.update(_words({key: node[key]}) if is_there else ())
             if number < len(_VALUES):
-                node.put(str(key), _VALUES[number](), node.mark, node.mark)
+                node.put(key, _VALUES[number](), node.mark, node.mark)
                 return
             if is_there and number == len(_VALUES):
                 del node[key]
