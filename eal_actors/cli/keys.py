@@ -99,7 +99,7 @@ def robot_keys(
 ) -> None:
     """Make certificates for robots, valid for the hosts in their addresses."""
     config = EALConfigManager.load(fleet).fleet
-    folder = directory or _folder(config)
+    folder = directory or keys_folder(config)
     hosts = {name: [*_robot_hosts(config, name), *(host or [])] for name in names}  # fails before a file is made
     for name in names:
         made = make_certificate(folder, name, hosts[name], force=force)
@@ -121,7 +121,7 @@ def controller_keys(
     """
     config = EALConfigManager.load(fleet).fleet
     _require_no_robot(config, name)
-    folder = directory or _folder(config)
+    folder = directory or keys_folder(config)
     _print_made(make_certificate(folder, name, force=force))
     _advise_to_copy(folder, name)
     security = config.network.security
@@ -142,7 +142,7 @@ def router_keys(
     """Make a certificate for a router, valid for the hosts in network.routers of the fleet file."""
     config = EALConfigManager.load(fleet).fleet
     _require_no_robot(config, name)
-    folder = directory or _folder(config)
+    folder = directory or keys_folder(config)
     hosts = [*(parse_endpoint(endpoint).host for endpoint in config.network.routers), *(host or [])]
     if not hosts:
         raise typer.BadParameter(
@@ -160,7 +160,7 @@ def show_keys(fleet: FleetOption, directory: DirOption = None, as_json: JsonOpti
     config = EALConfigManager.load(fleet).fleet
     found = [
         {**_certificate_as_json(certificate), "may": _rights(config, certificate.name)}
-        for certificate in list_certificates(directory or _folder(config))
+        for certificate in list_certificates(directory or keys_folder(config))
     ]
     if as_json:
         write_json({"certificates": found})
@@ -225,7 +225,8 @@ def _keep_out_of_git(folder: Path) -> None:
         ignore.write_text("*.key\n", encoding="utf-8")
 
 
-def _folder(fleet: FleetConfig) -> Path:
+def keys_folder(fleet: FleetConfig) -> Path:
+    """Return the folder of a fleet's certificates."""
     security = fleet.network.security
     return fleet.source.parent / DEFAULT_FOLDER if security is None else security.keys
 

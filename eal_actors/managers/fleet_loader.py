@@ -73,6 +73,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
         network=network_config(fleet.network, _beside(YamlTree(root).mark_at(("network", "security", "keys")), "")),
         content=plain(root),
         python_steps=fleet.python_steps,
+        operators=fleet.dashboard.operators,
     )
 
 

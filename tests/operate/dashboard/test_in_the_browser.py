@@ -18,7 +18,7 @@ from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import wall_time
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.operate.dashboard import Dashboard
-from eal_actors.operate.dashboard.access import new_token
+from eal_actors.operate.dashboard.tokens import new_token
 from tests.net.links import free_port
 from tests.net.rig import Rig, served
 from tests.operate.dashboard.rig import ROOT, SIM, open_dashboard, resource_of, wait_for
