@@ -130,7 +130,7 @@ class OperatorSection(StrictModel):
 
 
 class DashboardSection(StrictModel):
-    """Who may use `eal dashboard`."""
+    """The users of `eal dashboard`."""
 
     operators: dict[Name, OperatorSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
     """With operators, the page shows nothing without the token of one of them."""

@@ -29,16 +29,16 @@ def is_loopback(host: str) -> bool:
 
 
 class Role(IntEnum):
-    """What a user of the dashboard may do. Each role includes those before it."""
+    """A role of a user of the dashboard. Each role includes those before it."""
 
     WATCH = 1
-    """See the fleet, its runs and its log."""
+    """Permission to see the fleet, its runs and its log."""
     DRIVE = 2
-    """Stop and resume the robots, command them, and drive by hand."""
+    """Permission to stop and resume the robots, command them, and drive by hand."""
     RUN = 3
-    """Start and control scenarios."""
+    """Permission to start and control scenarios."""
     ADMINISTER = 4
-    """Change settings of resources."""
+    """Permission to change settings of resources."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,7 +127,7 @@ class RunManager:
             self._control.done(robot, WHOLE)
 
     def _add_report(self, number: int, report: Path) -> None:
-        name = secrets.token_urlsafe(16)  # who may see the page is told the path; the path admits, like a key
+        name = secrets.token_urlsafe(16)  # only pages of users receive the path, which works like a key
         self._reports[name] = report
         with self._status_lock:
             if number == self._status.get("run"):
