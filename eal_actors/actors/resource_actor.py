@@ -15,7 +15,7 @@ from eal_actors.actors.activities import ActivityActor, ScheduledCommand
 from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.robot_view import RunningCommand, command_of, process_name
-from eal_actors.device.data import EALData, ValueInfo
+from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.info import ResourceInfo
 from eal_actors.device.plugin_context import ResourceFactory
 from eal_actors.device.resource import Activity, Resource
@@ -32,6 +32,7 @@ from eal_actors.kernel.errors import (
 
 READINESS_PERIOD_S: Final = 0.5
 """Fleet time between two readiness checks while nobody calls the resource."""
+_FLOATS: Final = (DataType.FLOAT, DataType.DOUBLE)
 
 
 class _PendingResult(NamedTuple):
@@ -56,7 +57,12 @@ def status_of(result: Any) -> int:
 
 
 def data_of(result: Any, value: ValueInfo | None = None) -> EALData:
-    """Return the result as EALData, checked against the resource's information, or raise ReturnTypeError."""
+    """Return the result as EALData, checked against the resource's information, or raise ReturnTypeError.
+
+    An int is converted where a float or double is declared, so that 60 and 60.0 are the same answer.
+    """
+    if type(result) is int and value is not None and value.type in _FLOATS and not value.shape:
+        result = float(result)
     try:
         data = EALData.of(result)
     except EALError as error:

@@ -131,6 +131,7 @@ class Ping:
         not_ready: why the devices of resources cannot be used now, by the resources' names.
         running: the running commands of all controllers.
         mailboxes: the loads of mailboxes in another process, by the resources' names, in real seconds; no empty ones.
+        warnings: what needs attention before it fails, such as a certificate that expires soon.
         restarts: the restarts of resources in another process, by their names; only those over 0.
     """
 
@@ -146,6 +147,7 @@ class Ping:
     not_ready: Mapping[str, str] = field(default_factory=dict)
     running: tuple[RunningCommand, ...] = ()
     mailboxes: Mapping[str, MailboxLoad] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
     restarts: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -173,6 +175,7 @@ class RobotView:
         self._state = RobotState.STARTING
         self._lock = threading.Lock()
         self._observers: tuple[Callable[[RobotState], None], ...] = ()
+        self._successor: RobotView | None = None
         self.cells: dict[str, ResourceCell] = {}
         self.problems: tuple[EALError, ...] = ()
         self.restarts: dict[str, int] = {}
@@ -211,6 +214,18 @@ class RobotView:
     def _remove(self, observer: Callable[[RobotState], None]) -> None:
         with self._lock:
             self._observers = tuple(other for other in self._observers if other is not observer)
+            successor = self._successor
+        if successor is not None:
+            successor._remove(observer)
+
+    def inherit(self, former: RobotView) -> None:
+        """Take over the observers and the emergency stop of the robot's former connection, which has ended."""
+        if (reason := former.latch.reason) is not None:
+            self.latch.set(reason)
+        with former._lock:
+            former._successor, observers = self, former._observers
+        for observer in observers:
+            self.observe(observer)
 
     def _notify(self, observer: Callable[[RobotState], None], state: RobotState) -> None:
         try:

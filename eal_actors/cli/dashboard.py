@@ -15,7 +15,7 @@ from rich.text import Text
 from eal_actors.cli.dashboard_keys import DASHBOARD
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.interrupts import handle_signals
-from eal_actors.cli.keys import keys_folder
+from eal_actors.cli.keys import folder_of
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import stderr, stdout
 from eal_actors.facade.fleet import Fleet
@@ -98,7 +98,7 @@ def _tls(config: FleetConfig) -> tuple[ssl.SSLContext | None, Sequence[str]]:
     """Return the context of HTTPS and the host names of its certificate; neither if `eal keys` made none."""
     from eal_actors.operate.dashboard import tls_context
 
-    folder = keys_folder(config)
+    folder = folder_of(config)
     certificate = certificate_file(folder, DASHBOARD)
     if not certificate.is_file():
         return None, ()

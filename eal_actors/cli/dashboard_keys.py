@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 import typer
 
-from eal_actors.cli.keys import DirOption, ForceOption, HostOption, keys_folder
+from eal_actors.cli.keys import DirOption, ForceOption, HostOption, folder_of
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import print_line, short_path, stderr, stdout
 from eal_actors.kernel.errors import UnsupportedError
@@ -30,7 +30,7 @@ def make_dashboard_certificate(
     Browsers must trust the fleet's authority: the command prints the file to import there.
     """
     config = EALConfigManager.load(fleet).fleet
-    folder = directory or keys_folder(config)
+    folder = directory or folder_of(config)
     made = make_certificate(folder, DASHBOARD, [*_LOOPBACK, socket.gethostname(), *(host or [])], force=force)
     print_line(stderr(), f"{short_path(made.file)}: made for {', '.join(made.hosts)}, until {made.expires:%Y-%m-%d}")
     authority = short_path(certificate_file(folder, AUTHORITY))

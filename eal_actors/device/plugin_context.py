@@ -6,7 +6,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Self, TypeAlias, TypeVar
 
 from eal_actors.device.link import FaultyLink
 from eal_actors.device.ports import BytePort
@@ -22,6 +22,13 @@ _T = TypeVar("_T")
 
 class PluginSettingsModel(StrictModel):
     """The base of a plugin's `Settings`: strict types, no unknown keys, immutable."""
+
+    def refused_changes(self, former: Self) -> Mapping[str, str]:  # noqa: ARG002  # to be overridden
+        """Return why these settings cannot replace the former ones while the fleet is open, by their keys.
+
+        The default refuses none: the plugin is disconnected and connected with the new settings.
+        """
+        return {}
 
 
 class EALPlugin:

@@ -23,7 +23,7 @@ from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import Problem
 from eal_actors.kernel.lock_step import Rate
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, NameTemplate, StrictModel, Version1, problems_from
-from eal_actors.kernel.yaml_tree import MarkedDict, YamlPath, YamlTree
+from eal_actors.kernel.yaml_tree import Mark, MarkedDict, YamlPath, YamlTree
 from eal_actors.managers.network_model import (
     DEFAULT_NETWORK,
     AddressText,
@@ -124,7 +124,8 @@ class OperatorSection(StrictModel):
     """A person who uses the dashboard; `eal keys operator` prints this section."""
 
     role: OperatorRole
-    """Each role includes those before it: see the fleet; stop and command robots; run scenarios; change settings."""
+    """Each role includes those before it: see the fleet; stop and command robots; run scenarios; change settings and
+    reload the fleet file."""
     token: Annotated[str, AfterValidator(_require_hash)]
     """The hash of the operator's token. The token itself is in no file."""
 
@@ -238,6 +239,7 @@ class FleetConfig:
         robots: by name, in the order of the file; never empty.
         network: how robots that have an address are reached.
         content: the merged content of the file and its includes, as plain values.
+        tree: the same content with its places in the files.
         python_steps: functions for the `python` steps of scenarios, as `module:function`.
         operators: the users of the dashboard, by name; empty if it asks for no names.
     """
@@ -251,6 +253,7 @@ class FleetConfig:
     robots: dict[str, RobotConfig]
     network: NetworkConfig = DEFAULT_NETWORK
     content: Mapping[str, Any] = field(default_factory=dict)
+    tree: YamlTree = field(default=YamlTree(MarkedDict(Mark("fleet", 0, 0))), compare=False, repr=False)
     python_steps: tuple[str, ...] = ()
     operators: Mapping[str, OperatorSection] = field(default_factory=dict)
 

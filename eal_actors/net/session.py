@@ -24,6 +24,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
 from eal_actors.net.security.access import controller_access, robot_access, router_access, tls_config
+from eal_actors.net.security.revocation import revoked_names, without_revoked
 
 if TYPE_CHECKING:
     import zenoh
@@ -65,8 +66,9 @@ def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
     else:
         config = _config(network, "peer", listen=[entry.listen or entry.address], sessions=0)
     if network.security is not None:
-        config["transport"]["link"]["tls"] = tls_config(network.security, robot)
-        config["access_control"] = robot_access(fleet, network.security, robot)
+        security = without_revoked(network.security)
+        config["transport"]["link"]["tls"] = tls_config(security, robot)
+        config["access_control"] = robot_access(fleet, security, robot)
     return config
 
 
@@ -91,8 +93,10 @@ def controller_config(fleet: FleetConfig, robots: Iterable[str] | None = None) -
     else:
         config = _config(network, "client", connect=network.routers, sessions=0)
     if network.security is not None:
-        config["transport"]["link"]["tls"] = tls_config(network.security, network.security.controller)
-        config["access_control"] = controller_access(fleet, network.security, remote)
+        security = without_revoked(network.security)
+        revoked = revoked_names(security.keys)
+        config["transport"]["link"]["tls"] = tls_config(security, security.controller)
+        config["access_control"] = controller_access(fleet, security, [it for it in remote if it not in revoked])
     return config
 
 
@@ -132,7 +136,7 @@ def router_config(
     config = _config(network, "router", listen=listen, connect=connect, sessions=sessions)
     if fleet is not None and network.security is not None:
         config["transport"]["link"]["tls"] = tls_config(network.security, name)
-        config["access_control"] = router_access(fleet, network.security)
+        config["access_control"] = router_access(fleet, without_revoked(network.security))
     return config
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import termios
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
@@ -24,6 +25,7 @@ from eal_actors.plugin import (
 
 from .line import LOOK_S, Line, resource_functions
 
+_UNSUPPORTED: Final = (OSError, ValueError, termios.error)
 _BAUDRATE: Final = ValueInfo(DataType.INT, "Bd", 50, 4_000_000)
 _BYTESIZE: Final = ValueInfo(DataType.INT, "bit", choices=(5, 6, 7, 8))
 _PARITY: Final = ValueInfo(DataType.CHAR, choices=("N", "E", "O", "M", "S"))
@@ -164,8 +166,9 @@ class SerialPort(Line):
         def change(port: Any) -> None:
             try:
                 _apply(framing, port)
-            except (OSError, ValueError, termios.error) as error:
-                _apply(before, port)
+            except _UNSUPPORTED as error:
+                with suppress(*_UNSUPPORTED):  # pyserial sets the line again that it could not set
+                    _apply(before, port)
                 raise ArgumentError(f"the port {self._url} cannot do {framing}: {error}") from error
 
         self._port.use(change)

@@ -12,7 +12,7 @@ import pytest
 from eal_actors import Fleet
 from eal_actors.facade import connections
 from eal_actors.testing import Simulation
-from scenarios import dance, panorama, square, square_umbmark, wander
+from scenarios import dance, panorama, square, square_umbmark, survey, wander
 from scenarios.classic import camera as classic_camera
 from scenarios.classic import dance as classic_dance
 from scenarios.classic import sample_user_code
@@ -199,3 +199,15 @@ def test_classic_dancers_move_together(tmp_path: Path, monkeypatch: pytest.Monke
     )
     monkeypatch.setenv("EAL_FLEET", str(fleet))
     assert classic_dance.main(["dance.py", "one", "two", "three"]) == 0
+
+
+def test_survey_knows_its_yaw_by_the_imu_and_meets_the_walls() -> None:
+    with Fleet.load(SIM.with_name("survey.yaml")) as fleet:
+        points, yaw_rad = survey.survey(fleet["surveyor"], fleet.clock)
+        _, _, true_rad = pose(fleet, "surveyor")
+    assert math.remainder(yaw_rad - true_rad, 2 * math.pi) == pytest.approx(0.0, abs=math.radians(1))
+    assert len(points) == 360
+    # It faces east, 3.7 m from the east wall, 3.2 m from the south wall, 2.2 m from the bench on its left.
+    assert points[:, 0].max() == pytest.approx(3.7, abs=0.1)
+    assert points[:, 1].min() == pytest.approx(-3.2, abs=0.1)
+    assert np.median(points[(np.abs(points[:, 0]) < 1) & (points[:, 1] > 0), 1]) == pytest.approx(2.2, abs=0.1)

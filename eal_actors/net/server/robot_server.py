@@ -19,6 +19,8 @@ from eal_actors.device.info import ResourceType
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import (
+    AccessDeniedError,
+    BusyError,
     DeadlineError,
     EALError,
     ProtocolError,
@@ -80,6 +82,7 @@ class RobotServer:
         network: the fleet's network.
         outbox: sends its replies and events.
         exclusive: names of the resources that one controller at a time may command; every actuator if None.
+        revoke: adds names to the list of revoked certificates; runs in the host's thread.
         run_soon: runs an action in the host's thread.
         on_close: called when the server closes.
 
@@ -98,6 +101,7 @@ class RobotServer:
         outbox: Outbox,
         *,
         exclusive: Iterable[str] | None,
+        revoke: Callable[[Iterable[str]], None],
         run_soon: Callable[[Callable[[], None]], None],
         on_close: Callable[[], None],
     ) -> None:
@@ -116,12 +120,12 @@ class RobotServer:
         self._running = RunningCommands()
         self._publisher = StreamPublisher(fleet, robot, session, self._era)
         self._handler = RequestHandler(
-            robot, self._admission, self._running, self._publisher, self._publish, network.security
+            robot, self._admission, self._running, self._publisher, self._publish, network.security, revoke
         )
         self._token: zenoh.LivelinessToken | None = None
         self._unlogged_stop: str | None = None
-        self._failed = new_waiter()
-        self._has_failed = False
+        self._ended = new_waiter()
+        self._is_closed = self._has_failed = False
         self.dead_man_trips: dict[str, int] = {}
         self._state = robot.state
         self._log = get_logger(robot=robot.name)
@@ -132,32 +136,46 @@ class RobotServer:
         """Declare the robot's liveliness token. Thread: blocks the caller for a moment."""
         self._token = self._session.liveliness().declare_token(keys.alive_key(self._fleet, self._robot.name))
 
+    def move_to(self, session: zenoh.Session) -> None:
+        """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
+        self._session = session
+        self._publisher.move_to(session)
+        self.announce()
+
+    def expel(self, caller: str) -> None:
+        """Disconnect every controller with a revoked certificate, and halt what they moved. Thread: the host's."""
+        for client in self._admission.clients_of(caller):
+            self._log.warning("its certificate is revoked: disconnected", certificate=caller)
+            self._handler.disconnect(client)
+
     def close(self) -> None:
         """Withdraw the robot from the network. Thread: blocks the caller, for a bounded time."""
         token, self._token = self._token, None
-        if token is not None:
+        if token is not None and not self._session.is_closed():
             token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
         self._on_close()
         self._publisher.close()
+        self._is_closed = True
+        REAL_TIME.wake(self._ended)
 
     def fail(self) -> None:
         """Halt the robot and withdraw it: its host has crashed. Thread: the host's."""
         self._robot.halt()
-        self.close()
         self._has_failed = True
-        REAL_TIME.wake(self._failed)
+        self.close()
 
     def wait(self) -> None:
-        """Wait forever, unless the server fails.
+        """Wait until the server is closed.
 
         Raises:
             UnavailableError: it has failed; the robot is halted and unreachable.
 
         Thread: blocks the caller.
         """
-        while not self._has_failed:
-            REAL_TIME.wait(self._failed, None)
-        raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
+        while not self._is_closed:
+            REAL_TIME.wait(self._ended, None)
+        if self._has_failed:
+            raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
 
     # Calls of the host.
 
@@ -294,7 +312,10 @@ class RobotServer:
             self._unlogged_stop = reason
         elif method == keys.RESUME:
             self._log.warning("resumed")
-            self._robot.resume().link(lambda done, _: self._answer(reply_to, self._outcome(done)))
+            urgent = reply_to._replace(is_urgent=True)
+            self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
+        elif method == keys.REVOKE and call.caller != keys.AUTHORITY_CALLER:
+            raise AccessDeniedError("only the holder of the authority's key may revoke a certificate")
         else:
             if method == keys.HELLO:
                 self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
@@ -322,6 +343,8 @@ class RobotServer:
     ) -> None:
         """Reply to a call."""
         time = RobotTime(self._era, REAL_TIME.now(), began_s)
+        if isinstance(answer, EALData) and self._outbox.is_full:
+            answer = BusyError("too many values wait for the network; read them less often", robot=self._robot.name)
         try:
             envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time))
         except EALError as error:  # too large, for example

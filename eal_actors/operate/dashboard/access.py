@@ -38,7 +38,7 @@ class Role(IntEnum):
     RUN = 3
     """Permission to start and control scenarios."""
     ADMINISTER = 4
-    """Permission to change settings of resources."""
+    """Permission to change settings of resources, and to reload the fleet file."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from eal_actors.operate.dashboard.messages import (
     DriveRobot,
     ListScenarios,
     ReleaseRobot,
+    ReloadFleet,
     ResumeAll,
     StartRun,
     StopAll,
@@ -54,7 +55,7 @@ class Dispatcher:
 
     def reads_files(self, message: object) -> bool:
         """Return whether a message must be executed in a thread that may block."""
-        return isinstance(message, ListScenarios | StartRun)
+        return isinstance(message, ListScenarios | ReloadFleet | StartRun)
 
     def execute(self, message: Any, browser: str, reply: Reply) -> None:
         """Execute one of `messages` from a browser, and reply at its end."""
@@ -87,6 +88,8 @@ class Dispatcher:
                 self._drive(message, browser, reply)
             case ReleaseRobot():
                 self._teleop.release(browser, message.robot)
+            case ReloadFleet():
+                return {"changes": str(self._fleet.reload())}
             case StartRun():
                 self._runs.start(message.file, message.parameters)
                 return {}

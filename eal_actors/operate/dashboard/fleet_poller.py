@@ -60,12 +60,9 @@ class FleetPoller:
     """
 
     def __init__(self, context: DashboardContext, is_watched: Callable[[], bool]) -> None:
-        fleet, self._store, steps, control = context
+        self._fleet, self._store, self._steps, self._control = context
         self._is_watched = is_watched
-        self._pollers = {
-            name: _RobotPoller(robot, steps, control, number % ASK_POLLS)
-            for number, (name, robot) in enumerate(fleet.items())
-        }
+        self._pollers: dict[str, _RobotPoller] = {}
         self._state_due_s = self._health_due_s = 0.0
         self._stop = new_waiter()
         self._is_over = False
@@ -97,7 +94,20 @@ class FleetPoller:
                 REAL_TIME.wait(self._stop, HEALTH_PERIOD_S)
             REAL_TIME.wait(self._stop, max(due_s - REAL_TIME.now(), _LEAST_WAIT_S))
 
+    def _follow_fleet(self) -> None:
+        """Poll the robots that the fleet has now; tell browsers of those that a reload has removed."""
+        fleet = dict(self._fleet)
+        for name in self._pollers.keys() - fleet.keys():
+            self._store.put("robots", {name: None})
+            self._store.remove("poses", name)
+        self._pollers = {
+            name: self._pollers.get(name) or _RobotPoller(robot, self._steps, self._control, number % ASK_POLLS)
+            for number, (name, robot) in enumerate(fleet.items())
+        }
+
     def _poll(self, now_s: float) -> None:
+        if self._pollers.keys() != self._fleet.keys():
+            self._follow_fleet()
         if self._is_watched():
             poses = {name: pose for name, poller in self._pollers.items() if (pose := poller.poll_pose()) is not None}
             self._store.put("poses", poses)
@@ -136,7 +146,7 @@ class _RobotPoller:
     def read_description(self) -> None:
         """Read the resources and their descriptions, unless nothing has changed."""
         robot, not_ready = self._robot, self._robot.not_ready
-        current = (robot.state, tuple(robot), tuple(not_ready))
+        current = (robot.starts, robot.state, tuple(robot), tuple(not_ready))
         if current == self._described:
             return
         self._described = current
@@ -236,6 +246,7 @@ class _RobotPoller:
     def state(self) -> dict[str, Any]:
         self._take_answers()
         robot, answer, ours = self._robot, self._answer, self._ours()
+        warnings = () if answer is None else answer.warnings
         return {
             **self._description,
             **self._steps.of(robot.name),
@@ -243,7 +254,7 @@ class _RobotPoller:
             "stopped": robot.stopped_because,
             "is_stop_confirmed": robot.is_stop_confirmed,
             "not_ready": robot.not_ready,
-            "problems": [problem.message for problem in robot.problems],
+            "problems": [*(problem.message for problem in robot.problems), *warnings],
             "last_seen": self._seen if robot.state is RobotState.LOST else None,
             "restarts": {name: count for name, count in robot.restarts.items() if count},
             "battery": None if self._charge is None else round(self._charge, 3),

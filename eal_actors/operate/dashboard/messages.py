@@ -99,6 +99,12 @@ class ResumeAll(_AnsweredMessage):
     do: Literal["resume"]
 
 
+class ReloadFleet(_AnsweredMessage):
+    """Read the fleet file again, and adopt its changes."""
+
+    do: Literal["reload"]
+
+
 class StartRun(_AnsweredMessage):
     """Run a scenario."""
 
@@ -124,6 +130,7 @@ Message = Annotated[
     | CallResource
     | StopAll
     | ResumeAll
+    | ReloadFleet
     | StartRun
     | ControlRun,
     Field(discriminator="do"),
@@ -132,6 +139,7 @@ Message = Annotated[
 _ROLES: Final[Mapping[type, Role]] = {
     **dict.fromkeys((CallResource, StopAll, ResumeAll, DriveRobot, ReleaseRobot), Role.DRIVE),
     **dict.fromkeys((StartRun, ControlRun), Role.RUN),
+    ReloadFleet: Role.ADMINISTER,
 }
 
 

@@ -9,13 +9,14 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import EALData, ValueInfo
 from eal_actors.device.info import METHODS
-from eal_actors.kernel.errors import ArgumentError, UnsupportedError
+from eal_actors.kernel.errors import ArgumentError, UnavailableError, UnsupportedError
 from eal_actors.testing.conformance.bench import Bench, Findings, wait_until_started
 from eal_actors.testing.conformance.motion_checks import start_lasting_command
 from eal_actors.testing.conformance.values import bad_commands, bad_values
 
 _UNKNOWN: Final = "eal-conformance-unknown"  # a name that no command, request or configuration key has
 
+_READINGS: Final = ("get_value", "get_status")
 _ANY_CALL: Final[dict[str, Callable[[ResourceHandle], Future[Any]]]] = {
     "get_status": lambda handle: handle.get_status(),
     "get_value": lambda handle: handle.get_value(),
@@ -41,6 +42,19 @@ def reports_unsupported_methods(bench: Bench, findings: Findings) -> None:
                 if error is not None:
                     names = name in str(error) and method in str(error)
                     findings.expect(holds=names, problem=f"{name}: {method}: the error does not name both: {error}")
+
+
+def answers_at_once(bench: Bench, findings: Findings) -> None:
+    """The first call of each resource answers right after opening, as with `eal call`, which waits for nothing else."""
+    with bench.emulated_device() as device, bench.connected([device], ready=False) as (target,):
+        methods = {name: handle.info.methods for name, handle in target.resources.items()}
+        firsts = {name: next((one for one in _READINGS if one in methods[name]), None) for name in methods}
+        calls = [_ANY_CALL[method](target.resources[name]) for name, method in firsts.items() if method is not None]
+        for call in calls:
+            findings.tried += 1
+            if isinstance(error := call.exception(), UnavailableError):
+                what = call.describe().partition("/")[2]
+                findings.problems.append(f"{what} failed: {error.message}; wait for the first answer in `connect`")
 
 
 def answers(bench: Bench, findings: Findings) -> None:

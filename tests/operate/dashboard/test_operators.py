@@ -41,6 +41,7 @@ COMMANDS: dict[str, tuple[OperatorRole, dict[str, Any]]] = {
         "administer",
         {"do": "call", "robot": "one", "resource": "Base", "method": "set_config", "text": "none", "value": 1},
     ),
+    "reload": ("administer", {"do": "reload"}),
 }
 
 
@@ -155,6 +156,7 @@ def test_the_audit_log_has_every_command(dashboard: Dashboard, tmp_path: Path, e
         ("start", "refused: a.drive has the role drive; this needs run"),
         ("control", "refused: a.drive has the role drive; this needs run"),
         ("call", "refused: a.drive has the role drive; this needs administer"),
+        ("reload", "refused: a.drive has the role drive; this needs administer"),
         ("drive", "ok"),
         ("sign in", "refused: wrong token"),
     ]

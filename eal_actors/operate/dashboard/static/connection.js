@@ -14,6 +14,7 @@ const pending = new Map();
 /** @type {WebSocket | null} */
 let socket = null;
 let lastId = 0;
+let lossReason = "";
 let retries = 0;
 /** @type {string | null} */
 let token = null;
@@ -71,7 +72,9 @@ function open() {
   };
   opened.onclose = ({ code, reason }) => {
     connection.isOpen = false;
-    for (const resolve of pending.values()) resolve({ ok: false, error: "the connection to the dashboard was lost" });
+    const error = lossReason || "the connection to the dashboard was lost";
+    lossReason = "";
+    for (const resolve of pending.values()) resolve({ ok: false, error });
     pending.clear();
     connection.closeReason = reason || null;
     connection.isRetrying = code !== SIGN_IN;
@@ -94,6 +97,11 @@ function receive(message) {
     if (token && message.hello.may_command) sessionStorage.setItem("token", token);
     store.reset(message.hello);
     connection.onState();
+    return;
+  }
+  if (!store.hasSameRobots(message)) {
+    lossReason = "the fleet has other robots now";
+    socket?.close(); // the fleet file was reloaded: the next connection begins with its robots
     return;
   }
   for (const answer of message.answers ?? []) {

@@ -1,5 +1,6 @@
 // All robots, one row each.
 
+import { request } from "./connection.js";
 import { clockTime, el, setText } from "./dom.js";
 import { activitiesOf, activityText, controlText, stateOf, store } from "./store.js";
 
@@ -13,9 +14,16 @@ export function fleetView(root) {
   const summary = el("div", { class: "tiles", "aria-label": "Summary" });
   const body = el("tbody");
   const titles = COLUMNS.map((title) => el("th", { scope: "col" }, title));
+  const reloaded = el("span", { class: "small", role: "status" });
+  const reload = el("button", { type: "button", id: "reload" }, "Reload the fleet file");
+  reload.onclick = async () => {
+    const answer = await request("reload", {});
+    setText(reloaded, answer.ok ? answer.changes : ((answer.problems?.join(" · ") || answer.error) ?? ""));
+  };
   root.append(
     el("h1", {}, "Fleet"),
     summary,
+    el("p", {}, reload, " ", reloaded),
     el(
       "table",
       { class: "table" },
@@ -37,6 +45,7 @@ export function fleetView(root) {
     if (changed.has("hello") || changed.has("robots") || changed.has("time")) {
       for (const row of rows) row.update();
       summarize(summary);
+      reload.disabled = !store.may("administer");
     }
   }
   return { update, leave: () => clearInterval(timer) };

@@ -53,13 +53,22 @@ class Store {
     this.onChange(new Set(["hello", "robots", "poses", "run", "logs", "events"]));
   }
 
+  /**
+   * Return whether an update is of the robots that the page knows. A removed robot is null.
+   *
+   * @param {Update} update
+   */
+  hasSameRobots(update) {
+    return Object.entries(update.robots ?? {}).every(([name, robot]) => this.names().includes(name) === Boolean(robot));
+  }
+
   /** @param {Update} update */
   apply(update) {
     this.#countUpdate(update.now_s);
     /** @type {Set<Change>} */
     const changed = new Set();
     if (update.robots) {
-      Object.assign(this.robots, update.robots);
+      for (const [name, robot] of Object.entries(update.robots)) if (robot) this.robots[name] = robot;
       changed.add("robots");
     }
     if (update.poses) {

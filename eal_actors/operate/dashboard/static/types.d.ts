@@ -34,7 +34,8 @@ export type Role = "watch" | "drive" | "run" | "administer";
 /** A change of the state, with answers to requests. Lines of a topic may have been dropped. */
 export interface Update {
   now_s: number;
-  robots?: Record<string, Robot>;
+  /** A robot that left the fleet is null. */
+  robots?: Record<string, Robot | null>;
   poses?: Record<string, Pose>;
   run?: { "": Run };
   logs?: LogLine[];
@@ -235,6 +236,7 @@ export interface Requests {
   call: { robot: string; resource: string; method: string; text?: string; value: Argument };
   stop: object;
   resume: object;
+  reload: object;
   start: { file: string; parameters: Record<string, Value | Value[]> };
   control: { what: string };
 }
@@ -246,6 +248,7 @@ export interface Answers {
   call: { value: string };
   stop: { confirmed: string[] };
   resume: { confirmed: string[] };
+  reload: { changes: string };
   start: object;
   control: object;
 }
