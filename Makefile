@@ -57,7 +57,7 @@ demo-network: $(STAMP)  ## the same dance over the network: three robots, each s
 lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, drive the square and dance
 	$(BIN)/eal lab
 
-test: $(STAMP)  ## run every test
+test: $(STAMP)  ## run the tests; what it deselects, test-slow and test-evbotos run
 	$(PYTEST)
 
 test-slow: $(STAMP)  ## run the tests that take many seeds

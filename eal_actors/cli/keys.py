@@ -15,6 +15,7 @@ from rich.text import Text
 
 from eal_actors.cli.options import EalCommand, EalCommandGroup, FleetOption, JsonOption
 from eal_actors.cli.output import new_table, print_line, short_path, stderr, stdout, write_json
+from eal_actors.kernel.bundled import find_file
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
 from eal_actors.kernel.strict_model import did_you_mean
@@ -87,6 +88,7 @@ def init_keys(
     With security, addresses in the file must begin with tls/ or quic/. --write changes the file only if the result is
     valid, and keeps its content.
     """
+    fleet = find_file(fleet, "fleet")
     root = load_yaml(fleet).root
     network = root.get("network")
     network = network if isinstance(network, dict) else {}

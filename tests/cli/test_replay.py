@@ -31,7 +31,7 @@ def test_the_command_that_it_names_runs_the_scenario_again_on_the_record(eal: An
     assert command[0] == "eal"
     again = eal(*command[1:], "--runs-dir", tmp_path / "again", "--no-plot")
     assert again.exit_code == 0, again.output
-    assert "send_cmd Base f0.1      done" in again.stdout
+    assert "send_cmd Base f0.1  done after" in again.stdout
 
 
 def test_the_rate_can_be_chosen(eal: Any, write: Any, tmp_path: Path) -> None:

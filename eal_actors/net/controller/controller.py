@@ -70,6 +70,7 @@ class Controller(EALActor):
         client: identifier of this controller, new in each process; see keys.client_id.
         certificate: name of its certificate; None in a fleet without security.
         display_name: its name for people, which robots show.
+        dead_man_s: real seconds of its silence after which a robot halts what it moves.
         sender: sends the calls to all robots.
         window: limit of the calls in flight to all robots.
 
@@ -84,6 +85,7 @@ class Controller(EALActor):
         self.certificate: Final = None if security is None else security.controller
         self._caller = self.certificate or keys.ANYBODY
         self.client: Final = keys.client_id(self._caller, self._secret)
+        self.dead_man_s: Final = config.network.dead_man_s
         self.display_name: Final = process_name(self.certificate)
         self._config = config
         self._network = controller_config(config, robots)
@@ -170,7 +172,7 @@ class Controller(EALActor):
                 )
             except zenoh.ZError as error:
                 get_logger(fleet=self.fleet).debug("a heartbeat could not be sent", reason=error_text(error))
-        period_s = self._config.network.dead_man_s / _BEATS
+        period_s = self.dead_man_s / _BEATS
         self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
 
     def _tick(self) -> None:
