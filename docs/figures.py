@@ -124,6 +124,12 @@ def draw_panorama(out: Path) -> None:
     cv2.imwrite(str(out), cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
 
 
+def draw_survey(out: Path) -> None:
+    """Draw what a lidar meets in the laboratory."""
+    command = [ROOT / "scenarios/survey.py", "--fleet", ROOT / "fleets/survey.yaml", "--out", out]
+    subprocess.run([sys.executable, *map(str, command)], check=True, cwd=ROOT)  # noqa: S603
+
+
 def draw_shipped(name: str, title: str, out: Path) -> None:
     """Run a shipped scenario on the fleet that comes with it, and draw where the robots went."""
     with Simulation(ROOT / f"fleets/{name}.yaml") as simulation:
@@ -204,6 +210,7 @@ def main() -> None:
     draw_dance(IMAGES / "dance.png")
     draw_view(IMAGES / "lab-view.png")
     draw_panorama(IMAGES / "panorama.png")
+    draw_survey(IMAGES / "survey.png")
     draw_calibration(IMAGES / "calibration.png")
     draw_sweep(IMAGES / "sweep.png")
     draw_shipped("formation", "formation: a circle", IMAGES / "formation.png")

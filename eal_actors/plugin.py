@@ -20,8 +20,9 @@ from eal_actors.device.differential_base import DifferentialBase, Drivetrain, Wh
 from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
 from eal_actors.device.link import FaultyLink as Link
 from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
-from eal_actors.device.ports import BytePort, ReopeningPort, open_serial
+from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
+from eal_actors.device.serial_ports import open_serial
 from eal_actors.device.sockets import TcpPort, UdpPort, open_tcp
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
@@ -57,6 +58,7 @@ __all__ = [
     "PluginContext",
     "PluginError",
     "PluginSettingsModel",
+    "ReopeningDevice",
     "ReopeningPort",
     "Resource",
     "ResourceFaultError",

@@ -212,20 +212,26 @@ class CallServer(Protocol):
 
 
 class StopLatch:
-    """The emergency stop of a robot. Thread: any."""
+    """The emergency stop of a robot: latched at once, and confirmed when the robot has halted. Thread: any."""
 
-    __slots__ = ("reason",)
+    __slots__ = ("is_confirmed", "reason")
 
     def __init__(self) -> None:
         self.reason: str | None = None
+        self.is_confirmed = False
 
     def set(self, reason: str) -> None:
         """Latch the stop; the first reason counts."""
         self.reason = self.reason or reason or "no reason given"
 
+    def confirm(self) -> None:
+        """Record that the robot has halted, if the stop is still latched."""
+        self.is_confirmed = self.reason is not None
+
     def clear(self) -> None:
         """Release the stop."""
         self.reason = None
+        self.is_confirmed = False
 
     def refuses(self, call: Call[Any]) -> bool:
         """Fail a call that could move something while the stop is latched; return whether it did."""

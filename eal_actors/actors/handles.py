@@ -37,6 +37,7 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         type: its type's name in the fleet file, or None.
         types: its type and the types that it builds on.
         tags: its tags.
+        starts: how often the fleet has started its connection; a reload may start it anew.
     """
 
     def __init__(
@@ -47,10 +48,27 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         tags: tuple[str, ...] = (),
     ) -> None:
         self.name = name
+        self.label(types, tags)
+        self.starts = 1
+        self._actor, self._view = start()
+
+    def label(self, types: tuple[str, ...], tags: tuple[str, ...]) -> None:
+        """Set the types and tags; for the fleet."""
         self.types = types
         self.type = types[0] if types else None
         self.tags = tags
-        self._actor, self._view = start()
+
+    def restart(self, start: Callable[[], tuple[RobotConnection, RobotView]]) -> None:
+        """Start the robot's connection anew after `close`; for the fleet.
+
+        Callbacks of `on_state` and an emergency stop stay. Handles of resources belong to the former connection.
+
+        Thread: any; does not block.
+        """
+        actor, view = start()
+        view.inherit(self._view)
+        self._actor, self._view = actor, view
+        self.starts += 1
 
     def __repr__(self) -> str:
         return f"<RobotHandle {self.name}: {self.state.value}>"
@@ -169,8 +187,15 @@ class RobotHandle(Mapping[str, ResourceHandle]):
         """The reason of the emergency stop that holds the robot; None if none does."""
         return self._view.latch.reason
 
+    @property
+    def is_stop_confirmed(self) -> bool:
+        """Whether the robot has halted since its emergency stop. Until then it may still move."""
+        return self._view.latch.is_confirmed
+
     def stop(self, reason: str = "") -> Future[None]:
         """Stop in an emergency: halt everything that moves, and refuse motions with StoppedError until `resume`.
+
+        A robot on the network gets the stop again and again until it confirms it; see `is_stop_confirmed`.
 
         Args:
             reason: appears in the errors of refused motions.

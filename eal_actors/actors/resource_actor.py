@@ -15,7 +15,7 @@ from eal_actors.actors.activities import ActivityActor, ScheduledCommand
 from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
 from eal_actors.actors.robot_view import RunningCommand, command_of, process_name
-from eal_actors.device.data import EALData, ValueInfo
+from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.info import ResourceInfo
 from eal_actors.device.plugin_context import ResourceFactory
 from eal_actors.device.resource import Activity, Resource
@@ -32,6 +32,7 @@ from eal_actors.kernel.errors import (
 
 READINESS_PERIOD_S: Final = 0.5
 """Fleet time between two readiness checks while nobody calls the resource."""
+_FLOATS: Final = (DataType.FLOAT, DataType.DOUBLE)
 
 
 class _PendingResult(NamedTuple):
@@ -56,7 +57,12 @@ def status_of(result: Any) -> int:
 
 
 def data_of(result: Any, value: ValueInfo | None = None) -> EALData:
-    """Return the result as EALData, checked against the resource's information, or raise ReturnTypeError."""
+    """Return the result as EALData, checked against the resource's information, or raise ReturnTypeError.
+
+    An int is converted where a float or double is declared, so that 60 and 60.0 are the same answer.
+    """
+    if type(result) is int and value is not None and value.type in _FLOATS and not value.shape:
+        result = float(result)
     try:
         data = EALData.of(result)
     except EALError as error:
@@ -107,6 +113,7 @@ class ResourceActor(ActivityActor):
         self._current: Call[Any] | None = None
         self._reports_readiness = False
         self._not_ready: str | None = None
+        self._owes_halt = False
         self._scheduled = ScheduledCommand(self.actor_inbox, self._execute)
 
     # Life.
@@ -219,9 +226,12 @@ class ResourceActor(ActivityActor):
         self.actor_inbox.call_later(READINESS_PERIOD_S, self._watch_readiness)
 
     def _check_readiness(self) -> str | None:
-        """Return why the device is not ready, or None; log and report a change once."""
+        """Return why the device is not ready, or None; log and report a change once. Carry out a halt that is due."""
         before, reason = self._not_ready, self.opened.not_ready()
         self._not_ready = reason
+        if reason is None and self._owes_halt:
+            self._log.info("halting now, as requested while it was not ready")
+            self._owes_halt = not self.guarded(self.opened.halt)
         if reason is not None and before is None:
             self._log.warning("not ready", reason=reason)
         elif reason is None and before is not None:
@@ -229,10 +239,6 @@ class ResourceActor(ActivityActor):
         if reason != before:
             self._callbacks.ready(self, reason)
         return reason
-
-    def _require_ready(self, call: Call[Any]) -> None:
-        if not call.stops and (reason := self._check_readiness()) is not None:
-            raise NotReadyError(reason)
 
     # Calls.
 
@@ -296,6 +302,11 @@ class ResourceActor(ActivityActor):
             call.link(lambda done, _: handler.end(done.exception()))
 
     def _fail_call(self, call: Call[Any], error: BaseException) -> None:
+        if call.stops and self._reports_readiness and isinstance(error, NotReadyError):
+            self._owes_halt = True
+            self._log.warning("it is halted as soon as it is ready", reason=error.message)
+            call._finish(1, None)
+            return
         may_move = call.method in MOTION_METHODS and not isinstance(error, EALError)
         if may_move and isinstance(error, Exception):  # it may have started a motion; a crash halts by itself
             self.guarded(self.opened.halt)

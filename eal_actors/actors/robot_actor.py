@@ -254,7 +254,7 @@ class RobotActor(EALActor, RobotConnection):
         for cell in self.view.cells.values():
             halts.append(halt := Call[Any](cell, "halt", (), cell.timeout_s))
             cell.submit_urgent(halt, stops=True)
-        return gather(halts).map(lambda _: None)
+        return gather(halts).map(lambda _: self.view.latch.confirm())
 
     @override
     def resume(self) -> Future[None]:

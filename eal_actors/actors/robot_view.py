@@ -124,13 +124,14 @@ class Ping:
         resources: how many resources it has.
         stopped: the reason of an emergency stop that holds it; None if none does.
         holders: the names of the controllers that hold resources, by the resources' names.
-        holder_ids: the ids of the same controllers; see RobotHandle.controller_id.
+        holder_ids: of these, the resources that this process holds, with its RobotHandle.controller_id.
         round_trip_s: the ping's round trip in real seconds; 0 for a robot of this process.
         offset_s: the robot's clock minus the controller's, both in real seconds; 0 for a robot of this process.
         offset_error_s: the greatest error of `offset_s`, either way.
         not_ready: why the devices of resources cannot be used now, by the resources' names.
         running: the running commands of all controllers.
         mailboxes: the loads of mailboxes in another process, by the resources' names, in real seconds; no empty ones.
+        warnings: what needs attention before it fails, such as a certificate that expires soon.
         restarts: the restarts of resources in another process, by their names; only those over 0.
     """
 
@@ -146,6 +147,7 @@ class Ping:
     not_ready: Mapping[str, str] = field(default_factory=dict)
     running: tuple[RunningCommand, ...] = ()
     mailboxes: Mapping[str, MailboxLoad] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
     restarts: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -173,6 +175,7 @@ class RobotView:
         self._state = RobotState.STARTING
         self._lock = threading.Lock()
         self._observers: tuple[Callable[[RobotState], None], ...] = ()
+        self._successor: RobotView | None = None
         self.cells: dict[str, ResourceCell] = {}
         self.problems: tuple[EALError, ...] = ()
         self.restarts: dict[str, int] = {}
@@ -211,6 +214,18 @@ class RobotView:
     def _remove(self, observer: Callable[[RobotState], None]) -> None:
         with self._lock:
             self._observers = tuple(other for other in self._observers if other is not observer)
+            successor = self._successor
+        if successor is not None:
+            successor._remove(observer)
+
+    def inherit(self, former: RobotView) -> None:
+        """Take over the observers and the emergency stop of the robot's former connection, which has ended."""
+        if (reason := former.latch.reason) is not None:
+            self.latch.set(reason)
+        with former._lock:
+            former._successor, observers = self, former._observers
+        for observer in observers:
+            self.observe(observer)
 
     def _notify(self, observer: Callable[[RobotState], None], state: RobotState) -> None:
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import re
 import traceback
 from typing import Final
 
@@ -47,9 +48,14 @@ SEE_DEVICE: Final = "Check that it is switched on and connected, then try again.
 """Advice if a device may be the cause."""
 SEE_BLOCKING: Final = "A command blocks its actor: `eal plugin check FOLDER` names the command."
 """Advice if more time would not help."""
+SEE_HOLDER: Final = "Stop that program; `eal ports` lists the serial ports and the programs that hold them."
+"""Advice if another program has the device open."""
+SEE_RULE: Final = "docs/robots.md has a udev rule that gives a device to a group."
+"""Advice if no group may open the device."""
 SEE_PORT: Final = "`ss -ltnp` shows the program: stop it, or choose another port."
 """Advice if another program uses the port."""
 
+_FORBIDDEN: Final = re.compile(r"the group (\S+) may open it, and (\S+) has not been in it")
 _RESOURCES: Final = "`eal resources --fleet FLEET --robot ROBOT` lists resources and their commands."
 _TABLE: Final[tuple[tuple[type[EALError], ExitCode, str], ...]] = (
     (ConfigError, ExitCode.BAD_INPUT, ""),
@@ -105,7 +111,16 @@ def _advice(error: EALError) -> str:
         return SEE_PORT
     if isinstance(error, RobotFailedError | UnavailableError) and "abandoned" in error.message:
         return SEE_BLOCKING
-    return _row(error)[2]
+    return advise_on_device(error.message) or _row(error)[2]
+
+
+def advise_on_device(message: str) -> str:
+    """Return what to do about a device that this user may not open or that another program holds; else nothing."""
+    if (forbidden := _FORBIDDEN.search(message)) is not None:
+        return "`sudo usermod -aG {} {}`, then log out and in again.".format(*forbidden.groups())
+    if "only root may open it" in message:
+        return SEE_RULE
+    return SEE_HOLDER if "has it open" in message else ""
 
 
 def _row(error: EALError) -> tuple[type[EALError], ExitCode, str]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.cli.exit_codes import SEE_DEVICE
+from eal_actors.cli.exit_codes import SEE_DEVICE, advise_on_device
 from eal_actors.cli.output import short_path
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import PluginError, Problem, RobotFailedError
@@ -16,6 +16,7 @@ from eal_actors.kernel.lock_step import Rate
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.plugins import EALPluginManager
+from eal_actors.managers.shared_ports import shared_ports
 
 
 def read_fleet(
@@ -43,12 +44,12 @@ def read_fleet(
 
 
 def check_plugins(config: FleetConfig) -> tuple[set[Problem], list[str]]:
-    """Return the problems of the plugins that a fleet uses, and warnings.
+    """Return the problems of the plugins that a fleet uses and of their ports, and warnings.
 
     Warnings depend on this machine: plugins that cannot be read, which the fleet may not use, and missing modules.
     """
     manager = EALPluginManager(config.plugin_dirs)
-    problems: set[Problem] = set()
+    problems = set(shared_ports(config.robots.values(), manager.manifests))
     warnings = [str(error) for error in manager.errors]
     for robot in config.robots.values():
         for instance, settings in robot.plugins.items():
@@ -89,7 +90,7 @@ def _advice(config: FleetConfig, problem: PluginError) -> Iterator[str]:
                 yield "Install what is missing, then try again."  # the error itself names the modules
                 return
     if isinstance(problem.__cause__, OSError):
-        yield SEE_DEVICE
+        yield advise_on_device(problem.message) or SEE_DEVICE
     yield f"Details: `eal plugin check {folder}`"
 
 

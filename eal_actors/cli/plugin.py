@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
 from string import Template
 from typing import Annotated, Any, Final
@@ -14,9 +17,10 @@ from rich.text import Text
 
 from eal_actors import plugin as plugin_api
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.options import EalCommand, EalCommandGroup, JsonOption
+from eal_actors.cli.options import EalCommand, EalCommandGroup, GlobalOptions, JsonOption
 from eal_actors.cli.output import counted, new_table, print_line, short_path, stderr, stdout, write_json
 from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.log import configure_logging
 from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.managers.plugins import EALPluginManager
 from eal_actors.testing.conformance import Bench, CheckResult, run_checks, settings_of
@@ -117,6 +121,7 @@ def _refused(path: str, reason: str) -> ConfigError:
 
 @app.command("check", cls=EalCommand)
 def check_plugin(
+    context: typer.Context,
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The plugin's folder.", show_default=False)],
     setting: Annotated[
         list[str] | None,
@@ -127,13 +132,15 @@ def check_plugin(
     """Check that a plugin meets the contract of all plugins.
 
     The check connects a robot with this plugin, and moves its actuators for a moment. The exit code is 1 if a check
-    failed.
+    failed. Log lines are shown at the end, because the checks cause most of them, such as by unplugging the device.
     """
     results = []
-    for result in run_checks(Bench(folder, settings_of(_parse_settings(setting or [])))):
-        results.append(result)
-        if not as_json:
-            _print_result(result)
+    bench = Bench(folder, settings_of(_parse_settings(setting or [])))
+    with _log_at_the_end(context.find_object(GlobalOptions) or GlobalOptions()):
+        for result in run_checks(bench):
+            results.append(result)
+            if not as_json:
+                _print_result(result)
     failed = sum(result.outcome == "failed" for result in results)
     if as_json:
         write_json({"folder": str(folder), "checks": [_check_as_json(result) for result in results]})
@@ -141,6 +148,18 @@ def check_plugin(
         stderr().print(f"{counted(failed, 'check')} failed" if failed else f"{folder}: conforms")
     if failed:
         raise typer.Exit(ExitCode.FAILED)
+
+
+@contextmanager
+def _log_at_the_end(options: GlobalOptions) -> Iterator[None]:
+    """Hold log lines back during a `with` block, and write them to stderr at its end."""
+    held = StringIO()
+    configure_logging(options.log_format, options.log_level, held)
+    try:
+        yield
+    finally:
+        configure_logging(options.log_format, options.log_level)
+        sys.stderr.write(held.getvalue())
 
 
 def _parse_settings(texts: Sequence[str]) -> dict[str, Any]:
@@ -160,7 +179,7 @@ def _parse_settings(texts: Sequence[str]) -> dict[str, Any]:
 def _print_result(result: CheckResult) -> None:
     reasons = f"  {'; '.join(result.problems)}" if result.outcome != "failed" and result.problems else ""
     console = stdout()
-    print_line(console, Text.assemble(f"{result.check.name:<24}", _STYLES[result.outcome], (reasons, "dim")))
+    print_line(console, Text.assemble(f"{result.check.name:<28}", _STYLES[result.outcome], (reasons, "dim")))
     if result.outcome == "failed":
         for problem in result.problems:
             print_line(console, f"    {problem}")

@@ -28,7 +28,7 @@ def stop_robots(
     """Stop robots at once: everything halts, and no motion starts until `eal resume`.
 
     Each robot gets the stop as soon as it can be reached, and is shown when it confirms. Unreachable robots are given
-    up after 3 s. The exit code is 1 if a robot did not confirm.
+    up after 3 s, and the last line names them. The exit code is 1 if a robot did not confirm.
     """
     _send_to_all(read_fleet(fleet, robots or ()), keys.STOP, (reason,), "stopped", as_json=as_json)
 
@@ -63,5 +63,15 @@ def _send_to_all(config: FleetConfig, method: str, arguments: tuple[str, ...], d
             for name, error in ((name, outcomes[name]) for name in config.robots)
         ]
         write_json({"fleet": config.name, "robots": entries})
+    else:
+        print_line(out, _summary(outcomes, done))
     if any(outcomes.values()):
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _summary(outcomes: dict[str, EALError | None], done: str) -> Text:
+    missing = [name for name, error in outcomes.items() if error is not None]
+    count = f"{len(outcomes) - len(missing)} of {len(outcomes)} {done}"
+    if not missing:
+        return Text(count, style="bold green")
+    return Text(f"{count}, {', '.join(missing)} NOT CONFIRMED", style="bold red")

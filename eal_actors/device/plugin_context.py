@@ -6,7 +6,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Self, TypeAlias, TypeVar
 
 from eal_actors.device.link import FaultyLink
 from eal_actors.device.ports import BytePort
@@ -23,21 +23,30 @@ _T = TypeVar("_T")
 class PluginSettingsModel(StrictModel):
     """The base of a plugin's `Settings`: strict types, no unknown keys, immutable."""
 
+    def refused_changes(self, former: Self) -> Mapping[str, str]:  # noqa: ARG002  # to be overridden
+        """Return why these settings cannot replace the former ones while the fleet is open, by their keys.
+
+        The default refuses none: the plugin is disconnected and connected with the new settings.
+        """
+        return {}
+
 
 class EALPlugin:
     """The result of `connect`: the names of the plugin's resources (Source: thesis B.3.2).
 
-    Either `EALPlugin("A", "B")`, or with the count first, `EALPlugin(2, "A", "B")`, where names beyond the count are
-    ignored and too few are an error. Subclass it to hold objects that the resources share, such as an open port.
+    Either `EALPlugin("A", "B")`, which a None may end as in the thesis, or with the count first,
+    `EALPlugin(2, "A", "B")`, where names beyond the count are ignored and too few are an error. Subclass it
+    to hold objects that the resources share, such as an open port.
 
     Raises:
         PluginError: no name, a name twice, or fewer names than the count.
     """
 
-    def __init__(self, *names: str | int) -> None:
-        count, named = len(names), list(names)
+    def __init__(self, *names: str | int | None) -> None:
+        named = names[: names.index(None)] if None in names else names
+        count = len(named)
         if named and isinstance(named[0], int):
-            count = int(named.pop(0))
+            count, named = named[0], named[1:]
             if count > len(named):
                 raise PluginError(f"EALPlugin was promised {count} resources, but only {len(named)} are named")
         resources = [str(name) for name in named[:count]]

@@ -1,4 +1,4 @@
-"""Byte ports for drivers, and ports that reopen when their device comes back.
+"""Ports that reopen when their device comes back, and the byte ports that drivers read and write.
 
 A driver opens its port through a `ReopeningPort`. While the device is absent, the driver's resources are *not ready*
 (`Resource.not_ready`), so they are not restarted; when it is back, they continue.
@@ -8,24 +8,22 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import termios
 import threading
 from collections.abc import Callable
-from pathlib import Path
-from typing import Final, Protocol, TypeVar
-from urllib.parse import urlsplit
+from typing import Any, Final, Generic, Protocol, TypeVar
 
-from eal_actors.device.sockets import open_tcp
 from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter
-from eal_actors.kernel.errors import EALError, NotReadyError, PluginError
+from eal_actors.kernel.errors import EALError, NotReadyError
 
 _T = TypeVar("_T")
+_D = TypeVar("_D")
 
 _FIRST_TRY_S: Final = 0.2
 _LONGEST_TRY_S: Final = 5.0
-_SERIAL_WRITE_TIMEOUT_S: Final = 1.0
-"""Pyserial checks the time after the bytes are sent: on a busy machine a shorter one would lose a working port."""
 _JOIN_S: Final = 1.0
+_POLL_PEER_CLOSED: Final = getattr(select, "POLLRDHUP", 0)
 _BROKEN: Final = (OSError, termios.error)  # pyserial's errors are among the first; the second is none of them
 
 
@@ -54,15 +52,16 @@ class BytePort(Protocol):
         ...
 
 
-class ReopeningPort:
-    """A BytePort that reopens when its device comes back.
+class ReopeningDevice(Generic[_D]):
+    """A device that reopens when it comes back: a port, or the object of a vendor's library that owns one.
 
-    A port that breaks is closed and reopened, in a thread of its own, after 0.2 s and then at growing intervals of up
+    A device that breaks is closed and reopened, in a thread of its own, after 0.2 s and then at growing intervals of up
     to 5 s. These are real seconds whatever the fleet's clock does, because hardware returns in real time. EALErrors of
-    a port, as simulated ports raise, are passed on and do not break it.
+    a device, as simulated ports raise, are passed on and do not break it.
 
     Args:
-        open_port: opens the port. An OSError means that the device is absent, a PluginError a wrong configuration.
+        open_port: opens the device, which needs nothing but a method `close`. An OSError means that it is absent, a
+            PluginError a wrong configuration.
         clock: the fleet's clock, whose time may advance while a port is opened.
         name: its name in messages, such as `/dev/ttyUSB0`.
 
@@ -70,16 +69,16 @@ class ReopeningPort:
         openings: how often it has been opened. When it changes, the device may be another one, or have been switched
             off and on: initialise it again.
 
-    Thread: any. Writes never interleave. Only a write blocks, at most as long as the port itself does.
+    Thread: any. Uses never interleave. Only a use blocks, at most as long as the device itself does.
     """
 
-    def __init__(self, open_port: Callable[[], BytePort], clock: Clock, name: str) -> None:
+    def __init__(self, open_port: Callable[[], _D], clock: Clock, name: str) -> None:
         self.name: Final = name
         self.openings = 0
         self._open_port = open_port
         self._clock = clock
         self._lock = threading.Lock()
-        self._port: BytePort | None = None
+        self._port: _D | None = None
         self._reason = f"{name} has not been opened"
         self._next_try_s: float | None = None
         self._is_closed = False
@@ -88,7 +87,12 @@ class ReopeningPort:
         self._reopener: threading.Thread | None = None
 
     def why_not_ready(self) -> str | None:
-        """Return why it cannot be used now and the time of the next try; None while it is open. Does not wait."""
+        """Return why it cannot be used now and the time of the next try; None while it is open. Does not wait.
+
+        It notices by itself that a serial cable was unplugged or a TCP peer has gone, also while nobody reads.
+        """
+        if (port := self._port) is not None and _is_gone(port):
+            self._notice_loss(port)
         reason, next_try_s = self._reason, self._next_try_s
         if self._port is not None:
             return None
@@ -126,26 +130,8 @@ class ReopeningPort:
         with self._clock.outside():
             return self._is_open.wait(timeout_s)
 
-    @property
-    def in_waiting(self) -> int:
-        """The number of bytes that can be read; raises as `use` does."""
-        return self.use(lambda port: port.in_waiting)
-
-    def read(self, size: int = 4096) -> bytes:
-        """Return the received bytes, at most `size`; never waits; raises as `use` does."""
-        return bytes(self.use(lambda port: port.read(size)))
-
-    def write(self, data: bytes) -> int:
-        """Send bytes and return how many were accepted; raises as `use` does."""
-        taken = self.use(lambda port: port.write(data))
-        return len(data) if taken is None else taken
-
-    def reset_input_buffer(self) -> None:
-        """Discard the received bytes; raises as `use` does."""
-        self.use(lambda port: port.reset_input_buffer())
-
-    def use(self, action: Callable[[BytePort], _T]) -> _T:
-        """Use the open port exclusively, for several reads or a change of its speed.
+    def use(self, action: Callable[[_D], _T]) -> _T:
+        """Use the open device exclusively, for several reads or a change of its speed.
 
         Raises:
             NotReadyError: it is not open, or it broke and is being reopened.
@@ -159,9 +145,7 @@ class ReopeningPort:
             except EALError:  # before OSError, which some of them are
                 raise
             except _BROKEN as error:
-                self._port = None
-                self._is_open.clear()
-                self._retry(f"{self.name} was lost: {_why(error)}", port)
+                self._lose(port, _why(error))
                 raise NotReadyError(self.why_not_ready() or self._reason) from error
 
     def close(self) -> None:
@@ -179,7 +163,22 @@ class ReopeningPort:
             with self._clock.outside():
                 reopener.join(_JOIN_S)  # it may be connecting, and then ends by itself
 
-    def _retry(self, reason: str, broken: BytePort | None) -> None:
+    def _notice_loss(self, port: _D) -> None:
+        """Reopen a device that is gone, unless it is in use: then its user notices. Does not wait."""
+        if self._lock.acquire(blocking=False):
+            try:
+                if self._port is port and _is_gone(port):  # a user may have taken the last bytes meanwhile
+                    self._lose(port, "unplugged, or closed at the other end")
+            finally:
+                self._lock.release()
+
+    def _lose(self, port: _D, reason: str) -> None:
+        """Reopen a broken device. Thread: holds the lock."""
+        self._port = None
+        self._is_open.clear()
+        self._retry(f"{self.name} was lost: {reason}", port)
+
+    def _retry(self, reason: str, broken: _D | None) -> None:
         """Start to reopen it. Thread: holds the lock."""
         if self._is_closed:
             return
@@ -189,7 +188,7 @@ class ReopeningPort:
         )
         self._reopener.start()
 
-    def _reopen(self, broken: BytePort | None) -> None:
+    def _reopen(self, broken: _D | None) -> None:
         """Retry until it is open or closed for good. Thread: its own."""
         if broken is not None:
             _discard_output(broken)
@@ -209,7 +208,7 @@ class ReopeningPort:
                 self._take(port)
                 return
 
-    def _take(self, port: BytePort) -> bool:
+    def _take(self, port: _D) -> bool:
         """Use a port from now on; close it and return False if this one has been closed meanwhile."""
         with self._lock:
             if not self._is_closed:
@@ -221,12 +220,50 @@ class ReopeningPort:
         return False
 
 
-def _close_quietly(port: BytePort) -> None:
+class ReopeningPort(ReopeningDevice[BytePort]):
+    """A BytePort that reopens when its device comes back; see ReopeningDevice."""
+
+    @property
+    def in_waiting(self) -> int:
+        """The number of bytes that can be read; raises as `use` does."""
+        return self.use(lambda port: port.in_waiting)
+
+    def read(self, size: int = 4096) -> bytes:
+        """Return the received bytes, at most `size`; never waits; raises as `use` does."""
+        return bytes(self.use(lambda port: port.read(size)))
+
+    def write(self, data: bytes) -> int:
+        """Send bytes and return how many were accepted; raises as `use` does."""
+        taken = self.use(lambda port: port.write(data))
+        return len(data) if taken is None else taken
+
+    def reset_input_buffer(self) -> None:
+        """Discard the received bytes; raises as `use` does."""
+        self.use(lambda port: port.reset_input_buffer())
+
+
+def _is_gone(port: Any) -> bool:
+    """Return whether the descriptor of a device, if it has one, reports that the other end has gone. Does not wait."""
+    try:
+        descriptor = port.fileno()
+        poller = select.poll()
+        poller.register(descriptor, _POLL_PEER_CLOSED)
+        events = poller.poll(0)
+        if not events:
+            return False
+        hung_up = bool(events[0][1] & select.POLLHUP)
+        closed = bool(events[0][1] & _POLL_PEER_CLOSED) and not port.in_waiting  # its last bytes are read first
+    except (AttributeError, OSError, ValueError, TypeError):  # it has no descriptor, or is closed already
+        return False
+    return hung_up or closed
+
+
+def _close_quietly(port: Any) -> None:
     with contextlib.suppress(*_BROKEN):
         port.close()
 
 
-def _discard_output(port: BytePort) -> None:
+def _discard_output(port: Any) -> None:
     """Discard a broken port's unsent bytes: a device that comes back must not execute old commands."""
     if (drop := getattr(port, "reset_output_buffer", None)) is not None:
         with contextlib.suppress(*_BROKEN):
@@ -237,70 +274,15 @@ def _why(error: BaseException) -> str:
     """Return the operating system's message of an error, if there is one; pyserial wraps it, with the port's name."""
     if isinstance(error, termios.error):
         return str(error.args[-1]).lower()
-    found: BaseException | None = error
-    while found is not None:
-        if isinstance(found, OSError) and found.errno is not None:
-            reason = os.strerror(found.errno) if found.errno > 0 else str(found.strerror)
-            return reason.lower()
-        found = found.__cause__ or (None if found.__suppress_context__ else found.__context__)
-    return str(error) or type(error).__name__
+    found = system_error(error)
+    if found is None or found.errno is None:
+        return str(error) or type(error).__name__
+    message = os.strerror(found.errno) if found.errno > 0 else str(found.strerror)
+    return "; ".join([message.lower(), *getattr(error, "__notes__", ())])
 
 
-def open_serial(
-    url: str,
-    *,
-    baudrate: int,
-    bytesize: int = 8,
-    parity: str = "N",
-    stopbits: float = 1,
-    exclusive: bool = True,
-) -> BytePort:
-    """Open a serial port whose reads never wait.
-
-    Args:
-        url: a device path, or a URL that pyserial knows, such as `socket://host:port` or `rfc2217://host:port`.
-        baudrate: bits a second.
-        bytesize: data bits: 5 to 8.
-        parity: `N`, `E`, `O`, `M` or `S`.
-        stopbits: 1, 1.5 or 2.
-        exclusive: prevent other processes from opening the device and taking bytes away.
-
-    Raises:
-        PluginError: the configuration is invalid.
-        OSError: it cannot be opened at present.
-
-    Thread: blocks the caller; a connection through a network may take seconds.
-    """
-    if url.startswith("socket:"):
-        return open_tcp(*_host_and_port(url))
-    if "://" not in url and (path := Path(url)).exists() and not path.is_char_device():
-        raise PluginError(f"{url} is no serial port, but a {'folder' if path.is_dir() else 'file'}")
-    import serial  # only for serial ports
-
-    try:
-        port: BytePort = serial.serial_for_url(
-            url,
-            baudrate=baudrate,
-            bytesize=bytesize,
-            parity=parity,
-            stopbits=stopbits,
-            timeout=0,
-            write_timeout=_SERIAL_WRITE_TIMEOUT_S,
-            exclusive=exclusive,
-        )
-    except ValueError as error:
-        raise PluginError(f"serial port {url}: {error}") from error
-    except termios.error as error:
-        raise OSError(*error.args) from error
-    return port
-
-
-def _host_and_port(url: str) -> tuple[str, int]:
-    try:
-        parts = urlsplit(url)
-        host, port = parts.hostname, parts.port
-    except ValueError as error:
-        raise PluginError(f"serial port {url}: {error}") from error
-    if parts.scheme != "socket" or not host or port is None:
-        raise PluginError(f"serial port {url}: wanted is socket://host:port")
-    return host, port
+def system_error(error: BaseException | None) -> OSError | None:
+    """Return the operating system's error in a chain of errors; None if there is none."""
+    while error is not None and not (isinstance(error, OSError) and error.errno is not None):
+        error = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+    return error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -12,32 +13,26 @@ from typing import Final, Self, TypeVar
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import CLOSE_TIMEOUT_S, ResourceHandle, RobotHandle, close_robots
-from eal_actors.actors.robot_actor import RobotSpec, start_robot
-from eal_actors.actors.robot_view import RobotState, RobotView
-from eal_actors.actors.supervision import Restart
+from eal_actors.actors.robot_view import RobotState
 from eal_actors.device.info import unknown_name
 from eal_actors.device.plugin_context import FleetServices
+from eal_actors.facade.robot_starter import RobotStarter
 from eal_actors.facade.shutdown import close_on_exit, forget
 from eal_actors.facade.synchronized_start import Command, SynchronizedCommands, send_synchronized
 from eal_actors.facade.tasks import TaskGroup
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     ArgumentError,
-    ConfigError,
     EALError,
-    Problem,
     RobotFailedError,
     RobotNotFoundError,
     UnavailableError,
 )
-from eal_actors.kernel.lock_step import MAX, clock_of
+from eal_actors.kernel.lock_step import clock_of
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_changes import FleetChanges, changes_between
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
-from eal_actors.managers.network_check import no_lock_step
-from eal_actors.managers.plugins import EALPluginManager
-from eal_actors.net.controller.controller import Controller
-from eal_actors.net.controller.remote_robot import RemoteRobot, RemoteSpec
 
 R = TypeVar("R")
 
@@ -61,11 +56,12 @@ class Fleet(Mapping[str, RobotHandle]):
     def __init__(self, config: FleetConfig, clock: Clock | None = None) -> None:
         self.config = config
         self.clock: Clock = clock if clock is not None else clock_of(config.rate)
-        self._plugins = EALPluginManager(config.plugin_dirs)
-        self.services = FleetServices(self.clock, config.seed, config.world, self._plugins.open_port)
+        self._starter = RobotStarter(config, self.clock)
+        self.services: FleetServices = self._starter.services
         self._robots: dict[str, RobotHandle] = {}
-        self._controller: Controller | None = None
+        self._environment: Mapping[str, str] | None = None
         self._start_lock = threading.Lock()
+        self._reload_lock = threading.Lock()
 
     @classmethod
     def load(cls, path: str | Path, *, environment: Mapping[str, str] | None = None) -> Fleet:
@@ -78,7 +74,9 @@ class Fleet(Mapping[str, RobotHandle]):
         Raises:
             ConfigError: the file is invalid; the error lists every problem.
         """
-        return cls(EALConfigManager.load(path, environment=environment).fleet)
+        fleet = cls(EALConfigManager.load(path, environment=environment).fleet)
+        fleet._environment = environment
+        return fleet
 
     # Connection.
 
@@ -101,7 +99,7 @@ class Fleet(Mapping[str, RobotHandle]):
         Thread: blocks the caller.
         """
         wanted = EALConfigManager(self.config).select(robots)
-        self._check(wanted)
+        self._starter.check(wanted)
         try:
             with self._start_lock:
                 close_on_exit(self.close)
@@ -126,46 +124,78 @@ class Fleet(Mapping[str, RobotHandle]):
                     continue
                 get_logger(robot=name).error("robot is late", reason=error.message)
 
-    def _check(self, robots: Iterable[RobotConfig]) -> None:
-        problems: set[Problem] = set()
-        for robot in robots:
-            if robot.address is None:  # the plugins of the others are in other processes
-                problems.update(self._plugins.check(robot)[0])
-            elif self.config.rate == MAX:
-                problems.add(Problem(str(self.config.source), 0, 0, "clock.rate", no_lock_step(robot.name)))
-        if problems:
-            raise ConfigError(sorted(problems))
+    def reload(self, config: FleetConfig | None = None, *, timeout_s: float = START_TIMEOUT_S) -> FleetChanges:
+        """Read the fleet file again, and adopt its changes while the fleet is open (Source: thesis §4.3.1).
+
+        New robots are connected, missing ones are halted and disconnected, and those whose address, plugins, settings
+        or limits have changed are halted and connected anew. All others continue their commands. The handle of a
+        restarted robot stays valid; the handles of its resources do not. Like `connect`, it waits until the robots that
+        it starts are up or have failed.
+
+        Args:
+            config: the new configuration; read from the fleet's file if None.
+            timeout_s: real seconds to wait at most for robots to start.
+
+        Returns:
+            The robots that changed.
+
+        Raises:
+            ConfigError: the file is wrong, or changes what cannot change while the fleet is open: its name, clock, seed
+                and world, the network of connected robots, or a setting that its plugin refuses to change. Nothing has
+                changed then.
+            UnavailableError: the fleet is not connected.
+
+        Thread: blocks the caller.
+        """
+        with self._reload_lock:
+            changes, starter = self._plan_reload(config)
+            ended = [self._robots[name] for name in (*changes.removed, *changes.restarted) if name in self._robots]
+            close_robots(ended)
+            with self._start_lock:
+                if not self._robots:
+                    raise UnavailableError(f"fleet {self.name!r} was closed during its reload")
+                starter.take_over(self._starter)
+                starter.end_sessions(CLOSE_TIMEOUT_S, [robot.name for robot in ended])
+                self.config, self._starter = starter.config, starter
+                self._adopt(changes)
+            self._wait_started(
+                [name for name in (*changes.added, *changes.restarted) if name in self._robots],
+                self.clock.now() + self.clock.of_real(timeout_s),
+            )
+        get_logger(fleet=self.name).info("fleet file reloaded", changes=str(changes))
+        return changes
+
+    def check_reload(self, config: FleetConfig | None = None) -> FleetChanges:
+        """Return what `reload` would change, and raise what it would raise. Thread: any."""
+        return self._plan_reload(config)[0]
+
+    def _plan_reload(self, config: FleetConfig | None) -> tuple[FleetChanges, RobotStarter]:
+        if not self._robots:
+            raise UnavailableError(f"fleet {self.name!r} is not connected; `connect` it before `reload`")
+        if config is None:
+            config = EALConfigManager.load(self.config.source, environment=self._environment).fleet
+        changes = changes_between(self.config, config)
+        config = replace(config, rate=self.config.rate, seed=self.config.seed)  # a program may have replaced them
+        starter = RobotStarter(config, self.clock)
+        starter.check_changes(changes, self._starter)
+        return changes, starter
+
+    def _adopt(self, changes: FleetChanges) -> None:
+        """Start and label the robots of a reload. Thread: holds the start lock."""
+        robots = {}
+        for name, robot in self.config.robots.items():
+            handle = self._robots.get(name)
+            if name in changes.added:
+                robots[name] = self._start(robot)
+            elif handle is not None:
+                handle.label(robot.types, robot.tags)
+                if name in changes.restarted:
+                    handle.restart(partial(self._starter.start, robot))
+                robots[name] = handle
+        self._robots = robots
 
     def _start(self, robot: RobotConfig) -> RobotHandle:
-        if robot.address is not None:
-            return RobotHandle(partial(self._start_remote, robot, robot.address), robot.name, robot.types, robot.tags)
-        spec = RobotSpec(
-            name=robot.name,
-            clock=self.clock,
-            open_plugins=partial(self._plugins.connect, robot, self.services),
-            timeout_s=robot.timeout_s,
-            mailbox=robot.mailbox,
-            restart=Restart(robot.restart),
-            max_restarts=robot.max_restarts,
-            restart_window_s=robot.restart_window_s,
-            link=self.services.link(robot.name),
-        )
-        return RobotHandle(partial(start_robot, spec), robot.name, robot.types, robot.tags)
-
-    def _start_remote(self, robot: RobotConfig, address: str) -> tuple[RemoteRobot, RobotView]:
-        if self._controller is None:
-            self._controller = Controller(self.config, self.clock).launch()
-        view = RobotView(robot.name, self.clock)
-        spec = RemoteSpec(robot.name, address, self.clock, robot.timeout_s, self.services.link(robot.name))
-        return RemoteRobot(spec, view, self._controller).launch(), view
-
-    def _leave_network(self, timeout_s: float) -> None:
-        """Close the network. Thread: holds the start lock."""
-        controller, self._controller = self._controller, None
-        if controller is not None:
-            controller.shut_down()
-            if not controller.join(timeout_s):
-                get_logger(fleet=self.name).error("the network did not close in time and was abandoned")
+        return RobotHandle(partial(self._starter.start, robot), robot.name, robot.types, robot.tags)
 
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
         """Halt all motion, disconnect every robot and end its threads. Closing it twice is harmless.
@@ -181,7 +211,7 @@ class Fleet(Mapping[str, RobotHandle]):
         with self._start_lock:
             self._robots = {name: robot for name, robot in self._robots.items() if robots.get(name) is not robot}
             if not self._robots:
-                self._leave_network(timeout_s)
+                self._starter.end_sessions(timeout_s)
                 forget(self.close)
 
     def __enter__(self) -> Self:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import threading
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from types import TracebackType
@@ -13,11 +13,13 @@ from eal_actors.device.info import unknown_name
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, EALError, Problem
 from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER
 from eal_actors.net.server.host import RobotHost
 from eal_actors.net.server.robot_server import RobotServer
-from eal_actors.net.session import endpoints_of, open_session, robot_config
+from eal_actors.net.session import endpoints_of, robot_config
+from eal_actors.net.session_keeper import SessionKeeper
 
 _CLOSE_S: Final = 1.5
 """Real seconds for each step of closing."""
@@ -51,14 +53,20 @@ class RobotService:
             raise ConfigError([Problem(str(config.source), 0, 0, f"robots.{robot}", f"robot {robot!r} {problem}")])
         self._config = config
         self._name = robot
-        self._exclusive = wanted.exclusive
-        self._network = robot_config(config, robot)
-        self.endpoints: Final = endpoints_of(self._network)
+        self._wanted = wanted
+        self.endpoints: Final = endpoints_of(robot_config(config, robot))
         self.is_behind_router: Final = wanted.address == BEHIND_ROUTER
-        self._fleet = Fleet(replace(config, robots={robot: replace(wanted, address=None, listen=None)}))
+        self._fleet = Fleet(self._local(config))
+        self._host: RobotHost | None = None
         self._server: RobotServer | None = None
+        self._server_lock = threading.Lock()
         self._stack = ExitStack()
-        self.dead_man_trips: Mapping[str, int] = {}
+        self.dead_man_trips: dict[str, int] = {}
+
+    def _local(self, config: FleetConfig) -> FleetConfig:
+        """Return the fleet of the robot alone, in this process."""
+        wanted = replace(config.robots[self._name], address=None, listen=None)
+        return replace(config, robots={self._name: wanted})
 
     @property
     def robot(self) -> RobotHandle:
@@ -80,18 +88,62 @@ class RobotService:
             self._fleet.connect()
             self.robot.require_started()
             self._check_exclusive()
-            session = stack.enter_context(open_session(self._network))
-            host = RobotHost(self._config.name, session, self._config.network, self._name).launch()
-            stack.callback(host.close, _CLOSE_S)
-            self._server = server = host.serve(self.robot, self._exclusive)
-            self.dead_man_trips = server.dead_man_trips
-            stack.callback(server.close)
+            keeper = SessionKeeper(self._name, self._config.network, lambda: robot_config(self._config, self._name))
+            stack.callback(keeper.close)
+            self._host = RobotHost(self._config.name, keeper.open(), self._config.network, self._name).launch()
+            stack.callback(self._host.close, _CLOSE_S)
+            stack.callback(self._close_server)
+            self._serve(self._host)
             stack.callback(self._halt)
+            keeper.follow(self._host.move_to)
             self._stack = stack.pop_all()
         return self
 
+    def _serve(self, host: RobotHost) -> None:
+        self._server = host.serve(self.robot, self._wanted.exclusive)
+        self._server.dead_man_trips = self.dead_man_trips
+
+    def _close_server(self) -> None:
+        if self._server is not None:
+            self._server.close()
+
+    def reload(self) -> FleetChanges:
+        """Read the fleet file again, and adopt its changes of the robot; controllers reconnect by themselves.
+
+        Raises:
+            ConfigError: the file is wrong, or changes what cannot change while the robot is served: its address,
+                `listen`, `exclusive`, the network, and what Fleet.reload refuses. Nothing has changed then.
+            UnavailableError: the service is not open.
+
+        Thread: any; blocks the caller.
+        """
+        config = EALConfigManager.load(self._config.source).fleet
+        self._refuse_changes(config)
+        with self._server_lock:
+            changes = self._fleet.check_reload(self._local(config))
+            if self._host is not None and changes.restarted:
+                self._close_server()  # controllers see the robot leave, and then come back as it is
+                try:
+                    self._fleet.reload(self._local(config))
+                finally:
+                    self._serve(self._host)
+        return changes
+
+    def _refuse_changes(self, config: FleetConfig) -> None:
+        robot = config.robots.get(self._name)
+        path: tuple[str, ...] = ("robots", self._name)
+        if robot is None:
+            raise ConfigError([config.tree.problem(path, f"robot {self._name!r} is served; end `eal serve` first")])
+        keys = ("address", "listen", "exclusive")
+        changed = [(*path, key) for key in keys if getattr(robot, key) != getattr(self._wanted, key)]
+        if config.network != self._config.network:
+            changed.append(("network",))
+        why = "cannot change while the robot is served; restart `eal serve`"
+        if changed:
+            raise ConfigError([config.tree.problem(one, f"'{one[-1]}' {why}") for one in changed])
+
     def wait(self) -> None:
-        """Wait until the server crashes.
+        """Wait until the server crashes, or the service is closed.
 
         Raises:
             UnavailableError: the server has crashed; restart the process.
@@ -101,11 +153,16 @@ class RobotService:
         """
         if self._server is None:
             raise RuntimeError(f"the service of {self._name} is not open")
-        self._server.wait()
+        ended = None
+        while self._server is not ended:
+            ended = self._server
+            ended.wait()
+            with self._server_lock:  # a reload replaces it
+                pass
 
     def _check_exclusive(self) -> None:
         source, path = str(self._config.source), f"robots.{self._name}.exclusive"
-        unknown = [name for name in self._exclusive or () if name not in self.robot]
+        unknown = [name for name in self._wanted.exclusive or () if name not in self.robot]
         problems = [Problem(source, 0, 0, path, unknown_name("resource", name, self.robot)) for name in unknown]
         if problems:
             raise ConfigError(problems)

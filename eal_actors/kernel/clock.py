@@ -176,12 +176,16 @@ class CancelScope:
         return woken
 
 
-_local = threading.local()
+class _ThreadLocal(threading.local):
+    scope: CancelScope | None = None  # a default of getattr instead would cost each wait an AttributeError
+
+
+_local: Final = _ThreadLocal()
 
 
 def current_scope() -> CancelScope | None:
     """Return the scope that the calling thread is in; None if it is in none."""
-    return getattr(_local, "scope", None)
+    return _local.scope
 
 
 @contextlib.contextmanager
@@ -203,7 +207,7 @@ def wait_in_scope(clock: Clock, waiter: threading.Lock, timeout_s: float | None)
 
     Thread: blocks the caller.
     """
-    scope: CancelScope | None = getattr(_local, "scope", None)  # not current_scope(): every wait of a caller is here
+    scope = _local.scope  # not current_scope(): every wait of a caller is here
     return clock.wait(waiter, timeout_s) if scope is None else scope.wait(clock, waiter, timeout_s)
 
 

@@ -5,8 +5,9 @@ gets it, in the order of the wake-ups; if none was, all wait for time, and time 
 the threads run one after the other in an order that depends only on what they do, however busy the machine is: a run
 is repeatable.
 
-Where threads keep one another busy forever, such as one that polls a value until it changes, time advances after a
-number of turns, so such a loop ends, if later than one that sleeps between two polls.
+Where threads keep one another busy forever, such as one that polls a value until it changes, time advances by a tick
+after a number of turns, so such a loop ends, if later than one that sleeps between two polls. A tick does not end a
+wait that began after the tick before: it may be for the answer to the poll itself.
 
 A thread counts as soon as it waits on the clock, or was started by `LockStepClock.start`. A thread that has the turn
 and waits for something else (a socket, a key, another thread) would block all others. A watchdog detects it, takes the
@@ -52,6 +53,8 @@ _PATIENCE_S: Final = 30.0
 _TURNS_AT_ONCE: Final = 100
 _TURNS_AT_ONCE_EACH: Final = 10
 """The most turns while time stands still: a constant, and more for each thread that waits."""
+_TICK_S: Final = 0.1
+"""The longest tick."""
 
 
 class _Wait(Timer):
@@ -93,7 +96,8 @@ class LockStepClock(Clock):
         self._order = itertools.count()
         self._running: threading.Thread | None = None
         self._turns = 0
-        self._jumped_at = 0
+        self._ticked_at = 0
+        self._ticked_order = 0
         self._ready: deque[_Wait] = deque()
         self._waits: dict[threading.Lock, _Wait] = {}
         self._timed: TimerHeap[_Wait] = TimerHeap()
@@ -201,9 +205,16 @@ class LockStepClock(Clock):
         wait = self._timed.first()
         if self._ready and (wait is None or not self._is_spinning()):
             return self._ready[0]
-        if wait is not None:
-            self._now = max(self._now, wait.time_s)
-            self._jumped_at = self._turns
+        if wait is None:
+            return None
+        step_s = left_s = max(wait.time_s - self._now, 0.0)
+        if self._ready:
+            step_s = min(left_s / 2 if wait.order > self._ticked_order else left_s, _TICK_S)
+        self._ticked_at, self._ticked_order = self._turns, next(self._order)
+        if step_s < left_s:
+            self._now += step_s
+            return self._ready[0]
+        self._now = max(self._now, wait.time_s)
         return wait
 
     def _is_spinning(self) -> bool:
@@ -211,7 +222,7 @@ class LockStepClock(Clock):
 
         On a running clock that would take time, so time advances as if it had.
         """
-        return self._turns - self._jumped_at > _TURNS_AT_ONCE + _TURNS_AT_ONCE_EACH * len(self._waits)
+        return self._turns - self._ticked_at > _TURNS_AT_ONCE + _TURNS_AT_ONCE_EACH * len(self._waits)
 
     def _end(self, wait: _Wait) -> None:
         wait.is_over = True

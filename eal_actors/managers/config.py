@@ -23,8 +23,8 @@ T = TypeVar("T")
 class EALConfigManager:
     """Reads the configuration of a fleet for all other parts.
 
-    Source: thesis §4.3.1 gives the manager this purpose, but leaves it an interface that returns hard-coded values.
-    Departs from §4.3.1: the configuration does not change while a fleet runs, so there are no change notifications.
+    Source: thesis §4.3.1 gives the manager this purpose, but leaves it an interface that returns hard-coded values. Its
+    changes are adopted by `Fleet.reload`.
 
     Attributes:
         fleet: the whole fleet.

@@ -72,7 +72,9 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
         robots={name: robot_config(name, levels, types) for name, levels, types in merged},
         network=network_config(fleet.network, _beside(YamlTree(root).mark_at(("network", "security", "keys")), "")),
         content=plain(root),
+        tree=YamlTree(root),
         python_steps=fleet.python_steps,
+        operators=fleet.dashboard.operators,
     )
 
 

@@ -171,6 +171,17 @@ class EALPluginManager:
                 broken.append(error.at(robot.name))
         return problems, broken
 
+    def check_change(self, former: RobotConfig, robot: RobotConfig) -> list[Problem]:
+        """Return the problems of a robot whose settings change while its fleet is open; both pass `check`."""
+        problems: list[Problem] = []
+        for instance, settings in robot.plugins.items():
+            old = former.plugins.get(instance)
+            if old is not None and old.plugin == settings.plugin:
+                checked, before = self._checked_settings(settings)[2], self._checked_settings(old)[2]
+                refused = {} if checked is None else checked.refused_changes(before)
+                problems += [settings.problem((key,), message) for key, message in refused.items()]
+        return problems
+
     def connect(self, robot: RobotConfig, services: FleetServices) -> ConnectedPlugins:
         """Connect a robot's plugins. One that fails leaves an error, and the others connect.
 
@@ -277,7 +288,7 @@ def _with_context(function: Callable[..., Any], context: PluginContext) -> Any:
 def _resource_of(module: ModuleType, name: str, context: PluginContext) -> PluginResource:
     functions = []
     for function in (f"create_{name}", f"destroy_{name}"):
-        found = getattr(module, function, None)
+        found = getattr(module, function, getattr(module, function.replace("_", "", 1), None))  # the thesis's name too
         if not callable(found):
             raise PluginError(
                 f"plugin {context.instance!r} names the resource {name!r}, but lacks the function {function}()"

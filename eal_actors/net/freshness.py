@@ -18,8 +18,11 @@ Guarantees, if the clocks drift by at most MAX_DRIFT against each other. `Comman
   command that a client gave up with a connection does not run afterwards,
 - whose stamp contains a NaN.
 
+Epochs and sequence numbers advance within bounds: a jump further than a controller can count is refused.
+
 Memory is bounded. Outcomes of old commands are forgotten one by one, and whole clients when too many others were heard
-more recently. Of an unknown client, only commands pass that were sent after the robot last heard any client that it
+more recently: first those of the certificate with most clients, so that nobody's clients push out another's. Of an
+unknown client, only commands pass that were sent after the robot last heard any client that it
 has forgotten.
 
 Limits:
@@ -33,13 +36,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, Generic, NamedTuple, TypeVar
 
 from eal_actors.kernel.errors import StaleCommandError, UnavailableError
 from eal_actors.net.clock_offset import MAX_DRIFT
+from eal_actors.net.wire.keys import certificate_id
 from eal_actors.net.wire.messages import CallId
 
 T = TypeVar("T")
@@ -49,6 +53,10 @@ _ROUNDING_S: Final = 1e-3
 
 _RENEWAL_S: Final = 10.0
 """Age at which any newer echo replaces an echo, so that none from before a jump of a clock is kept for ever."""
+
+_AT_ONCE: Final = {"epoch": 1_000, "sequence": 1_000_000}
+_PER_SECOND: Final = {"epoch": 10, "sequence": 1_000_000}
+"""Greatest advance of a client's numbers, at once and for each second since it was heard; more is no counting."""
 
 
 class Stamp(NamedTuple):
@@ -86,7 +94,7 @@ class Stamper:
     sent in the order of their stamps.
 
     Args:
-        client: 16 hexadecimal digits, new in each process of a controller.
+        client: the controller's process; see keys.client_id.
 
     Attributes:
         epoch: number of the connection to the robot.
@@ -156,6 +164,7 @@ class _ClientHistory(Generic[T]):
         sent_after_s: commands sent until then may have been accepted and forgotten.
         epoch: its latest epoch.
         heard_s: upper bound of the sending times of its accepted messages.
+        number: the greatest sequence number accepted in any epoch.
         latest: the sequence number last accepted in this epoch, by resource.
         running: accepted commands that have not ended.
         outcomes: outcomes of those that have, in the order of ending.
@@ -164,6 +173,7 @@ class _ClientHistory(Generic[T]):
     sent_after_s: float
     epoch: int
     heard_s: float = -math.inf
+    number: int = 0
     latest: dict[str, int] = field(default_factory=dict)
     running: set[CallId] = field(default_factory=set)
     outcomes: OrderedDict[CallId, T] = field(default_factory=OrderedDict)
@@ -191,10 +201,16 @@ class CommandHistory(Generic[T]):
         self._sent_after_s = -math.inf
 
     def enter(self, client: str, epoch: int, now_s: float) -> None:
-        """Note that a client has reconnected: commands of its earlier epochs are refused from now on."""
+        """Note that a client has reconnected: commands of its earlier epochs are refused from now on.
+
+        Raises:
+            StaleCommandError: the epoch is further than it can have advanced.
+        """
         history = self._clients.get(client)
         if history is None:
             history = _ClientHistory[T](self._sent_after_s, epoch)
+        else:
+            _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
         self._note(history, client, epoch, now_s)
 
     def accept(self, stamp: Stamp, resource: str, now_s: float) -> None:
@@ -212,10 +228,13 @@ class CommandHistory(Generic[T]):
         client, epoch, sequence = stamp.call
         history = self._clients.get(client)
         if history is None:
-            history = _ClientHistory[T](self._sent_after_s, epoch)
+            history = _ClientHistory[T](self._sent_after_s, epoch, number=sequence)
         _check_order(history, stamp, resource)
+        _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
+        _check_advance("sequence", history.number, sequence, now_s - history.heard_s)
         self._note(history, client, epoch, max(now_s, stamp.sent_s))
         history.latest[resource] = sequence
+        history.number = max(history.number, sequence)
         history.running.add(stamp.call)
 
     def finish(self, call: CallId, outcome: T) -> None:
@@ -264,8 +283,10 @@ class CommandHistory(Generic[T]):
             self._forget_one()
 
     def _forget_one(self) -> None:
-        """Forget the least recent client, if possible one without running commands."""
-        others = list(self._clients)[:-1]
+        """Forget the least recent client of the certificate with most clients, preferably an idle one."""
+        counts = Counter(map(certificate_id, self._clients))
+        most = max(counts.values())
+        others = [client for client in list(self._clients)[:-1] if counts[certificate_id(client)] == most]
         name = next((other for other in others if not self._clients[other].running), others[0])
         self._sent_after_s = max(self._sent_after_s, self._clients.pop(name).heard_s)
 
@@ -280,6 +301,11 @@ def _check_order(history: _ClientHistory[T], stamp: Stamp, resource: str) -> Non
         raise _stale(stamp, resource, "was accepted before")
     if epoch == history.epoch and sequence <= history.latest.get(resource, -1):
         raise _stale(stamp, resource, f"comes after number {history.latest[resource]} was accepted")
+
+
+def _check_advance(what: str, last: int, number: int, silent_s: float) -> None:
+    if number - last > _AT_ONCE[what] + _PER_SECOND[what] * max(silent_s, 0.0):
+        raise StaleCommandError(f"the controller's {what} cannot have advanced from {last} to {number}")
 
 
 def _stale(stamp: Stamp, resource: str, why: str) -> StaleCommandError:

@@ -24,6 +24,10 @@ class Settings(connecting.SessionSettings):
     """The serial port: a device path, a URL of pyserial, such as socket://host:port, or sim://world/<robot>."""
     baudrate: Literal[9600, 19200, 38400, 57600, 115200] = BAUD_RATE
     """Baud rate of a device path."""
+    dtr: bool = True
+    """Level of the control line DTR: false where it would reset the micro-controller."""
+    rts: bool = True
+    """Level of the control line RTS."""
 
 
 def connect(context: PluginContext) -> connecting.EvBotPlugin:
@@ -40,7 +44,7 @@ def connect(context: PluginContext) -> connecting.EvBotPlugin:
         settings.port,
         DRIVETRAIN.name,
         simulated_evbot2,
-        lambda: open_serial(settings.port, baudrate=settings.baudrate),
+        lambda: open_serial(settings.port, baudrate=settings.baudrate, dtr=settings.dtr, rts=settings.rts),
     )
     session, odometer = connecting.start_session(
         context, port, HostLineCodec(), model=MODEL, channels=(OrderChannel.WHEELS,), track_m=DRIVETRAIN.track_m

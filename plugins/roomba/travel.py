@@ -1,4 +1,4 @@
-"""What the wheels travelled, from counts that a damaged reply may have changed and a lost reply has reset.
+"""The travel of the wheels, from counts that a damaged reply may have changed and a lost reply has reset.
 
 The Serial Command Interface has no checksum, and each reading resets its counts. So each count is compared with what
 the commands make the wheels travel in that time. A count that does not fit is suspect: the next one decides whether it
@@ -27,7 +27,7 @@ _MOST_REQUESTS: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What a count means.
+    """The meaning of a count.
 
     Attributes:
         travel: to add to the total.

@@ -61,14 +61,13 @@ class Line(Resource):
         return len(self._waiting)
 
     def read_comm(self, length: int) -> Generator[float, None, bytes]:
-        """Return exactly `length` bytes; wait for them if necessary.
+        """Return `length` bytes, or after the time-out those that have arrived (Source: thesis B.2.3.5).
 
-        Reads are served in order. After a time-out, the received bytes stay for the next read.
+        Reads are served in order.
 
         Raises:
             ArgumentError: the length is below 0, or exceeds the receive buffer.
             NotReadyError: the port is absent.
-            UnavailableError: too few bytes arrived within the time-out.
         """
         if not 0 <= length <= MOST_BYTES:
             raise ArgumentError(f"a read is of 0..{MOST_BYTES} bytes, not {length}")
@@ -129,15 +128,12 @@ class Line(Resource):
         try:
             while True:
                 self._receive()
-                if self._readers[0] is turn and len(self._waiting) >= length:
-                    data = bytes(self._waiting[:length])
-                    del self._waiting[:length]
+                is_late = (left_s := end_s - self._clock.now()) <= 0
+                is_first = self._readers[0] is turn
+                if is_late or (is_first and len(self._waiting) >= length):
+                    data = bytes(self._waiting[:length]) if is_first else b""
+                    del self._waiting[: len(data)]
                     return data
-                if (left_s := end_s - self._clock.now()) <= 0:
-                    raise UnavailableError(
-                        f"only {len(self._waiting)} of {length} bytes came through {self._port.name} within "
-                        f"{self._timeout_s:g} s; they stay for the next read"
-                    )
                 yield min(LOOK_S, left_s)
         finally:
             self._readers.remove(turn)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import termios
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
@@ -24,9 +25,11 @@ from eal_actors.plugin import (
 
 from .line import LOOK_S, Line, resource_functions
 
+_UNSUPPORTED: Final = (OSError, ValueError, termios.error)
 _BAUDRATE: Final = ValueInfo(DataType.INT, "Bd", 50, 4_000_000)
 _BYTESIZE: Final = ValueInfo(DataType.INT, "bit", choices=(5, 6, 7, 8))
 _PARITY: Final = ValueInfo(DataType.CHAR, choices=("N", "E", "O", "M", "S"))
+_LEVEL: Final = ValueInfo(DataType.BOOL, description="whether the line is active")
 _STOPBITS: Final = ValueInfo(DataType.INT, "bit", choices=(1, 2))
 
 
@@ -43,6 +46,10 @@ class Settings(PluginSettingsModel):
     """None, even, odd, mark or space."""
     stopbits: Literal[1, 2] = 1
     """Stop bits."""
+    dtr: bool = True
+    """Level of the control line DTR, which resets or wakes some boards."""
+    rts: bool = True
+    """Level of the control line RTS."""
     timeout_s: float = Field(default=1.0, ge=0, le=3600)
     """Longest wait of a read or a write."""
     name: str = Field(default="SerialPort", pattern=r"^[A-Za-z][A-Za-z0-9_]*$")
@@ -51,12 +58,14 @@ class Settings(PluginSettingsModel):
 
 @dataclass(frozen=True)
 class SerialFraming:
-    """The serial line format; the attributes have pyserial's names."""
+    """The serial line format and its control lines; the attributes have pyserial's names."""
 
     baudrate: int
     bytesize: int
     parity: str
     stopbits: int
+    dtr: bool
+    rts: bool
 
     def bytes_per_s(self) -> float:
         """Return the throughput in bytes per second."""
@@ -123,15 +132,28 @@ class SerialPort(Line):
         """Set the stop bits."""
         self._frame(replace(self._framing, stopbits=stopbits))
 
+    @config("dtr", _LEVEL)
+    def dtr(self) -> bool:
+        """Control line DTR."""
+        return self._framing.dtr
+
+    @config_setter("dtr")
+    def set_dtr(self, dtr: bool) -> None:
+        """Set the control line DTR."""
+        self._frame(replace(self._framing, dtr=dtr))
+
+    @config("rts", _LEVEL)
+    def rts(self) -> bool:
+        """Control line RTS."""
+        return self._framing.rts
+
+    @config_setter("rts")
+    def set_rts(self, rts: bool) -> None:
+        """Set the control line RTS."""
+        self._frame(replace(self._framing, rts=rts))
+
     def _open_port(self) -> BytePort:
-        framing = self._framing
-        return open_serial(
-            self._url,
-            baudrate=framing.baudrate,
-            bytesize=framing.bytesize,
-            parity=framing.parity,
-            stopbits=framing.stopbits,
-        )
+        return open_serial(self._url, **vars(self._framing))
 
     def _frame(self, framing: SerialFraming) -> None:
         """Change the line format, now and after each reopening.
@@ -144,8 +166,9 @@ class SerialPort(Line):
         def change(port: Any) -> None:
             try:
                 _apply(framing, port)
-            except (OSError, ValueError, termios.error) as error:
-                _apply(before, port)
+            except _UNSUPPORTED as error:
+                with suppress(*_UNSUPPORTED):  # pyserial sets the line again that it could not set
+                    _apply(before, port)
                 raise ArgumentError(f"the port {self._url} cannot do {framing}: {error}") from error
 
         self._port.use(change)
@@ -175,7 +198,7 @@ def connect(context: PluginContext) -> SerialPlugin:
     Thread: the robot's; a network connection may block for seconds.
     """
     settings: Settings = context.settings
-    framing = SerialFraming(settings.baudrate, settings.bytesize, settings.parity, settings.stopbits)
+    framing = SerialFraming(**{key: getattr(settings, key) for key in SerialFraming.__dataclass_fields__})
     resource = SerialPort(settings.port, framing, context.clock, settings.timeout_s)
     resource.port.open()
     return SerialPlugin(settings.name, resource)

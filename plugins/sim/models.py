@@ -12,6 +12,11 @@ from typing import Final, Literal
 
 MakeName = Literal["evbot2", "evbot3", "roomba"]
 
+_HEAD_SHARE: Final = 0.62  # of the radius
+_BASE_SHARE: Final = 0.55  # of the height
+_POST_M: Final = 0.035
+_ABOVE_CAMERA_M: Final = 0.02
+
 
 @dataclass(frozen=True, slots=True)
 class WheelErrors:
@@ -21,18 +26,19 @@ class WheelErrors:
         k_left: travel of the left wheel per metre counted.
         k_right: travel of the right wheel per metre counted.
         track_factor: effective over nominal track: over 1 the robot turns too little (E_b of Borenstein and Feng).
-        walk: each wheel's factor also wanders from 1 during a motion, by this standard deviation after 1 s.
+        scatter_m: random error of each wheel's travel: its standard deviation after 1 m. It grows with the square root
+            of the distance.
     """
 
     k_left: float = 1.0
     k_right: float = 1.0
     track_factor: float = 1.0
-    walk: float = 0.0
+    scatter_m: float = 0.0
 
     @classmethod
-    def of_umbmark(cls, e_b: float, e_d: float, walk: float) -> WheelErrors:
+    def of_umbmark(cls, e_b: float, e_d: float, scatter_m: float) -> WheelErrors:
         """Return the errors of UMBmark factors E_b and E_d, the right wheel's diameter over the left's."""
-        return cls(2.0 / (e_d + 1.0), 2.0 / (1.0 / e_d + 1.0), e_b, walk)
+        return cls(2.0 / (e_d + 1.0), 2.0 / (1.0 / e_d + 1.0), e_b, scatter_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +139,18 @@ class Make:
         return replace(self, errors=WheelErrors(), turn_noise_rad=0.0)
 
 
+def outline_m(radius_m: float, height_m: float, camera_height_m: float) -> tuple[tuple[float, float], ...]:
+    """Return the discs that a robot consists of, each its radius and the height of its top, from below.
+
+    A robot that is higher than wide has a head; a low one has a post if its camera is above its top.
+    """
+    if height_m > radius_m:
+        return (radius_m, height_m * _BASE_SHARE), (radius_m * _HEAD_SHARE, height_m)
+    if camera_height_m > height_m:
+        return (radius_m, height_m), (_POST_M, camera_height_m + _ABOVE_CAMERA_M)
+    return ((radius_m, height_m),)
+
+
 MAKES: Final = MappingProxyType(
     {
         make.name: make
@@ -170,8 +188,8 @@ MAKES: Final = MappingProxyType(
                 acceleration_m_s2=0.8,
                 push_n=18.0,
                 encoder_step_m=0.0002,
-                errors=WheelErrors(1.001, 0.999, 0.993, 0.002),
-                raw_errors=WheelErrors.of_umbmark(0.985, 0.996, 0.002),
+                errors=WheelErrors(1.001, 0.999, 0.993, 0.001),
+                raw_errors=WheelErrors.of_umbmark(0.985, 0.996, 0.001),
                 turn_noise_rad=0.003,
                 battery=BatteryModel(7.2, 10.5, (11.8, 12.7), 13.4, 0.1, 1.5, 4.0),
                 body_colour=(200, 120, 40),
@@ -191,8 +209,8 @@ MAKES: Final = MappingProxyType(
                 acceleration_m_s2=0.8,
                 push_n=9.0,
                 encoder_step_m=0.0005,
-                errors=WheelErrors(0.998, 1.002, 1.006, 0.0012),
-                raw_errors=WheelErrors.of_umbmark(1.012, 1.004, 0.0012),
+                errors=WheelErrors(0.998, 1.002, 1.006, 0.0008),
+                raw_errors=WheelErrors.of_umbmark(1.012, 1.004, 0.0008),
                 turn_noise_rad=0.002,
                 battery=BatteryModel(2.7, 12.0, (14.2, 15.8), 16.8, 0.2, 0.25, 2.5),
                 body_colour=(225, 225, 220),

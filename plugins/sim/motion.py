@@ -213,32 +213,35 @@ class VelocityDrive(WheelMotion):
 class SimWheels:
     """Two wheels with errors: counts the commanded travel and returns the true one.
 
+    The random error of a wheel is white noise over its travel: after a distance d its variance is d times that of 1 m,
+    whatever the speed, the length of a tick, and the number of motions.
+
     Args:
         make: supplies the wheel errors.
         generator: noise source; used only in ticks in which the robot is driven.
-        tick_s: length of a physics tick.
+
+    Source: L. Kleeman, "Odometry Error Covariance Estimation for Two Wheel Robot Vehicles", Monash University,
+    MECSE-95-1, 1995; K. S. Chong and L. Kleeman, "Accurate Odometry and Error Modelling for a Mobile Robot", IEEE
+    International Conference on Robotics and Automation, 1997.
 
     Attributes:
         turned_m: total commanded travel in either direction, the mean of both wheels.
         shares: the share of its command that the left and the right wheel turn: below 1 for weak motors.
     """
 
-    def __init__(self, make: Make, generator: np.random.Generator, tick_s: float) -> None:
+    def __init__(self, make: Make, generator: np.random.Generator) -> None:
         self._errors = make.errors
         self._turn_noise_rad = make.turn_noise_rad
         self._step_m = make.encoder_step_m
         self._track_m = make.track_m * make.errors.track_factor
-        self._walk_per_tick = make.errors.walk * math.sqrt(tick_s)
         self._normals = _normals(generator)
-        self._left_factor = self._right_factor = 1.0
         self._noise_rad_m = 0.0
         self._left_m = self._right_m = 0.0
         self.turned_m = 0.0
         self.shares = (1.0, 1.0)
 
     def start(self, motion: WheelMotion) -> None:
-        """Begin a motion: reset the random walk and draw the noise of a turn in place."""
-        self._left_factor, self._right_factor = self._errors.k_left, self._errors.k_right
+        """Begin a motion: draw the noise of a turn in place."""
         self._noise_rad_m = 0.0
         if self._turn_noise_rad and motion.noise_share:
             self._noise_rad_m = next(self._normals) * self._turn_noise_rad * motion.noise_share
@@ -249,10 +252,10 @@ class SimWheels:
         left_m, right_m = left_m * self.shares[0], right_m * self.shares[1]
         self._left_m += left_m
         self._right_m += right_m
-        if self._walk_per_tick:
-            self._left_factor += self._walk_per_tick * next(self._normals)
-            self._right_factor += self._walk_per_tick * next(self._normals)
-        left, right = left_m * self._left_factor, right_m * self._right_factor
+        left, right = left_m * self._errors.k_left, right_m * self._errors.k_right
+        if scatter_m := self._errors.scatter_m:
+            left += scatter_m * math.sqrt(abs(left_m)) * next(self._normals)
+            right += scatter_m * math.sqrt(abs(right_m)) * next(self._normals)
         return (left + right) / 2, (right - left) / self._track_m + left_m * self._noise_rad_m
 
     @property

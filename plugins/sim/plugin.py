@@ -8,13 +8,17 @@ from collections.abc import Callable
 from typing import Any, Self, TypeVar
 
 from pydantic import model_validator
+from typing_extensions import override
 
 from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsModel, Resource, WheelCalibration
 
 from . import resources
 from .faults import SENSORS, FaultPlan, PlannedFault
-from .models import MAKES, Make, MakeName
+from .models import MAKES, MakeName
 from .port import open_port
+from .resources.depth_camera import DepthCameraSettings
+from .resources.imu import ImuSettings
+from .resources.lidar import LidarSettings
 from .resources.robot_resource import RobotResource, apply_faults
 from .robot import SimRobot
 from .world import SimWorld, world_of
@@ -25,6 +29,7 @@ __all__ = ["Settings", "SimPlugin", "connect", "disconnect", "open_port"]
 
 _ALL_MAKES = ("Base", "Odometry", "Battery", "Pose", "Bump", "Range", "Compass", "Light", "Beacons", "Camera", "Faults")
 _ROOMBA_ALONE = ("Cliff", "WheelDrop", "Wall", "Buttons", "Leds", "Song")
+_ADDED = (resources.Lidar, resources.Imu, resources.DepthCamera)
 
 
 class StartSettings(PluginSettingsModel):
@@ -50,30 +55,45 @@ class Settings(PluginSettingsModel):
     """The wheel errors that the base compensates, as measured by `eal calibrate`."""
     charge: float = Field(default=1.0, ge=0, le=1)
     """The initial charge of the battery."""
+    lidar: LidarSettings | None = None
+    """A lidar; `{}` for one with the defaults."""
+    imu: ImuSettings | None = None
+    """An inertial measurement unit; `{}` for one with the defaults."""
+    depth_camera: DepthCameraSettings | None = None
+    """A depth camera; `{}` for one with the defaults."""
     faults: tuple[PlannedFault, ...] = Field(default=(), strict=False)
     """Injected faults, with their times."""
 
+    @property
+    def resources(self) -> tuple[str, ...]:
+        """The names of the robot's resources: those of its make, and the sensors that the settings add."""
+        make = MAKES[self.model]
+        turret = ("Turret",) if make.has_turret else ()
+        added = tuple(kind.__name__ for kind in _ADDED if getattr(self, kind.settings_key) is not None)
+        return _ALL_MAKES + turret + (_ROOMBA_ALONE if make.name == "roomba" else ()) + added
+
     @model_validator(mode="after")
     def _check_frozen(self) -> Self:
-        lacking = {name for fault in self.faults for name in fault.frozen}.difference(resources_of(MAKES[self.model]))
+        lacking = {name for fault in self.faults for name in fault.frozen}.difference(self.resources)
         if lacking:
             raise ValueError(f"faults: the {self.model} has no {', '.join(sorted(lacking))} to freeze")
         return self
+
+    @override
+    def refused_changes(self, former: Self) -> dict[str, str]:
+        """Refuse what belongs to the robot's body, which stays in the world."""
+        keys = ("model", "start", "noise", "calibrated", "charge")
+        changed = [key for key in keys if getattr(self, key) != getattr(former, key)]
+        return dict.fromkeys(changed, "cannot change while the robot is in the simulated world; close the fleet first")
 
 
 class SimPlugin(EALPlugin):
     """A robot in the fleet's simulated world."""
 
-    def __init__(self, world: SimWorld, robot: SimRobot) -> None:
-        super().__init__(*resources_of(robot.make))
+    def __init__(self, world: SimWorld, robot: SimRobot, settings: Settings) -> None:
+        super().__init__(*settings.resources)
         self.world = world
         self.robot = robot
-
-
-def resources_of(make: Make) -> tuple[str, ...]:
-    """Return the names of the resources of a make."""
-    turret = ("Turret",) if make.has_turret else ()
-    return _ALL_MAKES + turret + (_ROOMBA_ALONE if make.name == "roomba" else ())
 
 
 def connect(context: PluginContext) -> SimPlugin:
@@ -96,7 +116,7 @@ def connect(context: PluginContext) -> SimPlugin:
     )
     beside = ("Faults", "Pose")  # link faults do not affect these: they are not part of the robot
     context.services.link(context.robot).spare(beside + tuple(f"{context.instance}.{name}" for name in beside))
-    return SimPlugin(world, robot)
+    return SimPlugin(world, robot, settings)
 
 
 def disconnect(plugin: SimPlugin) -> None:
@@ -109,7 +129,8 @@ def _creator(kind: type[_R]) -> Callable[[PluginContext], _R]:
     def create(context: PluginContext) -> _R:
         """Create the resource."""
         robot = context.plugin.robot
-        return apply_faults(kind(context.plugin.world, robot), robot)
+        own = (getattr(context.settings, kind.settings_key),) if kind.settings_key else ()
+        return apply_faults(kind(context.plugin.world, robot, *own), robot)
 
     return create
 
@@ -123,7 +144,7 @@ def create_Faults(context: PluginContext) -> resources.Faults:
     """Create the faults; their plan outlives the resource, so that a restart does not begin it again."""
     services, robot = context.services, context.plugin.robot
     plan = services.shared(("sim.faults", context.robot), lambda: FaultPlan(context.settings.faults))
-    sensors = [name for name in resources_of(robot.make) if name in SENSORS]
+    sensors = [name for name in context.settings.resources if name in SENSORS]
     link = services.link(context.robot)
     return resources.Faults(context.plugin.world, robot, link, plan, context.clock, sensors)
 

@@ -193,14 +193,15 @@ class SimRobot:
         self.odometer: WheelOdometer | None = None
         self.calibration = WheelCalibration()
         self.turret = SimTurret(make.turret, now_s) if make.turret else None
-        name_seed = zlib.crc32(name.encode())
-        motion_generator, self.sensor_generator = (np.random.default_rng([seed, name_seed, use]) for use in range(2))
-        self._wheels = SimWheels(make if noise else make.without_errors(), motion_generator, tick_s)
+        self._seeds = seed, zlib.crc32(name.encode())
+        motion_generator, self.sensor_generator = (np.random.default_rng([*self._seeds, use]) for use in range(2))
+        self._wheels = SimWheels(make if noise else make.without_errors(), motion_generator)
         self._battery = SimBattery(make.battery, charge)
         self.tick_s = tick_s
         self._faults = HEALTHY
         self._now_s = now_s
         self._pose: Pose2D | None = None
+        self._last_pose = self._pose_before_last = self.next_pose
         self._queries: QuerySpace | None = None
         self._command_m = self._gone = self._wanted = (0.0, 0.0)
 
@@ -225,6 +226,20 @@ class SimRobot:
         if self._pose is None:
             raise self._no_place()
         return self._pose
+
+    @property
+    def recent_poses(self) -> tuple[Pose2D, Pose2D, Pose2D]:
+        """Its poses at the last three ticks, the present one last; all the same while it stands.
+
+        Raises:
+            UnavailableError: it has no place in the world.
+        """
+        pose = self.pose
+        return (self._pose_before_last, self._last_pose, pose) if self.motion is not None else (pose, pose, pose)
+
+    def noise_source(self, sensor: str) -> np.random.Generator:
+        """Return a new generator of the noise of one sensor: no other sensor can change its numbers."""
+        return np.random.default_rng([*self._seeds, zlib.crc32(sensor.encode())])
 
     @property
     def is_blocked(self) -> bool:
@@ -292,6 +307,8 @@ class SimRobot:
             raise UnavailableError(f"robot {self.name!r} is dead")
         if self.battery.is_empty:
             raise UnavailableError(f"battery is empty: robot {self.name!r} cannot drive")
+        if self.motion is None:
+            self._last_pose = self._pose_before_last = self._pose
         if not (isinstance(self.motion, VelocityDrive) and isinstance(motion, VelocityDrive)):
             self._wheels.start(motion)
         self.motion = motion
@@ -332,7 +349,7 @@ class SimRobot:
         else:
             x_m, y_m, yaw_rad = self.pose
             self._gone = math.hypot(pose[0] - x_m, pose[1] - y_m), pose[2] - yaw_rad
-        self._pose = pose
+        self._pose_before_last, self._last_pose, self._pose = self._last_pose, self._pose or pose, pose
 
     def actuate(self, method: Callable[..., Any], *args: Any) -> Any:
         """Call a method of an actuator. If the robot dies during the activity, its result is lost. Thread: any."""

@@ -52,6 +52,7 @@ class SimWorld:
     Attributes:
         model: the world file's model.
         tick_s: length of a physics tick.
+        version: increases whenever a robot or a box may have another pose. Thread: inside `caught_up`.
 
     Thread: any; one lock.
     """
@@ -66,6 +67,7 @@ class SimWorld:
         self._lock_context = _WorldLock(self)
         self._rate_hz = self.model.physics.rate_hz
         self.tick_s: Final = 1.0 / self._rate_hz
+        self.version = 0
         self._tick = 0
         self._robots: dict[str, SimRobot] = {}
         self._placed: tuple[SimRobot, ...] = ()
@@ -269,7 +271,7 @@ class SimWorld:
         Robots that cannot touch anything meanwhile drive all the ticks one robot after the other, so that each robot's
         data enter the processor's cache once, and not once a tick.
         """
-        self._queries.is_stale = True
+        self._mark_moved()
         ticks = 1 if self._tick_callbacks or self._proximity is not None else min(most, _TICKS_AT_ONCE)
         end = self._tick + ticks
         free = [robot for robot in self._driven if robot.clear_until_tick >= end] if ticks > 1 else []
@@ -315,9 +317,8 @@ class SimWorld:
 
     def _place(self, robot: SimRobot, pose: Pose2D) -> None:
         robot.place(self._queries, pose)
-        if robot in self._placed:
-            self._queries.is_stale = True
-        else:
+        self._mark_moved()
+        if robot not in self._placed:
             self._queries.add_disc(robot, robot.name, robot.make.radius_m, robot.filter)
             self._placed += (robot,)
         self._engine.settle(robot)
@@ -325,6 +326,11 @@ class SimWorld:
             known.clear_until_tick = 0
         if self._proximity is not None:
             self._proximity.is_stale = True
+
+    def _mark_moved(self) -> None:
+        """Make the copies of the poses stale: the space for queries and the arrays of the sensors."""
+        self.version += 1
+        self._queries.is_stale = True
 
     def _is_free(self, pose: Pose2D, radius_m: float, ignoring: pymunk.ShapeFilter | None = None) -> bool:
         x_m, y_m, _ = pose

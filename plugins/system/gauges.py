@@ -123,7 +123,7 @@ class Temperature(Resource):
 
     def open(self) -> None:
         """Read the sensors."""
-        self._parts_c = _temperatures_c()
+        self._parts_c = temperatures_c()
 
     def not_ready(self) -> str | None:
         """Return that there is no sensor, as in most virtual machines."""
@@ -139,7 +139,7 @@ class Temperature(Resource):
         """Poll the sensors."""
         while True:
             yield self._period_s
-            self._parts_c = _temperatures_c()
+            self._parts_c = temperatures_c()
 
     @request("parts", ValueInfo(DataType.CHAR, description="a JSON object"))
     def parts(self) -> str:
@@ -147,7 +147,7 @@ class Temperature(Resource):
         return json.dumps(self._parts_c)
 
 
-def _temperatures_c() -> dict[str, float]:
+def temperatures_c() -> dict[str, float]:
     """Return the temperatures of the components; empty if the system does not report any."""
     sensors: dict[str, list[Any]] = getattr(psutil, "sensors_temperatures", dict)()
     found: dict[str, float] = {}

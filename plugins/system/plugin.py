@@ -5,22 +5,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Final, Literal, get_args
 
 from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsModel, Resource
 
-from .gauges import Cpu, Disk, Memory, Network, Temperature, Uptime
+from .gauges import Cpu, Disk, Memory, Network, Temperature, Uptime, temperatures_c
 
 Gauge = Literal["Cpu", "Memory", "Disk", "Temperature", "Network", "Uptime"]
+
+_GAUGES: Final[tuple[str, ...]] = get_args(Gauge)
 
 
 class Settings(PluginSettingsModel):
     """The plugin's settings in the fleet file."""
 
-    resources: tuple[Gauge, ...] = Field(
-        default=("Cpu", "Memory", "Disk", "Temperature", "Network", "Uptime"), min_length=1, strict=False
-    )
-    """The resources to provide."""
+    resources: tuple[Gauge, ...] | None = Field(default=None, min_length=1, strict=False)
+    """The resources to provide; default: all, but `Temperature` only if the computer has a sensor."""
     disk: str = Field(default="/", min_length=1)
     """A path on the file system of `Disk`; it must be local, because a remote one may block."""
     interface: str | None = Field(default=None, min_length=1)
@@ -32,7 +32,8 @@ class Settings(PluginSettingsModel):
 def connect(context: PluginContext) -> EALPlugin:
     """Name the resources."""
     settings: Settings = context.settings
-    return EALPlugin(*settings.resources)
+    found = [gauge for gauge in _GAUGES if gauge != "Temperature" or temperatures_c()]
+    return EALPlugin(*(settings.resources or found))
 
 
 def disconnect(plugin: EALPlugin) -> None:

@@ -1,1 +1,1 @@
-"""The thesis's own programs, ported line by line to `eal_actors.classic`."""
+"""The thesis's own programs on `eal_actors.classic`. Each ends with 0, or with 1 when a call failed."""

@@ -1,44 +1,48 @@
-"""The group dance (Source: thesis table 6.3).
+"""The group dance (Source: thesis §6.2.3, table 6.3).
 
 Usage: EAL_FLEET=fleets/sim.yaml dance.py HOST...
 
-Departs from table 6.3: `sendCmd` waits for the end of a step here, so the program needs no sleep, and its robots step
-one after the other. In `scenarios/dance.py` they step at the same time.
+Departs from table 6.3: `sendCmd` waits for the end of a step here, so each robot has a thread, which replaces the
+program's sleep. A robot that fails a step leaves the dance.
 """
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 from eal_actors.classic import EAL, EALconnect, EALdisconnect
 
 DANCE = ["r45", "l90", "r90", "l10", "r10", "l10", "r360"]
 
 
+def dance(clients: dict[str, EAL]) -> list[str]:
+    """Dance; return the hosts of the robots that finish."""
+    id = {host: client.findResource("Base") for host, client in clients.items()}  # noqa: A001
+    dancers = list(clients)
+    with ThreadPoolExecutor(len(clients)) as threads:
+        try:
+            for step in DANCE:
+                # all robots step at the same time; the next step waits for the slowest
+                statuses = list(threads.map(lambda host: clients[host].sendCmd(id[host], step, None), dancers))  # noqa: B023
+                dancers = [host for host, status in zip(dancers, statuses, strict=True) if status > 0]
+        finally:
+            for client in clients.values():
+                EALdisconnect(client)  # after Ctrl-C this stops the robots, and with them the threads
+    return dancers
+
+
 def main(argv: list[str]) -> int:
-    """Return 0."""
+    """Return 0; 1 when a robot could not be reached or failed; 2 for a wrong command line."""
     # arguments are hostnames
     if len(argv) < 2:
-        return 0
+        print(__doc__, file=sys.stderr)
+        return 2
 
     # connect to robots
-    client: list[EAL | None] = []
-    id: list[int] = []  # noqa: A001
-    for host in argv[1:]:
-        robot = EALconnect(host, 50000)
-        client.append(robot)
-        id.append(robot.findResource("Base") if robot else -1)
+    clients = {host: client for host in argv[1:] if (client := EALconnect(host, 50000)) is not None}
 
-    # do the dance
-    for step in DANCE:
-        for robot, base in zip(client, id, strict=True):
-            if robot is None:
-                continue
-            robot.sendCmd(base, step, None)
-
-    # disconnect each client
-    for robot in client:
-        if robot:
-            EALdisconnect(robot)
-    return 0
+    finished = dance(clients) if clients else []
+    print(f"finished the dance: {', '.join(finished) or 'none'}")
+    return 0 if finished == argv[1:] else 1
 
 
 if __name__ == "__main__":

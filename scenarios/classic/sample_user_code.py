@@ -6,7 +6,7 @@ from eal_actors.classic import EALconnect, EALdisconnect
 
 
 def main() -> int:
-    """Return 0, or 1 when there is no connection."""
+    """Return 0, or 1 when a call failed."""
     eal = EALconnect()
     if not eal:
         print("Could not connect to EAL", file=sys.stderr)
@@ -16,6 +16,7 @@ def main() -> int:
     while resourceList:
         print(f"Available resource: {resourceList.pop(0)}")
 
+    status = -1
     id = eal.findResource("SampleResource")  # noqa: A001
     if id < 0:
         print("Could not find SampleResource")
@@ -24,14 +25,14 @@ def main() -> int:
         if value:
             print(f"SampleResource value = {value.data}")
             value.data = 42
-            eal.setValue(id, value)
+            status = eal.setValue(id, value)
 
         value = eal.getValue(id)
         if value:
             print(f"SampleResource value is now = {value.data}")
 
     EALdisconnect(eal)
-    return 0
+    return 0 if status > 0 else 1
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Drive a robot in a square, forward and then backward (Source: thesis table 6.1).
 
-Set EAL_FLEET to a fleet file. The argument is the robot's name, if the fleet has several robots.
+Usage: EAL_FLEET=fleets/sim.yaml square.py [ROBOT], where ROBOT is needed if the fleet has several robots.
 """
 
 import sys
@@ -9,23 +9,19 @@ from eal_actors.classic import EALconnect, EALdisconnect
 
 
 def main(argv: list[str]) -> int:
-    """Return 0, or 1 when there is no connection."""
+    """Return 0, or 1 when a call failed."""
     client = EALconnect(argv[1] if len(argv) > 1 else None)
     if client is None:
-        print("Error connecting to EAL")
+        print("Error connecting to EAL", file=sys.stderr)
         return 1
 
     id = client.findResource("Base")  # noqa: A001
 
-    for _ in range(4):
-        client.sendCmd(id, "g", None)
-        client.sendCmd(id, "r", None)
-    client.sendCmd(id, "s", None)
-
-    for _ in range(4):
-        client.sendCmd(id, "l", None)
-        client.sendCmd(id, "b", None)
-    client.sendCmd(id, "s", None)
+    for step in ["g", "r"] * 4 + ["s"] + ["l", "b"] * 4 + ["s"]:
+        if client.sendCmd(id, step, None) < 0:
+            print(f"The robot cannot {step!r}", file=sys.stderr)
+            EALdisconnect(client)
+            return 1
 
     EALdisconnect(client)
     return 0

@@ -27,6 +27,8 @@ class Motor(Resource):
         self.reason: str | None = None
         self.is_broken = False
         self.asked = threading.Event()
+        self.halted = threading.Event()
+        self.absent: str | None = None
         self.notes: list[str] = []
 
     def not_ready(self) -> str | None:
@@ -40,7 +42,10 @@ class Motor(Resource):
         return 5
 
     def halt(self) -> None:
+        if self.absent:
+            raise NotReadyError(self.absent)
         self.notes.append("halt")
+        self.halted.set()
 
     @command("go")
     def go(self) -> Activity:
@@ -49,6 +54,8 @@ class Motor(Resource):
 
     @command("s", urgent=True)
     def stop(self) -> None:
+        if self.absent:
+            raise NotReadyError(self.absent)
         self.notes.append("stop")
 
 
@@ -89,6 +96,34 @@ def test_halts_and_stops_get_through_whatever_it_says(motor: Motor) -> None:
         with pytest.raises(PreemptedError):
             go.get()
         assert motor.notes == ["go", "get_value", "stop", "halt"]
+
+
+def test_a_halt_without_the_device_is_accepted_and_runs_when_it_is_back(motor: Motor, log: io.StringIO) -> None:
+    clock = ManualClock()
+    with running_robot({"Motor": lambda: motor}, clock=clock) as robot:
+        for method in ("halt", "s"):
+            motor.reason = motor.absent = "unplugged"
+            stop = robot["Motor"].halt() if method == "halt" else robot["Motor"].send_cmd(method)
+            assert stop.get() == 1
+            assert motor.notes == []
+            motor.asked.clear()
+            motor.halted.clear()
+            clock.advance(READINESS_PERIOD_S)
+            assert motor.asked.wait(WAIT_S)
+            assert motor.notes == []  # it is still away
+            motor.reason = motor.absent = None
+            clock.advance(READINESS_PERIOD_S)
+            assert motor.halted.wait(WAIT_S)
+            robot["Motor"].get_value().get()
+            assert motor.notes == ["halt", "get_value"]  # once
+            motor.notes.clear()
+        motor.reason = motor.absent = "unplugged"
+        assert robot["Motor"].halt().get() == 1
+        motor.reason = motor.absent = None
+        robot["Motor"].send_cmd("go")
+        robot["Motor"].get_value().get()
+        assert motor.notes == ["halt", "go", "get_value"]  # before anything newer
+    assert log.getvalue().count("it is halted as soon as it is ready") == 3
 
 
 def test_a_robot_says_which_resources_are_not_ready_and_why(motor: Motor, log: io.StringIO) -> None:

@@ -90,6 +90,14 @@ def nested_loops() -> str:
             "steps[0].do[0].do[1]: up to here, loops give more than 200000 combinations; the rest was not checked",
         ),
         (
+            f"steps: [{{let: {{a: '[{', '.join(['range(10000)'] * 30)}]'}}}}]\n",
+            "s.yaml:4:20: steps[0].let.a: [range(10000), range(10000), range(10000), [...]: needs more work ",
+        ),
+        (
+            f"steps: [{{on: all, do: [{{repeat: 10000, do: [{call('r${len(range(1500 + i)) % 9}')}]}}]}}]\n",
+            "s.yaml:4:78: steps[0].do[0].do[0].send_cmd.cmd: evbot2-1, evbot3-1, roomba-1: up to here, ",
+        ),
+        (
             "steps: [{while: 'true', do: [{log: x}]}]\n",
             "s.yaml:4:9: steps[0].limit: is missing",
         ),

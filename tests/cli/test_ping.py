@@ -106,7 +106,7 @@ class TestStop:
             assert eventually(lambda: served["one"].robot["Slide"].get_status().get() == 1)
             result = eal("stop", "--fleet", fleet, "--reason", "a dog", "one", "two")
             assert result.exit_code == 0
-            assert sorted(result.stdout.splitlines()) == ["one  stopped", "two  stopped"]
+            assert sorted(result.stdout.splitlines()) == ["2 of 2 stopped", "one  stopped", "two  stopped"]
             assert drive.exception(timeout=10) is not None
             for robot in controller.values():
                 error = robot["Slide"].send_cmd("to0.1").exception(timeout=10)
@@ -135,6 +135,7 @@ class TestStop:
         assert lines[0] == "two  stopped"
         assert lines[1].startswith("one  not stopped: did not answer within 3 s at tcp/127.0.0.1:")
         assert lines[2] == "here  not stopped: runs in its controller's process: only that process can stop it"
+        assert lines[3:] == ["1 of 3 stopped, one, here NOT CONFIRMED"]
 
     def test_in_json_too(self, eal: Any, fleet: Path) -> None:
         result = eal("stop", "--fleet", fleet, "--json", "here")

@@ -36,9 +36,9 @@ def test_new_writes_a_plugin_that_conforms_and_whose_own_test_passes(eal: Any, t
     result = eal("plugin", "new", "my_arm2", "--dir", tmp_path / "own")
     folder = tmp_path / "own" / "my_arm2"
     assert result.exit_code == 0
-    names = ["README.md", "__init__.py", "plugin.py", "plugin.yaml", "test_my_arm2.py"]
+    names = ["README.md", "__init__.py", "plugin.py", "plugin.yaml", "pyproject.toml", "test_my_arm2.py"]
     assert sorted(file.name for file in folder.iterdir()) == names
-    assert result.stdout.splitlines()[:5] == [str(folder / name) for name in names]
+    assert result.stdout.splitlines()[:6] == [str(folder / name) for name in names]
     assert "$" not in "".join(file.read_text(encoding="utf-8") for file in folder.iterdir())
     checked = eal("plugin", "check", folder)
     assert checked.exit_code == 0
@@ -133,3 +133,16 @@ def test_check_of_no_plugin(eal: Any, tmp_path: Path) -> None:
     result = eal("plugin", "check", tmp_path)
     assert result.exit_code == 2
     assert "plugin.yaml: no such file" in result.stderr
+
+
+def test_the_lines_of_the_checks_are_not_mixed_with_warnings() -> None:
+    command = [sys.executable, "-u", "-m", "eal_actors", "plugin", "check", str(bundled_path("plugins/serial_port"))]
+    done = subprocess.run(
+        command, cwd=bundled_path("."), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+    )
+    lines = done.stdout.splitlines()
+    assert done.returncode == 0, done.stdout
+    for line, check in zip(lines, CHECKS, strict=False):
+        assert line.startswith(f"{check.name} ")
+    assert "not ready" in "".join(lines[len(CHECKS) : -1])  # it was unplugged
+    assert lines[-1].endswith("serial_port: conforms")

@@ -326,9 +326,9 @@ class TestClassic:
         line = old.findResource("Line")
         sent = classic.EALDataInfo_t(classic.CHAR, "hello", isPtr=classic.ISPTR)
         assert old.writeComm(line, sent, 5) == 5
-        received = classic.EALDataInfo_t()
+        received = classic.EALDataInfo_t(classic.CHAR, "", 10, classic.ISPTR)
         assert old.readComm(line, received, 3) == 3
-        assert received.data == b"hel"
+        assert received.data == "hel"
         request = old.sendReq(line, "length")
         assert request is not None
         assert request.data == 2

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any, Final, Protocol
 
-from eal_actors.device.ports import BytePort, open_serial
+from eal_actors.plugin import BytePort, open_serial
 
 KINDS: Final = ("flip", "drop", "double", "insert")
 TICK_S: Final = 0.005

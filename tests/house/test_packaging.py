@@ -83,6 +83,11 @@ class Installed:
         )
         assert done.returncode == 0, done.stdout + done.stderr
 
+    def borrow_dependencies(self) -> None:
+        """Find the dependencies in the environment of the tests."""
+        (site,) = (self.bin.parent / "lib").glob("python*/site-packages")
+        (site / "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n{sysconfig.get_path('platlib')}\n")
+
     def environment(self) -> dict[str, str]:
         kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
         return {**kept, "PATH": f"{self.bin}:{os.environ['PATH']}", "HOME": str(self.home), "NO_COLOR": "1"}
@@ -120,8 +125,7 @@ def installed(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Installe
     venv.create(folder / "venv", with_pip=False, symlinks=True)
     environment = Installed(folder)
     environment.pip("--no-deps", "--no-index", str(wheel_in(built)))
-    (site,) = (folder / "venv" / "lib").glob("python*/site-packages")
-    (site / "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n{sysconfig.get_path('platlib')}\n")
+    environment.borrow_dependencies()
     where = environment.run("python", "-c", "import eal_actors; print(eal_actors.__file__)").stdout
     assert where.startswith(str(folder)), where
     return environment
@@ -229,6 +233,31 @@ def empty(tmp_path: Path) -> Installed:
     """An empty environment."""
     venv.create(tmp_path / "venv", with_pip=False, symlinks=True)
     return Installed(tmp_path)
+
+
+def test_a_new_plugin_can_be_built_installed_and_used_by_its_name(built: Path, empty: Installed) -> None:
+    empty.pip("--no-deps", "--no-index", str(wheel_in(built)))
+    empty.borrow_dependencies()
+    empty.run("eal", "plugin", "new", "my_lift", "--dir", "own")
+    project = empty.home / "own" / "my_lift"
+    build = [sys.executable, "-m", "hatchling", "build", "--directory", str(empty.home / "dist")]
+    done = subprocess.run(build, cwd=project, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (sdist,) = (empty.home / "dist").glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(empty.home / "unpacked", filter="data")
+    with zipfile.ZipFile(wheel_in(empty.home / "dist")) as archive:
+        names = sorted(name for name in archive.namelist() if ".dist-info" not in name)
+    assert names == [f"eal_plugin_my_lift/{name}" for name in ("README.md", "__init__.py", "plugin.py", "plugin.yaml")]
+    project.rename(empty.home / "elsewhere")
+
+    empty.pip("--no-deps", "--no-index", str(wheel_in(empty.home / "dist")))
+
+    assert "my_lift" in empty.run("eal", "plugin", "list").stdout
+    (empty.home / "f.yaml").write_text("version: 1\nname: f\nrobots: {one: {plugins: {my_lift: {}}}}\n")
+    assert empty.run("eal", "call", "one", "MyLift", "send_cmd", "to0.01", "--fleet", "f.yaml").stdout == "1\n"
+    (source,) = (empty.home / "unpacked").iterdir()
+    subprocess.run([*build, "--target", "wheel"], cwd=source, check=True, capture_output=True, timeout=120)
 
 
 @pytest.mark.slow

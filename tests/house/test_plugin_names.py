@@ -26,6 +26,7 @@ WORDS = {
     ("cli/app.py", "replay"): "the command `eal replay`",
     ("cli/records.py", "replay.yaml"): "the file that `eal replay` writes",
     ("managers/manifest.py", "camera"): "a kind of device",
+    ("managers/shared_ports.py", "camera"): "a kind of device",
     ("operate/doctor/devices.py", "camera"): "a kind of device",
     ("recording/provenance.py", "system"): "a key of the record: the operating system",
 }

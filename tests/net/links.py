@@ -68,7 +68,7 @@ def answering(session: zenoh.Session, robot: str, asked: list[str] | None = None
         handler = zenoh.handlers.Callback(hear, indirect=False)
         with (
             session.declare_subscriber(f"eal/f/{robot}/*/*/*/*", handler),
-            session.liveliness().declare_token(f"eal/f/@alive/2/{robot}"),
+            session.liveliness().declare_token(f"eal/f/@alive/3/{robot}"),
         ):
             yield
     finally:

@@ -25,7 +25,6 @@ from eal_actors.kernel.errors import (
     StoppedError,
     UnavailableError,
 )
-from eal_actors.net.controller.call_queue import MAX_PENDING_CALLS
 from eal_actors.net.server.host import RobotHost
 from tests.net.links import eventually
 from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, becomes, failure, ready
@@ -65,6 +64,9 @@ def test_a_stop_of_another_controller_is_a_stop(rig: Rig) -> None:
         assert eventually(lambda: fleet["r1"]["Arm"].send_cmd("step2").exception(timeout=WAIT_S) is None)
 
 
+MAILBOX = 256
+
+
 def hold_up(remote: RobotHandle, gate: threading.Event) -> None:
     """Block outgoing calls until the gate opens, as a stalled link does."""
     controller = remote._actor._controller  # type: ignore[attr-defined]
@@ -97,19 +99,40 @@ def test_what_waits_to_be_sent_does_not_get_stale(rig: Rig, remote: RobotHandle)
     assert step.get() == 1  # older than its time to live, which begins when it is sent
 
 
-def test_no_more_than_so_many_calls_to_a_robot_are_under_way(rig: Rig, remote: RobotHandle) -> None:
+def test_no_more_than_so_many_calls_to_a_resource_are_under_way(rig: Rig, remote: RobotHandle) -> None:
     gate = threading.Event()
     hold_up(remote, gate)
-    calls = [remote["Gauge"].get_value() for _ in range(MAX_PENDING_CALLS + 1)]
-    assert f"{MAX_PENDING_CALLS} calls to the robot are pending" in str(failure(calls.pop(), BusyError))
+    calls = [remote["Gauge"].get_value() for _ in range(MAILBOX + 1)]
+    assert f"r1/Gauge: {MAILBOX} calls are pending" in str(failure(calls.pop(), BusyError))
     gate.set()
     gather(calls).get()
+
+
+def test_a_frozen_resource_makes_no_other_one_busy(rig: Rig, remote: RobotHandle) -> None:
+    slow = remote["Gauge"].send_req("slow1")
+    reads = [remote["Gauge"].get_value() for _ in range(MAILBOX + 10)]
+    assert remote["Arm"].send_cmd("step1").get() == 1
+    assert remote["Eye"].get_value().get().value.shape == (480, 640, 3)
+    assert remote["Gauge"].halt().exception() is None
+    kinds = [type(read.exception(timeout=WAIT_S)) for read in reads]
+    assert kinds == [type(None)] * (MAILBOX - 1) + [BusyError] * 11
+    assert slow.get() is not None
+
+
+def test_the_fleet_file_sets_the_size_of_a_mailbox(rig: Rig) -> None:
+    rig.content["robots"]["r1"]["mailbox"] = 4
+    rig.write()
+    with rig.served_here() as fleet:
+        slow = fleet["r1"]["Gauge"].send_req("slow0.5")
+        reads = [fleet["r1"]["Gauge"].get_value() for _ in range(4)]
+        assert "4 calls are pending" in str(failure(reads.pop(), BusyError))
+        gather([slow, *reads]).get()
 
 
 def test_a_status_is_asked_for_while_no_more_calls_are_taken(rig: Rig, remote: RobotHandle) -> None:
     gate = threading.Event()
     hold_up(remote, gate)
-    calls = [remote["Gauge"].get_value() for _ in range(MAX_PENDING_CALLS)]
+    calls = [remote["Gauge"].get_value() for _ in range(MAILBOX)]
     status = remote["Arm"].get_status()
     gate.set()
     assert status.get() == 0
@@ -119,7 +142,7 @@ def test_a_status_is_asked_for_while_no_more_calls_are_taken(rig: Rig, remote: R
 def test_what_is_given_up_before_it_leaves_takes_no_call_s_place(rig: Rig, remote: RobotHandle) -> None:
     gate = threading.Event()
     hold_up(remote, gate)
-    for n in range(4 * MAX_PENDING_CALLS):
+    for n in range(4 * MAILBOX):
         step = remote["Arm"].send_cmd(f"step{n}")
         step.cancel()
         failure(step, CallCancelledError)  # and not BusyError
@@ -199,13 +222,15 @@ def test_what_a_controller_lets_go_of_another_may_command_at_once(rig: Rig) -> N
     with rig.served_here() as fleet, ready(Fleet(rig.config)) as other:
         mine, theirs = fleet["r1"], other["r1"]
         assert mine["Arm"].send_cmd("step1").get() == 1
-        assert theirs.ping().get().holder_ids == {"Arm": mine.controller_id}
+        assert mine.ping().get().holder_ids == {"Arm": mine.controller_id}
+        assert theirs.ping().get().holders == mine.ping().get().holders
+        assert theirs.ping().get().holder_ids == {}  # only its own are disclosed
         theirs.release().get()  # of what it does not hold: nothing happens
         failure(theirs["Arm"].send_cmd("step2"), ResourceBusyError)
         mine.release("Arm").get()
         assert theirs.ping().get().holders == {}
         assert theirs["Arm"].send_cmd("step3").get() == 3
-        assert mine.ping().get().holder_ids == {"Arm": theirs.controller_id}
+        assert theirs.ping().get().holder_ids == {"Arm": theirs.controller_id}
         failure(mine["Arm"].send_cmd("step4"), ResourceBusyError)
     assert [note.what for note in rig.notes("step")] == ["1", "3"]
 

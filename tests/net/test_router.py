@@ -53,7 +53,7 @@ def test_robot_and_controller_share_nothing_but_a_router() -> None:
     ):
         assert eventually(lambda: ask(controller, "eal/f/*/_/ping") == ["r1", "r2"])
         tokens = [str(reply.ok.key_expr) for reply in controller.liveliness().get("eal/f/@alive/*/*") if reply.ok]
-        assert sorted(tokens) == ["eal/f/@alive/2/r1", "eal/f/@alive/2/r2"]
+        assert sorted(tokens) == ["eal/f/@alive/3/r1", "eal/f/@alive/3/r2"]
 
 
 def test_two_routers_joined() -> None:

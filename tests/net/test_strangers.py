@@ -30,13 +30,14 @@ from eal_actors.kernel.errors import (
 from eal_actors.net.controller.broadcast import ask_robots
 from eal_actors.net.security.certificates import make_authority, make_certificate
 from eal_actors.net.session import controller_config, open_session, robot_config
-from eal_actors.net.wire.keys import STOP
+from eal_actors.net.wire.keys import STOP, client_id
 from eal_actors.net.wire.messages import Answer, CallHeader, CallReply, RobotTime, decode_reply, encode_call
 from eal_actors.net.wire.packing import PROTOCOL_VERSION
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served, servers
 
-CLIENT = "ab" * 8
+SECRET = "ab" * 16
+CLIENT = client_id("_", SECRET)
 
 
 # Invalid messages.
@@ -75,13 +76,13 @@ class Stranger:
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._heard: queue.SimpleQueue[tuple[bytes, bytes]] = queue.SimpleQueue()
-        session.declare_subscriber(f"eal/f/@answers/_/{CLIENT}/r1", zenoh.handlers.Callback(self._hear, indirect=False))
+        session.declare_subscriber(f"eal/f/@answers/_/{SECRET}/r1", zenoh.handlers.Callback(self._hear, indirect=False))
 
     def _hear(self, answer: zenoh.Sample) -> None:
         assert answer.attachment is not None
         self._heard.put((answer.attachment.to_bytes(), answer.payload.to_bytes()))
 
-    def ask(self, key: str, envelope: bytes, payload: bytes = b"", client: str = CLIENT) -> CallReply:
+    def ask(self, key: str, envelope: bytes, payload: bytes = b"", client: str = SECRET) -> CallReply:
         """Return the answer to a call."""
         self._session.put(f"eal/f/r1/{key}/_/{client}", payload, attachment=envelope)
         reply = decode_reply(*self._heard.get(timeout=WAIT_S))
@@ -110,7 +111,7 @@ class Stranger:
 @contextmanager
 def stranger(rig: Rig) -> Iterator[Stranger]:
     with open_session(controller_config(rig.config)) as session:
-        assert eventually(lambda: list(session.liveliness().get("eal/f/@alive/2/r1")))
+        assert eventually(lambda: list(session.liveliness().get("eal/f/@alive/3/r1")))
         yield Stranger(session)
 
 
@@ -201,7 +202,7 @@ def test_a_robot_of_another_version_is_not_let_in(rig: Rig) -> None:
         answers.start()
         with (
             impostor.declare_subscriber("eal/f/r1/*/*/*/*", zenoh.handlers.Callback(hear, indirect=False)),
-            impostor.liveliness().declare_token("eal/f/@alive/2/r1"),
+            impostor.liveliness().declare_token("eal/f/@alive/3/r1"),
             Fleet(rig.config) as fleet,
         ):
             assert clock.now() < 15.0  # it was not waited for as one that still starts
@@ -322,7 +323,7 @@ def test_who_is_not_known_gets_nowhere(tmp_path: Path, keys: Path, way: str) -> 
             with open_session(config) as impostor:
                 envelope = encode_call(CallHeader(CLIENT, 0, 1, 1.0, 1.0))[0]
                 for _ in range(5):
-                    impostor.put(f"eal/f/r1/Arm/halt/controller/{CLIENT}", b"", attachment=envelope)
+                    impostor.put(f"eal/f/r1/Arm/halt/controller/{SECRET}", b"", attachment=envelope)
                     assert fleet["r1"]["Gauge"].get_value().get().value == -42
         else:
             name, folder = ("stranger", None) if way == "no role" else ("controller", forged)

@@ -94,22 +94,28 @@ def test_a_controller_may_do_everything_with_every_robot(served: Served) -> None
         assert ask(controller, "eal/f/*/_/resume", "controller") == []  # a call is for one robot
 
 
-def test_heartbeats_of_controllers_reach_the_robots_and_those_of_observers_do_not(served: Served) -> None:
+def test_a_heartbeat_reaches_the_robots_from_a_controller_in_its_own_name_alone(served: Served) -> None:
     beats: list[str] = []
-    with (
-        served.robots["r1"].declare_subscriber("eal/f/@heartbeats/*", lambda beat: beats.append(str(beat.key_expr))),
-        open_session(controller_config(served.fleet)) as controller,
-        open_session(controller_config(as_seen_by(served.fleet, "display"))) as display,
-    ):
-        assert eventually(lambda: ask(display, "eal/f/r1/_/ping", "display"))
+    names = "controller", "driver", "display"
+    with ExitStack() as stack:
+        stack.enter_context(
+            served.robots["r1"].declare_subscriber(
+                "eal/f/@heartbeats/*/*", lambda beat: beats.append(str(beat.key_expr).partition("@heartbeats/")[2])
+            )
+        )
+        sessions = {
+            name: stack.enter_context(open_session(controller_config(as_seen_by(served.fleet, name)))) for name in names
+        }
+        assert eventually(lambda: ask(sessions["display"], "eal/f/r1/_/ping", "display"))
 
-        def beat() -> list[str]:
-            display.put("eal/f/@heartbeats/dd", b"")
-            controller.put("eal/f/@heartbeats/cc", b"")
-            return beats
+        def beat() -> bool:
+            for sender, session in sessions.items():
+                for name in names:
+                    session.put(f"eal/f/@heartbeats/{name}/{sender}", b"")
+            return {"controller/controller", "driver/driver"} <= set(beats)
 
         assert eventually(beat)
-        assert set(beats) == {"eal/f/@heartbeats/cc"}
+    assert set(beats) == {"controller/controller", "driver/driver"}
 
 
 def test_an_observer_reads_but_does_not_command(served: Served) -> None:
@@ -145,7 +151,7 @@ def test_an_observer_sees_events_streams_and_who_lives(served: Served) -> None:
         def tell() -> bool:
             served.robots["r2"].put("eal/f/@events/r2", "event")
             served.robots["r1"].put("eal/f/@streams/r1/Camera/raw/5", "frame")
-            return {"event", "frame", "eal/f/@alive/2/r1", "eal/f/@alive/2/r2"} <= set(seen)
+            return {"event", "frame", "eal/f/@alive/3/r1", "eal/f/@alive/3/r2"} <= set(seen)
 
         assert eventually(tell), seen
 

@@ -13,7 +13,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from eal_actors.kernel.errors import ResourceBusyError, StaleCommandError, UnavailableError
+from eal_actors.kernel.errors import DeadlineError, ResourceBusyError, StaleCommandError, UnavailableError
 from eal_actors.net.freshness import CommandRecord, Stamper
 from eal_actors.net.server.admission import Admission
 from eal_actors.net.wire.messages import CallHeader, CallId
@@ -23,6 +23,8 @@ CLIENTS = ("a" * 16, "b" * 16)
 ACTUATORS = ["Arm", "Wheels"]
 RESOURCES = st.sampled_from([*ACTUATORS, "Gauge"])
 METHODS = st.sampled_from(["send_cmd", "set_value", "set_config"])
+DEADLINES_S = st.sampled_from([0.125, 0.5, 5.0])
+WAYS_S = st.sampled_from([0.0, 0.0, 0.25, 0.75])
 WHO = st.integers(0, len(CLIENTS) - 1)
 DEAD_MAN_S = 2.0
 ERA = "run"
@@ -78,20 +80,20 @@ class AdmissionMachine(RuleBasedStateMachine):
         self.clock.advance(way_s)
         self.stampers[who].heard(ERA, robot_s, self.clock.now() + self.ahead_s[who])
 
-    @rule(who=WHO, resource=RESOURCES, method=METHODS, ttl_s=st.sampled_from([0.25, 1.0, 5.0]))
-    def send(self, who: int, resource: str, method: str, ttl_s: float) -> None:
+    @rule(who=WHO, resource=RESOURCES, method=METHODS, ttl_s=st.sampled_from([0.25, 1.0, 5.0]), deadline_s=DEADLINES_S)
+    def send(self, who: int, resource: str, method: str, ttl_s: float, deadline_s: float) -> None:
         try:
             stamp = self.stampers[who].stamp(ttl_s, self.clock.now() + self.ahead_s[who])
         except UnavailableError:
             return
-        header = CallHeader(*stamp.call, ttl_s, 5.0, None, ("go",), stamp.era, stamp.echo_s, stamp.held_s)
+        header = CallHeader(*stamp.call, ttl_s, deadline_s, None, ("go",), stamp.era, stamp.echo_s, stamp.held_s)
         self.letters.append(Letter(header, method, resource, self.clock.now()))
 
-    @rule(who=WHO, resource=RESOURCES, method=METHODS, way_s=st.sampled_from([0.0, 0.0, 0.25, 0.75]))
-    def converse(self, who: int, resource: str, method: str, way_s: float) -> None:
+    @rule(who=WHO, resource=RESOURCES, method=METHODS, way_s=WAYS_S, deadline_s=DEADLINES_S)
+    def converse(self, who: int, resource: str, method: str, way_s: float, deadline_s: float) -> None:
         """Let an answer, a command and its arrival follow one another: the way it mostly goes."""
         self.answer_arrives(who, 0.0)
-        self.send(who, resource, method, 1.0)
+        self.send(who, resource, method, 1.0, deadline_s)
         self.clock.advance(way_s)
         self.deliver(self.letters[-1])
 
@@ -119,15 +121,20 @@ class AdmissionMachine(RuleBasedStateMachine):
         client, call = letter.header.client, letter.header.call_id
         holder = self.holder(letter.resource)
         try:
-            begin_within_s = self.admission.check(letter.header, letter.method, letter.resource)
+            begin_within_s, left_s = self.admission.check(letter.header, letter.method, letter.resource)
         except StaleCommandError:
             return  # whether that was right is the matter of HistoryMachine
+        except DeadlineError:
+            self.hear(client)
+            self.begun[call] = True  # as with any refusal
+            return
         except ResourceBusyError:
             self.refused(call, holder)
             return
         assert call not in self.begun, "a command passed twice"
         assert now_s + begin_within_s <= letter.sent_s + letter.header.ttl_s + 1e-6, "it may begin too late"
         assert begin_within_s >= -1e-6
+        assert 0 < left_s <= letter.sent_s + letter.header.deadline_s - now_s, "it may move after its deadline"
         assert holder in (None, client), "two controllers command one actuator"
         self.begun[call] = False
         self.hear(client)
@@ -168,7 +175,8 @@ class AdmissionMachine(RuleBasedStateMachine):
     def reconnect(self, who: int) -> None:
         stamper = self.stampers[who]
         stamper.reconnect()
-        self.admission.enter(stamper.client, stamper.epoch, f"controller {who}")
+        self.admission.names.note(stamper.client, "_", f"controller {who}")
+        self.admission.enter(stamper.client, stamper.epoch)
 
     @rule(who=WHO)
     def leave(self, who: int) -> None:

@@ -6,9 +6,13 @@ import hashlib
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
+from eal_actors import Fleet
+from eal_actors.managers.config import EALConfigManager
 
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 120.0
@@ -63,3 +67,18 @@ def test_tasks_repeat_too(tmp_path: Path) -> None:
         for hash_seed in ("1", "2", "3")
     }
     assert len(said) == 1
+
+
+def test_a_program_that_polls_misses_no_deadline_of_its_calls() -> None:
+    config = EALConfigManager.load(ROOT / "fleets/sim.yaml").fleet
+    with Fleet(replace(config, rate="max")).connect(["evbot2-1"]) as fleet:
+        robot, polls = fleet["evbot2-1"], 0
+        drive = robot["Base"].send_cmd("f0.1")
+        while not drive.done():
+            robot["Pose"].get_value().get()
+        assert drive.get() == 1
+        end_s = fleet.clock.now() + 1.0
+        while fleet.clock.now() < end_s:  # nothing moves: the next thing to happen is the deadline of the call
+            robot["Pose"].get_value(timeout_s=0.5).get()
+            polls += 1
+    assert polls > 500

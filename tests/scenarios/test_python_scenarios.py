@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from eal_actors import Fleet
 from eal_actors.facade import connections
 from eal_actors.testing import Simulation
-from scenarios import dance, panorama, square, square_umbmark, wander
+from scenarios import dance, panorama, square, square_umbmark, survey, wander
 from scenarios.classic import camera as classic_camera
 from scenarios.classic import dance as classic_dance
 from scenarios.classic import sample_user_code
 from scenarios.classic import square as classic_square
 from tests.patience import patient_fleet
+from tests.plugin_files import write_plugin
 
 SIM = Path(__file__).parents[2] / "fleets" / "sim.yaml"
 
@@ -98,6 +100,28 @@ def classic_fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return fleet
 
 
+TOGETHER = '''
+import threading
+from eal_actors.plugin import *
+
+_lock = threading.Lock()
+_step = {"begun": 0, "ended": 0}
+
+class Base(Resource):
+    """Ends a step when all three robots have begun it."""
+    types = ResourceType.ACTUATOR
+    def send_cmd(self, cmd, data=None):
+        return self._turn()
+    def _turn(self):
+        with _lock:
+            _step["begun"] += 1
+            wanted = -(-_step["begun"] // 3) * 3
+        while _step["begun"] < wanted:
+            yield 0.01
+        return 1
+'''
+
+
 def test_classic_sample_user_code(capsys: pytest.CaptureFixture[str]) -> None:
     assert sample_user_code.main() == 0
     assert capsys.readouterr().out.splitlines() == [
@@ -118,23 +142,72 @@ def test_classic_square(classic_fleet: Path) -> None:
     assert 0 < math.dist(before[:2], after[:2]) < 0.3
 
 
-def test_classic_square_without_a_connection(classic_fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_classic_programs_end_with_an_error_where_a_call_fails(
+    classic_fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert classic_square.main(["square.py", "nobody"]) == 1
-    assert "Error connecting to EAL" in capsys.readouterr().out
+    assert classic_camera.main(["camera.py", "nobody", "50000", str(tmp_path)]) == 1
+    assert capsys.readouterr().err.splitlines().count("Error connecting to EAL") == 2
+    assert classic_dance.main(["dance.py", "nobody"]) == 1
+    assert classic_dance.main(["dance.py"]) == classic_camera.main(["camera.py"]) == 2
+    assert classic_camera.main(["camera.py", "roomba-1", "50000", str(tmp_path / "no such folder")]) == 1
+    monkeypatch.delenv("EAL_FLEET")
+    assert classic_square.main(["square.py"]) == 1  # the sample robot has no base
+    assert "The robot cannot 'g'" in capsys.readouterr().err
 
 
-def test_classic_camera(classic_fleet: Path, tmp_path: Path) -> None:
-    assert classic_camera.main(["camera.py", "evbot2-1", "50000", str(tmp_path)]) == 0
-    pictures = sorted(tmp_path.glob("frame.*"))
-    assert len(pictures) == 7
+def test_classic_camera_saves_pictures_in_their_colours(classic_fleet: Path, tmp_path: Path) -> None:
+    fleet = connections.acquire_fleet(classic_fleet)
+    try:
+        assert classic_camera.main(["camera.py", "evbot2-1", "50000", str(tmp_path)]) == 0
+        last = fleet["evbot2-1"]["Camera"].get_value().get().value
+    finally:
+        connections.release_fleet(fleet)
+    assert sorted(file.name for file in tmp_path.glob("frame.*")) == [f"frame.{i}.jpg" for i in range(7)]
+    for file in tmp_path.glob("frame.*"):
+        assert file.read_bytes().startswith(b"\xff\xd8\xff")  # a JPEG file
+    saved = np.asarray(cv2.imread(str(tmp_path / "frame.6.jpg")))[..., ::-1]
+    assert np.abs(saved.mean(axis=(0, 1)) - last.mean(axis=(0, 1))).max() < 2
 
 
-def test_classic_dance(classic_fleet: Path) -> None:
+def test_classic_camera_saves_red_as_red(tmp_path: Path) -> None:
+    red = np.zeros((16, 16, 3), np.uint8)
+    red[..., 0] = 255  # frames are RGB
+    assert classic_camera.saveFrame(red, tmp_path / "frame", 0)
+    blue_value, _, red_value = np.asarray(cv2.imread(str(tmp_path / "frame.0.jpg")))[8, 8]
+    assert red_value > 200 > 50 > blue_value
+
+
+def test_classic_dance(classic_fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fleet = connections.acquire_fleet(classic_fleet)
     try:
         before = {name: pose(fleet, name) for name in fleet}
-        assert classic_dance.main(["dance.py", *fleet, "nobody"]) == 0
+        assert classic_dance.main(["dance.py", *fleet, "nobody"]) == 1
         after = {name: pose(fleet, name) for name in fleet}
     finally:
         connections.release_fleet(fleet)
     assert all(not np.isclose(before[name][2], after[name][2], atol=0.1) for name in before)
+    assert "finished the dance: evbot2-1, evbot3-1, roomba-1" in capsys.readouterr().out
+
+
+def test_classic_dancers_move_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_plugin(tmp_path, "together", TOGETHER, "Base")
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text(
+        "version: 1\nplugin_dirs: [plugins]\ndefaults: {timeout_s: 100, "
+        "plugins: {together: {}}}\nrobots: {one: {}, two: {}, three: {}}\n"
+    )
+    monkeypatch.setenv("EAL_FLEET", str(fleet))
+    assert classic_dance.main(["dance.py", "one", "two", "three"]) == 0
+
+
+def test_survey_knows_its_yaw_by_the_imu_and_meets_the_walls() -> None:
+    with Fleet.load(SIM.with_name("survey.yaml")) as fleet:
+        points, yaw_rad = survey.survey(fleet["surveyor"], fleet.clock)
+        _, _, true_rad = pose(fleet, "surveyor")
+    assert math.remainder(yaw_rad - true_rad, 2 * math.pi) == pytest.approx(0.0, abs=math.radians(1))
+    assert len(points) == 360
+    # It faces east, 3.7 m from the east wall, 3.2 m from the south wall, 2.2 m from the bench on its left.
+    assert points[:, 0].max() == pytest.approx(3.7, abs=0.1)
+    assert points[:, 1].min() == pytest.approx(-3.2, abs=0.1)
+    assert np.median(points[(np.abs(points[:, 0]) < 1) & (points[:, 1] > 0), 1]) == pytest.approx(2.2, abs=0.1)

@@ -8,12 +8,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from tests.soak.history import RELAYS, Command, Fault, History, overlap_s, touches
+from tests.soak.history import RELAYS, Command, Fault, History, merged, overlap_s, touches
 
 WARDEN: Final = "warden#1"
 """The process of a controller that lives from the beginning to the end."""
 SLACK_S: Final = 1.0
 """How long a process may wait for a processor on a busy machine, between what it decides and what it writes down."""
+LATE_S: Final = 0.25
+"""How long a process may wait for a processor before that counts as hunger; tests/net/test_deadlines.py allows none."""
 CATCH_SHARE: Final = 0.2
 """Of the freezes, how many may strike between a command's admission and its first line."""
 
@@ -37,12 +39,14 @@ def late(history: History) -> Iterator[str]:
         frozen = history.spans(robot, "freeze")
         freezes += len(frozen)
         thaws = {next((note.number for note in notes if note.time_s >= end_s), None) for _, end_s in frozen}
+        hungry = merged(history.hungry.get(robot, ()))
         for note in notes:
             if note.event not in ("begin", "mark"):
                 continue
             command = history.commands[note.number]
-            late_s = note.time_s - command.sent_s - command.timeout_s
-            if late_s > SLACK_S:
+            deadline_s = command.sent_s + command.timeout_s
+            late_s = note.time_s - deadline_s - overlap_s((deadline_s, note.time_s), hungry)
+            if late_s > LATE_S:
                 what = f"{robot}: command {note.number} began {late_s:.2f} s after its deadline"
                 is_caught = note.number in thaws and touches((command.sent_s, note.time_s), frozen)
                 if is_caught:
@@ -51,6 +55,18 @@ def late(history: History) -> Iterator[str]:
                     yield what
     if len(caught) > max(1, CATCH_SHARE * freezes):
         yield from caught
+
+
+def overrun(history: History) -> Iterator[str]:
+    """No motion lasts past the deadline of its command; a robot that was frozen stops it when it wakes."""
+    for robot in history.notes:
+        pauses = history.pauses(robot)
+        for motion in history.motions(robot):
+            command = history.commands[motion.number]
+            deadline_s = command.sent_s + command.timeout_s
+            over_s = motion.rest_s - deadline_s - overlap_s((deadline_s, motion.rest_s), pauses)
+            if over_s > LATE_S:
+                yield f"{robot}: command {motion.number} moved for {over_s:.2f} s after its deadline"
 
 
 def unwatched(history: History) -> Iterator[str]:
@@ -145,7 +161,7 @@ def unseen(history: History) -> Iterator[str]:
     life = history.lives[WARDEN]
     away = life.leaves + history.pauses(WARDEN)
     for fault in history.faults:
-        if fault.target not in history.notes or fault.kind == "garbage":
+        if fault.target not in history.notes or fault.kind in ("garbage", "slow"):
             continue
         notice_s = 2 * SLACK_S + (history.lease_s if fault.kind in ("stall", "freeze") else 0.0)
         begin_s, end_s = fault.span
@@ -180,6 +196,7 @@ def not_back(history: History) -> Iterator[str]:
 CHECKS: Final[dict[str, Callable[[History], Iterator[str]]]] = {
     "no command runs twice": twice,
     "no command runs late": late,
+    "no motion outlives its deadline": overrun,
     "no robot moves without a live controller": unwatched,
     "commands keep their order": out_of_order,
     "one motion at a time": two_motions,

@@ -20,7 +20,7 @@ class Fault:
     """Something that was made wrong on purpose.
 
     Attributes:
-        kind: `kill`, `freeze`, `cut`, `stall` or `garbage`.
+        kind: `kill`, `freeze`, `cut`, `stall`, `slow` or `garbage`.
         target: a robot, or a controller.
         begin_s: from when.
         end_s: until when; of a kill, until the next process was started.

@@ -1,4 +1,4 @@
-"""A cable between controllers and robots that can be cut and stalled: a TCP relay for each robot, in one thread."""
+"""A cable between controllers and robots that can be cut, stalled and slowed: a TCP relay a robot, in one thread."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Self
 
 _CHUNK_BYTES = 65_536
+_MAX_CHUNKS = 4096
 _WAIT_S = 10.0
 
 
@@ -26,10 +27,12 @@ class _Cable:
         self._server: asyncio.Server | None = None
         self._flows = asyncio.Event()
         self._flows.set()
+        self._delays_s = (0.0, 0.0)
         self._writers: set[asyncio.StreamWriter] = set()
 
     async def mend(self) -> None:
         self._flows.set()
+        self._delays_s = (0.0, 0.0)
         if self._server is None:
             self._server = await asyncio.start_server(self._relay, "127.0.0.1", self._port)
 
@@ -45,6 +48,10 @@ class _Cable:
         """Let everybody stay connected, and nothing pass."""
         self._flows.clear()
 
+    async def slow(self, away_s: float, back_s: float) -> None:
+        """Delay what passes to the robot, and what comes back; nothing overtakes anything."""
+        self._delays_s = (away_s, back_s)
+
     async def _relay(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
             far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._robot_port)
@@ -54,18 +61,27 @@ class _Cable:
         ends = (writer, far_writer)
         self._writers.update(ends)
         try:
-            both = {asyncio.create_task(self._pass(*way)) for way in ((reader, far_writer), (far_reader, writer))}
-            await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
-            for task in both:
+            ways: list[asyncio.Queue[tuple[float, bytes]]] = [asyncio.Queue(_MAX_CHUNKS), asyncio.Queue(_MAX_CHUNKS)]
+            tasks = {asyncio.create_task(self._read(end, ways[n], n)) for n, end in enumerate((reader, far_reader))}
+            tasks |= {asyncio.create_task(self._write(end, ways[n])) for n, end in enumerate((far_writer, writer))}
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in tasks:
                 task.cancel()
         finally:
             self._writers.difference_update(ends)
             for end in ends:
                 end.transport.abort()
 
-    async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _read(self, reader: asyncio.StreamReader, way: asyncio.Queue[tuple[float, bytes]], number: int) -> None:
         with contextlib.suppress(ConnectionError):
             while data := await reader.read(_CHUNK_BYTES):
+                await way.put((asyncio.get_running_loop().time() + self._delays_s[number], data))
+
+    async def _write(self, writer: asyncio.StreamWriter, way: asyncio.Queue[tuple[float, bytes]]) -> None:
+        with contextlib.suppress(ConnectionError):
+            while True:
+                due_s, data = await way.get()
+                await asyncio.sleep(due_s - asyncio.get_running_loop().time())
                 await self._flows.wait()
                 writer.write(data)
                 await writer.drain()
@@ -91,9 +107,9 @@ class Cables:
         self._cables = {robot: _Cable(*ports) for robot, ports in self._ports.items()}
         self._loop.run_forever()
 
-    def _do(self, robot: str, what: str) -> None:
+    def _do(self, robot: str, what: str, *arguments: float) -> None:
         async def act() -> None:
-            await getattr(self._cables[robot], what)()
+            await getattr(self._cables[robot], what)(*arguments)
 
         asyncio.run_coroutine_threadsafe(act(), self._loop).result(_WAIT_S)
 
@@ -108,6 +124,10 @@ class Cables:
     def stall(self, robot: str) -> None:
         """Drop all traffic silently."""
         self._do(robot, "stall")
+
+    def slow(self, robot: str, away_s: float, back_s: float) -> None:
+        """Delay the traffic to a robot and from it by so many seconds."""
+        self._do(robot, "slow", away_s, back_s)
 
     def __enter__(self) -> Self:
         self._thread.start()

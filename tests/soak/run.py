@@ -29,6 +29,8 @@ DEAD_MAN_S: Final = 1.0
 SAMPLE_EACH_S: Final = 2.0
 RECOVERY_S: Final = 60.0
 COMMANDS_A_LIFE: Final = 1_000_000
+DELAYS_S: Final = (0.02, 0.1, 0.3, 0.6)
+"""One-way delays of a slowed link, below and above the shortest deadline, and below the dead-man's time."""
 CONTROLLERS: Final = ("warden", "rival-1", "rival-2")
 """The first is never killed; it is the one whose growth is judged."""
 _LOOK_EACH_S: Final = 0.1
@@ -222,7 +224,7 @@ class Soak:
         """Make one fault, and plan the next."""
         if now_s() >= end_s:
             return
-        kind = self._random.choices(("kill", "freeze", "cut", "stall", "garbage"), (15, 30, 20, 20, 15))[0]
+        kind = self._random.choices(("kill", "freeze", "cut", "stall", "slow", "garbage"), (15, 30, 20, 20, 30, 15))[0]
         targets = [*self._robots, *(CONTROLLERS if kind in ("kill", "freeze") else ())]
         target = self._random.choice(targets)
         duration_s = self._random.choice((0.2, 0.7, 2.0, 5.0))
@@ -255,6 +257,11 @@ class Soak:
 
     def _stall(self, robot: str) -> Callable[[], None]:
         self._cables.stall(robot)
+        return lambda: self._cables.mend(robot)
+
+    def _slow(self, robot: str) -> Callable[[], None]:
+        """Delay each way by less or more than the shortest deadline."""
+        self._cables.slow(robot, *(self._random.choice(DELAYS_S) for _ in range(2)))
         return lambda: self._cables.mend(robot)
 
     def _garbage(self, robot: str) -> Callable[[], None]:

@@ -64,6 +64,8 @@ def test_a_good_history_is_found_good() -> None:
     [
         ("no command runs twice", "20.05 mark 2", "20.05 mark 2\n21.0 mark 2"),
         ("no command runs late", "20.05 mark 2", "23.1 mark 2"),
+        ("no command runs late", "20.05 mark 2", "22.3 mark 2"),
+        ("no motion outlives its deadline", "12.0 rest 1", "12.4 rest 1"),
         ("no robot moves without a live controller", "42.5 rest 9", "44.5 rest 9"),
         ("no robot moves without a live controller", "42.5 rest 9", "55.0 halt 0"),
         ("commands keep their order", "20.05 mark 2", "20.05 mark 2\n20.06 mark 1"),

@@ -102,7 +102,8 @@ class EALData:
 
         Args:
             value: bool, int (long or unsigned long where int is too small), float (DOUBLE), str, bytes, a list or
-                tuple of bools or of numbers, a numpy scalar or array, None, or an EALData, which is returned as it is.
+                tuple of bools or of numbers, a numpy scalar or array, None, an EALData, which is returned as it is, or
+                an object whose method `__eal_data__` returns one.
             unit: see EALData; None keeps the unit of an EALData.
             frame_id: likewise.
             stamp_s: likewise.
@@ -121,6 +122,8 @@ class EALData:
             return value.with_meta(unit=unit, frame_id=frame_id, stamp_s=stamp_s)  # type: ignore[no-any-return]
         elif (array := _array_content(value)) is not None:
             return self._fill(*array, unit, frame_id, stamp_s)
+        elif (convert := getattr(kind, "__eal_data__", None)) is not None:
+            return cls.of(convert(value), unit=unit, frame_id=frame_id, stamp_s=stamp_s)
         else:
             c_type, value = infer(value)
             return self._fill(c_type, store(c_type, value, None), unit, frame_id, stamp_s)

@@ -73,13 +73,15 @@ class _Broadcast:
         on_result: OnResult,
     ) -> None:
         self._config = config
-        self._ask_at_s = dict.fromkeys(robots, math.inf)  # of robots that have not answered; inf: not seen yet
+        # Of robots that have not answered; inf: not seen yet. A router hears a revocation even if no robot is there.
+        self._ask_at_s = dict.fromkeys(robots, 0.0 if method == keys.REVOKE else math.inf)
         self._method = method
         self._arguments = arguments
         self._on_result = on_result
         security = config.network.security
         self._caller = keys.ANYBODY if security is None else security.controller
-        self._client = secrets.token_hex(8)
+        self._secret = secrets.token_hex(16)
+        self._client = keys.client_id(self._caller, self._secret)
         self._sequence = 0
         self._inbox: deque[tuple[str, CallReply | None]] = deque()
         self._waiter = new_waiter()
@@ -90,7 +92,7 @@ class _Broadcast:
 
         end_s = REAL_TIME.now() + timeout_s
         callback = zenoh.handlers.Callback
-        answers = keys.answer_keys(self._config.name, self._caller, self._client)
+        answers = keys.answer_keys(self._config.name, self._caller, self._secret)
         session.declare_subscriber(answers, callback(self._on_answer, indirect=False))
         session.liveliness().declare_subscriber(
             keys.alive_keys(self._config.name), callback(self._on_liveliness, indirect=False), history=True
@@ -115,7 +117,7 @@ class _Broadcast:
         self._sequence += 1
         header = CallHeader(self._client, 0, self._sequence, left_s, left_s, None, self._arguments)
         envelope, payload = encode_call(header)
-        key = keys.CallKey(self._config.name, robot, keys.ROBOT, self._method, self._caller, self._client)
+        key = keys.CallKey(self._config.name, robot, keys.ROBOT, self._method, self._caller, self._secret)
         try:
             session.put(
                 keys.call_key(key),

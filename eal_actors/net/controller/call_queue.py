@@ -22,10 +22,11 @@ from eal_actors.actors.call import Call
 from eal_actors.device.data import EALData
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import BusyError, EALError, ProtocolError, RemoteError, UnavailableError
+from eal_actors.kernel.errors import EALError, ProtocolError, RemoteError, UnavailableError
 from eal_actors.net.clock_offset import fleet_time_of, real_time_of
 from eal_actors.net.controller.channel import Channel, PendingCall
 from eal_actors.net.controller.command_tracking import CommandTracker
+from eal_actors.net.controller.unanswered import UnansweredCalls
 from eal_actors.net.sender import UrgentMessage
 from eal_actors.net.wire import keys
 from eal_actors.net.wire.messages import (
@@ -42,16 +43,17 @@ from eal_actors.net.wire.messages import (
 TTL_S: Final = 1.0
 """Time to live of a command: its greatest age when the robot begins it, in real seconds."""
 
-MAX_PENDING_CALLS: Final = 256
-"""Calls to one robot that wait to be sent or answered; further ones are refused, urgent ones at twice as many."""
-
 _RETRY_S: Final = 0.05
 _RECONNECT_S: Final = 1.0
 """Real seconds within which a lost robot may come back and be asked again."""
 
 
 class CallQueue(UrgentMessage):
-    """Outgoing calls to one robot. It takes the place of the resources' actors and is its own mailbox.
+    """Outgoing calls to one robot. It takes the place of the resources' actors and their mailboxes.
+
+    Args:
+        channel: the connection to the robot.
+        capacity: limit of the pending calls to one resource.
 
     Attributes:
         tracker: our commands whose outcome has not arrived.
@@ -60,14 +62,14 @@ class CallQueue(UrgentMessage):
     Thread: any, unless noted.
     """
 
-    def __init__(self, channel: Channel) -> None:
+    def __init__(self, channel: Channel, capacity: int) -> None:
         self._channel = channel
         self._controller = channel.controller
         self.window: Final = channel.controller.window
         self._lock = threading.Lock()
         self._urgent: deque[Call[Any]] = deque()
         self._normal: deque[Call[Any]] = deque()
-        self._unanswered: set[Call[Any]] = set()
+        self._unanswered = UnansweredCalls(capacity)
         self._end: EALError | None = None
         self._sending = threading.Lock()
         self._echo: tuple[RobotTime, float] | None = None
@@ -85,11 +87,12 @@ class CallQueue(UrgentMessage):
 
         Raises:
             AccessDeniedError: the robot does not grant it.
-            BusyError: too many calls are pending.
+            BusyError: too many calls to its resource are pending.
             UnavailableError: the connection has ended.
         """
         with self._lock:
-            self._admit(envelope, MAX_PENDING_CALLS)
+            self._admit(envelope)
+            self._unanswered.add(envelope)
             self._normal.append(envelope)
         is_alone = self.window.is_idle and self._controller.sender.is_idle  # it waits for no link, overtakes nothing
         if is_alone and _is_small(envelope) and self._sending.acquire(blocking=False):
@@ -107,16 +110,18 @@ class CallQueue(UrgentMessage):
 
         Raises:
             AccessDeniedError: the robot does not grant it.
-            BusyError: too many calls are pending.
+            BusyError: too many calls to its resource are pending.
             UnavailableError: the connection has ended.
         """
         dropped: list[Envelope] = []
         with self._lock:
-            self._admit(envelope, 2 * MAX_PENDING_CALLS if bounded else math.inf)
+            self._admit(envelope)
+            self._unanswered.add(envelope, 2 if bounded else math.inf)
             if drop is not None and self._normal:
-                dropped = [call for call in self._normal if drop(call)]
-                self._normal = deque(call for call in self._normal if not drop(call))
-                self._unanswered.difference_update(dropped)
+                for call in [call for call in self._normal if drop(call)]:
+                    self._normal.remove(call)
+                    self._unanswered.discard(call)
+                    dropped.append(call)
             self._urgent.append(envelope)
         if envelope.stops:
             self._controller.send_urgently(self)
@@ -124,14 +129,11 @@ class CallQueue(UrgentMessage):
             self._controller.sender.submit(self)
         return dropped
 
-    def _admit(self, call: Call[Any], limit: float) -> None:
+    def _admit(self, call: Call[Any]) -> None:
         if self._end is not None:
             raise self._end.copy()
         if self._channel.rights is not None:
             self._channel.rights.check(call.cell.name, call.method)
-        if len(self._unanswered) >= limit:
-            raise BusyError(f"{limit:g} calls to the robot are pending already")
-        self._unanswered.add(call)
 
     def stop_activity_of(self, call: Call[Any]) -> None:
         """Drop a call that nobody waits for, or cancel its command on the robot."""
@@ -174,17 +176,15 @@ class CallQueue(UrgentMessage):
 
     def _send(self, call: Call[Any], *, is_last: bool) -> None:
         channel = self._channel
-        left_s = (call.deadline_s or 0.0) - channel.clock.now()
-        if call.stops:
-            left_s = max(left_s, call.cell.timeout_s)
-        elif call.done():
-            self._unanswered.discard(call)
-            return
-        elif left_s <= 0:
-            self.expire(call)
-            return
+        if not call.stops:
+            if call.done():
+                self._unanswered.discard(call)
+                return
+            if self._left_s(call) <= 0:
+                self.expire(call)
+                return
         try:
-            header, data = self._header(call, left_s, has_more=not is_last)
+            header, data = self._header(call, has_more=not is_last)
             envelope, payload = encode_call(header, data)
         except EALError as error:
             self._unanswered.discard(call)
@@ -194,20 +194,26 @@ class CallQueue(UrgentMessage):
             self.tracker.commands[header.call_id] = call
         if call.span is not None:
             call.span.note("sent")
-        end_s = REAL_TIME.now() + left_s / channel.clock.of_real(1.0)
+        end_s = REAL_TIME.now() + header.deadline_s
         channel.pending.add(header.sequence, _SentCall(self, call, header.call_id, end_s))
         self.window.sent()
         key = self._controller.call_key(channel.name, call.cell.name, call.method)
         if not self._controller.put(channel.name, key, envelope, payload, is_urgent=call.stops, is_last=is_last):
             channel.pending.lose_all()
 
-    def _header(self, call: Call[Any], left_s: float, *, has_more: bool) -> tuple[CallHeader, EALData | None]:
+    def _left_s(self, call: Call[Any]) -> float:
+        """Return the real seconds until a call's deadline; a late stop is still a stop."""
+        clock = self._channel.clock
+        left_s = (call.deadline_s or 0.0) - clock.now()
+        return (max(left_s, call.cell.timeout_s) if call.stops else left_s) / clock.of_real(1.0)
+
+    def _header(self, call: Call[Any], *, has_more: bool) -> tuple[CallHeader, EALData | None]:
         """Return the header and the value of a call; commands and stops have a stamp that proves their age."""
         plain, data = _split_arguments(call)
         stamper = self._channel.stamper
         traceparent = "" if call.span is None else call.span.traceparent
         if call.method in keys.RETRYABLE_METHODS:
-            number = stamper.number()
+            number, left_s = stamper.number(), self._left_s(call)
             head = CallHeader(
                 stamper.client, stamper.epoch, number, left_s, left_s, None, plain, traceparent=traceparent
             )
@@ -221,6 +227,7 @@ class CallQueue(UrgentMessage):
             stamper.heard(time.era, time.time_s, heard_s)
         stamp = stamper.stamp(TTL_S, REAL_TIME.now())
         proof = stamp.era, stamp.echo_s, stamp.held_s
+        left_s = self._left_s(call)  # read after the stamp: their sum is never later than the deadline
         return CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *proof, has_more, traceparent), data
 
     def _robot_time(self, fleet_s: float) -> float:
@@ -327,8 +334,8 @@ class CallQueue(UrgentMessage):
         commands = self.tracker.commands
         with self._lock:
             self._end = error
-            calls = {*self._unanswered, *commands.values()}
-            for waiting in (self._unanswered, commands, self._normal, self._urgent):
+            calls = {*self._unanswered.clear(), *commands.values()}
+            for waiting in (commands, self._normal, self._urgent):
                 waiting.clear()
         for call in calls:
             call.fail(error.copy())

@@ -18,8 +18,10 @@ from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.net.security.expiry import certificate_warnings
 from eal_actors.net.sender import InFlightWindow, Sender, UrgentMessage
 from eal_actors.net.session import controller_config, open_session
+from eal_actors.net.throttled_log import ThrottledLog
 from eal_actors.net.wire import keys
 from eal_actors.net.wire.messages import CallReply, Heartbeat, RobotEvent, decode_event, decode_reply, encode_heartbeat
 from eal_actors.net.wire.packing import PROTOCOL_VERSION
@@ -65,9 +67,10 @@ class Controller(EALActor):
 
     Attributes:
         fleet: the fleet's name.
-        client: identifier of this controller, new in each process.
+        client: identifier of this controller, new in each process; see keys.client_id.
         certificate: name of its certificate; None in a fleet without security.
         display_name: its name for people, which robots show.
+        dead_man_s: real seconds of its silence after which a robot halts what it moves.
         sender: sends the calls to all robots.
         window: limit of the calls in flight to all robots.
 
@@ -77,23 +80,29 @@ class Controller(EALActor):
     def __init__(self, config: FleetConfig, clock: Clock, robots: Iterable[str] | None = None) -> None:
         super().__init__(f"{config.name} network", clock)
         self.fleet: Final = config.name
-        self.client: Final = secrets.token_hex(8)
+        self._secret: Final = secrets.token_hex(16)
         security = config.network.security
         self.certificate: Final = None if security is None else security.controller
         self._caller = self.certificate or keys.ANYBODY
+        self.client: Final = keys.client_id(self._caller, self._secret)
+        self.dead_man_s: Final = config.network.dead_man_s
         self.display_name: Final = process_name(self.certificate)
         self._config = config
         self._network = controller_config(config, robots)
         self._lock = threading.Lock()
+        self._malformed = ThrottledLog(fleet=config.name)
         self._listeners: dict[str, RobotListener] = {}
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
         self._session: zenoh.Session | None = None
         self._stack = ExitStack()
-        self._sequence = 0
         self.window: Final = InFlightWindow()
         self.sender: Final = Sender(f"{config.name} sender", self.window)
         self._urgent_sender = Sender(f"{config.name} urgent sender")
         self._callbacks = EALActor(f"{config.name} callbacks", clock)
+
+    def warnings(self) -> list[str]:
+        """Return warnings about certificates of this process that expire soon. Thread: any."""
+        return certificate_warnings(self._config.network.security, self._caller)
 
     # Life.
 
@@ -139,7 +148,7 @@ class Controller(EALActor):
             return
         self._session = session
         callback = zenoh.handlers.Callback
-        answers = keys.answer_keys(self.fleet, self._caller, self.client)
+        answers = keys.answer_keys(self.fleet, self._caller, self._secret)
         session.declare_subscriber(answers, callback(self._on_answer, indirect=False))
         session.liveliness().declare_subscriber(
             keys.alive_keys(self.fleet), callback(self._on_liveliness, indirect=False), history=True
@@ -149,14 +158,13 @@ class Controller(EALActor):
         self._tick()
 
     def _beat(self) -> None:
-        self._sequence += 1
         if self._session is not None:
             import zenoh
 
-            beat = encode_heartbeat(Heartbeat(self.client, 0, self._sequence, self.display_name))
+            beat = encode_heartbeat(Heartbeat(self.client, self.display_name))
             try:
                 self._session.put(
-                    keys.heartbeat_key(self.fleet, self.client),
+                    keys.heartbeat_key(self.fleet, self._caller, self._secret),
                     beat,
                     priority=zenoh.Priority.REAL_TIME,
                     congestion_control=zenoh.CongestionControl.DROP,
@@ -164,7 +172,7 @@ class Controller(EALActor):
                 )
             except zenoh.ZError as error:
                 get_logger(fleet=self.fleet).debug("a heartbeat could not be sent", reason=error_text(error))
-        period_s = self._config.network.dead_man_s / _BEATS
+        period_s = self.dead_man_s / _BEATS
         self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
 
     def _tick(self) -> None:
@@ -249,7 +257,7 @@ class Controller(EALActor):
 
     def call_key(self, robot: str, resource: str, method: str) -> str:
         """Return the key of this controller's calls of a method."""
-        return keys.call_key(keys.CallKey(self.fleet, robot, resource, method, self._caller, self.client))
+        return keys.call_key(keys.CallKey(self.fleet, robot, resource, method, self._caller, self._secret))
 
     def put(
         self, robot: str, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False, is_last: bool = True
@@ -330,7 +338,7 @@ class Controller(EALActor):
             _, name = keys.parse_robot(str(sample.key_expr))
             event = decode_event(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
         except ProtocolError as error:
-            get_logger(fleet=self.fleet).warning("an event is malformed", reason=error.message)
+            self._malformed.warn(str(sample.key_expr).rpartition("/")[2], "an event is malformed", error.message)
             return
         with self._lock:
             listener = self._listeners.get(name)
@@ -339,4 +347,4 @@ class Controller(EALActor):
         try:
             listener.on_event(event)
         except ProtocolError as error:
-            get_logger(robot=name).warning("an event is malformed", reason=error.message)
+            self._malformed.warn(name, "an event is malformed", error.message)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final, NamedTuple
 
 from typing_extensions import override
@@ -42,6 +43,7 @@ class RemoteSpec(NamedTuple):
         clock: the fleet's clock.
         timeout_s: the default deadline of a call.
         link: fault injection for its calls.
+        mailbox: limit of the pending calls to one resource.
     """
 
     name: str
@@ -49,6 +51,7 @@ class RemoteSpec(NamedTuple):
     clock: Clock
     timeout_s: float
     link: FaultyLink
+    mailbox: int
 
 
 _REQUEST_TIMEOUT_S: Final = 2.0
@@ -71,14 +74,16 @@ class RemoteRobot(EALActor):
         view.controller_id = controller.client
         self._controller = controller
         self._channel = Channel(self, view, controller)
-        self.calls: Final = CallQueue(self._channel)
+        self.calls: Final = CallQueue(self._channel, spec.mailbox)
         self._feeds = RemoteFeeds(self._channel)
         self._board = CommandBoard()
         self._listener = RobotListener(
             spec.name, self._on_alive, self._on_gone, self.calls.receive_reply, self._on_event, self.calls.tick
         )
         self._unsent_stop: str | None = None
+        self._is_repeating_stop = False
         self._is_shaking_hands = False
+        self._losses = 0
         self._log = get_logger(robot=spec.name)
 
     # Life.
@@ -202,8 +207,9 @@ class RemoteRobot(EALActor):
         if stopped is not None:
             self._unsent_stop = None
             self.view.latch.set(stopped)
+            self.view.latch.confirm()
         elif self._unsent_stop is not None:
-            self.stop_now(self._unsent_stop)
+            self._send_stop(self._unsent_stop)
         else:
             self.view.latch.clear()
 
@@ -211,10 +217,17 @@ class RemoteRobot(EALActor):
         if self.view.state in (RobotState.READY, RobotState.LOST):  # of two reasons the later one is right
             self._note_lost(f"{reason}; reconnecting")
 
+    def _give_up_commands(self, losses: int) -> None:
+        if self.view.state is RobotState.LOST and self._losses == losses:
+            self.calls.tracker.give_up(f"the robot {self.view.problems[-1].message}")
+
     def _note_lost(self, reason: str) -> None:
         error = UnavailableError(reason, robot=self.spec.name)
         if self.view.state is not RobotState.LOST:
             self._log.warning("robot is lost", reason=reason)
+            self._losses += 1
+            halted_s = 2 * self._controller.dead_man_s  # by then the robot, if it lives, has halted what we moved
+            self.actor_inbox.call_later(self.clock.of_real(halted_s), partial(self._give_up_commands, self._losses))
         self._board.clear()
         self.view.problems = (error,)
         for cell in self.view.cells.values():
@@ -232,7 +245,7 @@ class RemoteRobot(EALActor):
             if isinstance(answer, dict):  # always true after read_ping
                 self._board.replace(answer.get("running", ()), answer["received_s"])
             self.view.not_ready = dict(ping.not_ready)
-            return replace(ping, running=self.running())
+            return replace(ping, running=self.running(), warnings=(*ping.warnings, *self._controller.warnings()))
 
         return self._channel.call(keys.PING, (), PING_TIMEOUT_S, read)
 
@@ -246,16 +259,33 @@ class RemoteRobot(EALActor):
         return fleet_time_of(self.clock, robot_s - (0.0 if known is None else known.offset.offset_s))
 
     def stop_now(self, reason: str) -> Future[None]:
-        """Stop the robot until it is resumed; repeated after a reconnect until the robot has confirmed it."""
+        """Stop the robot until it is resumed; repeated until the robot has confirmed it."""
         rights = self._channel.rights
         if rights is None or rights.allows(keys.ROBOT, keys.STOP):
             self.view.latch.set(reason)
             self._unsent_stop = reason
+            self._channel.run_soon(self._repeat_stop_later)
+        return self._send_stop(reason)
 
+    def _send_stop(self, reason: str) -> Future[None]:
         def confirm(*_: object) -> None:
             self._unsent_stop = None
+            self.view.latch.confirm()
 
         return self._channel.call(keys.STOP, (reason,), _REQUEST_TIMEOUT_S, confirm)
+
+    def _repeat_stop_later(self) -> None:
+        if not self._is_repeating_stop:
+            self._is_repeating_stop = True
+            self.actor_inbox.call_later(self.clock.of_real(_REQUEST_TIMEOUT_S), self._repeat_stop)
+
+    def _repeat_stop(self) -> None:
+        """Send a stop again that the robot has not confirmed: it may have been frozen, and yet never lost."""
+        self._is_repeating_stop = False
+        if self._unsent_stop is not None:
+            if self._channel.is_ready:
+                self._send_stop(self._unsent_stop)
+            self._repeat_stop_later()
 
     def resume(self) -> Future[None]:
         """End an emergency stop."""

@@ -9,43 +9,66 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from eal_actors.actors.call import MOTION_METHODS
 from eal_actors.kernel.clock import REAL_TIME, Clock
-from eal_actors.kernel.errors import EALError, StaleCommandError
+from eal_actors.kernel.errors import DeadlineError, EALError, StaleCommandError
 from eal_actors.net.freshness import CommandHistory, CommandRecord, Stamp
 from eal_actors.net.server.leases import DeadManSwitch, Leases, SilentController
+from eal_actors.net.wire.keys import ANYBODY, certificate_id, client_id
 from eal_actors.net.wire.messages import Answer, CallHeader, CallId
 
 _CLAIMING: Final = MOTION_METHODS | {"set_config"}
 """Methods that require the lease of an exclusive resource."""
 
+_RESERVE_S: Final = 0.01
+"""Real seconds before its deadline in which a command no longer begins: between the last look at the clock and the
+device, its thread may wait for the interpreter or a processor."""
+
 _MAX_NAMES: Final = 1024
 _MAX_NAME: Final = 100
+_NO_NAMES: Final[Mapping[str, str]] = {}
 
 
 class ControllerNames:
-    """Display names of the last controllers heard. Names are unproven; no right depends on one. Thread: any."""
+    """Display names of the last controllers heard.
+
+    A name begins with that of the certificate; the rest is unproven, and no right depends on it.
+
+    Thread: any.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._names: OrderedDict[str, str] = OrderedDict()
+        self._names: dict[str, OrderedDict[str, str]] = {}  # by certificate, so that none pushes out another's
 
-    def note(self, client: str, name: str) -> None:
-        """Store a name, without characters that a terminal cannot print."""
+    def note(self, client: str, caller: str, name: str = "") -> None:
+        """Store a controller's display name, without characters that a terminal cannot print.
+
+        Args:
+            client: the controller.
+            caller: name of its certificate; ANYBODY in a fleet without security.
+            name: how it calls itself; the stored name stays if empty.
+        """
+        names = self._names.get(certificate_id(client), _NO_NAMES)
+        if not name and client in names:  # every call but the first
+            return
         printable = "".join(letter for letter in name[:_MAX_NAME] if letter.isprintable()).strip()
-        if not printable or self._names.get(client) == printable:  # every heartbeat but the first
+        if caller != ANYBODY and printable.partition("@")[0] != caller:
+            printable = f"{caller} ({printable})" if printable else caller
+        if not printable or names.get(client) == printable:  # every heartbeat but the first
             return
         with self._lock:
-            self._names[client] = printable
-            if len(self._names) > _MAX_NAMES:
-                self._names.popitem(last=False)
+            known = self._names.setdefault(certificate_id(client), OrderedDict())
+            known[client] = printable
+            if len(known) > _MAX_NAMES:
+                known.popitem(last=False)
 
     def of(self, client: str) -> str:
         """Return a controller's name; its client id if it has none."""
-        return self._names.get(client, client)
+        return self._names.get(certificate_id(client), _NO_NAMES).get(client, client)
 
 
 class Admission:
@@ -71,14 +94,15 @@ class Admission:
         self._leases = Leases(exclusive, dead_man_s, self.names.of)
         self._dead_man = DeadManSwitch(dead_man_s)
 
-    def check(self, header: CallHeader, method: str, resource: str) -> float:
+    def check(self, header: CallHeader, method: str, resource: str) -> tuple[float, float]:
         """Admit a command; call `finish` when it has ended. Call `silences` first.
 
         Returns:
-            Real seconds within which it must begin.
+            Real seconds within which it must begin, and until its deadline; both count from its sending.
 
         Raises:
             StaleCommandError: it is too old, or was received before.
+            DeadlineError: its deadline has passed on the way.
             ResourceBusyError: another controller holds the resource.
         """
         stamp = _stamp_of(header)
@@ -86,7 +110,10 @@ class Admission:
             now_s = self._clock.now()
             self._history.accept(stamp, resource, now_s)
             self._dead_man.heard(header.client, now_s)  # a refused command proves life too
+            left_s = stamp.sent_s + header.deadline_s - _RESERVE_S - now_s
             try:
+                if left_s <= 0:
+                    raise DeadlineError(f"{method} came {-left_s:.3f} s too late for its deadline; it was not executed")
                 if method in _CLAIMING:
                     self._leases.claim(header.client, resource, now_s)
             except EALError as error:
@@ -94,7 +121,7 @@ class Admission:
                 raise
             if method in MOTION_METHODS:
                 self._dead_man.commanded(header.client, resource, now_s)
-        return stamp.begin_by_s - now_s
+        return stamp.begin_by_s - now_s, left_s
 
     def note_stop(self, header: CallHeader, resource: str) -> None:
         """Refuse from now on commands that a stop has overtaken; the stop itself is obeyed at any age."""
@@ -115,9 +142,8 @@ class Admission:
         with self._guard:
             return self._history.recall(call)
 
-    def enter(self, client: str, epoch: int, name: str) -> None:
-        """Note a controller's handshake and its name."""
-        self.names.note(client, name)
+    def enter(self, client: str, epoch: int) -> None:
+        """Note a controller's handshake; StaleCommandError if its epoch is impossible."""
         with self._guard:
             self._history.enter(client, epoch, self._clock.now())
 
@@ -133,6 +159,12 @@ class Admission:
         with self._guard:
             self._leases.leave(client)
             return self._dead_man.leave(client)
+
+    def clients_of(self, caller: str) -> list[str]:
+        """Return the controllers with the certificate of a name that hold or move anything."""
+        with self._guard:
+            clients = self._dead_man.clients.union(self._leases.holders(self._clock.now()).values())
+        return sorted(client for client in clients if certificate_id(client) == certificate_id(client_id(caller, "")))
 
     def release(self, client: str, resources: Sequence[str]) -> tuple[str, ...]:
         """End a controller's leases of some resources; returns those to halt."""

@@ -3,13 +3,15 @@
 The replies of many robots that are commanded at once arrive one by one. Sending each on its own costs several times as
 much as sending them together, mostly for waking threads. So when a controller announces more commands, the outbox
 waits a moment for their replies.
+
+Confirmations of stops have a sender of their own, since hundreds of images may wait in the queue.
 """
 
 from __future__ import annotations
 
 import threading
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Self
 
 from typing_extensions import override
 
@@ -25,16 +27,24 @@ if TYPE_CHECKING:
 _BATCH_S: Final = 0.003
 """Real seconds that a reply waits for others at most."""
 
+MAX_BACKLOG_BYTES: Final = 64 * 1024 * 1024
+"""Bytes of values that may wait to be sent; while more wait, further values are refused."""
+
 
 class Outbox(Sender):
     """Sends replies and events; those that wait together are sent as a batch.
+
+    Attributes:
+        urgent: sends the urgent messages.
 
     Thread: an actor.
     """
 
     def __init__(self, name: str, session: zenoh.Session) -> None:
         super().__init__(name)
+        self.urgent: Final = Sender(f"{name} for stops")
         self._session = session
+        self._backlog_bytes = 0
         self._put_lock = threading.Lock()
         self._lock = threading.Lock()
         self._expected = 0
@@ -43,6 +53,24 @@ class Outbox(Sender):
         self._batch_complete = new_waiter()
         self._left_in_batch = 0
         self._log = get_logger()
+
+    @override
+    def launch(self) -> Self:
+        self.urgent.launch()
+        return super().launch()
+
+    @override
+    def on_stop(self) -> None:
+        self.urgent.end_soon()
+
+    @property
+    def is_full(self) -> bool:
+        """Whether so many bytes wait that no further value may be queued. Thread: any."""
+        return self._backlog_bytes >= MAX_BACKLOG_BYTES
+
+    def move_to(self, session: zenoh.Session) -> None:
+        """Send on another session from now on. Thread: any."""
+        self._session = session
 
     def expect(self, replies: int, *, has_more: bool | None = None) -> None:
         """Change the number of expected replies.
@@ -65,7 +93,7 @@ class Outbox(Sender):
         self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool = True, is_urgent: bool = False
     ) -> None:
         """Queue a message; a full link drops it unless it is vital. Thread: any; does not block."""
-        self.submit(_OutgoingMessage(self, key, envelope, payload, is_vital=is_vital, is_urgent=is_urgent))
+        self._queue(_OutgoingMessage(self, key, envelope, payload, is_vital=is_vital, is_urgent=is_urgent))
 
     def publish_from_here(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
         """Send a message in this thread, or queue it if another thread is sending.
@@ -79,7 +107,19 @@ class Outbox(Sender):
             finally:
                 self._put_lock.release()
         else:
+            self._queue(message)
+
+    def _queue(self, message: _OutgoingMessage) -> None:
+        if message.is_urgent:
+            self.urgent.submit(message)
+        else:
+            self._count(memoryview(message.payload).nbytes)
             self.submit(message)
+
+    def _count(self, payload_bytes: int) -> None:
+        if payload_bytes:  # most messages have none
+            with self._lock:
+                self._backlog_bytes += payload_bytes
 
     @override
     def on_receive(self, message: Message) -> None:
@@ -94,9 +134,13 @@ class Outbox(Sender):
         super().on_receive(message)
 
     def put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
-        """Send a message after the one that is being sent. Thread: see Message.send."""
+        """Send a queued message, after the one that is being sent unless it is urgent. Thread: see Message.send."""
+        if message.is_urgent:
+            self._put(message, is_last=is_last)
+            return
         with self._put_lock:
             self._put(message, is_last=is_last)
+        self._count(-memoryview(message.payload).nbytes)
 
     def _put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
         import zenoh

@@ -19,6 +19,8 @@ from eal_actors.device.info import ResourceType
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import (
+    AccessDeniedError,
+    BusyError,
     DeadlineError,
     EALError,
     ProtocolError,
@@ -40,6 +42,7 @@ from eal_actors.net.wire.messages import (
     Answer,
     CallHeader,
     CallReply,
+    Heartbeat,
     RobotEvent,
     RobotTime,
     decode_call,
@@ -79,6 +82,7 @@ class RobotServer:
         network: the fleet's network.
         outbox: sends its replies and events.
         exclusive: names of the resources that one controller at a time may command; every actuator if None.
+        revoke: adds names to the list of revoked certificates; runs in the host's thread.
         run_soon: runs an action in the host's thread.
         on_close: called when the server closes.
 
@@ -97,6 +101,7 @@ class RobotServer:
         outbox: Outbox,
         *,
         exclusive: Iterable[str] | None,
+        revoke: Callable[[Iterable[str]], None],
         run_soon: Callable[[Callable[[], None]], None],
         on_close: Callable[[], None],
     ) -> None:
@@ -115,12 +120,12 @@ class RobotServer:
         self._running = RunningCommands()
         self._publisher = StreamPublisher(fleet, robot, session, self._era)
         self._handler = RequestHandler(
-            robot, self._admission, self._running, self._publisher, self._publish, network.security
+            robot, self._admission, self._running, self._publisher, self._publish, network.security, revoke
         )
         self._token: zenoh.LivelinessToken | None = None
         self._unlogged_stop: str | None = None
-        self._failed = new_waiter()
-        self._has_failed = False
+        self._ended = new_waiter()
+        self._is_closed = self._has_failed = False
         self.dead_man_trips: dict[str, int] = {}
         self._state = robot.state
         self._log = get_logger(robot=robot.name)
@@ -131,32 +136,46 @@ class RobotServer:
         """Declare the robot's liveliness token. Thread: blocks the caller for a moment."""
         self._token = self._session.liveliness().declare_token(keys.alive_key(self._fleet, self._robot.name))
 
+    def move_to(self, session: zenoh.Session) -> None:
+        """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
+        self._session = session
+        self._publisher.move_to(session)
+        self.announce()
+
+    def expel(self, caller: str) -> None:
+        """Disconnect every controller with a revoked certificate, and halt what they moved. Thread: the host's."""
+        for client in self._admission.clients_of(caller):
+            self._log.warning("its certificate is revoked: disconnected", certificate=caller)
+            self._handler.disconnect(client)
+
     def close(self) -> None:
         """Withdraw the robot from the network. Thread: blocks the caller, for a bounded time."""
         token, self._token = self._token, None
-        if token is not None:
+        if token is not None and not self._session.is_closed():
             token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
         self._on_close()
         self._publisher.close()
+        self._is_closed = True
+        REAL_TIME.wake(self._ended)
 
     def fail(self) -> None:
         """Halt the robot and withdraw it: its host has crashed. Thread: the host's."""
         self._robot.halt()
-        self.close()
         self._has_failed = True
-        REAL_TIME.wake(self._failed)
+        self.close()
 
     def wait(self) -> None:
-        """Wait forever, unless the server fails.
+        """Wait until the server is closed.
 
         Raises:
             UnavailableError: it has failed; the robot is halted and unreachable.
 
         Thread: blocks the caller.
         """
-        while not self._has_failed:
-            REAL_TIME.wait(self._failed, None)
-        raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
+        while not self._is_closed:
+            REAL_TIME.wait(self._ended, None)
+        if self._has_failed:
+            raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
 
     # Calls of the host.
 
@@ -184,10 +203,10 @@ class RobotServer:
             event = RobotEvent("progress", now_s, command.call_id, fields=command.progress_fields())
             self._publish(event, is_vital=False)
 
-    def receive_heartbeat(self, client: str, name: str) -> None:
+    def receive_heartbeat(self, caller: str, beat: Heartbeat) -> None:
         """Note a controller's heartbeat and display name. Thread: zenoh's; does not block."""
-        self._admission.heard(client)
-        self._admission.names.note(client, name)
+        self._admission.heard(beat.client)
+        self._admission.names.note(beat.client, caller, beat.name)
 
     def _halt_silent(self) -> None:
         for silent in self._admission.silences():
@@ -206,13 +225,14 @@ class RobotServer:
         try:
             header, data = decode_call(envelope, payload)
             reply_to = ReplyTo(reply_to.key, header.sequence)
-            if header.client != call.client:
-                raise ProtocolError(f"{call.client} calls in the name of {header.client}")
+            if header.client != keys.client_id(call.caller, call.client):
+                raise ProtocolError(f"a controller named {call.caller} calls in the name of another one")
+            self._admission.names.note(header.client, call.caller)
             if data is not None and data.stamp_s is not None:
                 data = data.with_meta(stamp_s=fleet_time_of(self._clock, data.stamp_s))
             with spans.within(header.traceparent):
                 if call.resource == keys.ROBOT:
-                    self._serve_robot(call.method, reply_to, header)
+                    self._serve_robot(call, reply_to, header)
                 else:
                     self._serve(self._robot[call.resource], call.method, reply_to, header, data)
         except EALError as error:
@@ -233,12 +253,13 @@ class RobotServer:
             return
         if header.deadline_s <= 0:
             raise DeadlineError(f"{method} came after its deadline; it was not executed")
+        timeout_s = self._clock.of_real(header.deadline_s)
         if method in keys.RETRYABLE_METHODS:
-            call = _start_call(handle, method, header, data)
+            call = _start_call(handle, method, header, data, timeout_s)
             call.link(lambda done, _: self._answer(reply_to, self._outcome(done), send=self._outbox.publish_from_here))
         elif method == keys.HALT or _is_stop(handle, method, header):
             self._admission.note_stop(header, handle.name)
-            call = _start_call(handle, method, header, data)
+            call = _start_call(handle, method, header, data, timeout_s)
             call.link(lambda done, _: self._answer(reply_to._replace(is_urgent=True), self._outcome(done)))
         else:
             self._serve_command(handle, method, reply_to, header, data)
@@ -247,12 +268,13 @@ class RobotServer:
         self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
     ) -> None:
         self._halt_silent()  # before another controller's first command
-        begin_by_s = self._clock.now() + self._clock.of_real(self._admission.check(header, method, handle.name))
+        begin_in_s, left_s = map(self._clock.of_real, self._admission.check(header, method, handle.name))
+        begin_by_s = self._clock.now() + begin_in_s
         start_s = None if header.start_s is None else fleet_time_of(self._clock, header.start_s)
         call_id = header.call_id
         self._outbox.expect(1, has_more=header.has_more)
         try:
-            call = _start_call(handle, method, header, data, begin_by_s, start_s)
+            call = _start_call(handle, method, header, data, left_s, begin_by_s, start_s)
         except EALError as error:
             self._outbox.expect(-1)
             self._admission.finish(call_id, error)
@@ -276,9 +298,10 @@ class RobotServer:
             fields = {} if began_s is None else {"began_s": began_s}
             self._publish(RobotEvent("result", REAL_TIME.now(), command.call_id, outcome, fields))
 
-    def _serve_robot(self, method: str, reply_to: ReplyTo, header: CallHeader) -> None:
+    def _serve_robot(self, call: keys.CallKey, reply_to: ReplyTo, header: CallHeader) -> None:
+        method = call.method
         if method == keys.PING:
-            self._answer(reply_to, self._handler.ping(), send=self._outbox.publish_from_here)
+            self._answer(reply_to, self._handler.ping(header), send=self._outbox.publish_from_here)
         elif method == keys.RELEASE:
             self._answer(reply_to, self._handler.release(header))
         elif method == keys.STOP:
@@ -289,8 +312,13 @@ class RobotServer:
             self._unlogged_stop = reason
         elif method == keys.RESUME:
             self._log.warning("resumed")
-            self._robot.resume().link(lambda done, _: self._answer(reply_to, self._outcome(done)))
+            urgent = reply_to._replace(is_urgent=True)
+            self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
+        elif method == keys.REVOKE and call.caller != keys.AUTHORITY_CALLER:
+            raise AccessDeniedError("only the holder of the authority's key may revoke a certificate")
         else:
+            if method == keys.HELLO:
+                self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
             self._run_soon(lambda: self._answer(reply_to, self._handler.answer(method, header)))
 
     # Replies and events. Thread: any.
@@ -315,6 +343,8 @@ class RobotServer:
     ) -> None:
         """Reply to a call."""
         time = RobotTime(self._era, REAL_TIME.now(), began_s)
+        if isinstance(answer, EALData) and self._outbox.is_full:
+            answer = BusyError("too many values wait for the network; read them less often", robot=self._robot.name)
         try:
             envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time))
         except EALError as error:  # too large, for example
@@ -334,6 +364,7 @@ def _start_call(
     method: str,
     header: CallHeader,
     data: EALData | None,
+    timeout_s: float,
     begin_by_s: float | None = None,
     start_s: float | None = None,
 ) -> Call[Any]:
@@ -348,7 +379,7 @@ def _start_call(
         raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
     if method in _TAKE_DATA:
         arguments = (data, *plain) if method in ("set_value", "write_comm") else (*plain, data)
-    return handle.start_call(method, arguments, header.deadline_s, begin_by_s, start_s)
+    return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s)
 
 
 def _is_stop(handle: ResourceHandle, method: str, header: CallHeader) -> bool:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import zenoh
 
 _MAX_STREAMS: Final = 64
-"""Limit of one robot's streams; each is a resource, a rate and an encoding."""
+"""Limit of one certificate's streams of a robot; each is a resource, a rate and an encoding."""
 
 _TICK_S: Final = 0.5
 _JOIN_S: Final = 1.0
@@ -50,6 +50,10 @@ class StreamPublisher(EALActor):
         self._starting = threading.Lock()
         self._log = get_logger(robot=robot.name)
 
+    def move_to(self, session: zenoh.Session) -> None:
+        """Publish on another session from now on. Thread: any."""
+        self._session = session
+
     def serve(self, handle: ResourceHandle, header: CallHeader) -> None:
         """Start, renew or end a controller's lease of a stream. Thread: any.
 
@@ -64,12 +68,18 @@ class StreamPublisher(EALActor):
         key = keys.stream_key(self._fleet, self._robot.name, handle.name, spec.encoding, rate_text(spec))
         if lease_s:
             require_codec(spec.encoding)
-            if len(self._streams) >= _MAX_STREAMS and key not in self._streams:
-                raise BusyError(f"the robot publishes {_MAX_STREAMS} streams already")
+            if key not in self._streams and self._count(header.client) >= _MAX_STREAMS:
+                raise BusyError(f"the robot publishes {_MAX_STREAMS} streams for this certificate already")
         with self._starting:
             if self.thread is None:
                 self.launch()
         self._run_soon(lambda: self._renew(key, handle, spec, header.client, lease_s))
+
+    def _count(self, client: str) -> int:
+        """Return the number of streams that controllers with the certificate of a client read."""
+        owner = keys.certificate_id(client)
+        readers = [list(stream.leases) for stream in list(self._streams.values())]
+        return sum(any(keys.certificate_id(reader) == owner for reader in stream) for stream in readers)
 
     def leave(self, client: str) -> None:
         """End all leases of a controller. Thread: any."""

@@ -6,10 +6,11 @@
     eal/<fleet>/@events/<robot>                                 events of a robot
     eal/<fleet>/@streams/<robot>/<resource>/<encoding>/<rate>   values that a resource streams
     eal/<fleet>/@alive/<version>/<robot>                        liveliness token of a robot, and its protocol version
-    eal/<fleet>/@heartbeats/<client>                            heartbeat of a controller, for every robot
+    eal/<fleet>/@heartbeats/<caller>/<client>                   heartbeat of a controller, for every robot
 
-The caller is the name of the controller's certificate, the client its process. So access control prevents a controller
-from calling in another one's name and from reading another one's replies. The key of the token is the same in all
+The caller is the name of the controller's certificate, the client a secret of its process. So access control prevents
+a controller from calling or sending heartbeats in another one's name, and from reading another one's replies. Robots
+publish a client only as its `client_id`, from which nobody can make a key. The key of the token is the same in all
 versions of the protocol, so that robots of other releases are found and recognised.
 
 Each name is one chunk of a key. Letters, digits, `_`, `.`, `-` and `~` are kept, everything else is percent-encoded,
@@ -25,6 +26,7 @@ the calls of all by one key expression.
 from __future__ import annotations
 
 from functools import lru_cache
+from hashlib import blake2b
 from typing import Final, NamedTuple
 from urllib.parse import quote, unquote
 
@@ -44,7 +46,8 @@ REATTACH: Final = "reattach"  # robot: reports the outcome of earlier commands, 
 CANCEL: Final = "cancel"  # robot: cancels a running command
 LEAVE: Final = "leave"  # robot: disconnects a controller; resources that it commanded are halted
 RELEASE: Final = "release"  # robot: ends a controller's leases of some resources; what it commanded there is halted
-ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE, RELEASE)
+REVOKE: Final = "revoke"  # robot: adds names to its list of revoked certificates; for AUTHORITY_CALLER alone
+ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE, RELEASE, REVOKE)
 
 HALT: Final = "halt"  # resource: stops motion
 INFO: Final = "info"  # resource: returns its ResourceInfo
@@ -54,11 +57,15 @@ RETRYABLE_METHODS: Final = frozenset({"get_status", "get_value", "get_config", "
 """Methods that change nothing, so that a retry is harmless. `read_comm` consumes bytes and is not one of them."""
 
 ANYBODY: Final = "_"  # caller in a fleet without security; names of certificates begin with a letter
+AUTHORITY_CALLER: Final = "~authority"  # caller that has the authority's key; a name that no other can have
 ANSWERS: Final = "@answers"
 EVENTS: Final = "@events"
 STREAMS: Final = "@streams"
 ALIVE: Final = "@alive"
 HEARTBEATS: Final = "@heartbeats"
+
+_MAX_KEY: Final = 1024
+"""Greatest length of a key that is read, since read keys are cached."""
 
 ALL_ALIVE: Final = f"{ROOT}/*/{ALIVE}/*/*"
 """Key expression of the liveliness tokens of all robots of all fleets."""
@@ -73,7 +80,7 @@ class CallKey(NamedTuple):
         resource: name of the resource; ROBOT for the robot itself.
         method: one of RESOURCE_METHODS or ROBOT_METHODS.
         caller: name of the caller's certificate; ANYBODY in a fleet without security.
-        client: the caller's process; see CallId.
+        client: secret of the caller's process; see client_id.
     """
 
     fleet: str
@@ -98,6 +105,11 @@ def call_key(key: CallKey) -> str:
 def call_keys(fleet: str, robot: str | None) -> str:
     """Return the key expression of the calls to a robot; to all robots of the fleet if None."""
     return f"{fleet_key(fleet)}/{'*' if robot is None else _encode(robot)}/*/*/*/*"
+
+
+def revoke_keys(fleet: str) -> str:
+    """Return the key expression of the authority's calls that revoke certificates."""
+    return f"{fleet_key(fleet)}/*/{ROBOT}/{REVOKE}/{AUTHORITY_CALLER}/*"
 
 
 @lru_cache(maxsize=4096)
@@ -131,9 +143,24 @@ def alive_keys(fleet: str) -> str:
     return _branch_key(fleet, ALIVE, None, None)
 
 
-def heartbeat_key(fleet: str, client: str | None) -> str:
-    """Return the key of a controller's heartbeats; the key expression of all of the fleet if None."""
-    return _branch_key(fleet, HEARTBEATS, client)
+def heartbeat_key(fleet: str, caller: str | None, client: str | None) -> str:
+    """Return the key of a controller's heartbeats; the key expression of all of the fleet if both are None."""
+    return _branch_key(fleet, HEARTBEATS, caller, client)
+
+
+@lru_cache(maxsize=4096)
+def client_id(caller: str, client: str) -> str:
+    """Return the identifier of a controller's process that robots publish: 32 hexadecimal digits.
+
+    The first half identifies the certificate, the second half the process. Neither reveals the client.
+    """
+    texts = caller, f"{caller}/{client}"
+    return "".join(blake2b(text.encode("utf-8", "surrogatepass"), digest_size=8).hexdigest() for text in texts)
+
+
+def certificate_id(client: str) -> str:
+    """Return the part of a `client_id` that all processes with the same certificate share."""
+    return client[:16]
 
 
 def _branch_key(fleet: str, branch: str, *names: str | None) -> str:
@@ -169,9 +196,18 @@ def parse_alive(key: str) -> tuple[str, str, int]:
 
 
 @lru_cache(maxsize=4096)
+def parse_heartbeat(key: str) -> tuple[str, str]:
+    """Return the caller and the client of the key of a heartbeat; ProtocolError if it is no such key."""
+    chunks = _split(key)
+    if len(chunks) != 5 or (chunks[0], chunks[2]) != (ROOT, HEARTBEATS):
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/{HEARTBEATS}/<caller>/<client>")
+    return _decode(chunks[3], key), _decode(chunks[4], key)
+
+
+@lru_cache(maxsize=4096)
 def parse_call(key: str) -> CallKey:
     """Return the parts of the key of a call; ProtocolError if it is no such key."""
-    root, *chunks = key.split("/")
+    root, *chunks = _split(key)
     if root != ROOT or len(chunks) != 6:
         raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/<robot>/<resource>/<method>/<caller>/<client>")
     call = CallKey(*(_decode(chunk, key) for chunk in chunks))
@@ -179,6 +215,17 @@ def parse_call(key: str) -> CallKey:
     if call.method not in known:
         raise ProtocolError(f"key {key!r}: there is no method {call.method!r} here; there are {', '.join(known)}")
     return call
+
+
+def sender_of(key: str) -> str:
+    """Return the caller that any key of a call or a heartbeat names, as it is spelt there."""
+    return key.rpartition("/")[0].rpartition("/")[2]
+
+
+def _split(key: str) -> list[str]:
+    if len(key) > _MAX_KEY:
+        raise ProtocolError(f"a key of {len(key)} characters, more than {_MAX_KEY}")
+    return key.split("/")
 
 
 def _encode(name: str) -> str:

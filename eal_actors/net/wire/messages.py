@@ -17,6 +17,7 @@ from eal_actors.device.data import EALData, Payload
 from eal_actors.device.data.c_types import short_repr
 from eal_actors.kernel.errors import EALError, ProtocolError
 from eal_actors.net.wire.packing import (
+    MAX_CALL_BYTES,
     PROTOCOL_VERSION,
     Buffer,
     checked_client,
@@ -47,7 +48,7 @@ class CallId(NamedTuple):
     """Identifier of a call, unique over all controllers and their restarts.
 
     Attributes:
-        client: 16 hexadecimal digits, new in each process of a controller.
+        client: the controller's process; see keys.client_id.
         epoch: number of the client's connection to the robot.
         sequence: number of the client's call to the robot, from 1.
     """
@@ -64,8 +65,8 @@ class CallHeader(NamedTuple):
         client: see CallId.
         epoch: see CallId.
         sequence: see CallId.
-        ttl_s: time to live: seconds after receipt within which the robot may begin.
-        deadline_s: seconds left until the caller's deadline at the time of sending; negative once it has passed.
+        ttl_s: time to live: real seconds after the sending within which the robot may begin.
+        deadline_s: real seconds from the sending to the caller's deadline; negative once it has passed.
         start_s: time to begin, by the robot's clock, in seconds; None for at once.
         arguments: the method's str and int arguments in order; ints have at most 64 bits.
         era: of a command: the run of the robot's server that the echo is from; see freshness.
@@ -161,14 +162,10 @@ class Heartbeat:
 
     Attributes:
         client: see CallId.
-        epoch: see CallId.
-        sequence: number of the heartbeat within the epoch.
         name: display name, such as `anna@lab-pc`.
     """
 
     client: str
-    epoch: int
-    sequence: int
     name: str = ""
 
 
@@ -176,7 +173,7 @@ def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes,
     """Return a call's envelope and payload.
 
     Raises:
-        DataError: the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
+        DataError: the payload is larger than MAX_CALL_BYTES, or a field cannot be packed.
     """
     client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, *echo, has_more, traceparent = header
     about = None if data is None else data_header(data)
@@ -187,7 +184,7 @@ def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes,
         row += (*echo, True)
     elif any(echo):
         row += echo
-    return pack(row, "call"), _NO_PAYLOAD if data is None else payload_of(data)
+    return pack(row, "call"), _NO_PAYLOAD if data is None else payload_of(data, MAX_CALL_BYTES)
 
 
 def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHeader, EALData | None]:
@@ -271,13 +268,7 @@ def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> RobotEvent:
 
 def encode_heartbeat(beat: Heartbeat) -> bytes:
     """Return a heartbeat's envelope; DataError if a field cannot be packed."""
-    fields = {
-        "version": PROTOCOL_VERSION,
-        "client": packed_client(beat.client),
-        "epoch": beat.epoch,
-        "sequence": beat.sequence,
-        "name": beat.name,
-    }
+    fields = {"version": PROTOCOL_VERSION, "client": packed_client(beat.client), "name": beat.name}
     return pack(fields, "heartbeat")
 
 
@@ -285,10 +276,7 @@ def decode_heartbeat(envelope: Buffer) -> Heartbeat:
     """Return a heartbeat; ProtocolError if the bytes are no heartbeat of this version."""
     fields = unpack_map(envelope, "heartbeat")
     return Heartbeat(
-        checked_client(fields.get("client"), "heartbeat"),
-        checked_count(fields.get("epoch"), "heartbeat: epoch"),
-        checked_count(fields.get("sequence"), "heartbeat: sequence"),
-        checked_text(fields.get("name", ""), "heartbeat: name"),
+        checked_client(fields.get("client"), "heartbeat"), checked_text(fields.get("name", ""), "heartbeat: name")
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Final
 
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
@@ -18,10 +17,9 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.limits import MAX_BROWSERS
 from eal_actors.operate.dashboard.pages import INDEX, REPORT_HEADERS, SECURITY_HEADERS, read_pages
+from eal_actors.operate.dashboard.places import place_of
 from eal_actors.operate.dashboard.run_record import REPORT
 from eal_actors.operate.dashboard.session import AppState, BrowserSession
-
-TRY_AGAIN_LATER: Final = 1013
 
 
 class _Guard:
@@ -42,6 +40,8 @@ class _Guard:
         elif scope["type"] == "websocket" and not self._access.knows_origin(headers.get("origin"), host):
             await self._refuse(scope, receive, send, "only the dashboard's own page may connect")
         else:
+            if (place := place_of(scope)) is not None:
+                place.renew()
             await self._app(scope, receive, _with_headers(send))
 
     async def _refuse(self, scope: Scope, receive: Receive, send: Send, reason: str) -> None:
@@ -96,13 +96,19 @@ class App:
         return Response(page, media_type="text/html; charset=utf-8", headers=REPORT_HEADERS)
 
     async def _connect(self, websocket: WebSocket) -> None:
-        if len(self.browsers) >= MAX_BROWSERS:
-            await websocket.accept()
-            await websocket.close(TRY_AGAIN_LATER, f"{MAX_BROWSERS} browsers are connected already")
-            return
-        browser = BrowserSession(websocket, self._app_state)
-        self.browsers.add(browser)
+        browser = BrowserSession(websocket, self._app_state, self._admit)
         try:
             await browser.serve()
         finally:
             self.browsers.discard(browser)
+
+    def _admit(self, browser: BrowserSession) -> bool:
+        """Admit a browser that has said who it is. One that may stop the robots takes the place of one that may not."""
+        if len(self.browsers) >= MAX_BROWSERS:
+            watchers = [other for other in self.browsers if not other.may_stop]
+            if not browser.may_stop or not watchers:
+                return False
+            watchers[0].abort()
+            self.browsers.discard(watchers[0])
+        self.browsers.add(browser)
+        return True

@@ -10,7 +10,7 @@ from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import DataType, EALData
-from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, RobotNotFoundError, error_text
+from eal_actors.kernel.errors import ConfigError, EALError, PreemptedError, RobotNotFoundError, StoppedError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.cameras import Cameras
 from eal_actors.operate.dashboard.control import DashboardContext
@@ -22,6 +22,7 @@ from eal_actors.operate.dashboard.messages import (
     DriveRobot,
     ListScenarios,
     ReleaseRobot,
+    ReloadFleet,
     ResumeAll,
     StartRun,
     StopAll,
@@ -54,7 +55,7 @@ class Dispatcher:
 
     def reads_files(self, message: object) -> bool:
         """Return whether a message must be executed in a thread that may block."""
-        return isinstance(message, ListScenarios | StartRun)
+        return isinstance(message, ListScenarios | ReloadFleet | StartRun)
 
     def execute(self, message: Any, browser: str, reply: Reply) -> None:
         """Execute one of `messages` from a browser, and reply at its end."""
@@ -87,6 +88,8 @@ class Dispatcher:
                 self._drive(message, browser, reply)
             case ReleaseRobot():
                 self._teleop.release(browser, message.robot)
+            case ReloadFleet():
+                return {"changes": str(self._fleet.reload())}
             case StartRun():
                 self._runs.start(message.file, message.parameters)
                 return {}
@@ -121,8 +124,8 @@ class Dispatcher:
     # Stop.
 
     def _stop(self, number: int, reply: Reply) -> None:
-        answers = {name: robot.stop(STOP_REASON) for name, robot in self._fleet.items()}  # before anything else
-        self._runs.abort(STOP_REASON)
+        self._runs.abort(STOP_REASON)  # which waits for nothing; first, or the run would fail with the stopped commands
+        answers = {name: robot.stop(STOP_REASON) for name, robot in self._fleet.items()}
         get_logger().warning("emergency stop of every robot, from the dashboard")
         self._reply_for_all(number, answers, reply)
 
@@ -132,10 +135,14 @@ class Dispatcher:
         def on_done(done: Future[list[Any]]) -> None:
             outcomes = dict(zip(answers, done.get(), strict=True))
             failed = {
-                name: error_text(outcome) for name, outcome in outcomes.items() if isinstance(outcome, BaseException)
+                name: outcome.message if isinstance(outcome, EALError) else error_text(outcome)
+                for name, outcome in outcomes.items()
+                if isinstance(outcome, BaseException)
             }
             for name, reason in failed.items():
-                get_logger(robot=name).error("did not confirm", reason=reason)
+                get_logger(robot=name).warning(
+                    "did not confirm", reason=reason
+                )  # no error of the robot that would stay
             confirmed = [name for name in outcomes if name not in failed]
             reply({"id": number, "ok": not failed, "confirmed": confirmed, "failed": failed})
 
@@ -154,7 +161,7 @@ class Dispatcher:
         def on_end(error: BaseException | None) -> None:
             if is_command:
                 self._control.done(message.robot, message.resource)
-            if error is not None and not isinstance(error, PreemptedError):
+            if error is not None and not isinstance(error, PreemptedError | StoppedError):
                 label = f"{message.resource} {message.text or message.method}"
                 self._steps.record_error(message.robot, f"{label}: {error_text(error)}")
 

@@ -17,7 +17,7 @@ from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.info import ResourceInfo
-from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.clock import REAL_TIME, new_waiter, wall_time
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import ControlRegistry, DashboardContext
@@ -60,12 +60,9 @@ class FleetPoller:
     """
 
     def __init__(self, context: DashboardContext, is_watched: Callable[[], bool]) -> None:
-        fleet, self._store, steps, control = context
+        self._fleet, self._store, self._steps, self._control = context
         self._is_watched = is_watched
-        self._pollers = {
-            name: _RobotPoller(robot, steps, control, number % ASK_POLLS)
-            for number, (name, robot) in enumerate(fleet.items())
-        }
+        self._pollers: dict[str, _RobotPoller] = {}
         self._state_due_s = self._health_due_s = 0.0
         self._stop = new_waiter()
         self._is_over = False
@@ -97,7 +94,20 @@ class FleetPoller:
                 REAL_TIME.wait(self._stop, HEALTH_PERIOD_S)
             REAL_TIME.wait(self._stop, max(due_s - REAL_TIME.now(), _LEAST_WAIT_S))
 
+    def _follow_fleet(self) -> None:
+        """Poll the robots that the fleet has now; tell browsers of those that a reload has removed."""
+        fleet = dict(self._fleet)
+        for name in self._pollers.keys() - fleet.keys():
+            self._store.put("robots", {name: None})
+            self._store.remove("poses", name)
+        self._pollers = {
+            name: self._pollers.get(name) or _RobotPoller(robot, self._steps, self._control, number % ASK_POLLS)
+            for number, (name, robot) in enumerate(fleet.items())
+        }
+
     def _poll(self, now_s: float) -> None:
+        if self._pollers.keys() != self._fleet.keys():
+            self._follow_fleet()
         if self._is_watched():
             poses = {name: pose for name, poller in self._pollers.items() if (pose := poller.poll_pose()) is not None}
             self._store.put("poses", poses)
@@ -124,6 +134,7 @@ class _RobotPoller:
         self._charge: float | None = None
         self._ping: Future[Ping] | None = None
         self._answer: Ping | None = None
+        self._seen: str | None = None
         self._description: dict[str, Any] = {}
         self._described: object = None
         self._form: object = None
@@ -135,7 +146,7 @@ class _RobotPoller:
     def read_description(self) -> None:
         """Read the resources and their descriptions, unless nothing has changed."""
         robot, not_ready = self._robot, self._robot.not_ready
-        current = (robot.state, tuple(robot), tuple(not_ready))
+        current = (robot.starts, robot.state, tuple(robot), tuple(not_ready))
         if current == self._described:
             return
         self._described = current
@@ -212,6 +223,8 @@ class _RobotPoller:
             self._charge = float(number) if isinstance(number, int | float) else None
         if self._ping is not None and self._ping.done():
             self._answer, self._ping = _result_or_none(self._ping), None
+            if self._answer is not None:
+                self._seen = wall_time().isoformat(timespec="seconds")
             self._control.release_idle(self._robot, self._ours())
 
     def _ours(self) -> list[str]:
@@ -233,13 +246,16 @@ class _RobotPoller:
     def state(self) -> dict[str, Any]:
         self._take_answers()
         robot, answer, ours = self._robot, self._answer, self._ours()
+        warnings = () if answer is None else answer.warnings
         return {
             **self._description,
             **self._steps.of(robot.name),
             "state": robot.state.value,
             "stopped": robot.stopped_because,
+            "is_stop_confirmed": robot.is_stop_confirmed,
             "not_ready": robot.not_ready,
-            "problems": [problem.message for problem in robot.problems],
+            "problems": [*(problem.message for problem in robot.problems), *warnings],
+            "last_seen": self._seen if robot.state is RobotState.LOST else None,
             "restarts": {name: count for name, count in robot.restarts.items() if count},
             "battery": None if self._charge is None else round(self._charge, 3),
             "round_trip_ms": round(answer.round_trip_s * 1000, 1) if answer is not None and robot.is_remote else None,

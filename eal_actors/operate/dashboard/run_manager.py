@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import threading
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -9,7 +10,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.actors.future import Future
-from eal_actors.kernel.errors import ConfigError, EALError, ScenarioError, WaitTimeoutError, error_text
+from eal_actors.kernel.errors import (
+    ConfigError,
+    EALError,
+    PreemptedError,
+    ScenarioError,
+    StoppedError,
+    WaitTimeoutError,
+    error_text,
+)
 from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.control import WHOLE, DashboardContext
 from eal_actors.operate.dashboard.run_record import REPORT, RunRecord
@@ -38,6 +47,8 @@ _RECORD_END_S: Final = 20.0
 """Real seconds for the end of a run's record, with its picture and its report."""
 _MOST_FILES: Final = 200
 _CLOSED: Final = "the dashboard was closed"
+_STOP_CODES: Final = (PreemptedError.code, StoppedError.code)
+"""Of errors that a stop causes. They are over with the resume, and no errors of a robot."""
 
 
 class RunManager:
@@ -116,14 +127,14 @@ class RunManager:
             self._control.done(robot, WHOLE)
 
     def _add_report(self, number: int, report: Path) -> None:
-        name = report.parent.name
+        name = secrets.token_urlsafe(16)  # only pages of users receive the path, which works like a key
         self._reports[name] = report
         with self._status_lock:
             if number == self._status.get("run"):
                 self._update(report=f"/runs/{name}/{REPORT}")
 
     def report(self, name: str) -> Path | None:
-        """Return the report page of a run that was started here, by the name of its folder; None if there is none."""
+        """Return the report page of a run that was started here, by the secret in its path; None if there is none."""
         return self._reports.get(name)
 
     def control(self, what: str) -> None:
@@ -222,7 +233,8 @@ class RunManager:
 
     def _record_end(self, record: StepRecord, robot: str) -> None:
         self._steps.end(robot, record.step)
-        if record.error is not None and record.outcome != "aborted":
+        is_of_stop = record.error is not None and record.error.code in _STOP_CODES
+        if record.error is not None and record.outcome != "aborted" and not is_of_stop:
             self._steps.record_error(robot, f"{record.label}: {record.error.message}")
         if record.is_call:
             done_by = self._status["done_by"]

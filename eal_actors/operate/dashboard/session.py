@@ -18,26 +18,31 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import AccessDeniedError, ArgumentError, BusyError, EALError
 from eal_actors.kernel.log import get_logger
-from eal_actors.operate.dashboard.access import Access
+from eal_actors.operate.audit import AuditLog
+from eal_actors.operate.dashboard.access import Access, Role, Visitor
+from eal_actors.operate.dashboard.browser_audit import BrowserAudit
 from eal_actors.operate.dashboard.cameras import CameraKey, Cameras
-from eal_actors.operate.dashboard.dispatcher import Dispatcher, failure
+from eal_actors.operate.dashboard.dispatcher import Dispatcher, Reply, failure
 from eal_actors.operate.dashboard.limits import (
     COMMANDS_AT_ONCE,
     COMMANDS_PER_S,
+    MAX_BROWSERS,
     MESSAGES_AT_ONCE,
     MESSAGES_PER_S,
     TokenBucket,
 )
 from eal_actors.operate.dashboard.messages import (
-    COMMANDS,
     DriveRobot,
     Hello,
     ReleaseRobot,
     StopAll,
     Watch,
+    needed_role,
     parse_message,
 )
 from eal_actors.operate.dashboard.notifier import Notifier
+from eal_actors.operate.dashboard.places import place_of
+from eal_actors.operate.dashboard.sign_in import SignIn
 from eal_actors.operate.dashboard.state_store import StateReader, StateStore
 
 HELLO_S: Final = 5.0
@@ -45,10 +50,19 @@ HELLO_S: Final = 5.0
 STUCK_S: Final = 10.0
 """Real seconds after which a browser that reads nothing is disconnected."""
 MOST_ANSWERS: Final = 200
+HEARTBEAT_S: Final = 1.0
+"""The greatest real time between two updates: a page that receives none for longer shows that it is outdated."""
 SEND_PERIOD_S: Final = 1 / 60
 """The least real time between two updates."""
 POLICY_VIOLATION: Final = 1008
+SIGN_IN: Final = 4401
+"""The code of the closed websocket of a user whom the page must ask for a token."""
+TRY_AGAIN_LATER: Final = 1013
 _numbers = itertools.count(1)
+
+
+class _FullError(BusyError):
+    """All places for browsers are taken."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +70,15 @@ class AppState:
     """The application state, which all browsers of a dashboard share.
 
     `introduction` makes the first message to a browser, in the loop's thread. `report` finds the report of a run by
-    the name of its folder.
+    its path. `refusals` limits the entries about refused users in the audit log.
     """
 
     store: StateStore
     notifier: Notifier
     access: Access
+    sign_in: SignIn
+    audit: AuditLog
+    refusals: TokenBucket
     dispatcher: Dispatcher
     cameras: Cameras
     clock: Clock
@@ -70,17 +87,21 @@ class AppState:
 
 
 class BrowserSession:
-    """Serves one page, on a websocket that is not accepted yet. Thread: the loop's."""
+    """Serves one page, on a websocket that is not accepted yet. `admit` may refuse it. Thread: the loop's."""
 
-    def __init__(self, websocket: WebSocket, app_state: AppState) -> None:
+    def __init__(self, websocket: WebSocket, app_state: AppState, admit: Callable[[BrowserSession], bool]) -> None:
         self.name: Final = f"browser {next(_numbers)}"
         self._websocket = websocket
         self._app_state = app_state
-        self._denied: str | None = "the first message must be hello"
+        self._admit = admit
+        self._place = place_of(websocket.scope)
+        self._visitor: Visitor | None = None
+        self._audit: BrowserAudit | None = None
         self._event = app_state.notifier.subscribe()
         self._answers: deque[dict[str, Any]] = deque(maxlen=MOST_ANSWERS)
         self._cameras: tuple[CameraKey, ...] = ()
         self._frame_period_s = 0.2
+        self._sent_s = 0.0
         self._frames: dict[CameraKey, tuple[int, float]] = {}
         self._messages = TokenBucket(MESSAGES_PER_S, MESSAGES_AT_ONCE)
         self._commands = TokenBucket(COMMANDS_PER_S, COMMANDS_AT_ONCE)
@@ -98,11 +119,17 @@ class BrowserSession:
                 task.result()
         except (WebSocketDisconnect, TimeoutError):
             pass
+        except _FullError as error:
+            await self._reject(error, TRY_AGAIN_LATER)
+        except AccessDeniedError as error:
+            await self._reject(error, SIGN_IN)
         except EALError as error:
-            await self._reject(error)
+            await self._reject(error, POLICY_VIOLATION)
         finally:
             self._app_state.notifier.unsubscribe(self._event)
             self._app_state.dispatcher.leave(self.name)
+            if self._audit is not None:
+                self._audit.close()
             for task in [*tasks, *([self._file_task] if self._file_task is not None else [])]:
                 task.cancel()
                 with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, TimeoutError, EALError):
@@ -113,16 +140,50 @@ class BrowserSession:
             hello = parse_message(await self._receive())
         if not isinstance(hello, Hello):
             raise ArgumentError("the first message must be hello")
-        self._denied = self._app_state.access.refusal(hello.token)
-        rights = {"you": self.name, "may_command": self._denied is None, "why": self._denied}
-        await self._send_text({"hello": {**self._app_state.introduction(), **rights}})
+        self._visitor = visitor = await self._sign_in(hello.token)
+        if not self._admit(self):
+            raise _FullError(f"{MAX_BROWSERS} browsers are connected already")
+        if self._place is not None:
+            self._place.keep()
+        rights = {"may_command": self.may_stop, "user": visitor.name, "role": visitor.role.name.lower()}
+        fields = {"you": self.name, **rights, "why": visitor.refusal(Role.DRIVE)}
+        await self._send_text({"hello": {**self._app_state.introduction(), **fields}})
 
-    async def _reject(self, error: EALError) -> None:
+    async def _sign_in(self, token: str | None) -> Visitor:
+        """Find out who the user is; in a thread, because hashes take long."""
+        client, place = self._websocket.client, self._place
+        address = client.host if client is not None else ""
+        user = {"from": address, "browser": self.name}
+        try:
+            visitor = await asyncio.to_thread(
+                self._app_state.sign_in.visitor, token, place.source if place is not None else address
+            )
+        except AccessDeniedError as error:
+            if token is not None and self._app_state.refusals.take(REAL_TIME.now()):
+                self._app_state.audit.begin({"who": "unknown", **user}, "sign in", {})(f"refused: {error.message}")
+            raise
+        user = {"who": visitor.name, "role": visitor.role.name.lower(), **user}
+        if visitor.is_proven:
+            self._app_state.audit.begin(user, "sign in", {})("ok")
+        self._audit = BrowserAudit(self._app_state.audit, user)
+        return visitor
+
+    async def _reject(self, error: EALError, code: int) -> None:
         get_logger().warning("a browser was disconnected", browser=self.name, reason=error.message)
         if self._websocket.application_state is WebSocketState.CONNECTED:
             with contextlib.suppress(TimeoutError, WebSocketDisconnect, RuntimeError):
                 async with asyncio.timeout(STUCK_S):
-                    await self._websocket.close(POLICY_VIOLATION, error.message[:100])
+                    await self._websocket.close(code, error.message[:100])
+
+    @property
+    def may_stop(self) -> bool:
+        """Whether its user may stop the robots."""
+        return self._visitor is not None and self._visitor.role >= Role.DRIVE
+
+    def abort(self) -> None:
+        """Drop the connection: an orderly close would wait for the browser. It may connect again."""
+        if self._place is not None:
+            self._place.abort()
 
     # Incoming messages.
 
@@ -143,30 +204,41 @@ class BrowserSession:
             message = parse_message(text)
             refused = self._refusal(message)
             if refused is not None:
-                self.reply(failure(getattr(message, "id", None), refused))
+                self._refuse(message, refused)
             elif self._app_state.dispatcher.reads_files(message):
                 self._execute_in_thread(message)
             else:
-                self._app_state.dispatcher.execute(message, self.name, self.reply)
+                self._app_state.dispatcher.execute(message, self.name, self._reply_to(message))
                 if isinstance(message, Watch):
                     self._cameras, self._frame_period_s = message.cameras, 1 / message.rate_hz
 
     def _refusal(self, message: object) -> EALError | None:
         if isinstance(message, Hello):
             return ArgumentError("hello must be the first message only")
-        if isinstance(message, COMMANDS) and self._denied is not None:
-            return AccessDeniedError(self._denied)
+        denied = self._visitor.refusal(needed_role(message)) if self._visitor is not None else "sign in first"
+        if denied is not None:
+            return AccessDeniedError(denied)
         is_free = isinstance(message, StopAll | DriveRobot | ReleaseRobot)  # limited by the number of messages alone
         if not is_free and not self._commands.take(REAL_TIME.now()):
             return BusyError("too many commands; wait a moment")
         return None
+
+    def _refuse(self, message: Any, error: EALError) -> None:
+        self.reply(failure(getattr(message, "id", None), error))
+        if self._audit is None or needed_role(message) is Role.WATCH:
+            return
+        if self._app_state.refusals.take(REAL_TIME.now()):  # strangers must not push commands out of the log
+            self._audit.refuse(message, error.message)
+
+    def _reply_to(self, message: Any) -> Reply:
+        return self.reply if self._audit is None else self._audit.begin(message, self.reply)
 
     def _execute_in_thread(self, message: Any) -> None:
         """Execute a message that may block in a thread, so that a stop after it is not delayed."""
         if self._file_task is not None and not self._file_task.done():
             self.reply(failure(message.id, BusyError("the previous request is not finished")))
             return
-        work = asyncio.to_thread(self._app_state.dispatcher.execute, message, self.name, self.reply)
+        work = asyncio.to_thread(self._app_state.dispatcher.execute, message, self.name, self._reply_to(message))
         self._file_task = asyncio.create_task(work)
 
     def reply(self, answer: dict[str, Any]) -> None:
@@ -183,7 +255,8 @@ class BrowserSession:
             answers = [self._answers.popleft() for _ in range(len(self._answers))]
             if answers:
                 update["answers"] = answers
-            if update:
+            if update or REAL_TIME.now() >= self._sent_s + HEARTBEAT_S:
+                self._sent_s = REAL_TIME.now()
                 await self._send_text({**update, "now_s": round(self._app_state.clock.now(), 3)})
             next_frame_s = await self._send_frames()
             await asyncio.sleep(SEND_PERIOD_S)
@@ -192,7 +265,7 @@ class BrowserSession:
 
     async def _wait_for_change(self, at_most_s: float | None) -> None:
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(at_most_s):
+            async with asyncio.timeout(HEARTBEAT_S if at_most_s is None else min(at_most_s, HEARTBEAT_S)):
                 await self._event.wait()
         self._event.clear()
 
@@ -230,7 +303,5 @@ class BrowserSession:
                 await send(message)
         except TimeoutError:
             get_logger().warning("a browser was disconnected", browser=self.name, reason="it stopped reading")
-            abort = self._websocket.scope.get("state", {}).get("abort")
-            if abort is not None:
-                abort()
+            self.abort()
             raise

@@ -77,6 +77,12 @@ class StateStore:
                 self._cells[kind, name] = (self._version, value)
         self.on_change()
 
+    def remove(self, kind: Kind, name: str) -> None:
+        """Remove a cell, without telling browsers. Thread: as `put`."""
+        self._raw.get(kind, {}).pop(name, None)
+        with self._lock:
+            self._cells.pop((kind, name), None)
+
     def append(self, topic: Topic, line: Mapping[str, Any]) -> None:
         """Add a line to a topic."""
         entry = to_json_value(line)

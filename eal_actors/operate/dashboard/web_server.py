@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import socket
+import ssl
 import threading
-from typing import Any, Final
+from pathlib import Path
+from typing import Final
 
 import uvicorn
 from starlette.types import ASGIApp
 from typing_extensions import override
-from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from eal_actors.kernel.errors import ConfigError, Problem, UnavailableError
-from eal_actors.operate.dashboard.limits import MAX_BROWSERS, MAX_MESSAGE_BYTES
+from eal_actors.kernel.errors import ConfigError, Problem, UnavailableError, error_text
+from eal_actors.kernel.log import get_logger
+from eal_actors.operate.dashboard.limits import MAX_MESSAGE_BYTES
 from eal_actors.operate.dashboard.notifier import Notifier
+from eal_actors.operate.dashboard.places import WAIT_S, Place, Places
 
 _GRACE_S: Final = 0.5
 """Real seconds for browsers to close their connections at the end."""
 _START_S: Final = 10.0
 _PING_S: Final = 5.0
-_BACKLOG: Final = 64
+_ACCEPT_AGAIN_S: Final = 0.1
+_BACKLOG: Final = 512
+_HEADER_BYTES: Final = 16 * 1024
 _SEND_BUFFER_BYTES: Final = 256 * 1024
 """The system's buffer for a browser that does not read. A small buffer holds fewer outdated updates."""
 
@@ -43,6 +50,7 @@ def listen_at(host: str, port: int) -> socket.socket:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)  # connections inherit it
         opened.bind(address)
         opened.listen(_BACKLOG)
+        opened.setblocking(False)
     except OSError as error:
         if opened is not None:
             opened.close()
@@ -50,34 +58,84 @@ def listen_at(host: str, port: int) -> socket.socket:
     return opened
 
 
-class _AbortableProtocol(WebSocketsSansIOProtocol):
-    """Gives the application a function that drops a connection whose buffers are full: an orderly close would wait."""
+def tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
+    """Return the context of an HTTPS server.
 
-    @override
-    def handle_connect(self, event: Any) -> None:
-        super().handle_connect(event)
-        scope: Any = getattr(self, "scope", None)
-        if scope is not None:  # the application's task starts after this
-            scope["state"]["abort"] = self.transport.abort
+    Raises:
+        ConfigError: the files are missing, or are no certificate and its key.
+    """
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(certificate, key)
+    except OSError as error:  # ssl.SSLError too
+        why = error.strerror or str(error)
+        raise ConfigError([Problem(str(certificate), 0, 0, "", f"cannot be used for HTTPS: {why}")]) from error
+    return context
 
 
 class _Server(uvicorn.Server):
-    """Attaches the notifier to its loop, and aborts connections that do not close at the end."""
+    """Gives each connection a place, attaches the notifier to its loop, and waits for no browser at its end."""
 
-    def __init__(self, config: uvicorn.Config, notifier: Notifier) -> None:
+    def __init__(
+        self, config: uvicorn.Config, listener: socket.socket, notifier: Notifier, tls: ssl.SSLContext | None
+    ) -> None:
         super().__init__(config)
+        self._tls = tls
+        self._listener = listener
         self._notifier = notifier
+        self._places = Places()
+        self._accepting: asyncio.Task[None] | None = None
+        self._opening: set[asyncio.Task[None]] = set()
         self.is_up = threading.Event()
 
     @override
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
+        await super().startup([])  # its own way to accept would neither bound connections nor end handshakes soon
         self._notifier.attach(asyncio.get_running_loop())
+        self._accepting = asyncio.create_task(self._accept())
         self.is_up.set()
+
+    async def _accept(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                opened, address = await loop.sock_accept(self._listener)
+            except OSError as error:  # such as: no descriptors are left
+                get_logger().warning("a browser could not be accepted", reason=error_text(error))
+                await asyncio.sleep(_ACCEPT_AGAIN_S)
+                continue
+            place = self._places.take(opened, address[0])
+            if place is None:
+                opened.close()
+                continue
+            task = asyncio.create_task(self._open(opened, place))
+            self._opening.add(task)
+            task.add_done_callback(self._opening.discard)
+
+    async def _open(self, opened: socket.socket, place: Place) -> None:
+        """Hand a connection over to its protocol, which gives the place to the application with each request."""
+
+        def make_protocol() -> asyncio.Protocol:
+            return H11Protocol(self.config, self.server_state, {"place": place})
+
+        limit_s = None if self._tls is None else WAIT_S
+        with contextlib.suppress(OSError):  # the browser has left, or speaks no TLS
+            await asyncio.get_running_loop().connect_accepted_socket(
+                make_protocol, opened, ssl=self._tls, ssl_handshake_timeout=limit_s
+            )
+
+    @override
+    async def on_tick(self, counter: int) -> bool:
+        self._places.expire()
+        return await super().on_tick(counter)
 
     @override
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         self._notifier.attach(None)
+        for task in (self._accepting, *self._opening):
+            if task is not None:
+                task.cancel()
         asyncio.get_running_loop().call_later(_GRACE_S, self._abort_rest)
         await super().shutdown(sockets)
 
@@ -90,12 +148,14 @@ class _Server(uvicorn.Server):
 class WebServer:
     """Serves an application between `start` and `close`, which closes the listening socket."""
 
-    def __init__(self, app: ASGIApp, listener: socket.socket, notifier: Notifier) -> None:
+    def __init__(
+        self, app: ASGIApp, listener: socket.socket, notifier: Notifier, tls: ssl.SSLContext | None = None
+    ) -> None:
         self._listener = listener
         config = uvicorn.Config(
             app,
-            http="h11",
-            ws=_AbortableProtocol,
+            http=H11Protocol,
+            ws="websockets-sansio",
             ws_max_size=MAX_MESSAGE_BYTES,
             ws_ping_interval=_PING_S,
             ws_ping_timeout=_PING_S,
@@ -106,10 +166,10 @@ class WebServer:
             access_log=False,
             proxy_headers=False,
             server_header=False,
-            limit_concurrency=4 * MAX_BROWSERS,
+            h11_max_incomplete_event_size=_HEADER_BYTES,
             timeout_graceful_shutdown=2,
         )
-        self._server = _Server(config, notifier)
+        self._server = _Server(config, listener, notifier, tls)
         self._thread = threading.Thread(target=self._serve, name="dashboard web server", daemon=True)
 
     def start(self) -> None:
@@ -127,7 +187,7 @@ class WebServer:
 
     def _serve(self) -> None:
         try:
-            self._server.run(sockets=[self._listener])
+            self._server.run()
         finally:
             self._listener.close()
             self._server.is_up.set()

@@ -6,7 +6,6 @@ A device is a text below /dev in a plugin's settings. The plugin's manifest decl
 from __future__ import annotations
 
 import fcntl
-import getpass
 import grp
 import os
 import stat
@@ -16,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from eal_actors.device.serial_ports import group_of, usb_id, user_name
 from eal_actors.managers.fleet_model import PluginSettings, RobotConfig
 from eal_actors.managers.manifest import DeviceSection, PluginManifest
 from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
@@ -111,7 +111,7 @@ def check_devices(devices: Iterable[NamedDevice]) -> Iterator[Diagnostic]:
     """Yield the findings on devices of this machine."""
     for device in devices:
         facts = read_facts(device.path)
-        yield judge_device(device, facts, _user(), _others_like(device))
+        yield judge_device(device, facts, user_name(), _others_like(device))
         if device.is_camera and facts.is_device and facts.usable:
             yield judge_camera(device, _capabilities(device.path))
 
@@ -122,21 +122,17 @@ def read_facts(path: Path) -> DeviceFacts:
         status = path.stat()
     except OSError:
         return DeviceFacts(exists=False)
-    needed = stat.S_IRGRP | stat.S_IWGRP
-    group, members = "", []
-    if status.st_mode & needed == needed:
-        try:
-            entry = grp.getgrgid(status.st_gid)
-        except KeyError:  # a group of another system
-            group = str(status.st_gid)
-        else:
-            group, members = entry.gr_name, entry.gr_mem
+    group = group_of(path)
+    try:
+        members = grp.getgrnam(group).gr_mem
+    except KeyError:  # no group, or one of another system
+        members = []
     return DeviceFacts(
         exists=True,
         is_device=stat.S_ISCHR(status.st_mode),
         usable=os.access(path, os.R_OK | os.W_OK),
         group=group,
-        is_member=_user() in members,
+        is_member=user_name() in members,
     )
 
 
@@ -212,29 +208,3 @@ def _others_like(device: NamedDevice) -> list[str]:
     ids = {path: identity for path in found if (identity := usb_id(path)) in device.usb}
     found.sort(key=lambda path: path not in ids)
     return [f"{path} ({ids[path]})" if path in ids else str(path) for path in found][:_MOST_OTHERS]
-
-
-def usb_id(path: Path, sysfs: Path = Path("/sys")) -> str | None:
-    """Return the `vendor:product` id of the USB device behind a device path; None if it is not on USB.
-
-    Args:
-        path: such as `/dev/ttyUSB0`.
-        sysfs: where the kernel describes its devices.
-    """
-    try:
-        number = path.stat().st_rdev
-        place = (sysfs / "dev/char" / f"{os.major(number)}:{os.minor(number)}").resolve(strict=True)
-    except OSError:
-        return None
-    for folder in place.parents:
-        vendor, product = folder / "idVendor", folder / "idProduct"
-        if vendor.is_file() and product.is_file():
-            return f"{vendor.read_text().strip()}:{product.read_text().strip()}"
-    return None
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a number without a name, as in some containers
-        return str(os.getuid())

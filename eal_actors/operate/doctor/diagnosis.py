@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.manifest import discover
+from eal_actors.managers.shared_ports import shared_ports
 from eal_actors.operate.doctor.certificates import check_certificates
 from eal_actors.operate.doctor.clocks import StepWatch, check_clock
 from eal_actors.operate.doctor.devices import check_devices, named_devices
-from eal_actors.operate.doctor.diagnostic import Diagnostic, ok
+from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem
 from eal_actors.operate.doctor.packages import check_packages
 from eal_actors.operate.doctor.plugins import check_plugins
 from eal_actors.operate.doctor.ports import check_ports, is_here
@@ -36,6 +37,8 @@ def diagnose_fleet(config: FleetConfig) -> Iterator[Diagnostic]:
     yield ok("fleet file", f"{config.source}: {len(config.robots)} robots, {len(here)} of them on this machine")
     yield from check_plugins(config, here)
     manifests, _ = discover(config.plugin_dirs)
+    for shared in shared_ports(here, manifests):
+        yield problem("fleet file", str(shared), "Name another port there: `eal ports` lists them.")
     yield from check_devices(named_devices(here, manifests))
     yield from check_certificates(config, here)
     answers, findings = ping_robots(config, remote)

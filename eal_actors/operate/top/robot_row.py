@@ -62,11 +62,14 @@ def _statistics(robot: RobotHandle, calls: RecentCalls, pings: RecentCalls) -> C
 def _notes(robot: RobotHandle, ping: Ping | None) -> Iterator[str]:
     if robot.stopped_because is not None:
         yield f"emergency stop: {robot.stopped_because}"
+        if not robot.is_stop_confirmed:
+            yield "the stop is NOT CONFIRMED: the robot may still move"
     for problem in robot.problems:
         yield problem.message
     for name, reason in robot.not_ready.items():
         yield f"{name} is not ready: {reason}"
     if ping is not None:
+        yield from ping.warnings
         for name, holder in ping.holders.items():
             yield f"{name} is held by {holder}"
 

@@ -17,7 +17,14 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine.frames import ExecutionContext, Frame, Participant, RoleSlot
 from eal_actors.scenario.engine.loop import Coroutine, EventLoop
 from eal_actors.scenario.engine.synchronization import Barriers, PauseControl, Signals
-from eal_actors.scenario.language.expressions import Expression, Namespace, RobotReading
+from eal_actors.scenario.language.expressions import (
+    Expression,
+    Namespace,
+    RobotReading,
+    WorkBudget,
+    WorkLimitError,
+    size_of,
+)
 from eal_actors.scenario.report.events import LogLine, RobotDropped, RobotReplaced, RunEvent
 from eal_actors.scenario.report.summary import ErrorReport, StartReport, StepRecord
 
@@ -32,7 +39,13 @@ HALT_TIMEOUT_S: Final = 2.0
 """How long the engine waits for the confirmation of a halt: in real time, or in the fleet's if that is slower."""
 _MIN_POLL_S: Final = 0.05
 _PASSES_AT_ONCE: Final = 200
-"""After so many passes of loops other tasks run, even if no pass had to wait."""
+_WORK_AT_ONCE: Final = 200_000
+"""After so many passes of loops, or so much work of expressions, other tasks run, even if nothing had to wait."""
+_MAX_WORK: Final = 50_000_000
+_MAX_WORK_EACH_S: Final = 20_000
+"""Maximum work of the expressions of a run, and in addition for each robot and second of the fleet's clock."""
+_MAX_KEPT: Final = 2_000_000
+"""Maximum size of all variables of a run together."""
 _STEPS_AT_ONCE: Final = 20
 _STEPS_AT_ONCE_EACH: Final = 2
 _STEP_S: Final = 0.001
@@ -63,6 +76,8 @@ class RunContext:
         threads: those of Python steps.
         zero_s: the start of the run, by the fleet's clock.
         open_parts: the scenarios under way as parts of others, with their contexts.
+        budget: the work that expressions may do.
+        emergency: the reason of an emergency stop that ended the run; None without one.
     """
 
     def __init__(
@@ -87,6 +102,7 @@ class RunContext:
         self.starts: list[StartReport] = []
         self.failures: list[BaseException] = []
         self.is_stopping = False
+        self.emergency: str | None = None
         self.pauses = PauseControl(self.clock, emit)
         self.barriers = Barriers(self.clock)
         self.signals = Signals(self.clock)
@@ -102,6 +118,11 @@ class RunContext:
         self._step_at_s = 0.0
         self._steps_at_once = 0
         self._passes = 0
+        self.budget = WorkBudget(
+            "the expressions of this run", _MAX_WORK, lambda: _MAX_WORK_EACH_S * len(robots) * self.now_s()
+        )
+        self._pause_at_work = _WORK_AT_ONCE
+        self._kept = 0
 
     def now_s(self) -> float:
         """Return the seconds since the run's start."""
@@ -182,6 +203,12 @@ class RunContext:
         for future in list(self._pending):
             future.cancel()
 
+    def stop_for_emergency(self, reason: str, *, is_finally: bool) -> None:
+        """Stop the run, because an emergency stop holds a robot; `finally` still runs."""
+        self.emergency = self.emergency or reason
+        if not is_finally:
+            self.stop()
+
     def admit(self, context: ExecutionContext) -> Coroutine:
         """Wait until pauses allow the next step."""
         while not context.is_finally and self.may_begin(context) and not self.pauses.admits(context.task):
@@ -191,6 +218,9 @@ class RunContext:
         self._step_at_s = now_s
         if self._steps_at_once > _STEPS_AT_ONCE + _STEPS_AT_ONCE_EACH * len(self.robots):
             yield from self.wait(context, self.loop.sleep(_STEP_S))
+        if self.budget.spent > self._pause_at_work:
+            self._pause_at_work = self.budget.spent + _WORK_AT_ONCE
+            yield self.loop.checkpoint()
 
     def next_pass(self) -> Coroutine:
         """Let other tasks run every so many passes of loops."""
@@ -284,10 +314,34 @@ class RunContext:
         return self.namespace(context, answers)
 
     def assign(self, context: ExecutionContext, name: str | None, value: object) -> None:
-        """Assign a variable, if there is a name: of the slot inside an `on`, of the run outside."""
+        """Assign a variable, if there is a name: of the slot inside an `on`, of the run outside.
+
+        Raises:
+            WorkLimitError: the variables of the run are too large together.
+        """
         frame, slot = context.frame, context.slot
         if name is not None:
-            (frame.variables if slot is None else slot.variables_in(frame))[name] = value
+            variables = frame.variables if slot is None else slot.variables_in(frame)
+            self._keep(size_of(value) - (size_of(variables[name]) if name in variables else 0))
+            variables[name] = value
+
+    def keep(self, variables: Mapping[str, object]) -> None:
+        """Count the parameters of a scenario that begins.
+
+        Raises:
+            WorkLimitError: the variables of the run are too large together.
+        """
+        self._keep(sum(map(size_of, variables.values())))
+
+    def forget(self, frame: Frame) -> None:
+        """Forget the variables of a scenario that is over."""
+        slots = [slot.part_variables.pop(frame, {}) for slots in self.slots.values() for slot in slots]
+        self._keep(-sum(size_of(value) for variables in (frame.variables, *slots) for value in variables.values()))
+
+    def _keep(self, more: int) -> None:
+        if more > 0 and self._kept + more > _MAX_KEPT:
+            raise WorkLimitError(f"the variables of this run hold more than {_MAX_KEPT} items and characters")
+        self._kept += more
 
     # Halting.
 

@@ -189,7 +189,7 @@ class Run:
         about = {"eal.scenario": scenario, "eal.fleet": self._fleet.name}
         span = spans.tracer.begin_trace(f"scenario {scenario}", about) if spans.tracer is not None else None
         try:
-            with span.current() if span is not None else nullcontext():
+            with span.current() if span is not None else nullcontext(), self._run.budget.applied():
                 self._loop.run(self._phases())
         except BaseException as error:  # noqa: BLE001  # the caller waits for a report
             self._fail(error)
@@ -213,7 +213,7 @@ class Run:
         self._phase = _Phase.FINALLY
         if len(self._abort_reasons) < 2:
             yield from self._guarded(self._perform_finally())
-        self._is_aborted = bool(self._abort_reasons)
+        self._is_aborted = bool(self._abort_reasons or run.emergency)
         self._phase = _Phase.HALTS
         yield from self._guarded(run.halt(everyone))
 
@@ -330,7 +330,7 @@ class Run:
         if self._error is not None or errors:
             return "failed", self._error or errors[0]
         if self._is_aborted:
-            return "aborted", ScenarioError(f"aborted: {self._abort_reasons[0]}")
+            return "aborted", ScenarioError(f"aborted: {[*self._abort_reasons, self._run.emergency][0]}")
         return "done", None
 
 

@@ -7,7 +7,7 @@ for hours.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -17,9 +17,11 @@ from eal_actors.kernel.errors import ArgumentError, EALError, Problem
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.language.binding import RobotFacts
 from eal_actors.scenario.language.expressions import (
+    MAX_WORK,
     Expression,
     LocatedExpression,
     Namespace,
+    WorkBudget,
     evaluate,
     expressions_in,
     render,
@@ -95,7 +97,8 @@ def check_on_robots(
     """
     check = RobotCheck(robots, spares or {})
     everyone = {role: (*names, *(spares or {}).get(role, ())) for role, names in roles.items()}
-    check.visit_file(RobotScope(scenario, everyone, StaticValues({**scenario.parameters, "run": {"seed": seed}})))
+    with check.budget.applied():
+        check.visit_file(RobotScope(scenario, everyone, StaticValues({**scenario.parameters, "run": {"seed": seed}})))
     return check.problems()
 
 
@@ -105,9 +108,13 @@ class RobotCheck:
     Args:
         robots: the abilities of the robots, by name.
         spares: the robots that may replace one in each role.
+
+    Attributes:
+        budget: the work that its expressions may do.
     """
 
     def __init__(self, robots: Mapping[str, RobotFacts], spares: Mapping[str, Sequence[str]]) -> None:
+        self.budget = WorkBudget("the expressions of this scenario", MAX_WORK)
         self._robots = robots
         self._spares = {spare for names in spares.values() for spare in names}
         self._kinds = _number_kinds(robots)
@@ -145,7 +152,11 @@ class RobotCheck:
     def visit_all(self, steps: Sequence[Step], path: YamlPath, here: RobotScope) -> None:
         """Check steps that follow each other."""
         for index, step in enumerate(steps):
+            if self.budget.is_spent():
+                return
             step.check_robots(self, (*path, index), here)
+            if self.budget.is_spent() and all(message != self.budget.message() for *_, message in self._found):
+                self.report(here, (*path, index), self.budget.message())
 
     def enter(self, role: str, here: RobotScope) -> RobotScope:
         """Return the scope inside an `on` of a role."""
@@ -158,23 +169,21 @@ class RobotCheck:
 
     def combinations(
         self, expressions: Sequence[Expression], path: YamlPath, here: RobotScope
-    ) -> list[tuple[tuple[str, ...], Namespace]]:
-        """Return the robots and values to try a step with; robots with the same resources are tried together."""
-        found: list[tuple[tuple[str, ...], Namespace]] = []
+    ) -> Iterator[tuple[tuple[str, ...], Namespace]]:
+        """Yield the robots and values to try a step with; robots with the same resources are tried together."""
         try:
             for robots, values in self._per_robot(expressions, here):
-                if self._spent > MAX_IN_ALL:
-                    return []
-                more = [(robots, names) for names in values.combinations(expressions)]
-                found += more
-                self._spent += max(0, len(more) - 1)
-                if self._spent > MAX_IN_ALL:
-                    message = f"up to here, loops give more than {MAX_IN_ALL} combinations; the rest was not checked"
-                    self.report(here, path, message)
+                for count, names in enumerate(values.combinations(expressions)):
+                    if self._spent > MAX_IN_ALL:
+                        return
+                    self._spent += count > 0
+                    if self._spent > MAX_IN_ALL:
+                        message = f"up to here, loops give more than {MAX_IN_ALL} combinations"
+                        self.report(here, path, f"{message}; the rest was not checked")
+                    yield robots, names
         except TooManyCombinationsError as error:
             message = f"the loops around this step give {error} combinations; at most {MAX_COMBINATIONS} can be checked"
             self.report(here, path, message)
-        return found
 
     def _per_robot(
         self, expressions: Sequence[Expression], here: RobotScope

@@ -11,10 +11,19 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
-from eal_actors.kernel.errors import Problem
+from eal_actors.kernel.errors import EALError, Problem
 from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
-from eal_actors.scenario.language.expressions import Expression, expressions_in, parse_bare, parse_template
+from eal_actors.scenario.language.expressions import (
+    MAX_WORK,
+    Expression,
+    Namespace,
+    WorkBudget,
+    evaluate,
+    expressions_in,
+    parse_bare,
+    parse_template,
+)
 from eal_actors.scenario.language.expressions.functions import CONSTANTS, FUNCTIONS
 from eal_actors.scenario.language.expressions.grammar import READINGS
 from eal_actors.scenario.language.parameters import unit_problem
@@ -77,9 +86,14 @@ class Scope:
         return replace(self, around=(*self.around, loop), is_top=False)
 
 
-def check_scope(scenario: Scenario) -> list[Problem]:
-    """Return the problems of a scenario that do not depend on the fleet."""
-    check = ScopeCheck(scenario)
+def check_scope(scenario: Scenario, doubtful: Iterable[str] = ()) -> list[Problem]:
+    """Return the problems of a scenario that do not depend on the fleet.
+
+    Args:
+        scenario: the scenario.
+        doubtful: names that may be variables, signals or roles, because parts of the file could not be read.
+    """
+    check = ScopeCheck(scenario, frozenset(doubtful))
     for name in scenario.file.parameters:
         check.variable_name(name, ("parameters", name), key=True)
     check.roles()
@@ -105,12 +119,14 @@ class ScopeCheck:
         signals: the signals that the scenario gives.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, doubtful: frozenset[str] = frozenset()) -> None:
         self.scenario = scenario
+        self._doubtful = doubtful
         self.problems: list[Problem] = []
         self.saved: dict[str | None, set[str]] = {}
         self.constants = frozenset(scenario.file.parameters)
-        self.signals = signals_of(scenario)
+        self.signals = signals_of(scenario) | doubtful
+        self._budget = WorkBudget("the expressions of this file", MAX_WORK)
 
     def report(self, path: YamlPath, message: str, *, key: bool = False, inside: tuple[str, int] | None = None) -> None:
         """Add a problem; see `Scenario.problem`."""
@@ -174,6 +190,7 @@ class ScopeCheck:
             for expression, offset in template.expressions():
                 self._variables(expression, path, scope, value, offset, static)
                 self._readings(expression, path, scope, value, offset, static)
+                self._constant(expression, path, value, offset)
 
     def expression(self, value: object, path: YamlPath, scope: Scope) -> None:
         """Check a value that is an expression without `${}`, or a list of them."""
@@ -186,6 +203,19 @@ class ScopeCheck:
                 self.report(path, flaw.message, inside=(value, offset + flaw.offset))
             self._variables(expression, path, scope, value, offset, "", is_bare=True)
             self._readings(expression, path, scope, value, offset, "")
+            self._constant(expression, path, value, offset)
+
+    def _constant(self, expression: Expression, path: YamlPath, text: str, offset: int) -> None:
+        """Check that an expression without variables has a value."""
+        if expression.flaws or not expression.is_constant or self._budget.is_spent():
+            return
+        try:
+            with self._budget.applied():
+                evaluate(expression, Namespace({}))
+        except EALError as error:
+            self.report(path, error.message, inside=(text, offset))
+        if self._budget.is_spent():
+            self.report(path, self._budget.message(), inside=(text, offset))
 
     def _variables(
         self,
@@ -201,7 +231,7 @@ class ScopeCheck:
         saved = self.saved.get(None, set()) | self.saved.get(scope.role, set())
         known = scope.loops | self.constants | scope.facts | saved
         for name in expression.names:
-            if name.name not in known:
+            if name.name not in known and name.name not in self._doubtful:
                 hint = did_you_mean(name.name, known) if known else "; no variable is known here"
                 message = f"unknown variable '{name.name}'{hint}"
                 if is_bare and expression.text.strip() == name.name:

@@ -211,6 +211,7 @@ class ScenarioStep(BlockStep):
             run.open_parts.remove(here)
             ending = replace(here, task=StepTask(context.task, slot), is_finally=True)  # the time limit has no effect
             yield from perform_steps(run, scenario.file.finally_, f"{frame.prefix}finally", ending)
+            run.forget(frame)
 
     def _parameters(
         self, run: RunContext, context: ExecutionContext, scenario: Scenario, path: str
@@ -224,6 +225,7 @@ class ScenarioStep(BlockStep):
                 if (problem := parameter_problem(scenario.file.parameters[name], found)) is not None:
                     raise ScenarioError(f"parameter '{name}' of scenario '{scenario.name}' {problem}")
                 parameters[name] = found
+            run.keep(parameters)
             return parameters
 
         needed = expressions_in(tuple(self.with_.values()))

@@ -9,13 +9,15 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.device.data import EALData, ValueInfo
 from eal_actors.device.info import METHODS
-from eal_actors.kernel.errors import ArgumentError, UnsupportedError
+from eal_actors.kernel.errors import ArgumentError, UnavailableError, UnsupportedError
 from eal_actors.testing.conformance.bench import Bench, Findings, wait_until_started
 from eal_actors.testing.conformance.motion_checks import start_lasting_command
 from eal_actors.testing.conformance.values import bad_commands, bad_values
 
 _UNKNOWN: Final = "eal-conformance-unknown"  # a name that no command, request or configuration key has
 
+_CONNECTIONS: Final = 3  # a busy machine may be late once, but a driver that does not wait is late each time
+_READINGS: Final = ("get_value", "get_status")
 _ANY_CALL: Final[dict[str, Callable[[ResourceHandle], Future[Any]]]] = {
     "get_status": lambda handle: handle.get_status(),
     "get_value": lambda handle: handle.get_value(),
@@ -41,6 +43,29 @@ def reports_unsupported_methods(bench: Bench, findings: Findings) -> None:
                 if error is not None:
                     names = name in str(error) and method in str(error)
                     findings.expect(holds=names, problem=f"{name}: {method}: the error does not name both: {error}")
+
+
+def answers_at_once(bench: Bench, findings: Findings) -> None:
+    """The first call of each resource answers right after opening, as with `eal call`, which waits for nothing else."""
+    for _ in range(_CONNECTIONS):
+        problems = _make_first_calls(bench, findings)
+        if not problems:
+            return
+    findings.problems += problems
+
+
+def _make_first_calls(bench: Bench, findings: Findings) -> list[str]:
+    """Connect, call each resource once, and return the problems."""
+    with bench.emulated_device() as device, bench.connected([device], ready=False) as (target,):
+        calls = []
+        for handle in target.resources.values():
+            calls += [_ANY_CALL[method](handle) for method in _READINGS if method in handle.info.methods][:1]
+        findings.tried += len(calls)
+        return [
+            f"{call.describe().partition('/')[2]} failed: {error.message}; wait for the first answer in `connect`"
+            for call in calls
+            if isinstance(error := call.exception(), UnavailableError)
+        ]
 
 
 def answers(bench: Bench, findings: Findings) -> None:

@@ -61,6 +61,7 @@ CHECKS: Final = (
     Check(description_checks.describes_itself),
     Check(description_checks.survives_json),
     Check(call_checks.reports_unsupported_methods, "every resource supports all nine methods"),
+    Check(call_checks.answers_at_once, "no resource has a value or a status"),
     Check(call_checks.answers, "no call works without an argument"),
     Check(call_checks.keeps_configuration, "no configuration key is writable"),
     Check(call_checks.refuses_unknown_names, "no commands, requests or configuration keys are listed"),

@@ -10,13 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models import outline_m
 from .light import SIDES
 from .solids import Block, Drum, Plane, Point, Tower
 from .texture import Image, Mipmap, samples
 
 _PER_M: Final = 400.0
-_HEAD_SHARE, _BASE_SHARE = 0.62, 0.55  # of the radius and of the height
-_POST_M: Final = 0.035
 _DARK, _GLASS, _PALE, _RED = (38, 40, 44), (24, 30, 40), (238, 238, 232), (205, 40, 35)
 SHADOW_M: Final = 0.16
 """Width of the contact shadow around an object on the floor."""
@@ -90,15 +89,9 @@ class RobotKit:
     @classmethod
     def of(cls, appearance: RobotAppearance) -> RobotKit:
         """Return the robot of an appearance."""
-        has_head = appearance.height_m > appearance.radius_m
-        base_m = appearance.height_m * (_BASE_SHARE if has_head else 1.0)
-        drums = [_drum(appearance, appearance.radius_m, (0.0, base_m), _body_side, _body_top)]
-        if has_head:
-            heights_m = base_m, appearance.height_m
-            drums.append(_drum(appearance, appearance.radius_m * _HEAD_SHARE, heights_m, _head_side, _head_top))
-        elif appearance.camera_height_m > appearance.height_m:
-            heights_m = base_m, appearance.camera_height_m + 0.02
-            drums.append(_drum(appearance, _POST_M, heights_m, _head_side, _head_top))
+        base, *heads = outline_m(appearance.radius_m, appearance.height_m, appearance.camera_height_m)
+        drums = [_drum(appearance, base[0], (0.0, base[1]), _body_side, _body_top)]
+        drums += [_drum(appearance, radius_m, (base[1], top_m), _head_side, _head_top) for radius_m, top_m in heads]
         return cls(tuple(drums), disc_shadow(appearance.radius_m))
 
     @property

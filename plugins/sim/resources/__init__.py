@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from .actuators import Base, Turret
 from .camera import Camera
+from .depth_camera import DepthCamera
 from .faults import Faults
+from .imu import Imu
+from .lidar import Lidar
 from .pose import Odometry, Pose
 from .roomba import Buttons, Leds, Song
 from .sensing import Battery, Beacons, Bump, Cliff, Compass, Light, Range, Wall, WheelDrop
@@ -18,8 +21,11 @@ __all__ = [
     "Camera",
     "Cliff",
     "Compass",
+    "DepthCamera",
     "Faults",
+    "Imu",
     "Leds",
+    "Lidar",
     "Light",
     "Odometry",
     "Pose",

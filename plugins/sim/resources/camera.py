@@ -21,12 +21,12 @@ from eal_actors.plugin import (
     request,
 )
 
+from ..camera.eye import Eye, PinholeLens
 from ..robot import SimRobot
 from ..world import SimWorld
 from .robot_resource import RobotResource
 
 if TYPE_CHECKING:
-    from ..camera.eye import Eye, PinholeLens
     from ..camera.movers import Mover
     from ..camera.scene import Scene
 
@@ -63,7 +63,8 @@ class Camera(RobotResource):
             raise UnavailableError(f"pictures need OpenCV ({error}): pip install 'eal-actors[vision]'") from None
         scene = _scene_of(self._world)
         with self._world.caught_up() as now_s:
-            eye, movers = self._eye(), self._movers()
+            eye = mounted_eye(self._world, self._robot, self._lens(), self._offset_m)
+            movers = self._movers()
             seed = int(self._robot.sensor_generator.integers(2**63)) if self._noise else 0
         image = expose(render(scene, movers, eye), self._exposure, self._noise, seed)
         if self._robot.faults.camera_black:
@@ -142,19 +143,7 @@ class Camera(RobotResource):
         self._offset_m = float(offset_m)
 
     def _lens(self) -> PinholeLens:
-        from ..camera.eye import PinholeLens
-
         return PinholeLens(self._width, self._height, self._fov_deg)
-
-    def _eye(self) -> Eye:
-        from ..camera.eye import Eye
-
-        x_m, y_m, yaw_rad = self._robot.pose
-        yaw_rad += self._robot.turret_yaw_rad
-        x_m, y_m = x_m + self._offset_m * math.cos(yaw_rad), y_m + self._offset_m * math.sin(yaw_rad)
-        most_x_m, most_y_m = (size_m / 2 - _FROM_WALL_M for size_m in self._world.model.size_m)
-        x_m, y_m = min(max(x_m, -most_x_m), most_x_m), min(max(y_m, -most_y_m), most_y_m)
-        return Eye(x_m, y_m, self._robot.make.camera_height_m, yaw_rad, self._lens())
 
     def _movers(self) -> list[Mover]:
         """Return the boxes and the other robots at their poses. Thread: inside `caught_up`."""
@@ -167,6 +156,20 @@ class Camera(RobotResource):
                 look = RobotAppearance(make.radius_m, make.height_m, make.body_colour, make.camera_height_m)
                 movers.append(RobotAt(look, *robot.pose, robot.turret_yaw_rad))
         return movers
+
+
+def mounted_eye(world: SimWorld, robot: SimRobot, lens: PinholeLens, offset_m: float = 0.0) -> Eye:
+    """Return the eye of a robot's camera, which turns with its turret. Thread: inside `caught_up`.
+
+    Raises:
+        UnavailableError: the robot has no place in the world.
+    """
+    x_m, y_m, yaw_rad = robot.pose
+    yaw_rad += robot.turret_yaw_rad
+    x_m, y_m = x_m + offset_m * math.cos(yaw_rad), y_m + offset_m * math.sin(yaw_rad)
+    most_x_m, most_y_m = (size_m / 2 - _FROM_WALL_M for size_m in world.model.size_m)
+    x_m, y_m = min(max(x_m, -most_x_m), most_x_m), min(max(y_m, -most_y_m), most_y_m)
+    return Eye(x_m, y_m, robot.make.camera_height_m, yaw_rad, lens)
 
 
 def _scene_of(world: SimWorld) -> Scene:

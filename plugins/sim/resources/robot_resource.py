@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from eal_actors.plugin import EALData, Resource, ResourceType, UnavailableError
 
@@ -20,7 +20,13 @@ class RobotResource(Resource):
     Args:
         world: the world of the robot.
         robot: the robot.
+
+    Attributes:
+        settings_key: the plugin's setting that the robot must have for this resource, passed to the class as its third
+            argument; None for resources that need none.
     """
+
+    settings_key: ClassVar[str | None] = None
 
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         self._world = world

@@ -254,7 +254,7 @@ class Light(RobotResource):
 
     def get_value(self) -> EALData:
         """Return the light of the room and of the lamps in sight."""
-        return self._read(lambda now_s: light_lux(self._world, self._robot, now_s), "lx")
+        return self._read(lambda _: light_lux(self._world, self._robot), "lx")
 
 
 class Beacons(RobotResource):
@@ -265,7 +265,7 @@ class Beacons(RobotResource):
 
     def get_value(self) -> EALData:
         """Return one row for each beacon; bearings are counter-clockwise from straight ahead, in (-pi, pi]."""
-        return self._read(lambda now_s: seen_beacons(self._world, self._robot, now_s), frame="base")
+        return self._read(lambda _: seen_beacons(self._world, self._robot), frame="base")
 
     @request("names", ValueInfo(DataType.CHAR, description="JSON list of strings"))
     def names(self) -> EALData:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from .arrays import WorldArrays, shared
 from .contact import Cliffs, DroppedWheels, dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
 from .field import compass_rad, light_lux, seen_beacons
-from .geometry import Array
+from .geometry import Array, disc_span_m
 from .rays import MAX_RANGE_M, RAY_ANGLES_RAD, RAYS, ranges_m
 
 __all__ = [
@@ -14,7 +15,9 @@ __all__ = [
     "Array",
     "Cliffs",
     "DroppedWheels",
+    "WorldArrays",
     "compass_rad",
+    "disc_span_m",
     "dropped_wheels",
     "is_wall_near",
     "light_lux",
@@ -22,4 +25,5 @@ __all__ = [
     "ranges_m",
     "seen_beacons",
     "seen_cliffs",
+    "shared",
 ]

@@ -23,6 +23,7 @@ _Row: TypeAlias = tuple[float, float, float, float, float, float, float]
 
 Columns: TypeAlias = "NDArray[np.intp] | slice"
 
+_UPRIGHT: Final = (np.array(1.0), np.array(0.0))
 
 _T = TypeVar("_T")
 
@@ -49,7 +50,7 @@ class WorldArrays:
     a line of sight begin with the pillars: robots are low and beacons thin.
 
     Attributes:
-        version: increases with each change of the columns.
+        version: the world's version at the last update; -1 before the first.
         first_opaque: the column of the first pillar.
         first_rectangle: the column of the first rectangle.
         x_m: centres, shape (n,), as all the others.
@@ -80,25 +81,23 @@ class WorldArrays:
     half_room_m: Span
 
     def __init__(self) -> None:
-        self.version = 0
-        self._at_s = math.nan
+        self.version = -1
         self._rows: dict[str, int] = {}
 
-    def update(self, world: SimWorld, now_s: float) -> None:
-        """Update the columns; within one tick of the world only joining robots can change them."""
-        robots, boxes = world.robots, world.boxes
-        if len(robots) != len(self._rows) or not self.version:
-            self._build(world.model, robots, boxes)
-        elif now_s == self._at_s:
+    def update(self, world: SimWorld) -> None:
+        """Update the columns, if anything in the world has another pose since the last update."""
+        if self.version == world.version:
             return
+        robots, boxes = world.robots, world.boxes
+        if len(robots) != len(self._rows) or self.version < 0:
+            self._build(world.model, robots, boxes)
         if robots:
             self._poses[:, : len(robots)] = np.array([robot.pose for robot in robots]).T
         if boxes:
             first = self.first_rectangle
             self._poses[:, first : first + len(boxes)] = np.array([box.pose for box in boxes]).T
         self.cos, self.sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
-        self._at_s = now_s
-        self.version += 1
+        self.version = world.version
 
     def column_of(self, robot: str) -> int:
         """Return the column of the robot of that name.
@@ -110,6 +109,28 @@ class WorldArrays:
         if row is None:
             raise UnavailableError(f"the simulated world has no free place for robot {robot!r}")
         return row
+
+    def spans_m(self, x_m: float, y_m: float, ux: Array, uy: Array) -> Span:
+        """Return the spans of lines from one point in all bodies, each of shape (lines, n).
+
+        Args:
+            x_m: of the point.
+            y_m: of the point.
+            ux: unit directions of the lines, shape (lines, 1).
+            uy: likewise.
+        """
+        dx, dy = self.x_m - x_m, self.y_m - y_m
+        discs, rectangles = slice(self.first_rectangle), slice(self.first_rectangle, None)
+        found = (
+            self.disc_span_m(discs, dx[discs], dy[discs], ux, uy),
+            self.rectangle_span_m(rectangles, dx[rectangles], dy[rectangles], ux, uy),
+        )
+        enter_m, leave_m = (np.concatenate(side, axis=1) for side in zip(*found, strict=True))
+        return enter_m, leave_m
+
+    def to_walls_m(self, x_m: Array, y_m: Array, ux: Array, uy: Array) -> Array:
+        """Return the distances from points to the walls of the room, along unit directions."""
+        return rectangle_span_m(-x_m, -y_m, ux, uy, *_UPRIGHT, *self.half_room_m)[1]
 
     def disc_span_m(self, bodies: Columns, dx: Array, dy: Array, ux: Array, uy: Array) -> Span:
         """Return the spans of lines in some of the discs; see geometry.disc_span_m."""

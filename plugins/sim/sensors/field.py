@@ -36,7 +36,7 @@ def compass_rad(robot: SimRobot, noise_rad: float) -> float:
     return wrapped_rad(yaw_rad)
 
 
-def light_lux(world: SimWorld, robot: SimRobot, now_s: float) -> float:
+def light_lux(world: SimWorld, robot: SimRobot) -> float:
     """Return the light on the top of the robot: the ambient light and that of the lamps in sight.
 
     A lamp is isotropic: it gives lumens / (4 pi d²), times the cosine of its angle from the zenith.
@@ -54,10 +54,10 @@ def light_lux(world: SimWorld, robot: SimRobot, now_s: float) -> float:
     above_m = np.maximum(lamps[:, 2] - eye[2], 0.0)
     square_m2 = np.square(lamps - eye).sum(axis=1)
     lux = lumens / (4 * math.pi) * above_m / square_m2**1.5
-    return lighting.ambient_lux + float(lux[_in_sight(world, now_s, eye, lamps)].sum())
+    return lighting.ambient_lux + float(lux[_in_sight(world, eye, lamps)].sum())
 
 
-def seen_beacons(world: SimWorld, robot: SimRobot, now_s: float) -> Array:
+def seen_beacons(world: SimWorld, robot: SimRobot) -> Array:
     """Return the bearing_rad, in (-pi, pi] from straight ahead, and distance_m of each beacon's centre.
 
     Returns:
@@ -73,7 +73,7 @@ def seen_beacons(world: SimWorld, robot: SimRobot, now_s: float) -> Array:
         return np.empty((0, 2))
     eye = np.array([x_m, y_m, robot.make.height_m])
     tops = np.array([(beacon.x_m, beacon.y_m, beacon.height_m) for beacon in beacons])
-    in_sight = _in_sight(world, now_s, eye, tops).tolist()
+    in_sight = _in_sight(world, eye, tops).tolist()
     found = np.full((len(beacons), 2), np.nan)
     for row, beacon in enumerate(beacons):
         dx, dy = beacon.x_m - x_m, beacon.y_m - y_m
@@ -83,19 +83,15 @@ def seen_beacons(world: SimWorld, robot: SimRobot, now_s: float) -> Array:
     return found
 
 
-def _in_sight(world: SimWorld, now_s: float, eye: Array, targets: Array) -> NDArray[np.bool_]:
+def _in_sight(world: SimWorld, eye: Array, targets: Array) -> NDArray[np.bool_]:
     """Return which targets, shape (n, 3), have a free line of sight to the eye, shape (3,)."""
     arrays = shared(world, WorldArrays)
-    arrays.update(world, now_s)
+    arrays.update(world)
     to = (targets - eye)[:, :, np.newaxis]
     distance_m = np.maximum(np.hypot(to[:, 0], to[:, 1]), 1e-9)  # horizontal; a lamp may hang right above
     ux, uy, slope = to[:, 0] / distance_m, to[:, 1] / distance_m, to[:, 2] / distance_m
-    hidden = np.zeros(len(targets), dtype=np.bool_)
-    pillars, rectangles = slice(arrays.first_opaque, arrays.first_rectangle), slice(arrays.first_rectangle, None)
-    for bodies, span_m in ((pillars, arrays.disc_span_m), (rectangles, arrays.rectangle_span_m)):
-        dx, dy = arrays.x_m[bodies] - eye[0], arrays.y_m[bodies] - eye[1]
-        enter_m, leave_m = span_m(bodies, dx, dy, ux, uy)
-        enter_m, leave_m = np.maximum(enter_m, 0.0), np.minimum(leave_m, distance_m)
-        lowest_m = eye[2] + np.minimum(slope * enter_m, slope * leave_m)
-        hidden |= ((enter_m < leave_m) & (arrays.height_m[bodies] > lowest_m)).any(axis=1)
-    return ~hidden
+    enter_m, leave_m = (span[:, arrays.first_opaque :] for span in arrays.spans_m(eye[0], eye[1], ux, uy))
+    enter_m, leave_m = np.maximum(enter_m, 0.0), np.minimum(leave_m, distance_m)
+    lowest_m = eye[2] + np.minimum(slope * enter_m, slope * leave_m)
+    hidden = ((enter_m < leave_m) & (arrays.height_m[arrays.first_opaque :] > lowest_m)).any(axis=1)
+    return np.asarray(~hidden)

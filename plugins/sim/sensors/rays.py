@@ -15,7 +15,7 @@ import numpy as np
 from ..robot import SimRobot
 from ..world import SimWorld
 from .arrays import WorldArrays, shared
-from .geometry import Array, rectangle_span_m
+from .geometry import Array
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,7 +28,6 @@ RAY_ANGLES_RAD: Final = np.arange(RAYS, dtype=np.float64) * _PITCH_RAD
 _Indices: TypeAlias = "NDArray[np.intp]"
 _COS: Final = np.cos(RAY_ANGLES_RAD)
 _SIN: Final = np.sin(RAY_ANGLES_RAD)
-_UPRIGHT: Final = (np.array(1.0), np.array(0.0))
 _MARGIN: Final = 1e-6  # of a ray's pitch: rounding must not skip a ray
 _EARLY_S: Final = 1e-6  # times are counted in ticks, so that this is only rounding
 
@@ -58,14 +57,14 @@ class RayCaster:
     def __init__(self) -> None:
         self._arrays: WorldArrays | None = None
         self._found_m: dict[str, Array] = {}
-        self._found_in = 0
+        self._found_in = -1
         self._asked_s: dict[str, float] = {}
         self._due_s: dict[str, float] = {}
 
     def ranges_m(self, world: SimWorld, robot: SimRobot, now_s: float) -> Array:
         """Return the ranges of a robot; see the function `ranges_m`."""
         arrays = self._arrays = self._arrays or shared(world, WorldArrays)
-        arrays.update(world, now_s)
+        arrays.update(world)
         if arrays.version != self._found_in:
             self._found_in = arrays.version
             self._found_m.clear()
@@ -93,8 +92,7 @@ def cast(arrays: WorldArrays, rows: list[int]) -> Array:
     of = np.array(rows)[:, np.newaxis]
     x_m, y_m, cos, sin = arrays.x_m[of], arrays.y_m[of], arrays.cos[of], arrays.sin[of]
     ux, uy = _COS * cos - _SIN * sin, _COS * sin + _SIN * cos
-    _, walls_m = rectangle_span_m(-x_m, -y_m, ux, uy, *_UPRIGHT, *arrays.half_room_m)
-    found_m = np.minimum(walls_m, MAX_RANGE_M).ravel()
+    found_m = np.minimum(arrays.to_walls_m(x_m, y_m, ux, uy), MAX_RANGE_M).ravel()
     dx, dy = arrays.x_m - x_m, arrays.y_m - y_m
     distance_m = np.sqrt(dx * dx + dy * dy)
     distance_m[np.arange(len(rows)), rows] = np.inf  # rays ignore their own robot

@@ -12,6 +12,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from eal_actors.facade.fleet import Fleet
 from tests.chromium import FLAGS, MISSING, find_chromium
+from tests.cli.conftest import eal as eal
 from tests.operate.dashboard.rig import counting_fleet
 
 
@@ -40,11 +41,12 @@ def open_page(chromium: Browser) -> Iterator[Callable[..., Any]]:
     errors: list[str] = []
 
     @contextmanager
-    def opened(link: str, **options: Any) -> Iterator[Page]:
+    def opened(link: str, *, expects_errors: bool = False, **options: Any) -> Iterator[Page]:
         context = chromium.new_context(**options)
         page = context.new_page()
         page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
+        if not expects_errors:  # of connections that fail
+            page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
         page.goto(link)
         try:
             yield page

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
@@ -16,10 +17,16 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import wall_time
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.operate.dashboard import Dashboard
-from eal_actors.operate.dashboard.access import new_token
+from eal_actors.managers.fleet_model import OperatorSection
+from eal_actors.net.security.certificates import key_file, make_authority, make_certificate
+from eal_actors.operate.dashboard import Access, Dashboard, tls_context
+from eal_actors.operate.dashboard.sign_in import WRONG_TOKENS
+from eal_actors.operate.dashboard.tokens import hash_token, new_token
+from tests.house import javascript
 from tests.net.links import free_port
+from tests.net.rig import Rig, served
 from tests.operate.dashboard.rig import ROOT, SIM, open_dashboard, resource_of, wait_for
+from tests.operate.dashboard.test_command import started
 
 OpenPage = Callable[..., AbstractContextManager[Page]]
 VIEWS = ("fleet", "map", "cameras", "scenario", "logs", "robot/one")
@@ -73,7 +80,7 @@ def test_the_page_starts_shows_and_stops_the_dance(open_page: OpenPage, tmp_path
             places = poses_after(fleet, name, late_s)
             assert len(places) == 1, f"{name} still moved half a second after the stop: {places}"
         expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
-        expect(page.locator("#main")).to_contain_text(re.compile("Aborted|Failed"))
+        expect(page.locator("#main")).to_contain_text("Aborted")
         assert all(robot.stopped_because for robot in fleet.values())
 
 
@@ -205,6 +212,52 @@ def test_two_browsers_see_one_fleet_and_either_may_resume(
         assert fleet["one"].stopped_because is None
 
 
+def test_the_banner_names_the_robots_that_have_not_confirmed_the_stop(open_page: OpenPage, tmp_path: Path) -> None:
+    rig = Rig(tmp_path, ("r1", "r2", "r3"), {"lease_s": 20.0, "dead_man_s": 20.0})
+    with (
+        served(rig) as (running, fleet),
+        open_dashboard(fleet) as dashboard,
+        open_page(dashboard.link) as page,
+    ):
+        connected(page)
+        banner, frozen = page.locator("#stopped"), page.locator("tr[data-robot='r3']")
+        expect(frozen).to_contain_text("ready")
+        running["r3"].freeze()
+        page.keyboard.press("Escape")
+        expect(banner).to_contain_text("2 of 3 stopped, r3 NOT CONFIRMED: STOP on the dashboard")
+        expect(frozen).to_contain_text("stop NOT CONFIRMED")
+        expect(page.locator("tr[data-robot='r1']")).to_contain_text("■stopped")
+        expect(page.locator("#notices")).to_contain_text("Stop not confirmed: r3")
+        expect(banner).to_contain_text("2 of 3 stopped, r3 NOT CONFIRMED")  # though the request is over
+        running["r3"].thaw()
+        expect(banner).to_contain_text("All robots refuse to move")
+        expect(banner).not_to_contain_text("NOT CONFIRMED")
+
+
+def test_a_page_without_a_server_is_dimmed_and_says_when_it_was_seen(open_page: OpenPage, tmp_path: Path) -> None:
+    with started(tmp_path) as (process, link), open_page(link, expects_errors=True) as page:
+        connected(page)
+        expect(page.locator("#outdated")).to_be_hidden()
+        process.send_signal(signal.SIGSTOP)  # its connection stays open
+        expect(page.locator("#outdated")).to_contain_text(re.compile(r"last seen at \d\d:\d\d:\d\d"))
+        expect(page.locator("body")).to_have_class("outdated")
+        page.keyboard.press("Escape")
+        expect(page.locator("#notices")).to_contain_text("STOP NOT CONFIRMED: no answer yet")
+        process.send_signal(signal.SIGCONT)
+        expect(page.locator("#outdated")).to_be_hidden()
+        expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
+        process.kill()
+        expect(page.locator("#outdated")).to_be_visible()
+        expect(page.locator("#connection")).to_contain_text("no connection")
+
+
+def test_stop_is_the_first_in_the_order_of_the_tab_key(open_page: OpenPage, dashboard: Dashboard) -> None:
+    with open_page(dashboard.link) as page:
+        connected(page)
+        page.keyboard.press("Tab")
+        expect(page.locator("#stop")).to_be_focused()
+
+
 # Access.
 
 
@@ -226,6 +279,41 @@ def test_a_wrong_token_may_watch_and_the_right_one_may_command(open_page: OpenPa
             connected(page)
             page.keyboard.press("Escape")
             expect(page.locator("#stopped")).to_be_visible()
+
+
+def test_an_operator_signs_in_by_https_and_stops_the_robots(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
+    make_authority(tmp_path / "keys", "counted")
+    made = make_certificate(tmp_path / "keys", "dashboard", ["127.0.0.1"])
+    anna = OperatorSection(role="drive", token=hash_token("the-token"))
+    with (
+        Dashboard(
+            fleet,
+            Access("127.0.0.1", operators={"anna": anna}),
+            tls=tls_context(made.file, key_file(tmp_path / "keys", "dashboard")),
+        ) as dashboard,
+        open_page(dashboard.link, ignore_https_errors=True) as page,
+    ):
+        dialog = page.locator("#sign-in")
+        expect(dialog).to_contain_text("sign in with your token")
+        expect(page.locator("#fleet-name")).to_have_text("eal")  # nothing of the fleet is shown
+        for _ in range(WRONG_TOKENS):
+            page.get_by_label("Token").fill("anna.wrong")
+            page.get_by_label("Token").press("Enter")
+            expect(dialog).to_contain_text("wrong token")
+        page.get_by_label("Token").fill("anna.the-token")
+        page.get_by_label("Token").press("Enter")
+        expect(dialog).to_contain_text("too many wrong tokens from 127.0.0.1: try again in")
+        dashboard.app_state.sign_in._wrong.clear()  # as after a minute
+        page.get_by_label("Token").fill("anna.the-token")
+        page.get_by_label("Token").press("Enter")
+        connected(page)
+        expect(page.locator("#user")).to_have_text("anna · drive")
+        page.reload()  # the tab keeps the token
+        connected(page)
+        page.keyboard.press("Escape")
+        expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
+        go(page, "scenario")
+        expect(page.get_by_role("button", name="Start", exact=True)).to_be_disabled()
 
 
 # A robot's panel.
@@ -325,6 +413,41 @@ def test_keys_do_nothing_before_they_are_armed(open_page: OpenPage, dashboard: D
 
 
 # Layout and accessibility.
+
+
+@pytest.fixture(scope="module")
+def axe() -> str:
+    """The source of axe-core, which finds violations of the accessibility guidelines."""
+    try:
+        failed = javascript.install()
+    except javascript.NotCheckedError as error:
+        pytest.skip(str(error))
+    assert failed is None, failed.stderr
+    return (javascript.FOLDER / "node_modules/axe-core/axe.min.js").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_violation_in_any_view(
+    open_page: OpenPage, fleet: Fleet, dashboard: Dashboard, axe: str, scheme: str
+) -> None:
+    with open_page(dashboard.link, color_scheme=scheme) as page:
+        connected(page)
+        page.evaluate(axe)
+        found = [line for view in VIEWS for line in violations(page, view)]
+        page.keyboard.press("Escape")
+        expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
+        assert not found + violations(page, "fleet")
+
+
+def violations(page: Page, view: str) -> list[str]:
+    """Return what axe finds in a view."""
+    go(page, view)
+    expect(page.locator("main h1")).to_be_visible()
+    return [
+        f"{view}: {violation['id']}: {node['html'][:160]}: {node['failureSummary']}"
+        for violation in page.evaluate("axe.run().then(({ violations }) => violations)")
+        for node in violation["nodes"]
+    ]
 
 
 @pytest.mark.parametrize("view", VIEWS)

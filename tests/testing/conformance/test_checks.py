@@ -60,6 +60,15 @@ MISTAKES = {
         ),
         "get_status must fail with UnsupportedError, but succeeded",
     ),
+    "a first answer that is late": (
+        "answers at once",
+        INIT,
+        (
+            "    looks = 0\n\n    def not_ready(self):\n        self.looks += 1\n"
+            f"        return 'no reading yet' if self.looks < 4 else None\n\n{INIT}"
+        ),
+        "get_value failed: no reading yet; wait for the first answer in `connect`",
+    ),
     "text for a number": ("answers", "return self._position_m", "return 'far'", "get_value failed: return_type"),
     "another unit": (
         "answers",

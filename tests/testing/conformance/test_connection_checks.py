@@ -175,7 +175,7 @@ MISTAKES = {
         "survives unplugging",
         "    def not_ready(self):\n",
         "    def halt(self):\n        assert self.not_ready() is None\n\n    def not_ready(self):\n",
-        "halt while its device is absent failed with ResourceFaultError",
+        "halt failed: resource_fault",
     ),
     "writes a line in two pieces": (
         "separates concurrent calls",

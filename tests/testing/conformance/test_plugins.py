@@ -19,11 +19,14 @@ CALL_S = 15.0
 """Deadline of a call: the first frame of a simulated camera takes its time on a busy machine."""
 
 SETTINGS: dict[str, list[dict[str, Any]]] = {
-    "sim": [{"model": make} for make in ("evbot2", "evbot3", "roomba")],
+    "sim": [
+        {"model": "evbot2"},
+        {"model": "evbot3", "lidar": {}, "imu": {}, "depth_camera": {}},
+        {"model": "roomba"},
+    ],
     "replay": [{"record": RECORD, "robot": "evbot2-1", "loop": True}],  # every value follows the record
     "camera": [{"source": PICTURES, "loop": True, "fps": 50, "fov_deg": 60}],
     "socket_port": [{}, {"protocol": "udp", "host": "127.0.0.1", "port": 9}],
-    "system": [{"resources": ["Cpu", "Memory", "Disk", "Network", "Uptime"]}],  # few test machines have sensors
     "evbot2": [{}, {"port": "sim://world"}],  # without settings, an emulator replaces the robot
     "evbot3": [{}, {"address": "sim://world"}],
     "roomba": [

@@ -16,7 +16,8 @@ from typing import Any, Final
 
 import pytest
 
-from eal_actors.device.ports import BytePort, ReopeningPort, open_serial
+from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
+from eal_actors.device.serial_ports import open_serial
 from eal_actors.device.sockets import TcpPort, open_tcp
 from eal_actors.kernel.errors import NotReadyError, PluginError, UnavailableError
 from tests.manual_clock import ManualClock
@@ -140,7 +141,7 @@ def test_a_port_that_somebody_else_has_is_not_ready_until_it_is_free(cable: Cabl
     other = open_serial(str(cable.path), baudrate=9600)
     with closing(serial_port(cable)) as port:
         port.open()
-        assert "resource temporarily unavailable" in str(port.why_not_ready())
+        assert f"(pid {os.getpid()}) has it open; next try" in str(port.why_not_ready())
         other.close()
         assert port.wait_until_open(WAIT_S)
 
@@ -210,6 +211,7 @@ def test_closing_frees_the_port_and_ends_the_tries(cable: Cable) -> None:
         ("socket://:80", "wanted is socket://host:port"),
         ("/", "/ is no serial port, but a folder"),
         (__file__, f"{__file__} is no serial port, but a file"),
+        ("/dev/null", "/dev/null is no serial port, but another device"),
     ],
 )
 def test_a_wrong_configuration_is_no_absent_device(url: str, says: str) -> None:
@@ -339,6 +341,65 @@ def test_a_server_that_goes_away_and_comes_back_is_found_again(server: Server) -
         assert port.openings == 2
         port.write(b"hello")
         assert server.accept().recv(5) == b"hello"
+
+
+def test_an_idle_port_notices_that_its_cable_was_unplugged(cable: Cable) -> None:
+    cable.plug_in()
+    with closing(serial_port(cable)) as port:
+        port.open()
+        assert port.why_not_ready() is None
+        cable.unplug()
+        assert "was lost: unplugged" in str(port.why_not_ready())
+        cable.plug_in()
+        assert port.wait_until_open(WAIT_S)
+        assert (port.why_not_ready(), port.openings) == (None, 2)
+
+
+def test_an_idle_port_notices_that_its_server_is_gone_after_the_last_bytes(server: Server) -> None:
+    opened: list[Any] = []
+
+    def open_it() -> BytePort:
+        opened.append(port := open_serial(server.url, baudrate=9600))
+        return port
+
+    with closing(ReopeningPort(open_it, ManualClock(), server.url)) as port:
+        port.open()
+        server.accept().sendall(b"last words")
+        assert select.select([opened[0].fileno()], [], [], WAIT_S)[0]
+        server.go_away()
+        gone = select.poll()
+        gone.register(opened[0].fileno(), select.POLLRDHUP)
+        assert gone.poll(WAIT_S * 1000)
+        assert port.why_not_ready() is None
+        assert port.read() == b"last words"
+        assert "was lost: unplugged, or closed at the other end" in str(port.why_not_ready())
+
+
+def test_a_device_of_a_library_reopens_too() -> None:
+    """The object of a vendor's library owns its port; it needs nothing but `close`."""
+
+    class Library:
+        is_broken = False
+
+        def ask(self) -> int:
+            if self.is_broken:
+                raise OSError(5, "Input/output error")
+            return 42
+
+        def close(self) -> None:
+            closed.append(self)
+
+    closed: list[Library] = []
+    device = ReopeningDevice(Library, ManualClock(), "arm")
+    with closing(device):
+        device.open()
+        assert device.use(Library.ask) == 42
+        broken = device.use(lambda library: library)
+        broken.is_broken = True
+        with pytest.raises(NotReadyError, match="arm was lost: input/output error"):
+            device.use(Library.ask)
+        assert device.wait_until_open(WAIT_S)
+        assert (device.use(Library.ask), device.openings, closed) == (42, 2, [broken])
 
 
 def test_a_refused_connection_is_an_absent_device(server: Server) -> None:

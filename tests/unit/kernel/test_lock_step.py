@@ -233,10 +233,10 @@ def test_the_watch_ends_when_nobody_waits() -> None:
         assert not watch.is_alive()
 
 
-def polls_until(time_s: float) -> int:
-    """Return how often one thread asks another before the clock shows a time."""
+def polls_until(time_s: float, deadline_s: float | None = None) -> int:
+    """Return how often one thread asks another before the clock shows a time; each answer must come by a deadline."""
     clock, asked, answered = LockStepClock(), new_waiter(), new_waiter()
-    polls, is_over = 0, False
+    polls, missed, is_over = 0, 0, False
 
     def answer() -> None:
         while not is_over:
@@ -244,20 +244,26 @@ def polls_until(time_s: float) -> int:
             clock.wake(answered)
 
     def poll() -> None:
-        nonlocal polls, is_over
+        nonlocal polls, missed, is_over
         while clock.now() < time_s:
             polls += 1
             clock.wake(asked)
-            clock.wait(answered, None)
+            missed += not clock.wait(answered, deadline_s)
         is_over = True
         clock.wake(asked)
 
-    run_together(clock, answer, poll, lambda: clock.sleep(time_s))
+    run_together(clock, answer, poll, *([lambda: clock.sleep(time_s)] if deadline_s is None else []))
+    assert not missed
     return polls
 
 
 def test_a_loop_that_polls_does_not_stop_time_and_repeats() -> None:
     assert polls_until(1.0) == polls_until(1.0) > 10
+
+
+@pytest.mark.parametrize("deadline_s", [0.02, 10.0])
+def test_a_loop_that_polls_never_misses_its_own_deadline(deadline_s: float) -> None:
+    assert polls_until(1.0, deadline_s) == polls_until(1.0, deadline_s) > 10
 
 
 def test_a_rate_makes_its_clock() -> None:

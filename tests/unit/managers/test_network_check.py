@@ -50,7 +50,7 @@ def test_also_where_an_included_file_says_so(file: Path) -> None:
 def test_it_is_refused_when_the_rate_comes_later(file: Path) -> None:
     file.write_text(FLEET.replace("rate: max", "rate: 1"), encoding="utf-8")
     fleet = Fleet(replace(EALConfigManager.load(file).fleet, rate=MAX))
-    with pytest.raises(ConfigError, match=f"^f.yaml: clock.rate: {REASON}$"):
+    with pytest.raises(ConfigError, match=f"^f.yaml:3:9: clock.rate: {REASON}$"):
         fleet.connect()
     assert len(fleet) == 0
     with fleet.connect(["here"]):

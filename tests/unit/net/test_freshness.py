@@ -13,6 +13,8 @@ from eal_actors.net.clock_offset import MAX_DRIFT
 from eal_actors.net.freshness import CommandHistory, CommandRecord, Stamp, Stamper
 from eal_actors.net.wire.messages import CallId
 
+ERA = "era"
+
 CLIENTS = ["a" * 16, "b" * 16, "c" * 16]
 RESOURCES = st.sampled_from(["Wheels", "Arm"])
 WAYS_S = st.sampled_from([0.0, 0.125, 0.5, 3.0])
@@ -320,3 +322,32 @@ def test_a_robot_that_runs_anew_is_believed_at_once() -> None:
 def test_without_any_answer_nothing_can_be_stamped() -> None:
     with pytest.raises(UnavailableError, match="has not answered yet"):
         Stamper("ann").stamp(1.0, 0.0)
+
+
+def test_an_epoch_advances_only_as_far_as_a_controller_can_count() -> None:
+    history: CommandHistory[int] = CommandHistory(ERA)
+    history.enter("ann", 5, 100.0)
+    for epoch in (1_006, 10**9, 2**63):
+        with pytest.raises(StaleCommandError, match=f"epoch cannot have advanced from 5 to {epoch}"):
+            history.enter("ann", epoch, 100.0)
+    history.enter("ann", 1_005, 100.0)
+    history.enter("ann", 2_105, 110.0)
+
+
+def test_a_number_advances_only_as_far_as_a_controller_can_count() -> None:
+    history: CommandHistory[int] = CommandHistory(ERA)
+    history.accept(Stamp(CallId("ann", 0, 7), 1.0, ERA, 100.0, 0.0), "Arm", 100.0)
+    for number in (1_000_009 + 1_000_000, 2**63):
+        with pytest.raises(StaleCommandError, match="sequence cannot have advanced from 7"):
+            history.accept(Stamp(CallId("ann", 0, number), 1.0, ERA, 100.5, 0.0), "Eye", 100.5)
+    history.accept(Stamp(CallId("ann", 0, 1_000_007), 1.0, ERA, 100.5, 0.0), "Arm", 100.5)
+
+
+def test_the_certificate_with_most_clients_loses_one_of_its_own() -> None:
+    history: CommandHistory[int] = CommandHistory(ERA, clients=3)
+    quiet = Stamp(CallId("a" * 32, 0, 1), 1.0, ERA, 100.0, 0.0)
+    history.accept(quiet, "Arm", 100.0)
+    history.finish(quiet.call, 1)
+    for number in range(9):
+        history.enter("b" * 16 + f"{number:016x}", 1, 101.0)
+    assert history.recall(quiet.call) == CommandRecord(True, 1)

@@ -113,6 +113,8 @@ def test_an_absent_interface_is_not_ready_and_names_those_there_are() -> None:
 def test_a_computer_without_sensors_says_so() -> None:
     readings = [float(reading.current) for chip in psutil.sensors_temperatures().values() for reading in chip]
     with watched() as robot:
+        assert ("Temperature" in robot) is bool(readings)
+    with watched(resources=["Temperature"]) as robot:
         if readings:
             assert robot["Temperature"].get_value().get().value == pytest.approx(max(readings), abs=20)
         else:

@@ -56,6 +56,11 @@ export function formatSeconds(value) {
   return value < 7200 ? `${Math.round(value / 60)} min` : `${Math.round(value / 3600)} h`;
 }
 
+/** @param {Date} date */
+export function clockTime(date) {
+  return date.toLocaleTimeString([], { hour12: false });
+}
+
 /** @param {string} name - of a custom property in style.css, such as `--ink`. */
 export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();

@@ -1,6 +1,7 @@
 // All robots, one row each.
 
-import { el, setText } from "./dom.js";
+import { request } from "./connection.js";
+import { clockTime, el, setText } from "./dom.js";
 import { activitiesOf, activityText, controlText, stateOf, store } from "./store.js";
 
 /** @import { Robot, Tone, View } from "./types" */
@@ -13,9 +14,16 @@ export function fleetView(root) {
   const summary = el("div", { class: "tiles", "aria-label": "Summary" });
   const body = el("tbody");
   const titles = COLUMNS.map((title) => el("th", { scope: "col" }, title));
+  const reloaded = el("span", { class: "small", role: "status" });
+  const reload = el("button", { type: "button", id: "reload" }, "Reload the fleet file");
+  reload.onclick = async () => {
+    const answer = await request("reload", {});
+    setText(reloaded, answer.ok ? answer.changes : ((answer.problems?.join(" · ") || answer.error) ?? ""));
+  };
   root.append(
     el("h1", {}, "Fleet"),
     summary,
+    el("p", {}, reload, " ", reloaded),
     el(
       "table",
       { class: "table" },
@@ -37,6 +45,7 @@ export function fleetView(root) {
     if (changed.has("hello") || changed.has("robots") || changed.has("time")) {
       for (const row of rows) row.update();
       summarize(summary);
+      reload.disabled = !store.may("administer");
     }
   }
   return { update, leave: () => clearInterval(timer) };
@@ -83,6 +92,7 @@ class Row {
     const content = JSON.stringify([robot, activities, controllers, calls]);
     if (content === this.shown) return;
     this.shown = content;
+    this.node.classList.toggle("outdated", Boolean(robot?.last_seen));
     const [name, state, battery, roundTrip, activity, control, error] = this.cells;
     const type = el("span", { class: "faint small" }, robot?.type);
     name.replaceChildren(el("a", { href: `#/robot/${encodeURIComponent(this.name)}` }, this.name), " ", type);
@@ -103,6 +113,7 @@ class Row {
 function stateParts(robot) {
   const [shape, word, tone] = stateOf(robot);
   const reasons = Object.entries(robot?.not_ready ?? {}).map(([resource, reason]) => `${resource}: ${reason}`);
+  if (robot?.last_seen) reasons.unshift(`last seen ${clockTime(new Date(robot.last_seen))}`);
   return [
     el("span", { class: `state ${tone}` }, el("span", { "aria-hidden": "true" }, shape), word),
     ...[...reasons, ...(robot?.problems ?? [])].map((text) => el("div", { class: "small" }, text)),

@@ -1,6 +1,6 @@
 // The log, filtered by level, robot and text.
 
-import { el, setText } from "./dom.js";
+import { clockTime, el, setText } from "./dom.js";
 import { store } from "./store.js";
 
 /** @import { LogLine, View } from "./types" */
@@ -94,7 +94,7 @@ function textOf(line) {
 
 /** @param {LogLine} line */
 function renderLine(line) {
-  const time = new Date(line.at).toLocaleTimeString([], { hour12: false });
+  const time = clockTime(new Date(line.at));
   return el(
     "div",
     { class: "line" },

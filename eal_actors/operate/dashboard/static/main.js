@@ -1,8 +1,8 @@
 // The frame of the page: views, the connection's state, notices and STOP.
 
 import { camerasView, showFrame } from "./cameras.js";
-import { connect, connection, request } from "./connection.js";
-import { byId, el, setText } from "./dom.js";
+import { connect, connection, request, signIn } from "./connection.js";
+import { byId, clockTime, el, setText } from "./dom.js";
 import { releaseAll, showDriveError } from "./drive.js";
 import { fleetView } from "./fleet.js";
 import { logsView } from "./logs.js";
@@ -22,9 +22,12 @@ const VIEWS = [
   ["logs", "Logs", logsView],
 ];
 const NOTICE_MS = 12000;
+const LATE_MS = 1000;
+const OUTDATED_S = 3;
 const MAX_NOTICES = 4;
 const MAX_NAMES = 4;
 const main = byId("main");
+const signInDialog = /** @type {HTMLDialogElement} */ (byId("sign-in"));
 const dialog = /** @type {HTMLDialogElement} */ (byId("confirm"));
 /** @type {View | null} */
 let view = null;
@@ -79,14 +82,32 @@ connection.onState = () => {
   const chip = byId("connection");
   chip.className = `chip ${connection.isOpen ? "good" : "bad"}`;
   const reason = connection.closeReason ? `: ${connection.closeReason}` : "";
-  setText(chip, connection.isOpen ? "● connected" : `▲ no connection${reason}; reconnecting`);
+  setText(
+    chip,
+    connection.isOpen ? "● connected" : `▲ no connection${reason}${connection.isRetrying ? "; reconnecting" : ""}`,
+  );
   if (!connection.isOpen) showDriveError({ error: "the connection was lost" });
+  showAge();
   setText(byId("fleet-name"), store.hello?.fleet ?? "eal");
   const permission = byId("permission");
   permission.hidden = store.mayCommand() || !store.hello;
   setText(permission, `◇ ${store.hello?.why ?? ""}`);
+  const user = byId("user");
+  user.hidden = !store.hello || store.hello.user === "anybody";
+  setText(user, `${store.hello?.user} · ${store.hello?.role}`);
   document.body.dataset.command = String(canCommand());
   showStop();
+};
+connection.onSignIn = (why) => {
+  setText(byId("sign-in-why"), why);
+  signInDialog.showModal();
+};
+byId("sign-in-form").onsubmit = (event) => {
+  event.preventDefault();
+  const field = /** @type {HTMLInputElement} */ (byId("sign-in-token"));
+  signInDialog.close();
+  signIn(field.value.trim());
+  field.value = "";
 };
 connection.onDriveError = (error) => {
   if (!showDriveError(error)) connection.onError(error.robot ? `${error.robot}: ${error.error}` : error.error);
@@ -99,10 +120,22 @@ function canCommand() {
 }
 
 setInterval(() => {
+  showAge();
   if (!connection.isOpen) return;
   byId("connection").title = `${store.updatesPerSecond().toFixed(0)} updates per second`;
   document.body.dataset.rate = store.updatesPerSecond().toFixed(1);
 }, 500);
+
+// The server sends something every second. A page without it shows the past, and says so.
+function showAge() {
+  const heardAt = connection.heardAt;
+  const age_s = heardAt ? (Date.now() - heardAt.getTime()) / 1000 : 0;
+  const isOutdated = heardAt !== null && (age_s > OUTDATED_S || !connection.isOpen);
+  byId("outdated").hidden = !isOutdated;
+  document.body.classList.toggle("outdated", isOutdated);
+  if (!isOutdated) return;
+  setText(byId("outdated-why"), `The dashboard was last seen at ${clockTime(heardAt)}. Robots may have moved since.`);
+}
 
 // Notices.
 
@@ -132,19 +165,29 @@ async function stop() {
     notify(`STOP was not sent: ${reason}`, true);
     return;
   }
+  const late = setTimeout(() => notify("STOP NOT CONFIRMED: no answer yet.", true), LATE_MS);
   const answer = await request("stop", {});
+  clearTimeout(late);
   if (answer.ok) notify(`${answer.confirmed.length} robots confirmed the stop.`);
   else notify(`Stop not confirmed: ${describeFailure(answer)}`, true);
+}
+
+/** @param {string[]} names */
+function list(names) {
+  const rest = names.length - MAX_NAMES;
+  return names.slice(0, MAX_NAMES).join(", ") + (rest > 0 ? ` and ${rest} more` : "");
 }
 
 function showStop() {
   const stopped = store.stopped();
   byId("stopped").hidden = !stopped.length;
   if (stopped.length) {
-    const rest = stopped.length - MAX_NAMES;
-    const some = stopped.slice(0, MAX_NAMES).join(", ") + (rest > 0 ? ` and ${rest} more` : "");
-    const robots = stopped.length === store.names().length ? "All robots" : some;
-    setText(byId("stopped-why"), `${robots} refuse to move: ${store.robots[stopped[0]].stopped}.`);
+    const [total, missing] = [store.names().length, store.unconfirmed()];
+    const count = `${stopped.length - missing.length} of ${total} stopped, ${list(missing)} NOT CONFIRMED`;
+    const robots = stopped.length === total ? "All robots" : list(stopped);
+    const state = missing.length ? count : `${robots} refuse to move`;
+    setText(byId("stopped-word"), missing.length ? "▲ Stop not confirmed." : "■ Stopped.");
+    setText(byId("stopped-why"), `${state}: ${store.robots[stopped[0]].stopped}.`);
   }
   byId("stop").setAttribute("aria-disabled", String(!canCommand()));
   /** @type {HTMLButtonElement} */ (byId("resume")).disabled = !store.mayCommand();

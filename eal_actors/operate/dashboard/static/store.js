@@ -2,8 +2,10 @@
 
 import { formatSeconds } from "./dom.js";
 
-/** @import { Activity, Change, Hello, LogLine, Point, Pose, Robot, Run, RunEvent, Tone, Update } from "./types" */
+/** @import { Activity, Change, Hello, LogLine, Point, Pose, Robot, Role, Run, RunEvent, Tone, Update } from "./types" */
 
+/** @type {Role[]} */
+const ROLES = ["watch", "drive", "run", "administer"];
 const MAX_LOGS = 1000;
 const MAX_EVENTS = 20000;
 const MAX_TRAIL_POINTS = 300;
@@ -51,13 +53,22 @@ class Store {
     this.onChange(new Set(["hello", "robots", "poses", "run", "logs", "events"]));
   }
 
+  /**
+   * Return whether an update is of the robots that the page knows. A removed robot is null.
+   *
+   * @param {Update} update
+   */
+  hasSameRobots(update) {
+    return Object.entries(update.robots ?? {}).every(([name, robot]) => this.names().includes(name) === Boolean(robot));
+  }
+
   /** @param {Update} update */
   apply(update) {
     this.#countUpdate(update.now_s);
     /** @type {Set<Change>} */
     const changed = new Set();
     if (update.robots) {
-      Object.assign(this.robots, update.robots);
+      for (const [name, robot] of Object.entries(update.robots)) if (robot) this.robots[name] = robot;
       changed.add("robots");
     }
     if (update.poses) {
@@ -124,6 +135,16 @@ class Store {
 
   stopped() {
     return this.names().filter((name) => this.robots[name]?.stopped);
+  }
+
+  /** Return the stopped robots that have not confirmed it: they may still move. */
+  unconfirmed() {
+    return this.stopped().filter((name) => !this.robots[name].is_stop_confirmed);
+  }
+
+  /** @param {Role} role */
+  may(role) {
+    return ROLES.indexOf(this.hello?.role ?? "watch") >= ROLES.indexOf(role);
   }
 
   mayCommand() {
@@ -202,6 +223,7 @@ const STATES = {
  */
 export function stateOf(robot) {
   if (!robot) return ["◌", "unknown", "warn"];
+  if (robot.stopped && !robot.is_stop_confirmed) return ["▲", "stop NOT CONFIRMED", "bad"];
   if (robot.state === "ready" && robot.stopped) return ["■", "stopped", "bad"];
   if (robot.state === "ready" && Object.keys(robot.not_ready).length) return ["◐", "partly ready", "warn"];
   return STATES[robot.state] ?? ["?", robot.state, "warn"];

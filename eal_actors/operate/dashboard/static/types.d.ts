@@ -20,15 +20,22 @@ export interface Hello {
   max_frames_per_s: number;
   /** The server's name for this page. */
   you: string;
+  /** The operator's name, else how the user got in. */
+  user: string;
+  role: Role;
   may_command: boolean;
   /** Why this page may not command. */
   why: string | null;
 }
 
+/** Each includes those before it. */
+export type Role = "watch" | "drive" | "run" | "administer";
+
 /** A change of the state, with answers to requests. Lines of a topic may have been dropped. */
 export interface Update {
   now_s: number;
-  robots?: Record<string, Robot>;
+  /** A robot that left the fleet is null. */
+  robots?: Record<string, Robot | null>;
   poses?: Record<string, Pose>;
   run?: { "": Run };
   logs?: LogLine[];
@@ -55,6 +62,10 @@ export interface Robot {
   state: string;
   /** Why an emergency stop holds the robot. */
   stopped: string | null;
+  /** Whether it has halted since; until then it may still move. */
+  is_stop_confirmed: boolean;
+  /** When a lost robot last answered, in ISO 8601. */
+  last_seen: string | null;
   /** Reasons by resource. */
   not_ready: Record<string, string>;
   problems: string[];
@@ -225,6 +236,7 @@ export interface Requests {
   call: { robot: string; resource: string; method: string; text?: string; value: Argument };
   stop: object;
   resume: object;
+  reload: object;
   start: { file: string; parameters: Record<string, Value | Value[]> };
   control: { what: string };
 }
@@ -236,6 +248,7 @@ export interface Answers {
   call: { value: string };
   stop: { confirmed: string[] };
   resume: { confirmed: string[] };
+  reload: { changes: string };
   start: object;
   control: object;
 }

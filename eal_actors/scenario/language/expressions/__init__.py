@@ -1,18 +1,20 @@
 """Expressions in `${...}`: parsed and checked when the file is read, evaluated when the step is reached."""
 
 from eal_actors.scenario.language.expressions.evaluation import (
+    MAX_WORK,
     LocatedExpression,
     Namespace,
-    Template,
+    WorkBudget,
+    WorkLimitError,
     bare_expressions,
     evaluate,
     evaluate_bare,
     expressions_in,
     locate_expressions,
     parse_bare,
-    parse_template,
     render,
     render_text,
+    size_of,
     to_plain,
 )
 from eal_actors.scenario.language.expressions.grammar import (
@@ -20,10 +22,13 @@ from eal_actors.scenario.language.expressions.grammar import (
     Flaw,
     Name,
     RobotReading,
+    Template,
     parse_expression,
+    parse_template,
 )
 
 __all__ = [
+    "MAX_WORK",
     "Expression",
     "Flaw",
     "LocatedExpression",
@@ -31,6 +36,8 @@ __all__ = [
     "Namespace",
     "RobotReading",
     "Template",
+    "WorkBudget",
+    "WorkLimitError",
     "bare_expressions",
     "evaluate",
     "evaluate_bare",
@@ -41,5 +48,6 @@ __all__ = [
     "parse_template",
     "render",
     "render_text",
+    "size_of",
     "to_plain",
 ]

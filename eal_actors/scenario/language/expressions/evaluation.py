@@ -1,15 +1,21 @@
 """Evaluation of expressions, and of texts with `${...}` in them. `$${` is a literal `${`.
 
 `simpleeval` evaluates expressions; Python's own `eval` is never used.
+
+Size and work are bounded. The size of a value is the number of its characters and of its values, lists included. The
+items of a list inside a list count each time that the list is referenced. Otherwise a few lines such as
+`b: [a, a, a]`, `c: [b, b, b]` make a value that fills the memory. An operation of an expression costs the size of its
+result.
 """
 
 from __future__ import annotations
 
 import ast
+import textwrap
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 from simpleeval import InvalidExpression, SimpleEval
@@ -28,10 +34,103 @@ from eal_actors.scenario.language.expressions.functions import (
 from eal_actors.scenario.language.expressions.grammar import (
     READINGS,
     Expression,
-    Flaw,
     RobotReading,
     parse_expression,
+    parse_template,
 )
+
+MAX_SIZE: Final = 100_000
+"""Maximum size of a value, and maximum work of one expression."""
+MAX_WORK: Final = 10_000_000
+"""Maximum work of the expressions that are evaluated before a run."""
+MAX_LEVELS: Final = 40
+"""Maximum nesting of lists."""
+SCALARS: Final = frozenset({int, float, bool, type(None)})
+"""The types of values of size 1."""
+_local = threading.local()
+_MOST_SHOWN: Final = 60
+
+
+# Limits.
+
+
+class WorkLimitError(ScenarioError):
+    """An expression, or all expressions of a check or a run together, would need too much time or memory."""
+
+
+class WorkBudget:
+    """The work that the expressions of a check or a run may do together.
+
+    Args:
+        purpose: names the expressions in messages, such as `the expressions of this run`.
+        limit: the work at any time.
+        earned: returns additional work that is allowed by now.
+
+    Attributes:
+        spent: the work so far.
+    """
+
+    def __init__(self, purpose: str, limit: int, earned: Callable[[], float] = lambda: 0.0) -> None:
+        self.spent = 0
+        self._purpose = purpose
+        self._limit = limit
+        self._earned = earned
+
+    def is_spent(self) -> bool:
+        """Return whether no work is left."""
+        return self.spent > self._limit + self._earned()
+
+    def message(self) -> str:
+        """Return the text of the problem that the budget is spent."""
+        return f"up to here, {self._purpose} need more work than {self._limit} items, characters and operations"
+
+    @contextmanager
+    def applied(self) -> Iterator[None]:
+        """Charge the budget with the expressions that the calling thread evaluates in a `with` block."""
+        outer = getattr(_local, "budget", None)
+        _local.budget = self
+        try:
+            yield
+        finally:
+            _local.budget = outer
+
+
+def size_of(value: object, limit: int = MAX_SIZE) -> int:
+    """Return the size of a value; a number over the limit if it is larger, or nested too deep."""
+    if type(value) in SCALARS:
+        return 1
+    size, level = 0, [value]
+    for _ in range(MAX_LEVELS + 1):
+        inner: list[Any] = []
+        for item in level:
+            size += 1
+            if type(item) in SCALARS:
+                continue
+            if isinstance(item, str):
+                size += len(item)
+            elif isinstance(item, list | tuple | Mapping):
+                if size + len(inner) + len(item) > limit:
+                    return limit + 1
+                inner += item.values() if isinstance(item, Mapping) else item
+        if not inner:
+            return size
+        level = inner
+    return limit + 1
+
+
+def require_small(value: object, what: str) -> None:
+    """Check the size of a value.
+
+    Raises:
+        WorkLimitError: it is too large.
+    """
+    if size_of(value) > MAX_SIZE:
+        raise WorkLimitError(
+            f"{what} has more than {MAX_SIZE} items and characters, or lists nested more than {MAX_LEVELS} levels deep"
+        )
+
+
+# Values.
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,16 +153,23 @@ def evaluate(expression: Expression, names: Namespace) -> Any:
 
     Raises:
         ScenarioError: a variable has no value, or the expression has none.
+        WorkLimitError: it needs too much work.
     """
     if expression.flaws or expression.tree is None:
         raise ScenarioError(f"${{{expression.text}}}: {expression.flaws[0].message}")
     if isinstance(expression.tree, ast.Name) and expression.tree.id not in CONSTANTS:
         return _look_up(expression.tree.id, names)
+    budget: WorkBudget | None = getattr(_local, "budget", None)
+    if budget is not None and budget.is_spent():
+        raise WorkLimitError(budget.message())
     evaluator = _evaluator()
     evaluator.names = _Names(names)
     evaluator.answers = names.readings
+    evaluator.work = 0
     try:
         return evaluator.eval(expression.text, previously_parsed=expression.tree)
+    except WorkLimitError as error:
+        raise WorkLimitError(f"{textwrap.shorten(expression.text, _MOST_SHOWN)}: {error}") from error
     except ScenarioError:
         raise
     except (RefusalError, InvalidExpression) as error:
@@ -75,6 +181,8 @@ def evaluate(expression: Expression, names: Namespace) -> Any:
     finally:
         evaluator.names = {}
         evaluator.answers = {}
+        if budget is not None:
+            budget.spent += evaluator.work
 
 
 def _reason(error: Exception) -> str:
@@ -94,11 +202,15 @@ def to_plain(value: object, what: str) -> Any:
         if getattr(inner, "size", 0) > MAX_ITEMS:
             raise ScenarioError(f"{what} has more than {MAX_ITEMS} elements, too many for an expression")
         return inner.tolist()
+    if isinstance(inner, tuple | list):
+        require_small(inner, what)
     return _as_lists(inner)
 
 
 def _as_lists(value: Any) -> Any:
-    return [_as_lists(item) for item in value] if isinstance(value, tuple | list) else value
+    if not isinstance(value, tuple | list):
+        return value
+    return [_as_lists(item) if isinstance(item, tuple | list) else item for item in value]
 
 
 def _look_up(name: str, names: Namespace) -> object:
@@ -124,6 +236,7 @@ class _Evaluator(SimpleEval):  # type: ignore[misc]  # simpleeval has no types
     """An evaluator with our operators, functions and lists, and nothing else."""
 
     answers: Mapping[RobotReading, object]
+    work = 0
 
     def __init__(self) -> None:
         functions = {name: function.call for name, function in FUNCTIONS.items()}
@@ -135,15 +248,18 @@ class _Evaluator(SimpleEval):  # type: ignore[misc]  # simpleeval has no types
             self.nodes.pop(kind, None)
         self.nodes[ast.List] = lambda node: [self._eval(item) for item in node.elts]
 
+    def _check_disallowed_items(self, item: object) -> None:
+        """Charge for the result of an operation. The grammar has no attributes and no calls of values to refuse."""
+        self.work += 1 if type(item) in SCALARS else size_of(item)
+        if self.work > MAX_SIZE:
+            raise WorkLimitError(f"needs more work than {MAX_SIZE} items, characters and operations")
+
     def _reader(self, method: str) -> Any:
         def read(resource: str, argument: str | None = None) -> Any:
             reading = RobotReading(method, resource, argument)
             return to_plain(self.answers[reading], str(reading))
 
         return read
-
-
-_local = threading.local()
 
 
 def _evaluator() -> _Evaluator:
@@ -155,74 +271,6 @@ def _evaluator() -> _Evaluator:
 
 
 # Texts.
-
-_BROKEN: Final = "${ must be closed, as in ${expression}; write $${ for a literal ${"
-
-
-@dataclass(frozen=True, slots=True)
-class Template:
-    """A parsed text.
-
-    Attributes:
-        parts: literal texts, and expressions with the offset of their first character in the text.
-        flaws: its problems.
-    """
-
-    parts: tuple[str | tuple[Expression, int], ...]
-    flaws: tuple[Flaw, ...] = ()
-
-    @property
-    def whole(self) -> Expression | None:
-        """The expression, if the text is one `${...}` and nothing else."""
-        return self.parts[0][0] if len(self.parts) == 1 and isinstance(self.parts[0], tuple) else None
-
-    def expressions(self) -> Iterator[tuple[Expression, int]]:
-        """Yield the expressions with their offsets in the text."""
-        for part in self.parts:
-            if isinstance(part, tuple):
-                yield part
-
-
-@lru_cache(maxsize=4096)
-def parse_template(text: str) -> Template:
-    """Parse a text; its problems are its `flaws`."""
-    parts: list[str | tuple[Expression, int]] = []
-    flaws: list[Flaw] = []
-    literal, position = "", 0
-    while (start := text.find("${", position)) >= 0:
-        if start > position and text[start - 1] == "$":
-            literal += text[position : start - 1] + "${"
-            position = start + 2
-            continue
-        literal += text[position:start]
-        end = _closing(text, start + 2)
-        if end is None:
-            return Template((text,), (Flaw(_BROKEN, start),))
-        if literal:
-            parts.append(literal)
-        literal, position = "", end + 1
-        expression = parse_expression(text[start + 2 : end])
-        parts.append((expression, start + 2))
-        flaws += [Flaw(flaw.message, start + 2 + flaw.offset) for flaw in expression.flaws]
-    literal += text[position:]
-    if literal or not parts:
-        parts.append(literal)
-    return Template(tuple(parts), tuple(flaws))
-
-
-def _closing(text: str, position: int) -> int | None:
-    """Return the position of the brace that closes an expression; braces in quotes do not count."""
-    quote = ""
-    for index in range(position, len(text)):
-        character = text[index]
-        if quote:
-            if character == quote and text[index - 1] != "\\":
-                quote = ""
-        elif character in "'\"":
-            quote = character
-        elif character == "}":
-            return index
-    return None
 
 
 def expressions_in(value: object) -> Iterator[Expression]:
@@ -240,9 +288,13 @@ def render(value: object, names: Namespace) -> object:
 
     Raises:
         ScenarioError: a variable has no value, or one that has no form in a text.
+        WorkLimitError: the value is too large.
     """
     if isinstance(value, tuple):
-        return tuple(render(item, names) for item in value)
+        found = tuple(render(item, names) for item in value)
+        if found != value:
+            require_small(found, "the list")
+        return found
     if not isinstance(value, str) or "${" not in value:
         return value
     template = parse_template(value)
@@ -262,9 +314,11 @@ def render_text(text: str, names: Namespace) -> str:
     template = parse_template(text)
     if template.flaws:
         raise ScenarioError(template.flaws[0].message)
-    return "".join(
-        part if isinstance(part, str) else _as_text(part[0], evaluate(part[0], names)) for part in template.parts
-    )
+    found = ""
+    for part in template.parts:
+        found += part if isinstance(part, str) else _as_text(part[0], evaluate(part[0], names))
+        require_small(found, "the text")
+    return found
 
 
 def _as_text(expression: Expression, value: object) -> str:
@@ -294,7 +348,9 @@ def evaluate_bare(value: object, names: Namespace) -> Any:
         ScenarioError: as for `evaluate`.
     """
     if isinstance(value, tuple | list):
-        return [evaluate_bare(item, names) for item in value]
+        found = [evaluate_bare(item, names) for item in value]
+        require_small(found, "the list")
+        return found
     return evaluate(parse_bare(value)[0], names) if isinstance(value, str) else value
 
 
@@ -330,5 +386,7 @@ def locate_expressions(keys: YamlPath, value: object, *, is_bare: bool = False) 
         for index, item in enumerate(value):
             yield from locate_expressions((*keys, index), item, is_bare=is_bare)
     elif isinstance(value, str):
+        if not is_bare and "${" not in value:
+            return
         for expression, offset in (parse_bare(value),) if is_bare else parse_template(value).expressions():
             yield LocatedExpression(expression, keys, value, offset)

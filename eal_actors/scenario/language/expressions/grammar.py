@@ -10,7 +10,9 @@ comprehensions, lambdas and everything else of Python are not part of it.
 from __future__ import annotations
 
 import ast
+import re
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -102,6 +104,11 @@ class Expression:
     names: tuple[Name, ...] = ()
     readings: tuple[tuple[RobotReading, int], ...] = ()
     flaws: tuple[Flaw, ...] = ()
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether its value depends on nothing."""
+        return not self.names and not self.readings and not re.search(r"\brun\b", self.text)
 
 
 @lru_cache(maxsize=4096)
@@ -234,3 +241,74 @@ _EXAMPLES: Final = {
     "config": "'Base', 'step_m'",
     "request": "'Base', 'position'",
 }
+
+
+# Texts with expressions.
+
+_BROKEN: Final = "${ must be closed, as in ${expression}; write $${ for a literal ${"
+
+
+@dataclass(frozen=True, slots=True)
+class Template:
+    """A parsed text.
+
+    Attributes:
+        parts: literal texts, and expressions with the offset of their first character in the text.
+        flaws: its problems.
+    """
+
+    parts: tuple[str | tuple[Expression, int], ...]
+    flaws: tuple[Flaw, ...] = ()
+
+    @property
+    def whole(self) -> Expression | None:
+        """The expression, if the text is one `${...}` and nothing else."""
+        return self.parts[0][0] if len(self.parts) == 1 and isinstance(self.parts[0], tuple) else None
+
+    def expressions(self) -> Iterator[tuple[Expression, int]]:
+        """Yield the expressions with their offsets in the text."""
+        for part in self.parts:
+            if isinstance(part, tuple):
+                yield part
+
+
+@lru_cache(maxsize=4096)
+def parse_template(text: str) -> Template:
+    """Parse a text; its problems are its `flaws`."""
+    parts: list[str | tuple[Expression, int]] = []
+    flaws: list[Flaw] = []
+    literal, position = "", 0
+    while (start := text.find("${", position)) >= 0:
+        if start > position and text[start - 1] == "$":
+            literal += text[position : start - 1] + "${"
+            position = start + 2
+            continue
+        literal += text[position:start]
+        end = _closing(text, start + 2)
+        if end is None:
+            return Template((text,), (Flaw(_BROKEN, start),))
+        if literal:
+            parts.append(literal)
+        literal, position = "", end + 1
+        expression = parse_expression(text[start + 2 : end])
+        parts.append((expression, start + 2))
+        flaws += [Flaw(flaw.message, start + 2 + flaw.offset) for flaw in expression.flaws]
+    literal += text[position:]
+    if literal or not parts:
+        parts.append(literal)
+    return Template(tuple(parts), tuple(flaws))
+
+
+def _closing(text: str, position: int) -> int | None:
+    """Return the position of the brace that closes an expression; braces in quotes do not count."""
+    quote = ""
+    for index in range(position, len(text)):
+        character = text[index]
+        if quote:
+            if character == quote and text[index - 1] != "\\":
+                quote = ""
+        elif character in "'\"":
+            quote = character
+        elif character == "}":
+            return index
+    return None

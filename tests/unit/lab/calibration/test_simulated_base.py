@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -17,7 +18,8 @@ def robot_of(model: MakeName, *, calibrated: bool = True) -> Robot:
     raw = MAKES[model].raw_errors
     known = {"track_factor": raw.track_factor, "wheel_ratio": raw.k_right / raw.k_left} if calibrated else {}
     robot = Fleet(arena(9, 9)).add("r", (0, 0, 0), model=model, noise=True, calibrated=False, calibration=known)
-    robot.plugin.robot._wheels._turn_noise_rad = robot.plugin.robot._wheels._walk_per_tick = 0.0
+    wheels = robot.plugin.robot._wheels
+    wheels._turn_noise_rad, wheels._errors = 0.0, replace(raw, scatter_m=0.0)
     return robot
 
 

@@ -29,7 +29,7 @@ GRADIENT = np.dstack([np.tile(np.arange(64, dtype=np.uint8) * 3, (48, 1)) + shif
 def test_a_raw_frame_as_bytes() -> None:
     # Written by hand after the table of docs/reference/wire-format.md and the msgpack specification.
     envelope = bytes.fromhex(
-        "97 02 01 95 a5 666c6f6174 c0 c0 c0 cb3ff8000000000000 a1 65 cb4000000000000000 cb3fe0000000000000 a3 726177"
+        "97 03 01 95 a5 666c6f6174 c0 c0 c0 cb3ff8000000000000 a1 65 cb4000000000000000 cb3fe0000000000000 a3 726177"
     )
     frame = StreamFrame(EALData.from_payload(EALData.of(0.5).type, b"\0" * 8).with_meta(stamp_s=1.5), TIME, 0.5)
     del frame

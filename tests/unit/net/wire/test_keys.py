@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import pytest
 import zenoh
@@ -17,7 +18,7 @@ ANY_TEXT = st.text(st.characters(), min_size=1)  # lone surrogates too, as in na
 NAMES = st.from_regex(re.compile(NAME_PATTERN, re.ASCII), fullmatch=True).map(lambda name: name.rstrip("\n"))
 
 
-CLIENT = "0123456789abcdef"
+CLIENT = 2 * "0123456789abcdef"
 
 
 @pytest.mark.parametrize(
@@ -106,7 +107,7 @@ def test_what_is_told_stands_apart_from_calls(fleet: str, robot: str, resource: 
     told = {
         keys.alive_key(fleet, robot): keys.alive_keys(fleet),
         keys.event_key(fleet, robot): keys.event_key(fleet, None),
-        keys.heartbeat_key(fleet, CLIENT): keys.heartbeat_key(fleet, None),
+        keys.heartbeat_key(fleet, robot, CLIENT): keys.heartbeat_key(fleet, None, None),
         keys.stream_key(fleet, robot, resource, "raw", "12.5"): None,
     }
     calls = zenoh.KeyExpr(keys.call_keys(fleet, None))
@@ -124,6 +125,27 @@ def test_what_is_told_stands_apart_from_calls(fleet: str, robot: str, resource: 
 def test_what_names_no_robot_is_refused(key: str) -> None:
     with pytest.raises(ProtocolError):
         keys.parse_robot(key)
+
+
+def test_a_heartbeat_names_its_sender() -> None:
+    assert keys.heartbeat_key("my lab", "a.b", "c1") == "eal/my%20lab/@heartbeats/a.b/c1"
+    assert keys.parse_heartbeat("eal/my%20lab/@heartbeats/a.b/c1") == ("a.b", "c1")
+    for key in ("eal/f/@heartbeats/c1", "eal/f/@heartbeats/a/b/c", "eal/f/@events/a/b", "x/f/@heartbeats/a/b"):
+        with pytest.raises(ProtocolError, match="is not eal/<fleet>/@heartbeats/<caller>/<client>"):
+            keys.parse_heartbeat(key)
+
+
+@pytest.mark.parametrize("parse", [keys.parse_call, keys.parse_heartbeat])
+def test_a_long_key_is_not_read(parse: Callable[[str], object]) -> None:
+    with pytest.raises(ProtocolError, match="a key of 1025 characters, more than 1024"):
+        parse("x" * 1025)
+
+
+def test_the_published_identifier_belongs_to_a_certificate_and_hides_the_client() -> None:
+    ours, ours_again, theirs = keys.client_id("a", "s1"), keys.client_id("a", "s2"), keys.client_id("b", "s1")
+    assert keys.certificate_id(ours) == keys.certificate_id(ours_again) != keys.certificate_id(theirs)
+    assert len({ours[16:], ours_again[16:], theirs[16:]}) == 3
+    assert keys.client_id("a/b", "c") != keys.client_id("a", "b/c")
 
 
 def test_the_token_s_key_is_what_it_was_and_tells_the_version() -> None:

@@ -17,7 +17,7 @@ from eal_actors.net.wire import messages as wire
 from eal_actors.net.wire.messages import ACCEPTED, CallHeader, CallId, CallReply, Heartbeat, RobotEvent, RobotTime
 from eal_actors.net.wire.packing import MAX_PAYLOAD_BYTES, Buffer
 
-CLIENT = "0123456789abcdef"
+CLIENT = 2 * "0123456789abcdef"
 CALL = CallHeader(CLIENT, 3, 17, 0.5, 2.0, None, ("r45",))
 TRACEPARENT = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01"
 ERRORS = [member for member in vars(errors).values() if isinstance(member, type) and issubclass(member, EALError)]
@@ -49,22 +49,22 @@ def decode_answer(envelope: Buffer, payload: Buffer = b"") -> wire.Answer:
         pytest.param(
             CALL,
             None,
-            "99 02 c4080123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0",
+            "99 03 c4100123456789abcdef0123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0",
             "",
             id="send_cmd r45",
         ),
         pytest.param(
-            CallHeader("ffffffffffffffff", 0, 300, 2.0, 2.0, 12.0),
+            CallHeader("ff" * 16, 0, 300, 2.0, 2.0, 12.0),
             EALData.of(1.5, unit="m", stamp_s=12.5),
-            "99 02 c408ffffffffffffffff 00 cd012c cb4000000000000000 cb4000000000000000 cb4028000000000000 90"
-            "95 a6646f75626c65 c0 a16d c0 cb4029000000000000",
+            "99 03 c410ffffffffffffffffffffffffffffffff 00 cd012c cb4000000000000000 cb4000000000000000 "
+            "cb4028000000000000 90 95 a6646f75626c65 c0 a16d c0 cb4029000000000000",
             "000000000000f83f",
             id="set_value 1.5 m at 12 s",
         ),
         pytest.param(
-            CallHeader("ffffffffffffffff", 0, 1, 1.0, 2.0, None, (), "ab", 0.5, 0.25, has_more=True),
+            CallHeader("ff" * 16, 0, 1, 1.0, 2.0, None, (), "ab", 0.5, 0.25, has_more=True),
             None,
-            "9d 02 c408ffffffffffffffff 00 01 cb3ff0000000000000 cb4000000000000000 c0 90 c0"
+            "9d 03 c410ffffffffffffffffffffffffffffffff 00 01 cb3ff0000000000000 cb4000000000000000 c0 90 c0"
             "a26162 cb3fe0000000000000 cb3fd0000000000000 c3",
             "",
             id="with an echo, and more to come",
@@ -72,7 +72,7 @@ def decode_answer(envelope: Buffer, payload: Buffer = b"") -> wire.Answer:
         pytest.param(
             CALL._replace(traceparent=TRACEPARENT),
             None,
-            "9e 02 c4080123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0"
+            "9e 03 c4100123456789abcdef0123456789abcdef 03 11 cb3fe0000000000000 cb4000000000000000 c0 91a3723435 c0"
             f"a0 cb0000000000000000 cb0000000000000000 c2 d937 {TRACEPARENT.encode().hex()}",
             "",
             id="a part of a trace",
@@ -87,15 +87,15 @@ def test_a_call_as_bytes(header: CallHeader, data: EALData | None, envelope: str
 @pytest.mark.parametrize(
     ("answer", "envelope", "payload"),
     [
-        pytest.param(-1, raw("94 02 07 00 ff"), "", id="status"),
+        pytest.param(-1, raw("94 03 07 00 ff"), "", id="status"),
         pytest.param(
             EALData.of(np.array([[1, 2, 3], [4, 5, 6]], "u1"), frame_id="cam"),
-            raw("94 02 07 01 95 af{type} 920203 c0 a3{frame} c0", type="unsigned char[]", frame="cam"),
+            raw("94 03 07 01 95 af{type} 920203 c0 a3{frame} c0", type="unsigned char[]", frame="cam"),
             "010203040506",
             id="image",
         ),
-        pytest.param({"state": "up"}, raw("94 02 07 03 81 a5{k} a2{v}", k="state", v="up"), "", id="fields"),
-        pytest.param(ACCEPTED, raw("94 02 07 04 c0"), "", id="accepted"),
+        pytest.param({"state": "up"}, raw("94 03 07 03 81 a5{k} a2{v}", k="state", v="up"), "", id="fields"),
+        pytest.param(ACCEPTED, raw("94 03 07 04 c0"), "", id="accepted"),
     ],
 )
 def test_an_answer_as_bytes(answer: wire.Answer, envelope: bytes, payload: str) -> None:
@@ -106,17 +106,17 @@ def test_an_answer_as_bytes(answer: wire.Answer, envelope: bytes, payload: str) 
 
 def test_an_answer_with_the_robots_clock_as_bytes() -> None:
     reply = CallReply(300, 1, RobotTime("ab", 0.5, 0.25))
-    envelope = bytes.fromhex("97 02 cd012c 00 01 a26162 cb3fe0000000000000 cb3fd0000000000000")
+    envelope = bytes.fromhex("97 03 cd012c 00 01 a26162 cb3fe0000000000000 cb3fd0000000000000")
     assert wire.encode_reply(reply) == (envelope, b"")
     assert wire.decode_reply(envelope) == reply
 
 
 def test_true_is_a_status() -> None:
-    assert encode_answer(True) == (bytes.fromhex("9402070001"), b"")
+    assert encode_answer(True) == (bytes.fromhex("9403070001"), b"")
 
 
 def test_an_error_as_bytes() -> None:
-    envelope = raw("94 02 07 02 94 a8{c} a7{m} a2{r} a5{s}", c="deadline", m="no echo", r="r1", s="Sonar")
+    envelope = raw("94 03 07 02 94 a8{c} a7{m} a2{r} a5{s}", c="deadline", m="no echo", r="r1", s="Sonar")
     assert encode_answer(DeadlineError("no echo", robot="r1", resource="Sonar")) == (envelope, b"")
     back = decode_answer(envelope)
     assert type(back) is DeadlineError
@@ -126,8 +126,8 @@ def test_an_error_as_bytes() -> None:
 def test_an_event_as_bytes() -> None:
     event = RobotEvent("result", 12.5, CallId(CLIENT, 3, 17), 1)
     envelope = raw(
-        "85 a7{version} 02 a4{kind} a6{result} a7{stamp_s} cb4029000000000000"
-        "a4{call} 93c4080123456789abcdef0311 a6{answer} 920001",
+        "85 a7{version} 03 a4{kind} a6{result} a7{stamp_s} cb4029000000000000"
+        "a4{call} 93c4100123456789abcdef0123456789abcdef0311 a6{answer} 920001",
         **{name: name for name in ("version", "kind", "result", "stamp_s", "call", "answer")},
     )
     assert wire.encode_event(event) == (envelope, b"")
@@ -135,10 +135,10 @@ def test_an_event_as_bytes() -> None:
 
 
 def test_a_heartbeat_as_bytes() -> None:
-    beat = Heartbeat(CLIENT, 3, 17, "anna")
+    beat = Heartbeat(CLIENT, "anna")
     envelope = raw(
-        "85 a7{version} 02 a6{client} c4080123456789abcdef a5{epoch} 03 a8{sequence} 11 a4{name} a4{anna}",
-        **{name: name for name in ("version", "client", "epoch", "sequence", "name", "anna")},
+        "83 a7{version} 03 a6{client} c4100123456789abcdef0123456789abcdef a4{name} a4{anna}",
+        **{name: name for name in ("version", "client", "name", "anna")},
     )
     assert wire.encode_heartbeat(beat) == envelope
     assert wire.decode_heartbeat(envelope) == beat
@@ -207,7 +207,7 @@ def values(draw: st.DrawFn) -> EALData:
 
 
 COUNTS = st.integers(0, 2**64 - 1)
-CLIENTS = st.binary(min_size=8, max_size=8).map(bytes.hex)
+CLIENTS = st.binary(min_size=16, max_size=16).map(bytes.hex)
 SECONDS = st.floats(allow_nan=False)
 TIMES = st.floats(allow_nan=False, allow_infinity=False)
 PLAIN = st.recursive(
@@ -282,7 +282,7 @@ def test_a_config_error_arrives_as_its_message() -> None:
 
 
 def test_an_error_of_an_unknown_kind_keeps_its_code_in_the_message() -> None:
-    envelope = msgpack.packb([2, 7, 2, ["too_hot", "60 °C", "r1", None]])
+    envelope = msgpack.packb([3, 7, 2, ["too_hot", "60 °C", "r1", None]])
     back = decode_answer(envelope)
     assert type(back) is EALError
     assert str(back) == "r1: 60 °C (an error of a kind unknown here: 'too_hot')"
@@ -328,7 +328,7 @@ def test_a_payload_has_at_most_64_mib() -> None:
 @pytest.mark.parametrize(
     ("header", "message"),
     [
-        (CALL._replace(client="evbot"), "client 'evbot' is not 16 hexadecimal digits"),
+        (CALL._replace(client="evbot"), "client 'evbot' is not 32 hexadecimal digits"),
         (CALL._replace(sequence=2**64), "call cannot be sent"),
         (CALL._replace(arguments=(2**70,)), "call cannot be sent"),
         (CALL._replace(arguments=("\ud800",)), "call cannot be sent"),

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors.actors.robot_view import Ping, RobotState
+from eal_actors.device.serial_ports import usb_id
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import discover
 from eal_actors.operate.doctor.certificates import RequiredCertificate, judge_mode, judge_validity
@@ -22,7 +23,6 @@ from eal_actors.operate.doctor.devices import (
     judge_device,
     named_devices,
     read_facts,
-    usb_id,
 )
 from eal_actors.operate.doctor.diagnostic import Severity
 from eal_actors.operate.doctor.packages import judge_python, judge_requirements
@@ -154,13 +154,14 @@ class TestCertificates:
         ("begins_days", "ends_days", "levels"),
         [
             (-100, 31, []),
-            (-100, 29, [Severity.WARNING]),
+            (-800, 29, [Severity.WARNING]),
+            (-8, 3, []),  # in the last fifth of its lifetime only
             (-100, 0, [Severity.PROBLEM]),
             (1, 900, [Severity.PROBLEM]),
         ],
     )
     def test_validity(self, begins_days: int, ends_days: int, levels: list[Severity]) -> None:
-        wanted = RequiredCertificate("one", "eal keys robot one --force")
+        wanted = RequiredCertificate("one", "eal keys renew one")
         begins, ends = NOW + timedelta(days=begins_days), NOW + timedelta(days=ends_days)
         assert [finding.level for finding in judge_validity(wanted, begins, ends, NOW)] == levels
 

@@ -122,10 +122,10 @@ def test_pyroombaadapter_drives_the_emulator_and_reads_its_sensors() -> None:
             assert robot.request_oi_mode() == 2
             robot.request_distance()
             way_m = 0.0
-            robot.move(0.2, 0.0)  # Drive with the radius 0x7FFF or 0x8000
+            robot.send_drive_direct(200, 200)
             while way_m < 0.2:
                 way_m += robot.request_distance() / 1000
-            robot.move(0.0, 0.0)
+            robot.send_drive_direct(0, 0)
             way_m += robot.request_distance() / 1000
             voltage_mv, capacity_mah = robot.request_voltage(), robot.request_capacity()
         finally:

@@ -14,9 +14,10 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.actors.handles import ResourceHandle
-from eal_actors.kernel.errors import ArgumentError, NotReadyError, PreemptedError, UnavailableError
+from eal_actors.kernel.errors import ArgumentError, NotReadyError, PreemptedError
 from eal_actors.managers.config import EALConfigManager
 from tests.unit.device.test_ports import WAIT_S, Cable
+from tests.unit.device.test_serial_ports import serial_server
 
 FAST = 4_000_000
 
@@ -58,14 +59,23 @@ def test_a_read_waits_until_all_is_there_while_others_are_answered(cable: Cable)
         assert reading.get().value == b"abcdef"
 
 
-def test_a_read_that_comes_too_early_loses_nothing(cable: Cable) -> None:
+def test_a_read_that_comes_too_early_returns_what_has_come(cable: Cable) -> None:
     with line(cable, timeout_s=0.2) as port:
+        assert port.read_comm(10, timeout_s=WAIT_S).get().value == b""
         cable.say(b"abc")
-        with pytest.raises(
-            UnavailableError, match=r"only 3 of 10 bytes came through .*ttyUSB0 within 0\.2 s; they stay"
-        ):
-            port.read_comm(10).get()
-        assert port.read_comm(3).get().value == b"abc"
+        assert port.read_comm(10, timeout_s=WAIT_S).get().value == b"abc"
+        assert port.get_status().get() == 0
+
+
+def test_a_read_that_ends_behind_another_leaves_the_bytes_to_it(cable: Cable) -> None:
+    with line(cable, timeout_s=WAIT_S) as port:
+        first = port.read_comm(4)
+        port.set_config("timeout_s", 0.1).get()
+        second = port.read_comm(2, timeout_s=WAIT_S)
+        cable.say(b"123")
+        assert second.get().value == b""
+        cable.say(b"4")
+        assert first.get().value == b"1234"
 
 
 def test_reads_are_served_in_their_order(cable: Cable) -> None:
@@ -174,3 +184,17 @@ def test_the_settings_name_the_resource(cable: Cable) -> None:
     with Fleet(EALConfigManager.of(content, name="test").fleet) as fleet:
         assert list(fleet["buoy"]) == ["Gps"]
         assert fleet["buoy"]["Gps"].write_comm("x").get() == 1
+
+
+@pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")  # of pyserial
+def test_the_control_lines_are_set_at_the_far_end() -> None:
+    with serial_server() as (url, far):
+        plugins = {"serial_port": {"port": url, "dtr": False}}
+        content = {"version": 1, "name": "f", "robots": {"buoy": {"plugins": plugins, "timeout_s": WAIT_S}}}
+        with Fleet(EALConfigManager.of(content, name="test").fleet) as fleet:
+            port = fleet["buoy"]["SerialPort"]
+            assert (port.get_config("dtr").get().value, port.get_config("rts").get().value) == (False, True)
+            assert (far.dtr, far.rts) == (False, True)
+            port.set_config("dtr", True).get()
+            port.set_config("rts", False).get()
+            assert (far.dtr, far.rts) == (True, False)

@@ -55,6 +55,22 @@ def cast(scene: Scene, movers: Sequence[Mover], eye: Eye, rays_per_side: int = 3
     return np.rint(total / rays_per_side**2).clip(0, 255).astype(np.uint8)
 
 
+def depths(scene: Scene, movers: Sequence[Mover], eye: Eye) -> Array:
+    """Return how far ahead each pixel's middle ray meets something, shape (height, width)."""
+    width, height = eye.lens.width, eye.lens.height
+    focal_px = width / 2 / math.tan(math.radians(eye.lens.fov_deg) / 2)
+    right = (np.arange(width) + 0.5 - width / 2) / focal_px
+    up = (height / 2 - np.arange(height) - 0.5) / focal_px
+    directions = np.empty((height, width, 3))
+    directions[..., 0] = math.cos(eye.yaw_rad) + right * math.sin(eye.yaw_rad)
+    directions[..., 1] = math.sin(eye.yaw_rad) - right * math.cos(eye.yaw_rad)
+    directions[..., 2] = up[:, np.newaxis]
+    origin, rays = np.array([eye.x_m, eye.y_m, eye.z_m]), directions.reshape(-1, 3)
+    met = [surface.meet(origin, rays) for surface in _surfaces(scene, movers)]
+    nearest: Array = np.min(met, axis=0)
+    return nearest.reshape(height, width)
+
+
 def psnr_db(image: Array, truth: Array) -> float:
     """Return the peak signal-to-noise ratio between two images."""
     square = np.mean((image.astype(float) - truth) ** 2)

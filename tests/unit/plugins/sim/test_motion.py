@@ -85,14 +85,14 @@ def test_a_drive_ends_at_rest_after_its_time() -> None:
 def test_wheels_without_errors_travel_what_is_commanded_and_draw_nothing() -> None:
     generator = np.random.default_rng(1)
     make = MAKES["roomba"].without_errors()
-    ahead_m, turn_rad = SimWheels(make, generator, TICK_S).travel(0.25, -0.5)
+    ahead_m, turn_rad = SimWheels(make, generator).travel(0.25, -0.5)
     assert (ahead_m, turn_rad) == (-0.125, -0.75 / make.track_m)
     assert generator.random() == np.random.default_rng(1).random()
 
 
 @pytest.mark.parametrize("make", MAKES.values(), ids=lambda make: make.name)
 def test_wheels_count_whole_steps_and_keep_the_rest(make: Make) -> None:
-    wheels = SimWheels(make, np.random.default_rng(1), TICK_S)
+    wheels = SimWheels(make, np.random.default_rng(1))
     step_m = make.encoder_step_m
     for _ in range(7):
         wheels.travel(0.3 * step_m, -0.3 * step_m)
@@ -102,19 +102,18 @@ def test_wheels_count_whole_steps_and_keep_the_rest(make: Make) -> None:
     assert wheels.counted_m == pytest.approx((3 * step_m, -2 * step_m))
 
 
+@pytest.mark.parametrize("ticks", [1, 7, 50])
 @pytest.mark.parametrize("make", MAKES.values(), ids=lambda make: make.name)
-def test_the_walk_grows_with_the_root_of_time_and_starts_afresh(make: Make) -> None:
-    move = Move.straight(make, 1.0, 0.2, TICK_S)
-    ends = []
-    wheels = SimWheels(make, np.random.default_rng(1), TICK_S)
-    for _ in range(200):
-        wheels.start(move)
-        for _ in range(100):
-            ahead_m, _ = wheels.travel(1.0, 1.0)
-        ends.append(ahead_m - (make.errors.k_left + make.errors.k_right) / 2)
-    predicted = make.errors.walk * math.sqrt(100 * TICK_S) / math.sqrt(2)  # the mean of two wheels
-    assert np.mean(ends) == pytest.approx(0, abs=4 * predicted / math.sqrt(len(ends)))
-    assert np.std(ends) == pytest.approx(predicted, rel=0.2)
+def test_the_scatter_of_the_wheels_depends_on_the_distance_alone(make: Make, ticks: int) -> None:
+    """Whatever the number of ticks, forward and back."""
+    wheels, step_m = SimWheels(make, np.random.default_rng(1)), 2.0 / ticks
+    ends = np.array(
+        [np.sum([wheels.travel(step_m, sign * step_m) for _ in range(ticks)], axis=0) for sign in (1, -1) * 200]
+    )
+    middle_m, turned_rad = ends[::2, 0].std(), ends[::2, 1].std()
+    assert middle_m == pytest.approx(make.errors.scatter_m, rel=0.2)  # sqrt(2 m) of each of two wheels, halved
+    assert turned_rad == pytest.approx(2 * make.errors.scatter_m / make.track_m / make.errors.track_factor, rel=0.2)
+    assert ends[1::2, 0].std() == pytest.approx(make.errors.scatter_m, rel=0.2)
 
 
 def test_dead_reckoning_follows_arcs() -> None:

@@ -188,6 +188,8 @@ def test_what_was_foreseen_is_what_the_world_is_then() -> None:
 def test_who_reads_at_a_steady_rate_is_cast_with_the_first_who_asks() -> None:
     stage = Stage()
     robots = [stage.put(x_m, 0, name=name) for name, x_m in (("a", -1), ("b", 0), ("c", 1))]
+    driving = Base(stage.world, stage.put(-2, 1.5, name="driven")).send_cmd("f4")
+    next(driving)
 
     def cast_for_a(readers: list[SimRobot]) -> set[str]:
         stage.clock.advance(0.1)
@@ -201,6 +203,8 @@ def test_who_reads_at_a_steady_rate_is_cast_with_the_first_who_asks() -> None:
     assert cast_for_a(robots) == {"a"}
     assert cast_for_a(robots[:2]) == {"a", "b", "c"}  # c ceases to read
     assert cast_for_a(robots[:2]) == {"a", "b"}
+    driving.close()
+    assert cast_for_a(robots) == {"a", "b"}  # nothing has moved since, so nothing is cast
 
 
 def test_the_sensors_do_not_keep_a_world_alive() -> None:

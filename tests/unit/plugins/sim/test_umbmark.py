@@ -1,7 +1,7 @@
 """The square test: each make errs by as much, and spreads as wide, as its parameters predict.
 
 The prediction is the kinematic model alone: each leg of a square is an arc whose length and angle follow from the
-wheels' factors; the walk and the noise of turns spread it. See Borenstein and Feng, "UMBmark".
+wheels' factors; the scatter of the wheels and the noise of turns spread it. See Borenstein and Feng, "UMBmark".
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from tests.unit.plugins.sim.rig import arena
 
 SEEDS = 20
 SIDE_M = 1.0
+PIECES = 10
 TICK_S = 0.02
 ROOM = arena(20.0, 20.0)
 
@@ -52,45 +53,47 @@ def measured(make: Make, direction: float) -> Array:
     return np.array(ends)
 
 
-def end_of(make: Make, direction: float, errors: Array) -> Array:
-    """Return the error of the end pose where each leg errs by (left m, right m, angle rad), shape (8, 3)."""
-    pose = (0.0, 0.0, 0.0)
-    track_m = make.track_m * make.errors.track_factor
-    for leg, (left_error_m, right_error_m, angle_error_rad) in zip(legs(make, direction), errors.tolist(), strict=True):
+def pieces(make: Make, direction: float) -> tuple[Array, Array]:
+    """Return what each piece of a square commands and by how much it errs, shapes (8 * PIECES, 2) and (.., 3).
+
+    A piece is a part of a leg: the random errors of its parts are independent. Columns: left m, right m, and for the
+    errors the angle in rad, which belongs to a whole turn and stands at its last piece.
+    """
+    commands, sigmas = [], []
+    for leg in legs(make, direction):
         left_m = right_m = 0.0
         while not leg.is_over:
             left_step_m, right_step_m = leg.step()
             left_m, right_m = left_m + left_step_m, right_m + right_step_m
-        left_m = left_m * make.errors.k_left + left_error_m
-        right_m = right_m * make.errors.k_right + right_error_m
+        wheels_m = np.array([left_m, right_m]) / PIECES
+        scatter_m = make.errors.scatter_m * np.sqrt(np.abs(wheels_m))
+        for piece in range(PIECES):
+            is_turned = leg.noise_share != 0 and piece == PIECES - 1
+            commands.append(wheels_m)
+            sigmas.append((*scatter_m, make.turn_noise_rad if is_turned else 0.0))
+    return np.array(commands), np.array(sigmas)
+
+
+def end_of(make: Make, direction: float, commands: Array, errors: Array) -> Array:
+    """Return the error of the end pose where each piece errs by (left m, right m, angle rad)."""
+    pose = (0.0, 0.0, 0.0)
+    track_m = make.track_m * make.errors.track_factor
+    travels = commands * (make.errors.k_left, make.errors.k_right) + errors[:, :2]
+    for (left_m, right_m), angle_error_rad in zip(travels.tolist(), errors[:, 2].tolist(), strict=True):
         pose = moved(pose, (left_m + right_m) / 2, (right_m - left_m) / track_m + angle_error_rad)
     return np.array(pose) - (0.0, 0.0, direction * 2 * math.pi)
 
 
-def spread_of(make: Make, direction: float) -> Array:
-    """Return the standard deviations of what each leg errs by, shape (8, 3)."""
-    sigmas = []
-    for leg in legs(make, direction):
-        is_turn = leg.noise_share != 0
-        steps_m = []
-        while not leg.is_over:
-            steps_m.append(abs(leg.step()[0]))
-        still_to_go_m = np.cumsum(steps_m[::-1])  # what a change of the factor in a tick still bears upon
-        walk_m = make.errors.walk * math.sqrt(TICK_S * float(np.sum(still_to_go_m**2)))
-        sigmas.append((walk_m, walk_m, make.turn_noise_rad if is_turn else 0.0))
-    return np.array(sigmas)
-
-
 def predicted(make: Make, direction: float) -> tuple[Array, Array]:
     """Return the mean and the covariance of the error of the end pose."""
-    sigmas = spread_of(make, direction)
+    commands, sigmas = pieces(make, direction)
     still = np.zeros_like(sigmas)
-    mean = end_of(make, direction, still)
+    mean = end_of(make, direction, commands, still)
     covariance = np.zeros((3, 3))
     for place in zip(*np.nonzero(sigmas), strict=True):
         errors = still.copy()
         errors[place] = sigmas[place]
-        change = (end_of(make, direction, errors) - end_of(make, direction, -errors)) / 2
+        change = (end_of(make, direction, commands, errors) - end_of(make, direction, commands, -errors)) / 2
         covariance += np.outer(change, change)
     return mean, covariance
 

@@ -1,0 +1,116 @@
+"""RobotStarter: the plugins and network sessions of one fleet, and the actors that it starts with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import partial
+
+from eal_actors.actors.robot_actor import RobotSpec, start_robot
+from eal_actors.actors.robot_view import RobotConnection, RobotView
+from eal_actors.actors.supervision import Restart
+from eal_actors.device.plugin_context import FleetServices
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.lock_step import MAX
+from eal_actors.kernel.log import get_logger
+from eal_actors.managers.fleet_changes import FleetChanges
+from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
+from eal_actors.managers.network_check import no_lock_step
+from eal_actors.managers.plugins import EALPluginManager
+from eal_actors.net.controller.controller import Controller
+from eal_actors.net.controller.remote_robot import RemoteRobot, RemoteSpec
+
+
+class RobotStarter:
+    """Starts the robots of a fleet.
+
+    Args:
+        config: the fleet's configuration.
+        clock: the fleet's clock.
+
+    Attributes:
+        config: the fleet's configuration.
+        services: the objects that the plugins share.
+
+    Thread: one at a time.
+    """
+
+    def __init__(self, config: FleetConfig, clock: Clock) -> None:
+        self.config = config
+        self._clock = clock
+        self._plugins = EALPluginManager(config.plugin_dirs)
+        self.services = FleetServices(clock, config.seed, config.world, self._plugins.open_port)
+        self._started: dict[str, RobotConfig] = {}  # the latest configuration of each robot of this process
+        self._controllers: dict[str, Controller] = {}  # by robot
+
+    def check(self, robots: Iterable[RobotConfig]) -> None:
+        """Raise ConfigError if a plugin does not exist or refuses its settings, or the clock does not fit."""
+        problems: set[Problem] = set()
+        for robot in robots:
+            if robot.address is None:  # the plugins of the others are in other processes
+                problems.update(self._plugins.check(robot)[0])
+            elif self.config.rate == MAX:
+                problems.add(self.config.tree.problem(("clock", "rate"), no_lock_step(robot.name)))
+        if problems:
+            raise ConfigError(sorted(problems))
+
+    def check_changes(self, changes: FleetChanges, former: RobotStarter) -> None:
+        """Raise ConfigError if `check` refuses a robot that a reload starts, or a plugin refuses its change."""
+        robots = [self.config.robots[name] for name in (*changes.added, *changes.restarted)]
+        self.check(robots)
+        problems: list[Problem] = []
+        for robot in robots:
+            if robot.address is None and (before := former._started.get(robot.name)) is not None:
+                problems += self._plugins.check_change(before, robot)
+        if problems:
+            raise ConfigError(sorted(problems))
+
+    def take_over(self, former: RobotStarter) -> None:
+        """Continue with the shared objects and the sessions of the fleet's former starter."""
+        self.services, self._started, self._controllers = former.services, former._started, former._controllers
+        self.services.open_port = self._plugins.open_port
+
+    def start(self, robot: RobotConfig) -> tuple[RobotConnection, RobotView]:
+        """Start a robot's actor. Does not block."""
+        if robot.address is not None:
+            return self._start_remote(robot, robot.address)
+        self._started[robot.name] = robot
+        spec = RobotSpec(
+            name=robot.name,
+            clock=self._clock,
+            open_plugins=partial(self._plugins.connect, robot, self.services),
+            timeout_s=robot.timeout_s,
+            mailbox=robot.mailbox,
+            restart=Restart(robot.restart),
+            max_restarts=robot.max_restarts,
+            restart_window_s=robot.restart_window_s,
+            link=self.services.link(robot.name),
+        )
+        return start_robot(spec)
+
+    def _start_remote(self, robot: RobotConfig, address: str) -> tuple[RobotConnection, RobotView]:
+        if robot.name not in self._controllers:  # the endpoints of a session are fixed, so a reload opens another one
+            remote = [one.name for one in self.config.robots.values() if one.address is not None]
+            names = [name for name in remote if name not in self._controllers]
+            controller = Controller(self.config, self._clock, names).launch()
+            self._controllers |= dict.fromkeys(names, controller)
+        view = RobotView(robot.name, self._clock)
+        link = self.services.link(robot.name)
+        spec = RemoteSpec(robot.name, address, self._clock, robot.timeout_s, link, robot.mailbox)
+        return RemoteRobot(spec, view, self._controllers[robot.name]).launch(), view
+
+    def end_sessions(self, timeout_s: float, robots: Iterable[str] | None = None) -> None:
+        """Close the network sessions that only some robots used, which are closed; all sessions if None.
+
+        Args:
+            timeout_s: real seconds for each session to close.
+            robots: names of the robots.
+
+        Thread: blocks the caller.
+        """
+        names = list(self._controllers) if robots is None else robots
+        ended = {self._controllers.pop(name) for name in names if name in self._controllers}
+        for controller in ended.difference(self._controllers.values()):
+            controller.shut_down()
+            if not controller.join(timeout_s):
+                get_logger(fleet=self.config.name).error("the network did not close in time and was abandoned")
