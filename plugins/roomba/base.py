@@ -20,7 +20,7 @@ from eal_actors.plugin import (
 from .driver import RoombaDriver
 from .groups import Contacts
 from .motion import MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionGoal, MotionProgress, TimedMotion
-from .wheel_model import Travel
+from .predicted_wheels import Travel
 
 _MOST_DOUBT_M: Final = 0.03  # of the travel, in one straight drive
 _MOST_DOUBT_IN_A_TURN_M: Final = 0.006  # 2.7 degrees

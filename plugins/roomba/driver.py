@@ -16,9 +16,9 @@ from eal_actors.plugin import (
 
 from .link import RoombaLink
 from .listening import LOOK_S, Listener, until
+from .predicted_wheels import Travel
 from .reading import RoombaReading, WheelCommand
 from .sci import MAX_NOTES, MODE_PAUSE_S, Mode, Op
-from .wheel_model import Travel
 
 _MODE_PAUSE_S: Final = MODE_PAUSE_S + 0.002  # clocks differ
 _WAKE_TRIES: Final = 3
@@ -325,31 +325,37 @@ class RoombaDriver(Listener):
     def _repeat_command(self) -> Activity:
         """Repeat a stop until a reading confirms it, and a command to the wheels that they do not obey."""
         with self._lock:
-            reading, now_s = self._reading, self.clock.now()
-            if self._must_stand:
-                if reading is not None and reading.stands and reading.stamp_s - self._stopped_s > _INSIST_S:
-                    self._must_stand, self._stopped_s, self._stop_count = False, reading.stamp_s, 0
-                elif now_s - self._sent_s > _INSIST_S:
-                    self._send_stop(now_s)
+            reading = self._reading
+            if self._must_stand or not any(self._commanded_m_s):
+                self._repeat_stop(reading)
                 return
-            if not any(self._commanded_m_s):  # a damaged byte may set it going at any time
-                self._must_stand = self._mode in (Mode.SAFE, Mode.FULL) and self._moved_s > self._stopped_s
+            if reading is None or self._has_fallen(reading) or not self._is_disobeyed(reading):
                 return
-            if reading is None:
-                return
-            stands = reading.stands and reading.stamp_s - max(self._moved_s, self._driven_s) > _DISOBEYED_S
-            if self._has_fallen(reading) or not (stands or self._must_repeat):
-                return
-            if stands:
-                self._driven_s = now_s
-                if self._mode is self._wanted:
-                    self._mode = Mode.PASSIVE  # a damaged command may have ended its control
         yield from self._enter(self._wanted)
         with self._lock:
             if any(self._commanded_m_s):
                 self._link.send(self._drive_data, supersedes=True)
                 self._sent_s = self.clock.now()
                 self._note_wheels(*self._commanded_m_s)
+
+    def _repeat_stop(self, reading: RoombaReading | None) -> None:
+        """Repeat a stop until a reading confirms it. Thread: holds the lock."""
+        now_s = self.clock.now()
+        if not self._must_stand:  # a damaged byte may set it going at any time
+            self._must_stand = self._mode in (Mode.SAFE, Mode.FULL) and self._moved_s > self._stopped_s
+        elif reading is not None and reading.stands and reading.stamp_s - self._stopped_s > _INSIST_S:
+            self._must_stand, self._stopped_s, self._stop_count = False, reading.stamp_s, 0
+        elif now_s - self._sent_s > _INSIST_S:
+            self._send_stop(now_s)
+
+    def _is_disobeyed(self, reading: RoombaReading) -> bool:
+        """Return whether the wheels may not have heard their command. Thread: holds the lock."""
+        if reading.stands and reading.stamp_s - max(self._moved_s, self._driven_s) > _DISOBEYED_S:
+            self._driven_s = self.clock.now()
+            if self._mode is self._wanted:
+                self._mode = Mode.PASSIVE  # a damaged command may have ended its control
+            return True
+        return self._must_repeat
 
     def _take(self, reading: RoombaReading) -> None:
         """Note a reading. Thread: holds the lock."""

@@ -17,11 +17,11 @@ from .groups import GROUP_BYTES, Sensors
 from .link import RoombaLink
 from .listening import LOOK_S, until
 from .motion import slowed
+from .predicted_wheels import Travel
 from .reading import WheelCommand
 from .replies import Reply, ReplyReader, ReplyState
 from .sci import CLOCKWISE, COUNTER_CLOCKWISE, MAX_RADIUS_MM, STRAIGHT, WHEELBASE_M, Mode, Op
 from .travel import TravelJudge
-from .wheel_model import Travel
 
 _LIMITS_S: Final = (0.2, 0.05, 0.03)  # of the first reply, of any reply, and of a silence within one
 _LOSSY_LIMITS_S: Final = (0.1, 0.06, 0.1)

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from .wheel_model import NOTHING, ROUNDING_M, AccelerationGauge, Travel, WheelModel
+from .predicted_wheels import NOTHING, ROUNDING_M, AccelerationGauge, PredictedWheels, Travel
 
 _MAX_SPEED_M_S: Final = 0.6
 _JITTER_S: Final = 0.02  # a Roomba counts every 15 ms, a simulated one every 20 ms
@@ -68,7 +68,7 @@ class TravelJudge:
     """
 
     def __init__(self, delay_s: float) -> None:
-        self.model = WheelModel(delay_s)
+        self.model = PredictedWheels(delay_s)
         self.doubt = NOTHING
         self._counted_s = -math.inf
         self._requests: deque[tuple[float, bool]] = deque(maxlen=_MOST_REQUESTS)

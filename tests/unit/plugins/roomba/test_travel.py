@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from plugins.roomba.predicted_wheels import Travel
 from plugins.roomba.travel import TravelJudge
-from plugins.roomba.wheel_model import Travel
 
 POLL_S = 0.05
 CRUISE = (0.3, 0.3)

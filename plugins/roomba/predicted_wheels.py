@@ -48,7 +48,7 @@ class Travel(NamedTuple):
 NOTHING: Final = Travel(0.0, 0.0)
 
 
-class WheelModel:
+class PredictedWheels:
     """Predicts the travel of the wheels from their speeds at a time, and the commands since then.
 
     Args:
@@ -145,7 +145,7 @@ class AccelerationGauge:
     """Measures the acceleration of the wheels by what they count from rest."""
 
     def __init__(self) -> None:
-        self._model = WheelModel()
+        self._model = PredictedWheels()
         self._counted: Travel | None = None
         self._since_s = 0.0
 
@@ -157,7 +157,7 @@ class AccelerationGauge:
         """Wait for the next rest: a count is not certain."""
         self._counted = None
 
-    def add(self, counted: Travel, now_s: float, model: WheelModel) -> None:
+    def add(self, counted: Travel, now_s: float, model: PredictedWheels) -> None:
         """Add a certain count, and tell the model what is known by now."""
         if self._model.target_m_s == (0.0, 0.0):
             self._counted = None if any(counted) else NOTHING
