@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -19,7 +18,6 @@ from eal_actors.device.world import load_world
 from eal_actors.lab.calibration.drive import GroundTruth, calibrate_base, drive_squares, wheelbase_of
 from eal_actors.lab.calibration.fit import fit_squares
 from eal_actors.lab.calibration.square import WAYS, SquareEnds
-from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import PoseRecorder, draw_trajectory, draw_world
 from eal_actors.recording.arena import draw_grid, new_figure
 from eal_actors.scenario import run_scenario
@@ -56,11 +54,7 @@ def draw_square(out: Path) -> None:
 
 def draw_dance(out: Path) -> None:
     """Draw the dance of the shipped fleet."""
-    robots = {
-        model: {"model": model, "start": (x_m, 0.0, 0)}
-        for model, x_m in (("evbot2", -1.5), ("evbot3", 0.0), ("roomba", 1.5))
-    }
-    draw_run("dance.yaml", robots, "the dance", out)
+    draw_shipped("dance", "the dance", out, fleet="sim")
 
 
 def draw_view(out: Path) -> None:
@@ -130,9 +124,9 @@ def draw_survey(out: Path) -> None:
     subprocess.run([sys.executable, *map(str, command)], check=True, cwd=ROOT)  # noqa: S603
 
 
-def draw_shipped(name: str, title: str, out: Path) -> None:
-    """Run a shipped scenario on the fleet that comes with it, and draw where the robots went."""
-    with Simulation(ROOT / f"fleets/{name}.yaml") as simulation:
+def draw_shipped(name: str, title: str, out: Path, fleet: str | None = None) -> None:
+    """Run a shipped scenario on the fleet of its name, or on another, and draw where the robots went."""
+    with Simulation(ROOT / f"fleets/{fleet or name}.yaml") as simulation:
         with PoseRecorder(simulation.fleet, list(simulation.fleet)) as recorder:
             report = run_scenario(ROOT / f"scenarios/{name}.yaml", simulation.fleet)
         if report.outcome != "done":
@@ -162,10 +156,8 @@ def draw_dashboard(images: Path) -> None:
 
     from eal_actors.operate.dashboard import Dashboard
 
-    lab = load_world(ROOT / "fleets/worlds/lab.yaml")
-    config = replace(EALConfigManager.load(ROOT / "fleets/sim.yaml").fleet, world=lab)
     with (
-        Fleet(config).connect() as fleet,
+        Fleet.load(ROOT / "fleets/sim.yaml").connect() as fleet,
         Dashboard(fleet, scenarios=ROOT / "scenarios") as dashboard,
         sync_playwright() as playwright,
         playwright.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"]) as browser,
@@ -194,7 +186,7 @@ def draw_sweep(out: Path) -> None:
     """Draw what the sweep of its page comes to."""
     page = (ROOT / "docs/sweeps.md").read_text(encoding="utf-8")
     scenario = page.partition("```yaml\n")[2].partition("```")[0]
-    vary = ("--vary", "side_m=0.25:1.5:0.25", "--vary", "turn=left,right", "--seeds", "1:10")
+    vary = ("--vary", "side_m=0.25:1:0.25", "--vary", "turn=left,right", "--seeds", "1:10")
     with TemporaryDirectory() as folder:
         file, swept = Path(folder) / "sides.yaml", Path(folder) / "out"
         file.write_text(scenario, encoding="utf-8")
