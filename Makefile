@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+LOCK := .ci/lock.txt
 # A worker takes a whole file, the next one in the order that tests/conftest.py gives them.
 PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
@@ -16,7 +17,7 @@ EVBOTOS_TOOLS := apt bc binutils bison device-tree-compiler dosfstools dpkg e2fs
 	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: demo demo-network lab test test-slow check docs bench bench-peers bench-scale soak fuzz fuzz-motions figures format evbotos-setup test-evbotos clean help
+.PHONY: lock locked sbom demo demo-network lab test test-slow check docs bench bench-peers bench-scale soak fuzz fuzz-motions figures format evbotos-setup test-evbotos clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -29,6 +30,24 @@ $(STAMP): pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable '.[sim,vision,record,system,dashboard,evbotos,metrics,top]' --group dev
 	@touch $(STAMP)
 
+lock:  ## resolve the development environment again, and write its versions and hashes
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip compile --quiet --all-extras --group dev --universal --python-version 3.11 --generate-hashes --upgrade \
+		--no-emit-index-url --no-header --no-annotate --output-file $(LOCK).new pyproject.toml
+	@{ echo '# Every package of the development environment, with hashes. Written by `make lock`; installed by `make locked`.'; \
+		cat $(LOCK).new; } > $(LOCK); rm $(LOCK).new
+
+locked:  ## make the environment from the lock alone, each file checked against its hash
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --require-hashes --requirement $(LOCK)
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $(STAMP)
+
+sbom: $(STAMP)  ## build the packages, and the wheel's bill of materials in CycloneDX
+	rm -rf build/dist
+	$(BIN)/python -m hatchling build -d build/dist
+	$(BIN)/python -m tests.house.sbom build/dist/*.whl build/sbom.cdx.json
+
 demo: $(STAMP)  ## run the dance on the simulated fleet and show where its picture is
 	$(BIN)/eal run scenarios/dance.yaml --fleet fleets/sim.yaml --show
 
@@ -38,7 +57,7 @@ demo-network: $(STAMP)  ## the same dance over the network: three robots, each s
 lab: $(STAMP)  ## the thesis's robots, each behind its own wire to an emulator, drive the square and dance
 	$(BIN)/eal lab
 
-test: $(STAMP)  ## run every test
+test: $(STAMP)  ## run the tests; what it deselects, test-slow and test-evbotos run
 	$(PYTEST)
 
 test-slow: $(STAMP)  ## run the tests that take many seeds
@@ -76,7 +95,7 @@ fuzz: $(STAMP)  ## look for bytes that decoders and loaders cannot bear, a minut
 	$(BIN)/python -m tests.fuzz
 
 fuzz-motions: $(STAMP)  ## 10,000 motions of each driver over wires that damage bytes, judged by the true path
-	$(BIN)/python -m pytest -n auto -m slow -rP tests/fuzz/test_motions.py
+	$(BIN)/python -m pytest -n auto -m slow -rP tests/fuzz/test_motions.py tests/fuzz/test_evbot_motions.py
 
 figures: $(STAMP)  ## make the pictures of the documentation
 	$(BIN)/python docs/figures.py

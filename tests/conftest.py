@@ -7,7 +7,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pykka
 import pytest
@@ -48,6 +48,33 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return LONG.index(folder) if folder in LONG else len(LONG)
 
     items.sort(key=rank)
+
+
+_LEFT_OUT: Final[dict[str, int]] = {}
+"""How many tests were deselected, by the make target that runs them."""
+
+
+def pytest_deselected(items: list[pytest.Item]) -> None:
+    for marker in ("evbotos", "slow"):  # a slow test of evbotos counts once
+        marked = [item for item in items if item.get_closest_marker(marker) is not None]
+        items = [item for item in items if item not in marked]
+        if marked:
+            _LEFT_OUT[f"make test-{marker}"] = len(marked)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if hasattr(session.config, "workeroutput"):  # a worker's, which the terminal does not show
+        session.config.workeroutput["left_out"] = _LEFT_OUT
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    _LEFT_OUT.update(getattr(node, "workeroutput", {}).get("left_out", {}))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    for target, count in _LEFT_OUT.items():
+        terminalreporter.write_line(f"{count} tests were left out: `{target}` runs them")
 
 
 @pytest.fixture(autouse=True)

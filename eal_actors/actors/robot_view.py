@@ -131,6 +131,7 @@ class Ping:
         not_ready: why the devices of resources cannot be used now, by the resources' names.
         running: the running commands of all controllers.
         mailboxes: the loads of mailboxes in another process, by the resources' names, in real seconds; no empty ones.
+        warnings: what needs attention before it fails, such as a certificate that expires soon.
         restarts: the restarts of resources in another process, by their names; only those over 0.
     """
 
@@ -146,6 +147,7 @@ class Ping:
     not_ready: Mapping[str, str] = field(default_factory=dict)
     running: tuple[RunningCommand, ...] = ()
     mailboxes: Mapping[str, MailboxLoad] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
     restarts: Mapping[str, int] = field(default_factory=dict)
 
 

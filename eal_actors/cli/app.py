@@ -16,7 +16,7 @@ from eal_actors.cli import (
     demo_network,
     discover,
     doctor,
-    keys,
+    keys_lifetime,
     lab,
     ping,
     plugin,
@@ -111,7 +111,7 @@ app.command("discover", cls=EalCommand)(discover.discover_robots)
 app.command("doctor", cls=EalCommand)(doctor.examine)
 app.command("ports", cls=EalCommand)(ports.show_ports)
 app.command("router", cls=EalCommand)(router.run_router)
-app.add_typer(keys.app, name="keys")
+app.add_typer(keys_lifetime.app, name="keys")
 app.add_typer(plugin.app, name="plugin")
 app.command("demo-network", cls=EalCommand, hidden=True)(demo_network.demo_network)  # for `make demo-network`
 app.command("lab", cls=EalCommand, hidden=True)(lab.run_lab)  # for `make lab`

@@ -16,6 +16,7 @@ from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
 from eal_actors.cli.world import summarize_world
 from eal_actors.device.world import load_world
+from eal_actors.kernel.bundled import find_files
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.managers.config import EALConfigManager, fleet_schema, manifest_schema, world_schema
@@ -51,16 +52,16 @@ def print_schema(
 
 def check_files(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE", help="Fleet, scenario and world files.", show_default=False)
+        list[Path], typer.Argument(metavar="FILE", help="Files, or names of bundled ones.", show_default=False)
     ],
     as_json: JsonOption = False,
 ) -> None:
-    """Check files, and print each problem as `file:line:column: path: message`.
+    """Check fleet, scenario and world files, and print each problem as `file:line:column: path: message`.
 
     The content of a file determines its kind. The plugins of a fleet are imported to check their settings, but no
     device is connected. The exit code is 2 if there are problems.
     """
-    results = [check_file(file) for file in files]
+    results = [result for file in files for result in _check_named(file)]
     problems = sorted({problem for result in results for problem in result.problems})
     if as_json:
         write_json({"files": [asdict(result) for result in results]})
@@ -82,6 +83,14 @@ def _print_results(results: list[FileCheck], problems: list[Problem]) -> None:
     if problems:
         files = {problem.file for problem in problems}
         err.print(f"{counted(len(problems), 'problem')} in {counted(len(files), 'file')}", style="bold red")
+
+
+def _check_named(name: Path) -> list[FileCheck]:
+    """Check the file of a path, or all files of a name."""
+    try:
+        return [check_file(file) for file in find_files(name)]
+    except ConfigError as error:
+        return [FileCheck(str(name), "unknown", problems=error.problems)]
 
 
 def check_file(file: Path) -> FileCheck:

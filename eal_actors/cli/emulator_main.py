@@ -1,13 +1,18 @@
 """Runs a plugin's emulator as a program, and ends it when its stdin closes.
 
     python -P emulator_main.py PLUGIN MODULE NAME=FOLDER ... -- [ARGUMENT ...]
+    python -P emulator_main.py PLUGIN MODULE NAME=FOLDER ... --wire pty|tcp|udp SETTINGS
 
-The folders are those of the plugin and of the plugins that it uses. Stdin closes however the parent process ends, so
-the emulator does not outlive it. This module imports nothing else of the framework, so that it starts at once.
+The folders are those of the plugin and of the plugins that it uses. The second form serves a module that is no program,
+but has `emulate(settings, now_s)`, on the wires of `eal plugin check`; it prints the address. Stdin closes however the
+parent process ends, so the emulator does not outlive it. The first form imports nothing else of the framework, so that
+it starts at once.
 """
 
 from __future__ import annotations
 
+import importlib
+import json
 import os
 import runpy
 import signal
@@ -29,15 +34,36 @@ def _make_package(name: str, path: list[str]) -> None:
     package.__path__ = path
 
 
+def _serve(module: str, kind: str, settings: str) -> None:
+    """Serve a module's emulator on a wire until SIGTERM, or until it fails."""
+    from eal_actors.kernel.clock import REAL_TIME
+    from eal_actors.testing.conformance.emulator_wires import WIRES
+
+    emulate = importlib.import_module(module).emulate
+    wire = WIRES[kind](lambda: emulate(json.loads(settings), REAL_TIME.now))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    wire.plug_in()
+    sys.stdout.write(f"{wire.address}\n")
+    sys.stdout.flush()
+    try:
+        wire.join()
+        sys.exit(1)  # it has failed, and its thread has printed why
+    finally:
+        wire.close()
+
+
 def main() -> None:
-    """Run the module with its own arguments."""
+    """Run the module with its own arguments, or serve its emulator."""
     plugin, module, *rest = sys.argv[1:]
-    end = rest.index("--")
+    end = next(place for place, word in enumerate(rest) if word in ("--", "--wire"))
     _make_package(_PACKAGE, [])
     for name, _, folder in (package.partition("=") for package in rest[:end]):
         _make_package(f"{_PACKAGE}.{name}", [folder])
     sys.argv = [module, *rest[end + 1 :]]
     threading.Thread(target=_end_with_stdin, name="end with stdin", daemon=True).start()
+    if rest[end] == "--wire":
+        _serve(f"{_PACKAGE}.{plugin}.{module}", *rest[end + 1 :])
+        return
     try:
         runpy.run_module(f"{_PACKAGE}.{plugin}.{module}", run_name="__main__", alter_sys=True)
     except BrokenPipeError:  # the parent process has ended

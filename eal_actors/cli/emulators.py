@@ -5,8 +5,10 @@ Which module of a plugin emulates its device, and with which arguments, is decla
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,6 +25,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import EmulatorSection, PluginManifest, discover
 
 _PREFIX: Final = "LAB_"
+_MARK: Final = f"<{_PREFIX}"
 _STOP_S: Final = 5.0  # real seconds until an emulator that does not end is killed
 _POSE: Final = re.compile(r"^pose (\S+) m (\S+) m (\S+) deg$", re.MULTILINE)
 
@@ -34,19 +37,40 @@ LabPose = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class LabDevice:
-    """A setting of a robot that a fleet file takes from an unset variable, with all of its plugin's settings."""
+    """A device of a robot that a fleet file takes from unset variables.
+
+    Attributes:
+        robot: the robot's name.
+        plugin: the manifest of the plugin that drives it.
+        variables: the unset variables, by the settings that take their values from them.
+        settings: all settings of the plugin.
+    """
 
     robot: str
     plugin: PluginManifest
-    variable: str
+    variables: Mapping[str, str]
     settings: Mapping[str, Any]
 
+    @property
+    def section(self) -> EmulatorSection:
+        """The declaration of the emulator."""
+        return self.plugin.file.emulator or EmulatorSection()
+
     def command(self) -> list[str]:
-        """Return the command that runs the plugin's emulator."""
-        section = self.plugin.file.emulator or EmulatorSection()
+        """Return the command that runs the plugin's emulator, which may be no program, but only answer bytes."""
+        section = self.section
         packages = [f"{plugin.name}={plugin.folder.resolve()}" for plugin in (self.plugin, *self.plugin.used())]
-        program = (sys.executable, "-P", str(emulator_main.__file__), self.plugin.name, section.module)
-        return [*program, *packages, "--", *section.program_arguments(self.settings)]
+        program = [sys.executable, "-P", str(emulator_main.__file__), self.plugin.name, section.module, *packages]
+        if section.arguments is not None:
+            return [*program, "--", *section.program_arguments(self.settings)]
+        given = {key: value for key, value in self.settings.items() if key not in self.variables}
+        return [*program, "--wire", section.wire or "", json.dumps(given, default=str)]
+
+    def addresses(self, line: str) -> dict[str, str]:
+        """Return the values of the variables, from the emulator's first line: a setting's value, or an address."""
+        section = self.section
+        values = section.driver_settings(line) if section.arguments is None else {}
+        return {variable: str(values.get(setting, line)) for setting, variable in self.variables.items()}
 
 
 class _MarkedEnvironment(Mapping[str, str]):
@@ -74,11 +98,13 @@ def open_devices(fleet: Path) -> list[LabDevice]:
     for robot in config.robots.values():
         for plugin in robot.plugins.values():
             manifest = manifests.get(plugin.plugin)
-            if manifest is None or manifest.file.emulator is None or manifest.file.emulator.arguments is None:
+            section = manifest.file.emulator if manifest is not None else None
+            if manifest is None or section is None or (section.arguments is None and section.wire is None):
                 continue
             settings = plugin.tree.root
-            marks = [str(value) for value in settings.values() if str(value).startswith(f"<{_PREFIX}")]
-            found += [LabDevice(robot.name, manifest, mark[1:-1], settings) for mark in marks]
+            variables = {key: mark[1:-1] for key, value in settings.items() if (mark := str(value)).startswith(_MARK)}
+            if variables:
+                found.append(LabDevice(robot.name, manifest, variables, settings))
     return found
 
 
@@ -91,11 +117,13 @@ class EmulatorProcesses:
     Attributes:
         addresses: the value of each variable.
         poses: by robot, its pose at the end of the block, from (0, 0, 0) at the beginning.
+        failures: by robot, why its emulator had ended before the end of the block.
     """
 
     def __init__(self, devices: Sequence[LabDevice]) -> None:
         self.addresses: dict[str, str] = {}
         self.poses: dict[str, LabPose] = {}
+        self.failures: dict[str, str] = {}
         self._devices = devices
         self._stack = ExitStack()
 
@@ -108,7 +136,7 @@ class EmulatorProcesses:
         with ExitStack() as stack:
             running = [(device, stack.enter_context(self._run(device))) for device in self._devices]
             for device, process in running:
-                self.addresses[device.variable] = _read_address(device, process)
+                self.addresses |= device.addresses(_read_address(device, process))
             os.environ.update(self.addresses)
             for variable in self.addresses:
                 stack.callback(os.environ.pop, variable, None)
@@ -133,6 +161,9 @@ class EmulatorProcesses:
         try:
             yield process
         finally:
+            if (code := process.poll()) is not None:
+                how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+                self.failures[device.robot] = f"the emulator of {device.plugin.name} {how}"
             if (pose := _POSE.search(_end(process))) is not None:
                 x_m, y_m, yaw_deg = map(float, pose.groups())
                 self.poses[device.robot] = x_m, y_m, yaw_deg

@@ -1,7 +1,7 @@
 """Signals that end the program.
 
-During a run, the first signal stops the run and still executes `finally`; the second skips `finally`; the third ends
-the program at once.
+During a run, the first signal stops the run and still executes `finally`; the second skips `finally`; the third
+disconnects the robots; one more ends the program at once. The exit code is 130 in each case.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from types import FrameType
 from typing import Any, Final, NoReturn, Self, TypeVar
 
 from eal_actors.actors.future import Future
+from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.output import stderr
 from eal_actors.scenario import Run
 
@@ -21,7 +22,8 @@ T = TypeVar("T")
 
 _MESSAGES: Final = (
     "Stopping: the robots halt, then the steps of `finally` run; Ctrl-C skips them.",
-    "Stopping now, without `finally`; Ctrl-C again ends the program at once.",
+    "Stopping now, without `finally`; Ctrl-C again disconnects the robots.",
+    "Disconnecting the robots; Ctrl-C again ends the program at once.",
 )
 _HANGUPS: Final = tuple(number for number in signal.valid_signals() if getattr(number, "name", "") == "SIGHUP")
 """SIGHUP, sent when the terminal closes; empty on a system without it."""
@@ -67,7 +69,8 @@ class RunInterrupts:
 
     Args:
         run: the run to abort. The first signal halts the robots and lets `finally` run, the second skips `finally`,
-            a third raises KeyboardInterrupt in the block.
+            a third raises KeyboardInterrupt in the block, and one more ends the process. After the block, the first
+            signal raises KeyboardInterrupt, unless there was one in the block.
 
     Attributes:
         count: number of signals received.
@@ -77,6 +80,8 @@ class RunInterrupts:
         self.count = 0
         self._run = run
         self._before: dict[int, Any] = {}
+        self._is_over = False
+        self._has_raised = False
 
     def __enter__(self) -> Self:
         for number in (signal.SIGINT, signal.SIGTERM, *_handled_hangups()):
@@ -84,7 +89,8 @@ class RunInterrupts:
         return self
 
     def __exit__(self, *_exc_info: object) -> None:
-        for number, handler in self._before.items():
+        self._is_over = True
+        for number, handler in self._before.items() if not self.count else ():  # an interrupted program is ending
             if signal.getsignal(number) == self._handle:  # further hang-ups stay ignored
                 signal.signal(number, handler)
 
@@ -92,8 +98,12 @@ class RunInterrupts:
         _ignore_repeated_hangups(number)
         if self.count and number in _HANGUPS:  # already stopping, and a hang-up is no request to skip `finally`
             return
+        if self._has_raised:  # a second KeyboardInterrupt would break the handling of the first, and the exit code
+            os._exit(ExitCode.INTERRUPTED)
         self.count += 1
-        if self.count > 2:
+        if self.count > 2 or self._is_over:
+            self._has_raised = True
+            stderr().print(_MESSAGES[2], style="yellow")
             raise KeyboardInterrupt
         self._run.abort(f"interrupted by {signal.Signals(number).name}")  # first: the message may fail
         stderr().print(_MESSAGES[self.count - 1], style="yellow")

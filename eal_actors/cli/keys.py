@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -13,6 +15,8 @@ from rich.text import Text
 
 from eal_actors.cli.options import EalCommand, EalCommandGroup, FleetOption, JsonOption
 from eal_actors.cli.output import new_table, print_line, short_path, stderr, stdout, write_json
+from eal_actors.kernel.bundled import find_file
+from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
 from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
@@ -22,6 +26,7 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, parse_endpoint
 from eal_actors.net.security.certificates import (
     AUTHORITY,
+    VALID,
     Certificate,
     certificate_file,
     key_file,
@@ -29,11 +34,14 @@ from eal_actors.net.security.certificates import (
     make_authority,
     make_certificate,
 )
+from eal_actors.net.security.expiry import expires_soon, time_left
+from eal_actors.net.security.revocation import REVOKED, require_not_revoked, revoked_names
 
 app = typer.Typer(
     cls=EalCommandGroup, help="Make the certificates that secure a fleet's network.", no_args_is_help=True
 )
 
+_LIFETIME_UNITS: Final = {"h": timedelta(hours=1), "d": timedelta(days=1)}
 DEFAULT_FOLDER: Final = "keys"
 _SECTION: Final = """\
 network:
@@ -50,6 +58,15 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing fil
 HostOption = Annotated[
     list[str] | None,
     typer.Option("--host", show_default=False, help="Additional host name or address of the certificate; repeatable."),
+]
+ValidOption = Annotated[
+    str | None,
+    typer.Option(
+        "--valid-for",
+        metavar="TIME",
+        show_default="825d",
+        help="Lifetime in hours or days, such as 8h for a shift or 90d.",
+    ),
 ]
 DirOption = Annotated[
     Path | None,
@@ -71,6 +88,7 @@ def init_keys(
     With security, addresses in the file must begin with tls/ or quic/. --write changes the file only if the result is
     valid, and keeps its content.
     """
+    fleet = find_file(fleet, "fleet")
     root = load_yaml(fleet).root
     network = root.get("network")
     network = network if isinstance(network, dict) else {}
@@ -79,14 +97,15 @@ def init_keys(
     section = _SECTION.format(keys=keys, routers="router" if network.get("routers") else "")
     new = _append_section(fleet, section) if write else None  # fails before a file is made
     made = make_authority(folder, str(root.get("name", fleet.stem)), force=force)
+    (folder / REVOKED).unlink(missing_ok=True)  # it names certificates of the former authority
     _keep_out_of_git(folder)
     if new is not None:
         _replace_file(fleet, new)
     else:
         stdout().print(Text(section), end="", soft_wrap=True)
-    _print_made(made)
-    _advise(f"{short_path(key_file(folder, AUTHORITY))} signs certificates: keep it secret, and on this machine.")
-    _advise(f"Next: eal keys controller controller --fleet {fleet}, and eal keys robot ROBOT for each robot.")
+    print_made(made)
+    advise(f"{short_path(key_file(folder, AUTHORITY))} signs certificates: keep it secret, and on this machine.")
+    advise(f"Next: eal keys controller controller --fleet {fleet}, and eal keys robot ROBOT for each robot.")
 
 
 @app.command("robot", cls=EalCommand)
@@ -94,17 +113,21 @@ def robot_keys(
     names: Annotated[list[str], typer.Argument(metavar="ROBOT...", show_default=False, help="Names of robots.")],
     fleet: FleetOption,
     host: HostOption = None,
+    valid: ValidOption = None,
     directory: DirOption = None,
     force: ForceOption = False,
 ) -> None:
     """Make certificates for robots, valid for the hosts in their addresses."""
     config = EALConfigManager.load(fleet).fleet
-    folder = directory or _folder(config)
+    folder = directory or folder_of(config)
     hosts = {name: [*_robot_hosts(config, name), *(host or [])] for name in names}  # fails before a file is made
+    lifetime = parse_lifetime(valid) or VALID
     for name in names:
-        made = make_certificate(folder, name, hosts[name], force=force)
-        _print_made(made)
-        _advise_to_copy(folder, name)
+        require_not_revoked(folder, name)
+    for name in names:
+        made = make_certificate(folder, name, hosts[name], valid=lifetime, force=force)
+        print_made(made)
+        advise_to_copy(folder, name)
 
 
 @app.command("controller", cls=EalCommand)
@@ -112,6 +135,7 @@ def controller_keys(
     name: Annotated[str, typer.Argument(metavar="NAME", show_default=False, help="Name of a person or program.")],
     fleet: FleetOption,
     observer: Annotated[bool, typer.Option("--observer", help="Allow reading only.")] = False,
+    valid: ValidOption = None,
     directory: DirOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -121,14 +145,15 @@ def controller_keys(
     """
     config = EALConfigManager.load(fleet).fleet
     _require_no_robot(config, name)
-    folder = directory or _folder(config)
-    _print_made(make_certificate(folder, name, force=force))
-    _advise_to_copy(folder, name)
+    folder = directory or folder_of(config)
+    require_not_revoked(folder, name)
+    print_made(make_certificate(folder, name, valid=parse_lifetime(valid) or VALID, force=force))
+    advise_to_copy(folder, name)
     security = config.network.security
     role = "observer" if observer else "controller"
     if security is None or not any((grant.name, grant.role) == (name, role) for grant in security.grants):
-        _advise(f"Next: add {name} to network.security.roles.{role}s in the fleet file, here and on the robots.")
-    _advise(f"Programs use it if the fleet file has network.security.controller: {name}")
+        advise(f"Next: add {name} to network.security.roles.{role}s in the fleet file, here and on the robots.")
+    advise(f"Programs use it if the fleet file has network.security.controller: {name}")
 
 
 @app.command("router", cls=EalCommand)
@@ -136,44 +161,68 @@ def router_keys(
     fleet: FleetOption,
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the router.")] = "router",
     host: HostOption = None,
+    valid: ValidOption = None,
     directory: DirOption = None,
     force: ForceOption = False,
 ) -> None:
     """Make a certificate for a router, valid for the hosts in network.routers of the fleet file."""
     config = EALConfigManager.load(fleet).fleet
     _require_no_robot(config, name)
-    folder = directory or _folder(config)
+    folder = directory or folder_of(config)
+    require_not_revoked(folder, name)
     hosts = [*(parse_endpoint(endpoint).host for endpoint in config.network.routers), *(host or [])]
     if not hosts:
         raise typer.BadParameter(
             "network.routers of the fleet file is empty: name the router's host", param_hint="--host"
         )
-    _print_made(make_certificate(folder, name, hosts, force=force))
-    _advise_to_copy(folder, name)
+    print_made(make_certificate(folder, name, hosts, valid=parse_lifetime(valid) or VALID, force=force))
+    advise_to_copy(folder, name)
     if config.network.security is None or name not in config.network.security.routers:
-        _advise(f"Next: add {name} to network.security.roles.routers in the fleet file, here and on the robots.")
+        advise(f"Next: add {name} to network.security.roles.routers in the fleet file, here and on the robots.")
 
 
 @app.command("list", cls=EalCommand)
 def show_keys(fleet: FleetOption, directory: DirOption = None, as_json: JsonOption = False) -> None:
     """List the certificates with their rights and expiry dates."""
     config = EALConfigManager.load(fleet).fleet
+    folder = directory or folder_of(config)
+    revoked = revoked_names(folder)
     found = [
-        {**_certificate_as_json(certificate), "may": _rights(config, certificate.name)}
-        for certificate in list_certificates(directory or _folder(config))
+        {
+            **_certificate_as_json(certificate),
+            "revoked": certificate.name in revoked,
+            "may": "" if certificate.name in revoked else _rights(config, certificate.name),
+        }
+        for certificate in list_certificates(folder)
     ]
     if as_json:
         write_json({"certificates": found})
         return
     table = new_table("name", "hosts", "may", "expires", "file")
     for entry in found:
-        left = entry["days_left"]
-        expires = Text(entry["expires"][:10] + (f", in {left} days" if left >= 0 else ", expired"))
-        expires.style = "red" if left < 0 else "yellow" if left < 30 else ""
+        ends, now = datetime.fromisoformat(entry["expires"]), wall_time()
+        is_soon = expires_soon(datetime.fromisoformat(entry["begins"]), ends, now)
+        expires = Text(f"{ends:%Y-%m-%d}, {'revoked' if entry['revoked'] else time_left(ends, now)}")
+        expires.style = "red" if ends < now or entry["revoked"] else "yellow" if is_soon else ""
         table.add_row(
             Text(entry["name"], style="cyan"), "\n".join(entry["hosts"]), entry["may"], expires, entry["file"]
         )
     stdout().print(table)
+
+
+def parse_lifetime(text: str | None) -> timedelta | None:
+    """Return the lifetime of `--valid-for`; None if it was not given.
+
+    Raises:
+        BadParameter: it is no lifetime from one hour to ten years.
+    """
+    if text is None:
+        return None
+    match = re.fullmatch(r"([0-9]{1,6})([hd])", text)
+    lifetime = timedelta() if match is None else int(match[1]) * _LIFETIME_UNITS[match[2]]
+    if not timedelta(hours=1) <= lifetime <= timedelta(days=3650):
+        raise typer.BadParameter(f"{text!r} is no time from 1h to 3650d, such as 8h or 90d", param_hint="--valid-for")
+    return lifetime
 
 
 def _named_folder(network: dict[str, Any]) -> str:
@@ -216,7 +265,7 @@ def _replace_file(file: Path, text: str) -> None:
         trial.replace(file.resolve())
     except OSError as error:
         raise ConfigError([_problem(file, f"cannot be written: {error.strerror}")]) from error
-    _advise(f"{file}: network section appended")
+    advise(f"{file}: network section appended")
 
 
 def _keep_out_of_git(folder: Path) -> None:
@@ -225,7 +274,8 @@ def _keep_out_of_git(folder: Path) -> None:
         ignore.write_text("*.key\n", encoding="utf-8")
 
 
-def _folder(fleet: FleetConfig) -> Path:
+def folder_of(fleet: FleetConfig) -> Path:
+    """Return the folder of a fleet's keys."""
     security = fleet.network.security
     return fleet.source.parent / DEFAULT_FOLDER if security is None else security.keys
 
@@ -266,24 +316,28 @@ def _certificate_as_json(certificate: Certificate) -> dict[str, Any]:
     return {
         "name": certificate.name,
         "hosts": list(certificate.hosts),
+        "begins": certificate.begins.isoformat(),
         "expires": certificate.expires.isoformat(),
         "days_left": certificate.days_left,
         "file": str(short_path(certificate.file)),
     }
 
 
-def _print_made(certificate: Certificate) -> None:
+def print_made(certificate: Certificate) -> None:
+    """Print what was made."""
     hosts = f" for {', '.join(certificate.hosts)}" if certificate.hosts else ""
     text = f"{short_path(certificate.file)}: made{hosts}, valid until {certificate.expires:%Y-%m-%d}"
     print_line(stderr(), text)
 
 
-def _advise_to_copy(folder: Path, name: str) -> None:
+def advise_to_copy(folder: Path, name: str) -> None:
+    """Print which files the owner of a certificate needs."""
     files = (certificate_file(folder, AUTHORITY), certificate_file(folder, name), key_file(folder, name))
-    _advise(f"{name} needs {', '.join(str(short_path(file)) for file in files)}")
+    advise(f"{name} needs {', '.join(str(short_path(file)) for file in files)}")
 
 
-def _advise(text: str) -> None:
+def advise(text: str) -> None:
+    """Print advice."""
     print_line(stderr(), text, "dim")
 
 

@@ -38,24 +38,29 @@ def run_lab(
                 run_scenario(context, scenario, fleet, runs_dir=runs_dir, no_plot=True)
     finally:
         runs = sorted(set(runs_dir.glob("*")) - before, key=lambda run: run.stat().st_mtime_ns)
-        _print_poses(dict(sorted(emulators.poses.items())), runs)
+        _print_poses(emulators.poses, emulators.failures, runs)
 
 
 def _print_devices(devices: Sequence[LabDevice], addresses: Mapping[str, str]) -> None:
     for device in devices:
-        variable = device.variable
-        line = f"{device.robot}: {device.plugin.name} at {addresses[variable]}, emulated; ${variable} names another"
+        variables = device.variables.values()
+        place, names = (":".join(addresses[name] for name in variables), ", ".join(f"${name}" for name in variables))
+        line = f"{device.robot}: {device.plugin.name} at {place}, emulated; {names} names another"
         stderr().print(Text(line, style="dim"), soft_wrap=True)
 
 
-def _print_poses(poses: Mapping[str, LabPose], runs: Sequence[Path]) -> None:
-    """Print the pose of each emulated robot, and its distance from the pose that its commands lead to."""
-    if not runs:
+def _print_poses(poses: Mapping[str, LabPose], failures: Mapping[str, str], runs: Sequence[Path]) -> None:
+    """Print the pose of each emulated robot and its distance from the goal of its commands, or why it has none."""
+    if not runs and not failures:
         return
     table = new_table("robot", "should be at", "is at", "off by")
-    for robot, pose in poses.items():
+    for robot in sorted({*poses, *failures}):
         moves = commands(robot, runs)
-        table.add_row(robot, *_compare(pose, None if moves is None else destination(moves)))
+        wanted = None if moves is None else destination(moves)
+        if robot in failures:
+            table.add_row(robot, _format_pose(wanted) if wanted else "unknown", failures[robot], "")
+        else:
+            table.add_row(robot, *_compare(poses[robot], wanted))
     stdout().print(table)
 
 

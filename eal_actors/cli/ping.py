@@ -115,6 +115,7 @@ def _results_as_json(entry: _PingResults) -> dict[str, Any]:
         "resources": last and last.resources,
         "stopped": last and last.stopped,
         "holders": {} if last is None else dict(last.holders),
+        "warnings": [] if last is None else list(last.warnings),
         "not_ready": {} if last is None else dict(last.not_ready),
         "running": [] if last is None else [running.to_dict() for running in last.running],
     }
@@ -171,6 +172,8 @@ def _notes(entry: _PingResults) -> Iterator[Text]:
             yield Text(f"emergency stop: {entry.last.stopped}", style="yellow")
         for problem in entry.problems:
             yield Text(problem, style="red")
+        for warning in entry.last.warnings:
+            yield Text(warning, style="yellow")
         for resource, reason in entry.last.not_ready.items():
             yield Text(f"{resource} is not ready: {reason}", style="yellow")
         for resource, holder in entry.last.holders.items():

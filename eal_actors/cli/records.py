@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -16,13 +18,19 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import JsonOption
-from eal_actors.cli.output import new_table, print_line, stdout, write_json
+from eal_actors.cli.output import counted, new_table, print_line, stdout, write_json
+from eal_actors.cli.run_options import parse_rate
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import ConfigError, Problem, ScenarioError
+from eal_actors.kernel.lock_step import MAX, Rate
+from eal_actors.kernel.log import get_logger
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.manifest import replaying_plugin
 from eal_actors.recording import Difference, RunFolder, compare_runs, kept_world, render_report
 from eal_actors.recording.mcap_file import RECORD_FILE
+from eal_actors.recording.provenance import FLEET, SCENARIO, SCENARIOS
 from eal_actors.recording.recorded_run import RecordedRun
 
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.", show_default=False)]
@@ -90,34 +98,84 @@ def replay_run(
     run: RunArgument,
     serve: Annotated[bool, typer.Option("--serve", help="Serve its robots on this machine until Ctrl-C.")] = False,
     loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
-    rate: Annotated[float, typer.Option(min=0.001, help="Recorded seconds per real second.")] = 1.0,
+    rate: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NUMBER|max",
+            show_default="that of the run",
+            help="Recorded seconds per real second; max is as fast as possible.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", show_default=False, help="The fleet file; default: RUN/replay.yaml.")
+    ] = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="With --serve: port of the first robot.")] = 50000,
 ) -> None:
     """Replay a recorded run to controllers as if its robots were there.
 
-    The command writes replay.yaml into the run's folder. Use this fleet file with any command or program in place of
-    the original one. Sensors return the recorded values. Commands must come in the recorded order; each takes as long
-    as recorded, and fails if it failed then.
+    The command writes a fleet file whose robots have the names, types and tags of the recorded ones. Use it with any
+    command or program in place of the original one. Sensors return the recorded values. Commands must come in the
+    recorded order; each takes as long as recorded, and fails if it failed then.
     """
+    chosen = parse_rate(rate)
+    if serve and chosen == MAX:
+        raise typer.BadParameter("max is not possible with --serve: the network runs in real time", param_hint="--rate")
     with _reading():
         recorded = RecordedRun.open(run / RECORD_FILE)
-        fleet = _replay_fleet(recorded, run, rate=rate, loop=loop, port=port if serve else None)
-    file = run / _REPLAY
+        fleet = _replay_fleet(recorded, run, rate=chosen, loop=loop, port=port if serve else None)
+        file = out or run / _REPLAY
+        following = shlex.join(_next_command(run, file))
     _write_text(file, yaml.safe_dump(fleet, sort_keys=False))
-    print_line(stdout(), f"{file}: {len(recorded.infos)} robots, {recorded.duration_s:.1f} s")
+    print_line(stdout(), f"{file}: {counted(len(recorded.infos), 'robot')}, {recorded.duration_s:.1f} s")
+    print_line(stdout(), f"next: {following}", "dim")
     if serve:
         _serve(file, list(recorded.infos))
 
 
-def _replay_fleet(recorded: RecordedRun, run: Path, *, rate: float, loop: bool, port: int | None) -> dict[str, Any]:
+def _replay_fleet(
+    recorded: RecordedRun, run: Path, *, rate: Rate | None, loop: bool, port: int | None
+) -> dict[str, Any]:
+    """Return the content of a fleet file; without a rate, that of the run, or real time for robots on the network."""
+    kept = _kept_fleet(run)
+    types: dict[str, Any] = {}
     robots: dict[str, Any] = {}
     player = replaying_plugin().name
-    for number, robot in enumerate(recorded.infos):
-        robots[robot] = {"plugins": {player: {"record": str(run.resolve() / RECORD_FILE), "loop": loop}}}
+    for number, name in enumerate(recorded.infos):
+        robots[name] = {"plugins": {player: {"record": str(run.resolve() / RECORD_FILE), "loop": loop}}}
+        robot = kept.robots.get(name) if kept is not None else None
+        if robot is not None:
+            for inner, base in zip_longest(robot.types, robot.types[1:]):
+                types[inner] = {} if base is None else {"type": base}
+            robots[name] |= {"type": robot.type} if robot.type is not None else {}
+            robots[name] |= {"tags": list(robot.tags), "timeout_s": robot.timeout_s}
         if port is not None:
-            robots[robot]["address"] = f"tcp/127.0.0.1:{port + number}"
-    name = recorded.content.metadata.get("run", {}).get("fleet", player)
-    return {"version": 1, "name": name, "clock": {"rate": rate}, "robots": robots}
+            robots[name]["address"] = f"tcp/127.0.0.1:{port + number}"
+    fleet = recorded.content.metadata.get("run", {}).get("fleet", player)
+    rate = rate or (kept.rate if kept is not None and (port is None or kept.rate != MAX) else 1.0)
+    seed = {} if kept is None else {"seed": kept.seed}
+    return {"version": 1, "name": fleet, **seed, "clock": {"rate": rate}, "types": types, "robots": robots}
+
+
+def _kept_fleet(run: Path) -> FleetConfig | None:
+    """Return the fleet of a run; None if its copy is missing or has become invalid."""
+    try:
+        return EALConfigManager.load(run / FLEET, environment={}).fleet
+    except ConfigError as error:
+        get_logger().warning("the robots get no types and tags: the run's fleet file is invalid", reason=str(error))
+        return None
+
+
+def _next_command(run: Path, fleet: Path) -> list[str]:
+    """Return the command that runs the scenario of a run again."""
+    scenario = run / SCENARIO
+    if scenario.is_file():  # with others that it runs, it is kept in a folder of their own
+        text = scenario.read_text(encoding="utf-8")
+        files = sorted((run / SCENARIOS).rglob("*.yaml"))
+        scenario = next((file for file in files if file.read_text(encoding="utf-8") == text), scenario)
+    report = RunFolder.open(run).summary
+    given = report.parameters.items() if report is not None else ()
+    texts = [f"{name}={value if isinstance(value, str) else json.dumps(value)}" for name, value in given]
+    return ["eal", "run", str(scenario), "--fleet", str(fleet), *(word for text in texts for word in ("--set", text))]
 
 
 def _serve(file: Path, robots: list[str]) -> None:

@@ -15,7 +15,8 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import SECURE_PROTOCOLS, parse_endpoint
-from eal_actors.net.session import open_session, router_config
+from eal_actors.net.session import router_config
+from eal_actors.net.session_keeper import router_session
 
 DEFAULT_PORT: Final = 7447
 
@@ -48,8 +49,9 @@ def run_router(
     """
     config = None if fleet is None else EALConfigManager.load(fleet).fleet
     endpoints = listen or [_default_endpoint(config)]
-    settings = router_config(_validate(endpoints, "--listen"), _validate(connect or [], "--connect"), config, name)
-    with open_session(settings):
+    _validate(endpoints, "--listen")
+    _validate(connect or [], "--connect")
+    with router_session(config, name, lambda: router_config(endpoints, connect or [], config, name)):
         try:
             _announce(endpoints, context.find_object(GlobalOptions) or GlobalOptions())
             REAL_TIME.wait(new_waiter(), None)

@@ -93,7 +93,7 @@ def read_request(options: RunOptions) -> RunRequest:
         ScenarioError: the run cannot continue with this scenario.
         BadParameter: an option is wrong, or names no run that can continue.
     """
-    rate, binding = _parse_rate(options.rate), _parse_bindings(options.bindings)
+    rate, binding = parse_rate(options.rate), _parse_bindings(options.bindings)
     if options.resume is not None:
         return _resumed_request(options, options.resume, rate)
     if options.scenario is None:
@@ -129,7 +129,12 @@ def _resumed_request(options: RunOptions, directory: Path, rate: Rate | None) ->
     return RunRequest(scenario, config, binding, resumption)
 
 
-def _parse_rate(text: str | None) -> Rate | None:
+def parse_rate(text: str | None) -> Rate | None:
+    """Return the value of --rate.
+
+    Raises:
+        BadParameter: it is neither a number of at least 0.001 nor `max`.
+    """
     if text is None:
         return None
     if text == MAX:

@@ -13,6 +13,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import counted, new_table, print_line, short_path, stdout, write_json
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnsupportedError
+from eal_actors.scenario.report.journal import EVENTS
 
 if TYPE_CHECKING:
     from eal_actors.lab.panorama import Panorama
@@ -23,7 +24,9 @@ _MUCH_DEG: Final = 5.0  # a larger closing error suggests a wrong field of view
 
 
 def stitch_frames(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of frames.", show_default=False)],
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER|RUN", help="Folder of frames, or of a run.", show_default=False)
+    ],
     field_of_view: Annotated[
         float,
         typer.Option(metavar="DEG", min=10, max=150, help="Angle between a frame's left and right edges, in degrees."),
@@ -51,24 +54,38 @@ def stitch_frames(
     The yaw of each frame comes from yaws.csv or frames.csv: a column yaw_rad or yaw_deg, counter-clockwise, and a
     column file, which may be missing if the rows are in the order of the files. Without a table it comes from the pose
     beside each frame (frame.0.json beside frame.0.png), as the panorama scenario saves it; or from --step.
+    In the folder of a run, the frames of each robot are stitched.
     The exit code is 1 if a frame was left out.
     """
     try:
-        from eal_actors.lab.panorama.folder import PANORAMA, PICTURES, describe, read_frames, save_panorama
+        from eal_actors.lab.panorama.folder import (
+            PANORAMA,
+            PICTURES,
+            describe,
+            folders_of_robots,
+            read_frames,
+            save_panorama,
+        )
     except ImportError as error:
         raise UnsupportedError(f"stitching needs OpenCV ({error}): pip install 'eal-actors[vision]'") from None
-    file = out or folder / PANORAMA
-    if file.suffix.lower() not in PICTURES:
-        raise typer.BadParameter(f"{str(file)!r} must end in {', '.join(PICTURES)}", param_hint="--out")
-    frames = read_frames(folder, None if step is None else math.radians(step), [file])
-    panorama = _stitch(folder, frames, field_of_view)
-    save_panorama(panorama, file)
-    report = {"file": str(file), **describe(panorama, frames)}
+    if out is not None and out.suffix.lower() not in PICTURES:
+        raise typer.BadParameter(f"{str(out)!r} must end in {', '.join(PICTURES)}", param_hint="--out")
+    folders = folders_of_robots(folder) if (folder / EVENTS).is_file() else [folder]
+    if out is not None and len(folders) > 1:
+        names = ", ".join(robot.name for robot in folders)
+        raise typer.BadParameter(f"names one file, and the robots of the run are {names}", param_hint="--out")
+    reports: dict[str, dict[str, Any]] = {}
+    for robot in folders:
+        file = out or robot / PANORAMA
+        frames = read_frames(robot, None if step is None else math.radians(step), [file])
+        panorama = _stitch(robot, frames, field_of_view)
+        save_panorama(panorama, file)
+        reports[robot.name] = report = {"file": str(file), **describe(panorama, frames)}
+        if not as_json:
+            _print_report(report, field_of_view)
     if as_json:
-        write_json(report)
-    else:
-        _print_report(report, field_of_view)
-    if panorama.unplaced:
+        write_json(reports if (folder / EVENTS).is_file() else reports[folder.name])
+    if any(frame["left_out"] for report in reports.values() for frame in report["frames"]):
         raise typer.Exit(ExitCode.FAILED)
 
 

@@ -18,7 +18,8 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER
 from eal_actors.net.server.host import RobotHost
 from eal_actors.net.server.robot_server import RobotServer
-from eal_actors.net.session import endpoints_of, open_session, robot_config
+from eal_actors.net.session import endpoints_of, robot_config
+from eal_actors.net.session_keeper import SessionKeeper
 
 _CLOSE_S: Final = 1.5
 """Real seconds for each step of closing."""
@@ -53,8 +54,7 @@ class RobotService:
         self._config = config
         self._name = robot
         self._wanted = wanted
-        self._network = robot_config(config, robot)
-        self.endpoints: Final = endpoints_of(self._network)
+        self.endpoints: Final = endpoints_of(robot_config(config, robot))
         self.is_behind_router: Final = wanted.address == BEHIND_ROUTER
         self._fleet = Fleet(self._local(config))
         self._host: RobotHost | None = None
@@ -88,12 +88,14 @@ class RobotService:
             self._fleet.connect()
             self.robot.require_started()
             self._check_exclusive()
-            session = stack.enter_context(open_session(self._network))
-            self._host = RobotHost(self._config.name, session, self._config.network, self._name).launch()
+            keeper = SessionKeeper(self._name, self._config.network, lambda: robot_config(self._config, self._name))
+            stack.callback(keeper.close)
+            self._host = RobotHost(self._config.name, keeper.open(), self._config.network, self._name).launch()
             stack.callback(self._host.close, _CLOSE_S)
             stack.callback(self._close_server)
             self._serve(self._host)
             stack.callback(self._halt)
+            keeper.follow(self._host.move_to)
             self._stack = stack.pop_all()
         return self
 

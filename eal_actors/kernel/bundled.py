@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final, Literal
 
@@ -45,13 +46,36 @@ def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
         ConfigError: no file has that name, in the folder or bundled.
     """
     path = Path(name) if folder is None else folder / name
-    if Path(name).suffix or len(Path(name).parts) != 1 or path.is_file():
+    if not _is_bare(name) or path.is_file():
         return path
     here = path.with_name(f"{path.name}{_SUFFIX}")
     shipped = bundled_path(_FOLDERS[kind]) / here.name
     for file in (here, shipped):
         if file.is_file():
             return file
-    known = ", ".join(bundled_names(kind))
-    message = f"no such file, and no {kind} of that name comes with the framework; there are: {known}"
-    raise ConfigError([Problem(str(name), 0, 0, "", message)])
+    raise _unknown(name, kind, bundled_names(kind))
+
+
+def find_files(name: str | Path) -> tuple[Path, ...]:
+    """Return the files of a path or a name, whatever their kinds: fleets, scenarios and worlds may share a name.
+
+    Raises:
+        ConfigError: no file has that name, in the working directory or bundled.
+    """
+    path = Path(name)
+    for here in (path, path.with_name(f"{path.name}{_SUFFIX}")):
+        if not _is_bare(name) or here.is_file():
+            return (here,)
+    shipped = (bundled_path(folder) / f"{name}{_SUFFIX}" for folder in _FOLDERS.values())
+    if found := tuple(file for file in shipped if file.is_file()):
+        return found
+    raise _unknown(name, "file", sorted({known for kind in _FOLDERS for known in bundled_names(kind)}))
+
+
+def _is_bare(name: str | Path) -> bool:
+    return not Path(name).suffix and len(Path(name).parts) == 1
+
+
+def _unknown(name: str | Path, kind: str, known: Iterable[str]) -> ConfigError:
+    message = f"no such file, and no {kind} of that name comes with the framework; there are: {', '.join(known)}"
+    return ConfigError([Problem(str(name), 0, 0, "", message)])

@@ -61,7 +61,7 @@ class EmulatorSection(StrictModel):
     its parts; `{port}` alone becomes a number."""
     arguments: Arguments | None = None
     """Arguments with which `eal lab` runs the module as a program, which prints the value of the setting in its first
-    line, and at its end `pose X m Y m YAW deg`; left out, the module is no program."""
+    line, and at its end `pose X m Y m YAW deg`; left out, `eal lab` serves `emulate` on the wire."""
     options: dict[str, dict[str, Arguments]] = Field(default={})
     """Further arguments by setting and by its value, such as `link: {radio: [--radio]}`."""
 

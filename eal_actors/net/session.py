@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import re
+import resource
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
@@ -24,6 +25,8 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
 from eal_actors.net.security.access import controller_access, robot_access, router_access, tls_config
+from eal_actors.net.security.revocation import revoked_names, without_revoked
+from eal_actors.net.wire.packing import MAX_CALL_BYTES, MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 
 if TYPE_CHECKING:
     import zenoh
@@ -37,8 +40,14 @@ _RETRY_S: Final = 0.1
 _RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 _MAX_HANDSHAKES: Final = 2048
 """Simultaneous transport handshakes; fewer strangers that never finish theirs cannot keep others out."""
-_HANDSHAKE_MS: Final = 4000
-"""Time-out of a transport handshake, enough for a slow link."""
+_HANDSHAKE_MS: Final = 2000
+"""Time-out of a TLS handshake, and of the transport handshake after it; enough for a slow link."""
+_MAX_FILES: Final = 65_536
+"""Open files that a listening process asks for, if its hard limit allows them."""
+_MAX_CALL_BYTES: Final = MAX_CALL_BYTES + 2 * MAX_ENVELOPE_BYTES
+"""Largest message that a robot puts together of fragments; zenoh's own limit is 1 GiB."""
+_MAX_MESSAGE_BYTES: Final = MAX_PAYLOAD_BYTES + 2 * MAX_ENVELOPE_BYTES
+"""The same of a controller and of a router, which receive images too."""
 _MIN_SESSIONS: Final = 1000
 _STALLED_US: Final = 500_000
 """Time after which a message that waits for a stalled link closes that link, in microseconds."""
@@ -64,9 +73,11 @@ def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
         config = _config(network, "client", connect=network.routers, sessions=0)
     else:
         config = _config(network, "peer", listen=[entry.listen or entry.address], sessions=0)
+    config["transport"]["link"]["rx"] = {"max_message_size": _MAX_CALL_BYTES}
     if network.security is not None:
-        config["transport"]["link"]["tls"] = tls_config(network.security, robot)
-        config["access_control"] = robot_access(fleet, network.security, robot)
+        security = without_revoked(network.security)
+        config["transport"]["link"]["tls"] = tls_config(security, robot)
+        config["access_control"] = robot_access(fleet, security, robot)
     return config
 
 
@@ -91,8 +102,10 @@ def controller_config(fleet: FleetConfig, robots: Iterable[str] | None = None) -
     else:
         config = _config(network, "client", connect=network.routers, sessions=0)
     if network.security is not None:
-        config["transport"]["link"]["tls"] = tls_config(network.security, network.security.controller)
-        config["access_control"] = controller_access(fleet, network.security, remote)
+        security = without_revoked(network.security)
+        revoked = revoked_names(security.keys)
+        config["transport"]["link"]["tls"] = tls_config(security, security.controller)
+        config["access_control"] = controller_access(fleet, security, [it for it in remote if it not in revoked])
     return config
 
 
@@ -132,13 +145,18 @@ def router_config(
     config = _config(network, "router", listen=listen, connect=connect, sessions=sessions)
     if fleet is not None and network.security is not None:
         config["transport"]["link"]["tls"] = tls_config(network.security, name)
-        config["access_control"] = router_access(fleet, network.security)
+        config["access_control"] = router_access(fleet, without_revoked(network.security))
     return config
 
 
 def endpoints_of(config: dict[str, Any]) -> tuple[str, ...]:
     """Return the endpoints of a configuration: those to listen at, then those to dial."""
-    return (*config["listen"]["endpoints"], *config["connect"]["endpoints"])
+    return (*(text.partition("#")[0] for text in config["listen"]["endpoints"]), *config["connect"]["endpoints"])
+
+
+def _listening(endpoint: str) -> str:
+    """Return an endpoint to listen at, with the time-out of its TLS handshakes."""
+    return f"{endpoint}#tls_handshake_timeout_ms={_HANDSHAKE_MS}" if endpoint.startswith("tls/") else endpoint
 
 
 def _config(
@@ -154,7 +172,11 @@ def _config(
             "gossip": {"enabled": False},
             "delay": 1,  # ms that opening waits for absent peers
         },
-        "listen": {"endpoints": list(listen), "timeout_ms": 0, "exit_on_failure": True},
+        "listen": {
+            "endpoints": [_listening(endpoint) for endpoint in listen],
+            "timeout_ms": 0,
+            "exit_on_failure": True,
+        },
         "connect": {
             "endpoints": list(connect),
             # A client tries each endpoint once and then fails, since it would otherwise wait for the first one only.
@@ -171,7 +193,11 @@ def _config(
                 "accept_timeout": _HANDSHAKE_MS,
                 "compression": {"enabled": network.compression},
             },
-            "link": {"protocols": protocols, "tx": {"lease": round(network.lease_s * 1000), "queue": _QUEUE}},
+            "link": {
+                "protocols": protocols,
+                "tx": {"lease": round(network.lease_s * 1000), "queue": _QUEUE},
+                "rx": {"max_message_size": _MAX_MESSAGE_BYTES},
+            },
         },
     }
 
@@ -199,11 +225,21 @@ def open_session(config: dict[str, Any], timeout_s: float = 5.0) -> Iterator[zen
         checked = zenoh.Config.from_json5(json.dumps(config))
     except zenoh.ZError as error:
         raise ProtocolError(f"zenoh does not take the configuration: {_reason(error)}") from error
+    if config["listen"]["endpoints"]:
+        _raise_file_limit()
     session = _open(checked, config, timeout_s)
     try:
         yield session
     finally:
         _close(session, config)
+
+
+def _raise_file_limit() -> None:
+    """Raise the soft limit of open files, since each connection takes one."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = _MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, _MAX_FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
 def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> zenoh.Session:
@@ -226,7 +262,7 @@ def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> ze
 
 def _open_error(error: Exception, config: dict[str, Any]) -> EALError:
     reason = _reason(error)
-    failed = next((endpoint for endpoint in config["listen"]["endpoints"] if endpoint in reason), None)
+    failed = next((endpoint for endpoint in endpoints_of(config) if endpoint in reason), None)
     place = failed or ", ".join(endpoints_of(config))
     if "in use" in reason:
         return UnavailableError(f"{place}: cannot listen there: the port is in use by another program")

@@ -27,9 +27,9 @@ from .firmware import BaseEmulator
 from .messages import WATCHDOG_MS, BaseReply, BaseRequest, OrderChannel
 from .odometry import Odometer, Odometry
 from .session import BaseSession
+from .watchdog import POLLS
 
 _FIRST_GREETING_S: Final = 2.0  # so that the first call finds a base that a busy computer serves late
-_WATCHDOG_POLLS: Final = 3
 
 
 class SessionSettings(PluginSettingsModel):
@@ -37,17 +37,18 @@ class SessionSettings(PluginSettingsModel):
 
     poll_hz: float = Field(default=20.0, ge=5, le=50)
     """Polls of the base per second."""
-    watchdog_s: float = Field(default=0.5, ge=WATCHDOG_MS[0] / 1000, le=WATCHDOG_MS[1] / 1000)
-    """The base stops after this time without a message; at least three polls."""
+    watchdog_s: float | None = Field(default=None, ge=WATCHDOG_MS[0] / 1000, le=WATCHDOG_MS[1] / 1000)
+    """The base stops after this time without a message; at least three polls. By default it follows the measured round
+    trips, within 0.5 s and 2 s."""
     calibration: WheelCalibration = WheelCalibration()
     """The wheel calibration, as measured by `eal calibrate`."""
 
     @model_validator(mode="after")
     def _check_watchdog(self) -> Self:
-        least_s = _WATCHDOG_POLLS / self.poll_hz
-        if self.watchdog_s < least_s:
+        least_s = POLLS / self.poll_hz
+        if self.watchdog_s is not None and self.watchdog_s < least_s:
             raise ValueError(
-                f"watchdog_s must be at least {_WATCHDOG_POLLS} polls, {least_s:g} s at poll_hz {self.poll_hz:g}, "
+                f"watchdog_s must be at least {POLLS} polls, {least_s:g} s at poll_hz {self.poll_hz:g}, "
                 f"not {self.watchdog_s:g}"
             )
         return self

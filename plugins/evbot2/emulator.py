@@ -18,7 +18,7 @@ from typing import Any, Final
 from .firmware import BaseEmulator, Firmware, any_boot
 from .messages import OrderChannel
 from .protocol import BAUD_RATE, MODEL, BaseLineCodec
-from .serving import TICK_S, EmulatorServer, FaultyWire, on_pty, run
+from .serving import TICK_S, DeviceTime, EmulatorServer, FaultyWire, on_pty, run
 from .vehicle import FreeVehicle, Vehicle
 from .wheels import WheelController, WheelModel
 
@@ -65,9 +65,11 @@ def main(arguments: list[str] | None = None) -> None:
 
 async def _serve(options: argparse.Namespace) -> None:
     random = Random(options.seed)  # noqa: S311  # not for security
-    vehicle = free_vehicle(asyncio.get_running_loop().time)
+    now_s = DeviceTime(asyncio.get_running_loop().time)
+    vehicle = free_vehicle(now_s)
     there, back = (FaultyWire(random, options.loss) for _ in range(2))
-    server = EmulatorServer(evbot2(vehicle, TICK_S, any_boot()), there, back, BAUD_RATE if options.pace else None)
+    base, baud_rate = evbot2(vehicle, TICK_S, any_boot()), BAUD_RATE if options.pace else None
+    server = EmulatorServer(base, there, back, now_s, baud_rate)
     await run(on_pty(server), vehicle)
 
 

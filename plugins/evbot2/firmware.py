@@ -123,7 +123,10 @@ class Firmware:
         if not WATCHDOG_MS[0] <= watchdog_ms <= WATCHDOG_MS[1]:
             return Code.RANGE
         if self._is_leased:
-            return Code.OK if host == self._host else Code.BUSY
+            if host != self._host:
+                return Code.BUSY
+            self._watchdog_s = watchdog_ms / 1000
+            return Code.OK
         self._lease = self._lease % (TAGS - 1) + 1
         self._is_leased, self._host, self._heard_s = True, host, now_s
         self._watchdog_s = watchdog_ms / 1000

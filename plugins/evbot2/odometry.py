@@ -16,7 +16,8 @@ from eal_actors.plugin import (
 
 from ..roomba.odometry import DeadReckoning, finite_pose
 from .messages import BaseWelcome
-from .session import BaseSession, StatusReading
+from .session import BaseSession
+from .session_state import StatusReading
 
 _COUNTS = 1 << 32
 

@@ -23,6 +23,7 @@ TICK_S: Final = 0.005
 
 _BITS_A_BYTE: Final = 10
 _MOST_BYTES: Final = 4096
+_LONGEST_STEP_S: Final = 0.05  # a process that is not served for longer has been starved
 
 Address = tuple[str, int]
 
@@ -75,6 +76,28 @@ class _BaudRateDelay:
         self._loop.call_at(self._free_at_s, deliver, data)
 
 
+class DeviceTime:
+    """The time of an emulated device, which stands still while its process gets no processor time.
+
+    So a busy computer makes the device slow, but its watchdog does not fire for messages that wait to be read.
+
+    Args:
+        now_s: returns the real time in seconds.
+        rate: seconds of the device's time in one real second.
+    """
+
+    def __init__(self, now_s: Callable[[], float], rate: float = 1.0) -> None:
+        self._now_s, self._rate = now_s, rate
+        self._seen_s, self._passed_s = now_s(), 0.0
+
+    def __call__(self) -> float:
+        """Return the time in seconds since the start."""
+        now_s = self._now_s()
+        self._passed_s += min(now_s - self._seen_s, _LONGEST_STEP_S) * self._rate
+        self._seen_s = now_s
+        return self._passed_s
+
+
 class EmulatorServer:
     """Serves an emulated base. Thread: the one of its event loop.
 
@@ -82,8 +105,8 @@ class EmulatorServer:
         device: the base.
         incoming: the wire for requests.
         outgoing: the wire for replies.
+        now_s: returns the device's time, the same as that of its vehicle.
         baud_rate: of both directions; None for no delay.
-        rate: seconds of the device's time in one real second.
     """
 
     def __init__(
@@ -91,14 +114,13 @@ class EmulatorServer:
         device: BaseEmulator,
         incoming: FaultyWire,
         outgoing: FaultyWire,
+        now_s: Callable[[], float],
         baud_rate: int | None = None,
-        rate: float = 1.0,
     ) -> None:
         self._device = device
         self._incoming, self._outgoing = incoming, outgoing
         self._request_delay, self._reply_delay = _BaudRateDelay(baud_rate), _BaudRateDelay(baud_rate)
-        self._rate = rate
-        self._loop = asyncio.get_running_loop()
+        self._now_s = now_s
 
     def receive(self, piece: bytes, send: Callable[[bytes], object]) -> None:
         """Pass a message to the base on its arrival, and its replies to `send` on theirs."""
@@ -106,14 +128,14 @@ class EmulatorServer:
             self._request_delay.carry(arrived, partial(self._reply, send=send))
 
     def _reply(self, request: bytes, send: Callable[[bytes], object]) -> None:
-        for reply in self._device.replies(request, self._loop.time() * self._rate):
+        for reply in self._device.replies(request, self._now_s()):
             for sent in self._outgoing.carry(reply):
                 self._reply_delay.carry(sent, send)
 
     async def keep_ticking(self) -> None:
         """Tick the base forever."""
         while True:
-            self._device.tick(self._loop.time() * self._rate)
+            self._device.tick(self._now_s())
             await asyncio.sleep(TICK_S)
 
     @asynccontextmanager

@@ -7,7 +7,6 @@ import math
 import secrets
 import threading
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
 from typing import Final
 
 from eal_actors.plugin import (
@@ -35,12 +34,11 @@ from .messages import (
     Verb,
     WheelStatus,
 )
+from .session_state import FIRST_RETRY_S, PendingOrder, SessionLease, StatusReading
+from .watchdog import WatchdogTime
 
 POLL_S: Final = 0.004
 """Poll interval of the port during a wait for a reply."""
-
-FIRST_RETRY_S: Final = 0.05
-"""Delay of the first retransmission of an order."""
 
 _LONGEST_RETRY_S: Final = 0.2
 _TRIES: Final = 8
@@ -50,45 +48,6 @@ _ROUNDING_S: Final = 1e-6
 _POLLS_KEPT: Final = 16
 _WELCOME_NUMBERS: Final = len(BaseWelcome._fields)
 _STATUS_NUMBERS: Final = len(WheelStatus._fields)
-
-
-@dataclass(frozen=True, slots=True)
-class StatusReading:
-    """One status of the base.
-
-    Attributes:
-        stamp_s: when it was requested, in seconds of the fleet's clock.
-        wheels: the first numbers of every status.
-        rest: the numbers after those.
-    """
-
-    stamp_s: float
-    wheels: WheelStatus
-    rest: tuple[int, ...]
-
-
-@dataclass(eq=False, slots=True)
-class _PendingOrder:
-    """An order that is sent until it is acknowledged."""
-
-    request: BaseRequest
-    first_s: float
-    next_s: float
-    retry_s: float = FIRST_RETRY_S
-    tries: int = 1
-    reply: BaseReply | None = None
-
-
-@dataclass(slots=True)
-class _Lease:
-    """The state of a lease."""
-
-    welcome: BaseWelcome
-    opening: int
-    polled: int
-    tags: dict[OrderChannel, int]
-    sent_s: dict[int, float] = field(default_factory=dict)  # polls: when they were sent, by tag
-    uptime_ms: int | None = None
 
 
 class BaseSession:
@@ -101,7 +60,7 @@ class BaseSession:
         model: the expected model, 2 or 3.
         channels: its channels, in the order of the greeting.
         poll_hz: polls a second.
-        watchdog_s: the base stops after this time without a message.
+        watchdog_s: the base stops after this time without a message; None to derive it from measured round trips.
         on_reading: receives each status, with the welcome of its lease. Thread: holds the lock.
         name: the robot's name, for messages.
 
@@ -117,14 +76,14 @@ class BaseSession:
         model: int,
         channels: tuple[OrderChannel, ...],
         poll_hz: float,
-        watchdog_s: float,
+        watchdog_s: float | None,
         on_reading: Callable[[BaseWelcome, StatusReading], None],
         name: str,
     ) -> None:
         self.clock: Final = clock
         self.name: Final = name
         self.period_s: Final = 1.0 / poll_hz
-        self.watchdog_s: Final = watchdog_s
+        self._watchdog = WatchdogTime(watchdog_s, self.period_s)
         self._port = port
         self._codec = codec
         self._model = model
@@ -132,13 +91,20 @@ class BaseSession:
         self._on_reading = on_reading
         self._host = secrets.randbelow(MAX_NUMBER) + 1  # identifies this driver to the base
         self._lock = threading.Lock()
-        self._lease: _Lease | None = None
-        self._orders: dict[OrderChannel, _PendingOrder] = {}
+        self._lease: SessionLease | None = None
+        self._orders: dict[OrderChannel, PendingOrder] = {}
         self._greeted_s = -math.inf
         self._greeting = 0
+        self._asked_s = self.watchdog_s
+        self._polled_s: float | None = None
         self._absence = f"the base at {port.name} has not answered yet"
         self._reading: StatusReading | None = None
         self._log = get_logger(robot=name)
+
+    @property
+    def watchdog_s(self) -> float:
+        """The base stops after this time without a message."""
+        return self._watchdog.agreed_s
 
     def why_not_ready(self) -> str | None:
         """Return why the base cannot be used now; None if it can. Does not block."""
@@ -213,18 +179,18 @@ class BaseSession:
                     f"{error.message}; if the robot moves, it stops {self.watchdog_s:g} s after its last message"
                 ) from error
 
-    def _begin(self, channel: OrderChannel, verb: Verb, numbers: tuple[int, ...]) -> _PendingOrder:
+    def _begin(self, channel: OrderChannel, verb: Verb, numbers: tuple[int, ...]) -> PendingOrder:
         lease = self._lease
         if lease is None or lease.opening != self._port.openings:
             raise NotReadyError(self._port.why_not_ready() or self._absence)
         tag = lease.tags[channel] = (lease.tags[channel] + 1) % TAGS
         now_s = self.clock.now()
-        order = _PendingOrder(BaseRequest(verb, tag, lease.welcome.lease, numbers), now_s, now_s + FIRST_RETRY_S)
+        order = PendingOrder(BaseRequest(verb, tag, lease.welcome.lease, numbers), now_s, now_s + FIRST_RETRY_S)
         self._orders[channel] = order
         self._send(order.request)
         return order
 
-    def _advance(self, channel: OrderChannel, order: _PendingOrder) -> float | None:
+    def _advance(self, channel: OrderChannel, order: PendingOrder) -> float | None:
         """Resend an order if due; return the time until the next poll, None when it is acknowledged."""
         self._receive()
         verb = order.request.verb.name
@@ -237,7 +203,7 @@ class BaseSession:
         self._resend_if_due(order)
         return max(min(POLL_S, order.next_s - self.clock.now()), POLL_S / 4)
 
-    def _resend_if_due(self, order: _PendingOrder) -> None:
+    def _resend_if_due(self, order: PendingOrder) -> None:
         now_s = self.clock.now()
         if now_s < order.next_s - _ROUNDING_S:
             return
@@ -306,8 +272,12 @@ class BaseSession:
         for order in pending:  # until a stop has arrived, nothing else may reset the watchdog
             self._resend_if_due(order)
         if not pending:
-            lease.polled = (lease.polled + 1) % TAGS
-            lease.sent_s[lease.polled] = self.clock.now()
+            if self._watchdog.due_s() is not None:
+                self._greet()  # the lease stays, with another watchdog time
+            lease.polled, now_s = (lease.polled + 1) % TAGS, self.clock.now()
+            if self._polled_s is not None:
+                self._watchdog.measure(now_s - self._polled_s)
+            lease.sent_s[lease.polled] = self._polled_s = now_s
             while len(lease.sent_s) > _POLLS_KEPT:
                 del lease.sent_s[next(iter(lease.sent_s))]
             self._send(BaseRequest(Verb.STAT, lease.polled, lease.welcome.lease))
@@ -316,14 +286,16 @@ class BaseSession:
         if self._port.why_not_ready() is not None or self.clock.now() < self._greeted_s + _GREETING_S - _ROUNDING_S:
             return
         self._greeted_s, self._greeting = self.clock.now(), (self._greeting + 1) % TAGS
-        self._codec.reset()
-        self._send(BaseRequest(Verb.HELLO, self._greeting, 0, (VERSION, round(self.watchdog_s * 1000), self._host)))
+        self._asked_s = self._watchdog.due_s() or self.watchdog_s
+        if self._lease is None:
+            self._codec.reset()
+        self._send(BaseRequest(Verb.HELLO, self._greeting, 0, (VERSION, round(self._asked_s * 1000), self._host)))
 
     def _lose(self, reason: str) -> None:
         """End the lease: the base must be greeted again, and pending orders are lost."""
         if self._lease is not None:
             self._log.warning("the base must be greeted again", reason=reason)
-        self._lease, self._absence = None, reason
+        self._lease, self._absence, self._polled_s = None, reason, None
         self._orders.clear()
 
     def _send(self, request: BaseRequest) -> None:  # this and all below: the caller holds the lock
@@ -347,6 +319,8 @@ class BaseSession:
             self._handle_lapse(reply, lease)
         elif reply.verb is Verb.STAT:
             sent_s = lease.sent_s.pop(reply.tag, None)
+            if sent_s is not None:
+                self._watchdog.measure(self.clock.now() - sent_s)
             if reply.code is Code.OK and sent_s is not None:
                 self._handle_status(lease, reply, sent_s)
         elif (channel := CHANNELS.get(reply.verb)) is not None:
@@ -356,7 +330,7 @@ class BaseSession:
                 if reply.code is Code.OK:
                     self._handle_status(lease, reply, order.first_s)
 
-    def _handle_lapse(self, reply: BaseReply, lease: _Lease) -> None:
+    def _handle_lapse(self, reply: BaseReply, lease: SessionLease) -> None:
         """End the lease if the reply answers a request of this lease."""
         sent = [order.request for order in self._orders.values()]
         is_ours = reply.tag in lease.sent_s or any((it.verb, it.tag) == (reply.verb, reply.tag) for it in sent)
@@ -365,7 +339,10 @@ class BaseSession:
             self._greeted_s = -math.inf
 
     def _handle_welcome(self, reply: BaseReply) -> None:
-        if self._lease is not None or reply.tag != self._greeting:
+        if reply.tag != self._greeting:
+            return
+        if self._lease is not None:
+            self._confirm_watchdog(reply, self._lease)
             return
         if reply.code is not Code.OK or len(reply.numbers) != _WELCOME_NUMBERS + 1 + len(self._channels):
             self._absence = self._why_refused(reply)
@@ -375,10 +352,19 @@ class BaseSession:
         if welcome.model != self._model:
             self._absence = f"the base at {self._port.name} is an EvBot {welcome.model}, not an EvBot {self._model}"
             return
-        self._lease = _Lease(welcome, self._port.openings, polled, dict(zip(self._channels, tags, strict=True)))
+        self._watchdog.agreed_s = self._asked_s
+        self._lease = SessionLease(welcome, self._port.openings, polled, dict(zip(self._channels, tags, strict=True)))
         self._log.debug("the base has answered", port=self._port.name, lease=welcome.lease)
         for channel in self._channels:  # stop the motion of a previous driver
             self._begin(channel, STOPS[channel], ())
+
+    def _confirm_watchdog(self, reply: BaseReply, lease: SessionLease) -> None:
+        """Note the watchdog time that the base has taken for the running lease."""
+        same = BaseWelcome._fields.index("lease")
+        if reply.code is Code.OK and reply.numbers[same : same + 1] == (lease.welcome.lease,):
+            if self._watchdog.agreed_s != self._asked_s:
+                self._log.info("another watchdog time", watchdog_s=round(self._asked_s, 2))
+            self._watchdog.agreed_s = self._asked_s
 
     def _why_refused(self, reply: BaseReply) -> str:
         where = f"the base at {self._port.name}"
@@ -388,7 +374,7 @@ class BaseSession:
             return f"{where} does not support version {VERSION} of the protocol"
         return f"{where} answers the greeting with {reply.code.name} and {len(reply.numbers)} numbers"
 
-    def _handle_status(self, lease: _Lease, reply: BaseReply, sent_s: float) -> None:
+    def _handle_status(self, lease: SessionLease, reply: BaseReply, sent_s: float) -> None:
         if len(reply.numbers) < _STATUS_NUMBERS:
             return
         wheels = WheelStatus(*reply.numbers[:_STATUS_NUMBERS])

@@ -24,7 +24,7 @@ from eal_actors.plugin import PluginError
 from ..evbot2.emulator import share
 from ..evbot2.firmware import BaseEmulator, Firmware, any_boot
 from ..evbot2.messages import OrderChannel
-from ..evbot2.serving import TICK_S, Address, EmulatorServer, FaultyWire, on_tcp, on_udp, run
+from ..evbot2.serving import TICK_S, Address, DeviceTime, EmulatorServer, FaultyWire, on_tcp, on_udp, run
 from ..evbot2.vehicle import FreeVehicle
 from ..evbot2.wheels import Actuator, WheelController, WheelModel
 from ..roomba.bodies import ConstantBattery
@@ -141,9 +141,10 @@ def main(arguments: list[str] | None = None) -> None:
 
 async def _serve(options: argparse.Namespace) -> None:
     random = Random(options.seed)  # noqa: S311  # not for security
-    vehicle = FreeTurretVehicle(asyncio.get_running_loop().time)
+    now_s = DeviceTime(asyncio.get_running_loop().time)
+    vehicle = FreeTurretVehicle(now_s)
     there, back = (FaultyWire(random, options.loss, options.duplicate, options.reorder) for _ in range(2))
-    server = EmulatorServer(evbot3(vehicle, TICK_S, any_boot()), there, back)
+    server = EmulatorServer(evbot3(vehicle, TICK_S, any_boot()), there, back, now_s)
     served, scheme = (on_udp(server, options.udp), "udp") if options.udp else (on_tcp(server, options.tcp), "tcp")
     await run(served, vehicle, f"{scheme}://")
 

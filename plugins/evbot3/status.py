@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from eal_actors.plugin import UnavailableError
 
-from ..evbot2.session import StatusReading
+from ..evbot2.session_state import StatusReading
 
 
 class TurretStatus(NamedTuple):

@@ -176,7 +176,7 @@ def open_port(
     """Open a serial port that is reopened when it vanishes; an absent one is no error.
 
     Args:
-        context: of the plugin.
+        context: of the plugin, with the settings `dtr` and `rts`.
         url: a device path, any URL of pyserial, or a simulated port, such as `sim://world`.
         baudrate: bits a second.
         emulate: creates the emulator for a simulated robot's body.
@@ -190,7 +190,7 @@ def open_port(
     def open_it() -> BytePort:
         if url.startswith(SIMULATED):
             return context.simulated_port(url, "roomba", emulate)
-        return open_serial(url, baudrate=baudrate)
+        return open_serial(url, baudrate=baudrate, dtr=context.settings.dtr, rts=context.settings.rts)
 
     port = ReopeningPort(open_it, context.clock, url)
     port.open()

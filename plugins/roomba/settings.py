@@ -60,6 +60,10 @@ class Settings(PluginSettingsModel):
     baudrate: Literal[115200, 57600, 19200] | None = None
     """Baud rate of the Roomba: 57600 for `sci`, 115200 for `oi`, or 19200, which it uses if a button was held while it
     was switched on."""
+    dtr: bool = True
+    """Level of the control line DTR, which wakes the Roomba where it is wired to device detect (BRC)."""
+    rts: bool = True
+    """Level of the control line RTS, likewise."""
     mode: Literal["safe", "full"] = "safe"
     """In safe mode the Roomba stops itself at cliffs and when a wheel drops; in full mode only the driver stops it."""
     poll_hz: float = Field(default=20.0, ge=5, le=50)

@@ -135,3 +135,22 @@ def test_a_manifest_is_checked_by_another_command(eal: Any, slides: Path) -> Non
     result = eal("check", folder / "plugin.yaml")
     assert result.exit_code == 2
     assert result.stdout == f"{folder / 'plugin.yaml'}: a plugin: use `eal plugin check {folder}`\n"
+
+
+def test_names_are_checked_as_paths_are(eal: Any, write: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = eal("check", "sim", "search")
+    assert done.exit_code == 0
+    told = [line.partition(": ")[0].removeprefix(f"{bundled_path('.')}/") for line in done.stdout.splitlines()]
+    assert told == ["fleets/sim.yaml", "fleets/search.yaml", "scenarios/search.yaml", "fleets/worlds/search.yaml"]
+    Path("sim.yaml").write_text("version: 1\nrobots: {}\nnonsense: 1\n")
+    assert "sim.yaml:3:1: nonsense" in eal("check", "sim").stdout  # a file of one's own wins
+    done = eal("check", "serch")
+    assert done.exit_code == 2
+    assert "no file of that name comes with the framework; there are: dance, empty" in done.stdout
+
+
+def test_a_scenario_may_run_a_bundled_one(eal: Any, write: Any) -> None:
+    steps = "steps:\n  - scenario: dance\n    roles: {dancers: all}\n"
+    file = write("outer.yaml", f"version: 1\nname: outer\nroles: {{all: {{}}}}\n{steps}")
+    assert eal("check", file).exit_code == 0, eal("check", file).stdout

@@ -83,6 +83,40 @@ def test_a_second_signal_skips_the_rest_of_finally(start: Start, slides: Path, w
     assert [step["outcome"] for step in summary(slides.parent / "runs")["steps"]] == ["aborted", "done", "aborted"]
 
 
+def break_brake(slides: Path) -> None:
+    """Make the robots' halt hang."""
+    plugin = slides.parent / "plugins" / "slide" / "plugin.py"
+    text = plugin.read_text(encoding="utf-8")
+    hang = '"""Stop at once."""\n        import threading\n        threading.Event().wait()\n'
+    plugin.write_text(text.replace('"""Stop at once."""\n', hang), encoding="utf-8")
+
+
+def test_each_further_signal_ends_more_and_the_last_ends_a_robot_that_hangs(
+    start: Start, slides: Path, write: Any
+) -> None:
+    break_brake(slides)
+    process = start("run", write("long.yaml", LONG.replace("to${FINALLY}", "s")), "--fleet", slides)
+    lines_until(process, "send_cmd Slide to1")
+    assert process.stderr is not None
+    for words in ("Stopping: ", "Stopping now", "Disconnecting"):
+        process.send_signal(signal.SIGINT)
+        assert any(line.startswith(words) for line in process.stderr)
+    process.send_signal(signal.SIGINT)
+    process.communicate()
+    assert process.returncode == 130
+
+
+@pytest.mark.parametrize("hangs", [False, True])
+def test_a_storm_of_signals_ends_with_the_same_code(start: Start, slides: Path, write: Any, hangs: bool) -> None:
+    if hangs:
+        break_brake(slides)
+    process = start("run", write("long.yaml", LONG.replace("to${FINALLY}", "to0.9")), "--fleet", slides)
+    lines_until(process, "send_cmd Slide to1")
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    assert process.returncode == 130
+
+
 @pytest.mark.parametrize("terminal_kind", ["xterm-256color", "dumb"])
 def test_a_terminal_that_is_closed_stops_the_run_in_good_order(
     start: Start, slides: Path, write: Any, monkeypatch: pytest.MonkeyPatch, terminal_kind: str

@@ -116,6 +116,18 @@ def test_states_are_events(tmp_path: Path) -> None:
         assert states == [RobotState.READY, RobotState.LOST, RobotState.READY]
 
 
+def test_a_running_command_of_a_dead_robot_fails_long_before_its_deadline(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, network={"dead_man_s": 0.5})
+    with served(rig) as (running, fleet):
+        move = fleet["r1"]["Arm"].send_cmd("move60", timeout_s=10_000)
+        assert eventually(lambda: fleet["r1"].running)
+        running["r1"].kill()
+        assert "its outcome is unknown: the robot is unreachable" in str(failure(move, UnavailableError))
+        running.start("r1")
+        assert becomes(fleet["r1"], RobotState.READY)
+        assert fleet["r1"]["Arm"].send_cmd("step1").get() == 1
+
+
 # Times.
 
 
@@ -156,5 +168,6 @@ def test_the_shown_names_hold_no_tricks() -> None:
     names.note("cd", "_", "x" * 1000)
     assert len(names.of("cd")) == 100
     for number in range(2000):
-        names.note(str(number), "_", "somebody")
-    assert names.of("ab") == "ab"  # forgotten: as many as that are never under way
+        names.note(f"{number:032x}", "_", "somebody")
+    assert names.of(32 * "0") == 32 * "0"  # forgotten: as many as that are never under way
+    assert names.of("ab") == "anna@[31mlab"  # of another certificate

@@ -194,6 +194,8 @@ def test_expectations_that_hold(two: Fleet, tmp_path: Path) -> None:
     - {{expect: "config('Base', 'gain')", equals: 0.9, tolerance: 0.1}}
     - {{expect: "[1.05, 2]", equals: [1, 2], tolerance: 0.1}}
     - {{expect: robot, equals: "${{robot}}"}}
+    - {{expect: index + 1, equals: 2 - 1 + index, tolerance: 0.1}}
+    - {{expect: "[robot, 'text']", equals: [robot, "'text'"]}}
     - expect: value('Base') in [0, 1] and not false
 """
     report = run(two, tmp_path, body)

@@ -8,6 +8,8 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
 from eal_actors.scenario import (
@@ -212,6 +214,8 @@ INTERRUPTED = """\
 import sys
 from pathlib import Path
 
+import pytest
+
 from eal_actors.facade.fleet import Fleet
 from eal_actors.scenario import StepStarted, run_scenario
 
@@ -252,3 +256,16 @@ def test_ctrl_c_is_pythons_own_again_after_a_run(two: Fleet, tmp_path: Path) -> 
 
     assert during[0] is not signal.default_int_handler
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("policy", ["abort", "drop", "skip", "{retry: 3, back_off_s: 0.1, then: skip}"])
+def test_an_emergency_stop_aborts_whatever_the_policy(two: Fleet, tmp_path: Path, policy: str) -> None:
+    body = f"on_failure: {policy}\n" + LONG + "  - send_cmd: {resource: Base, cmd: go1}\n" + finally_of("go1", "s")
+    report = abort_at(two, tmp_path, "send_cmd Base go100", body, lambda _: two.stop("the red button").get())
+
+    assert report.outcome == "aborted"
+    assert report.error is not None
+    assert "emergency stop" in report.error.message
+    assert set(outcomes(report).values()) == {"aborted"}
+    assert {record.outcome for record in report.steps} <= {"aborted", "done"}
+    assert records(report, "fast")[-1].label == "send_cmd Base s"

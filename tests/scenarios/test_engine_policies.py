@@ -47,7 +47,12 @@ def test_the_nearest_policy_counts(tmp_path: Path) -> None:
         report = run(fleet, tmp_path, body, head)
 
     assert report.outcome == "done"
-    assert [record.attempts for record in records(report, "a")] == [1, 2, 3]
+    assert [(record.kind, record.attempts) for record in records(report, "a")] == [
+        ("send_cmd", 1),
+        ("send_cmd", 1),
+        ("send_cmd", 1),
+        ("repeat", 2),
+    ]
 
 
 def test_a_run_does_not_go_on_with_too_few(tmp_path: Path) -> None:

@@ -201,22 +201,51 @@ def test_no_emulator_outlives_the_lab(lab: Callable[[str], subprocess.Popen[str]
         assert out.count("unknown") == 4
 
 
+def test_the_row_of_a_robot_whose_emulator_died_has_the_reason(lab: Callable[[str], subprocess.Popen[str]]) -> None:
+    process = lab("3000")
+    assert process.stdout is not None
+    begun = 0
+    for line in process.stdout:
+        begun += "Base l3000" in line
+        if begun == 4:
+            break
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    (emulator,) = [pid for pid in children if words(pid)[3:4] == [b"evbot2"]]
+    os.kill(int(emulator), signal.SIGKILL)
+    while Path(f"/proc/{emulator}/stat").read_text().split()[2] != "Z":
+        pass
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    row = next(line for line in out.splitlines() if line.startswith("tracks") and "emulator" in line)
+    assert "the emulator of evbot2 was killed by SIGKILL" in row, out + err
+    assert out.count("unknown") == 4
+
+
+def words(pid: str) -> list[bytes]:
+    """Return the command line of a process."""
+    return Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+
+
 def test_a_wire_whose_variable_is_set_is_the_robot_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     for variable in (*WIRES, "LAB_CAMERA"):
         monkeypatch.delenv(variable, raising=False)
-    found = {device.variable: (device.robot, device.plugin.name) for device in open_devices(LAB)}
+    found = {
+        variable: (device.robot, device.plugin.name)
+        for device in open_devices(LAB)
+        for variable in device.variables.values()
+    }
     assert {variable: robot for variable, (robot, _) in found.items()} == {**WIRES, "LAB_CAMERA": "evbot2-1"}
     assert {plugin for _, plugin in found.values()} == {"evbot2", "evbot3", "roomba", "camera"}
     monkeypatch.setenv("LAB_EVBOT2", "/dev/ttyUSB0")
-    assert "LAB_EVBOT2" not in {device.variable for device in open_devices(LAB)}
+    assert {"port": "LAB_EVBOT2"} not in [device.variables for device in open_devices(LAB)]
 
 
 def test_an_emulator_that_does_not_start_is_named(capfd: pytest.CaptureFixture[str]) -> None:
     manifests, _ = discover([])
     without = manifests["evbot2"].file.model_copy(update={"emulator": EmulatorSection(arguments=())})
     devices = [
-        LabDevice("lost", replace(manifests["evbot2"], file=without), "LAB_LOST", {}),
-        LabDevice("there", manifests["evbot3"], "LAB_THERE", {}),
+        LabDevice("lost", replace(manifests["evbot2"], file=without), {"port": "LAB_LOST"}, {}),
+        LabDevice("there", manifests["evbot3"], {"address": "LAB_THERE"}, {}),
     ]
     with pytest.raises(UnavailableError, match="lost: its emulator has ended"), EmulatorProcesses(devices):
         pass
@@ -268,10 +297,36 @@ def foreign(tmp_path: Path) -> Path:
 
 def test_a_plugin_from_elsewhere_is_emulated(foreign: Path) -> None:
     (device,) = open_devices(foreign)
-    assert (device.robot, device.plugin.name, device.variable) == ("one", "lift", "LAB_LIFT")
+    assert (device.robot, device.plugin.name, device.variables) == ("one", "lift", {"port": "LAB_LIFT"})
     with EmulatorProcesses([device]) as emulators:
         assert emulators.addresses == {"LAB_LIFT": "port of --slow --two 115200"}
     assert emulators.poses == {"one": (1.0, 2.0, 90.0)}
+
+
+ECHO_FLEET = """\
+version: 1
+robots:
+  one: {plugins: {serial_port: {port: "${LAB_ONE:-/dev/no-such-port}"}}}
+  two:
+    plugins:
+      socket_port:
+        host: ${LAB_HOST:-nowhere}
+        port: ${LAB_PORT:-9}
+"""
+
+
+def test_an_emulator_that_is_no_program_is_served_on_its_wire(tmp_path: Path) -> None:
+    file = tmp_path / "fleet.yaml"
+    file.write_text(ECHO_FLEET, encoding="utf-8")
+    devices = open_devices(file)
+    assert [device.variables for device in devices] == [{"port": "LAB_ONE"}, {"host": "LAB_HOST", "port": "LAB_PORT"}]
+    with EmulatorProcesses(devices) as emulators:
+        assert emulators.addresses["LAB_HOST"] == "127.0.0.1"
+        with Fleet(EALConfigManager.load(file).fleet) as fleet:
+            for robot, resource in (("one", "SerialPort"), ("two", "SocketPort")):
+                fleet[robot][resource].write_comm("hello").get()
+                assert fleet[robot][resource].read_comm(5).get().value == b"hello"
+    assert (emulators.poses, emulators.failures) == ({}, {})
 
 
 def test_a_plugin_from_elsewhere_has_a_twin_and_devices(foreign: Path) -> None:

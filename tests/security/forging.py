@@ -137,7 +137,7 @@ def raw_client(fleet: FleetConfig, name: str) -> Iterator[RawClient]:
 
 
 class Target(NamedTuple):
-    """What a forger knows of the controller that it imitates: everything."""
+    """The target of a forger, which knows all of this."""
 
     name: str
     secret: str
@@ -163,7 +163,9 @@ class Forger:
         """Return the name and the client of a key, and the id in the message; not all three its own."""
         mine, theirs = self.client, self.target
         while True:
-            name = self.chance.choice((mine.name, theirs.name, "r1", "_", "controller", "driver"))
+            name = self.chance.choice(
+                (mine.name, theirs.name, "r1", "_", "controller", "driver", keys.AUTHORITY_CALLER)
+            )
             client = self.chance.choice((mine.secret, theirs.secret, theirs.id, secrets.token_hex(16)))
             claimed = self.chance.choice((mine.id, theirs.id, client_id(name, client)))
             if (name, claimed) != (mine.name, client_id(mine.name, client)):
@@ -187,6 +189,7 @@ class Forger:
                 (keys.ROBOT, keys.REATTACH, (self.target.epoch, self.target.sequence)),
                 (keys.ROBOT, keys.STOP, ("forged",)),
                 (keys.ROBOT, keys.RESUME, ()),
+                (keys.ROBOT, keys.REVOKE, ("controller",)),
                 ("Arm", "send_cmd", ("step9",)),
                 ("Arm", "send_cmd", ("s",)),
                 ("Arm", "halt", ()),

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from structlog.testing import capture_logs
 
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import EALError, ResourceBusyError, StaleCommandError
@@ -50,7 +51,7 @@ class Scene:
 
     @property
     def target(self) -> Target:
-        """What the attackers know."""
+        """The holder as the attackers know it."""
         holder = self.holder
         return Target(holder.name, holder.secret, holder.id, holder.epoch, holder.sequence)
 
@@ -255,3 +256,14 @@ def test_streams_of_one_certificate_do_not_use_up_those_of_another(held: Scene) 
     ]
     assert {answer.code for answer in refused} == {"busy"}
     assert held.holder.call("Gauge", keys.STREAM, "raw", "0.5", 5000) == 1
+
+
+def test_malformed_messages_fill_no_log(held: Scene) -> None:
+    with capture_logs() as logs:
+        for name, other in held.others.items():
+            for number in range(300):
+                other.publish(f"eal/f/r1/_/ping/{name}/%{number}", b"")
+                other.publish(f"eal/f/@heartbeats/{name}/{number}", bytes([number % 256]))
+        held.settle()
+    assert {line["source"] for line in logs} == set(held.others)
+    assert len(repr(logs)) < 3_000

@@ -18,6 +18,7 @@ import pytest
 
 from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.service import RobotService
+from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
@@ -47,8 +48,7 @@ def tls_fleet(folder: Path, address: str | None = None) -> FleetConfig:
 def expired(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Have every certificate that is made meanwhile end yesterday."""
     with monkeypatch.context() as patch:
-        patch.setattr(certificates, "_VALID", timedelta(days=-1) + timedelta(hours=1))
-        patch.setattr(certificates, "_CLOCKS_MAY_DIFFER_BY", timedelta(days=30))
+        patch.setattr(certificates, "wall_time", lambda: wall_time() - certificates.VALID - timedelta(days=1))
         yield
 
 

@@ -72,6 +72,22 @@ def read_frames(folder: Path, step_rad: float | None = None, exclude: Collection
     return CameraFrames(tuple(file.name for file in files), tuple(frames), tuple(yaws_rad))
 
 
+def folders_of_robots(run: Path) -> list[Path]:
+    """Return the folders of the robots that saved frames in a run.
+
+    Raises:
+        ConfigError: there are none.
+    """
+    found = sorted(
+        folder
+        for folder in run.iterdir()
+        if folder.is_dir() and any(_is_picture(file) and file.name != PANORAMA for file in folder.iterdir())
+    )
+    if not found:
+        raise ConfigError([Problem(str(run), 0, 0, "", f"is a run in which no robot saved {' or '.join(PICTURES)}")])
+    return found
+
+
 def save_panorama(panorama: Panorama, file: Path) -> None:
     """Write a panorama as PNG or JPEG, by the file's suffix; replace an existing file.
 

@@ -73,7 +73,8 @@ class _Broadcast:
         on_result: OnResult,
     ) -> None:
         self._config = config
-        self._ask_at_s = dict.fromkeys(robots, math.inf)  # of robots that have not answered; inf: not seen yet
+        # Of robots that have not answered; inf: not seen yet. A router hears a revocation even if no robot is there.
+        self._ask_at_s = dict.fromkeys(robots, 0.0 if method == keys.REVOKE else math.inf)
         self._method = method
         self._arguments = arguments
         self._on_result = on_result

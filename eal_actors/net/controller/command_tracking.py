@@ -148,6 +148,7 @@ class CommandTracker:
         self._ask_at_s = math.inf
         self._interval_s = _BACKOFF_S[0]
         self._suspects: set[CallId] = set()
+        self._given_up: list[CallId] = []
 
     def restart_backoff(self) -> None:
         """Begin again with the shortest interval: the robot has accepted another command."""
@@ -166,8 +167,18 @@ class CommandTracker:
             if self._channel.is_ready:
                 self._channel.run_soon(self.reattach)
 
+    def give_up(self, reason: str) -> None:
+        """Fail all commands, and cancel them when the robot is back. Thread: the connection's."""
+        for call_id, call in list(self.commands.items()):
+            if self.commands.pop(call_id, None) is not None:
+                self._given_up.append(call_id)
+                call.fail(UnavailableError(f"its outcome is unknown: {reason}"))
+
     def reattach(self) -> None:
         """Ask the robot for the outcomes. Thread: the connection's."""
+        given_up, self._given_up = self._given_up, []
+        for call_id in given_up:
+            self._channel.request(keys.CANCEL, (call_id.epoch, call_id.sequence), _CANCEL_S)
         unfinished = [call_id for call_id, call in list(self.commands.items()) if not call.done()]
         if unfinished:
             numbers = tuple(number for call_id in unfinished for number in (call_id.epoch, call_id.sequence))

@@ -18,8 +18,10 @@ from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.net.security.expiry import certificate_warnings
 from eal_actors.net.sender import InFlightWindow, Sender, UrgentMessage
 from eal_actors.net.session import controller_config, open_session
+from eal_actors.net.throttled_log import ThrottledLog
 from eal_actors.net.wire import keys
 from eal_actors.net.wire.messages import CallReply, Heartbeat, RobotEvent, decode_event, decode_reply, encode_heartbeat
 from eal_actors.net.wire.packing import PROTOCOL_VERSION
@@ -68,6 +70,7 @@ class Controller(EALActor):
         client: identifier of this controller, new in each process; see keys.client_id.
         certificate: name of its certificate; None in a fleet without security.
         display_name: its name for people, which robots show.
+        dead_man_s: real seconds of its silence after which a robot halts what it moves.
         sender: sends the calls to all robots.
         window: limit of the calls in flight to all robots.
 
@@ -82,10 +85,12 @@ class Controller(EALActor):
         self.certificate: Final = None if security is None else security.controller
         self._caller = self.certificate or keys.ANYBODY
         self.client: Final = keys.client_id(self._caller, self._secret)
+        self.dead_man_s: Final = config.network.dead_man_s
         self.display_name: Final = process_name(self.certificate)
         self._config = config
         self._network = controller_config(config, robots)
         self._lock = threading.Lock()
+        self._malformed = ThrottledLog(fleet=config.name)
         self._listeners: dict[str, RobotListener] = {}
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
         self._session: zenoh.Session | None = None
@@ -94,6 +99,10 @@ class Controller(EALActor):
         self.sender: Final = Sender(f"{config.name} sender", self.window)
         self._urgent_sender = Sender(f"{config.name} urgent sender")
         self._callbacks = EALActor(f"{config.name} callbacks", clock)
+
+    def warnings(self) -> list[str]:
+        """Return warnings about certificates of this process that expire soon. Thread: any."""
+        return certificate_warnings(self._config.network.security, self._caller)
 
     # Life.
 
@@ -163,7 +172,7 @@ class Controller(EALActor):
                 )
             except zenoh.ZError as error:
                 get_logger(fleet=self.fleet).debug("a heartbeat could not be sent", reason=error_text(error))
-        period_s = self._config.network.dead_man_s / _BEATS
+        period_s = self.dead_man_s / _BEATS
         self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
 
     def _tick(self) -> None:
@@ -329,7 +338,7 @@ class Controller(EALActor):
             _, name = keys.parse_robot(str(sample.key_expr))
             event = decode_event(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
         except ProtocolError as error:
-            get_logger(fleet=self.fleet).warning("an event is malformed", reason=error.message)
+            self._malformed.warn(str(sample.key_expr).rpartition("/")[2], "an event is malformed", error.message)
             return
         with self._lock:
             listener = self._listeners.get(name)
@@ -338,4 +347,4 @@ class Controller(EALActor):
         try:
             listener.on_event(event)
         except ProtocolError as error:
-            get_logger(robot=name).warning("an event is malformed", reason=error.message)
+            self._malformed.warn(name, "an event is malformed", error.message)

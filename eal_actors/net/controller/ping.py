@@ -130,6 +130,7 @@ def _ping_from(answer: Mapping[str, Any], round_trip_s: float, offset: Offset) -
                 str(name): MailboxLoad(int(count), float(oldest_s))
                 for name, (count, oldest_s) in answer.get("mailboxes", {}).items()
             },
+            warnings=tuple(map(str, answer.get("warnings", ()))),
             restarts={str(name): int(count) for name, count in answer.get("restarts", {}).items()},
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:

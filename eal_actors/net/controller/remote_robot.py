@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final, NamedTuple
 
 from typing_extensions import override
@@ -82,6 +83,7 @@ class RemoteRobot(EALActor):
         self._unsent_stop: str | None = None
         self._is_repeating_stop = False
         self._is_shaking_hands = False
+        self._losses = 0
         self._log = get_logger(robot=spec.name)
 
     # Life.
@@ -215,10 +217,17 @@ class RemoteRobot(EALActor):
         if self.view.state in (RobotState.READY, RobotState.LOST):  # of two reasons the later one is right
             self._note_lost(f"{reason}; reconnecting")
 
+    def _give_up_commands(self, losses: int) -> None:
+        if self.view.state is RobotState.LOST and self._losses == losses:
+            self.calls.tracker.give_up(f"the robot {self.view.problems[-1].message}")
+
     def _note_lost(self, reason: str) -> None:
         error = UnavailableError(reason, robot=self.spec.name)
         if self.view.state is not RobotState.LOST:
             self._log.warning("robot is lost", reason=reason)
+            self._losses += 1
+            halted_s = 2 * self._controller.dead_man_s  # by then the robot, if it lives, has halted what we moved
+            self.actor_inbox.call_later(self.clock.of_real(halted_s), partial(self._give_up_commands, self._losses))
         self._board.clear()
         self.view.problems = (error,)
         for cell in self.view.cells.values():
@@ -236,7 +245,7 @@ class RemoteRobot(EALActor):
             if isinstance(answer, dict):  # always true after read_ping
                 self._board.replace(answer.get("running", ()), answer["received_s"])
             self.view.not_ready = dict(ping.not_ready)
-            return replace(ping, running=self.running())
+            return replace(ping, running=self.running(), warnings=(*ping.warnings, *self._controller.warnings()))
 
         return self._channel.call(keys.PING, (), PING_TIMEOUT_S, read)
 

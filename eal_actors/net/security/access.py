@@ -12,7 +12,7 @@ A robot also sends its grants in the handshake (`encode_rights`), so that a cont
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, Self
 
@@ -20,6 +20,7 @@ from eal_actors.kernel.errors import AccessDeniedError, ConfigError, Problem, Pr
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import Grant, SecurityConfig
 from eal_actors.net.security.certificates import AUTHORITY, certificate_file, key_file
+from eal_actors.net.security.revocation import revoked_names
 from eal_actors.net.wire import keys
 
 OBSERVER_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "get_config", keys.INFO)
@@ -71,6 +72,7 @@ def robot_access(fleet: FleetConfig, security: SecurityConfig, robot: str) -> di
     """Return the access control of a robot: the grants of controllers and observers."""
     rules = _AccessRules(fleet)
     rules.allow_routers(security)
+    rules.allow_authority((robot,))
     for grant in security.grants:
         if grant.robots is None or robot in grant.robots:
             rules.allow_controller(grant, robots=(robot,))
@@ -90,8 +92,11 @@ def router_access(fleet: FleetConfig, security: SecurityConfig) -> dict[str, Any
     """Return the access control of a router, which checks controllers and robots."""
     rules = _AccessRules(fleet)
     rules.allow_routers(security)
+    rules.allow_authority(("*",))
+    revoked = revoked_names(security.keys)
     for robot in fleet.robots:
-        rules.allow_robot(robot)
+        if robot not in revoked:
+            rules.allow_robot(robot)
     for grant in security.grants:
         rules.allow_controller(grant, robots=grant.robots or ("*",))
     return rules.config()
@@ -135,15 +140,24 @@ class _AccessRules:
     def allow_controller(self, grant: Grant, robots: Sequence[str]) -> None:
         """Allow a controller or an observer what its grant covers; `*` stands for every robot."""
         name = grant.name
-        calls = [f"{robot}/{method}/{name}/*" for robot in robots for method in _methods_of(grant)]
-        self._link(name, "ingress", calls, [f"{robot}/**" for robot in robots])
+        self._allow_calls(name, robots, _methods_of(grant))
         if grant.role == "controller":
             self._link(name, "ingress", [f"{keys.HEARTBEATS}/{name}/*"], [f"{keys.HEARTBEATS}/*/*"])
         resources = grant.resources or ("*",)
-        published = [f"{keys.ANSWERS}/{name}/*/{robot}" for robot in robots]
-        published += [f"{keys.EVENTS}/{robot}" for robot in robots]
+        published = [f"{keys.EVENTS}/{robot}" for robot in robots]
         published += [f"{keys.STREAMS}/{robot}/{resource}/**" for robot in robots for resource in resources]
-        self._link(name, "egress", published, (f"{keys.ANSWERS}/{name}/*/*", f"{keys.EVENTS}/*", f"{keys.STREAMS}/**"))
+        self._link(name, "egress", published, (f"{keys.EVENTS}/*", f"{keys.STREAMS}/**"))
+
+    def allow_authority(self, robots: Sequence[str]) -> None:
+        """Allow the holder of the authority's key to revoke certificates."""
+        self._allow_calls(keys.AUTHORITY_CALLER, robots, [f"{keys.ROBOT}/{keys.REVOKE}"])
+
+    def _allow_calls(self, name: str, robots: Sequence[str], methods: Iterable[str]) -> None:
+        """Allow calls of methods, each as `<resource>/<method>`, their replies, and to see which robots are alive."""
+        calls = [f"{robot}/{method}/{name}/*" for method in methods for robot in robots]
+        self._link(name, "ingress", calls, [f"{robot}/**" for robot in robots])
+        answers = [f"{keys.ANSWERS}/{name}/*/{robot}" for robot in robots]
+        self._link(name, "egress", answers, [f"{keys.ANSWERS}/{name}/*/*"])
         self._allow(name, "egress", _DECLARE_TOKEN, [f"{self._all}/{keys.ALIVE}/*/{robot}" for robot in robots])
         self._allow(name, "ingress", _WATCH_TOKENS, [f"{self._all}/{keys.ALIVE}/*/*"])
 

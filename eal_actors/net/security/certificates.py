@@ -28,8 +28,11 @@ AUTHORITY: Final = "ca"
 """Name of the authority's files."""
 
 _AUTHORITY_VALID: Final = timedelta(days=3650)
-_VALID: Final = timedelta(days=825)
+VALID: Final = timedelta(days=825)
+"""Default lifetime of a certificate."""
+_PASS_VALID: Final = timedelta(hours=1)
 _CLOCKS_MAY_DIFFER_BY: Final = timedelta(days=1)
+_BACKDATED: Final = 0.25  # of a lifetime of less than four days
 _MAX_NAME: Final = 64  # a common name's limit in X.509
 
 
@@ -40,14 +43,22 @@ class Certificate:
     Attributes:
         name: its owner.
         hosts: host names and addresses of its owner; empty for an owner that only dials out.
+        begins: begin of its validity, in UTC.
         expires: end of its validity, in UTC.
         file: its path.
     """
 
     name: str
     hosts: tuple[str, ...]
+    begins: datetime
     expires: datetime
     file: Path
+
+    @property
+    def lifetime(self) -> timedelta:
+        """The time from when it was made until it expires."""
+        span = self.expires - self.begins
+        return max(span - _CLOCKS_MAY_DIFFER_BY, span / (1 + _BACKDATED))
 
     @property
     def days_left(self) -> int:
@@ -89,13 +100,16 @@ def make_authority(folder: Path, fleet: str, *, force: bool = False) -> Certific
     return _write(folder, AUTHORITY, _sign(builder, key), key, force=force)
 
 
-def make_certificate(folder: Path, name: str, hosts: Iterable[str] = (), *, force: bool = False) -> Certificate:
+def make_certificate(
+    folder: Path, name: str, hosts: Iterable[str] = (), *, valid: timedelta = VALID, force: bool = False
+) -> Certificate:
     """Create a certificate, valid for dialling out and for being dialled at the hosts.
 
     Args:
         folder: folder of the keys, with the authority.
         name: its owner; access control uses it.
         hosts: host names and addresses of the owner.
+        valid: its lifetime from now on.
         force: replace an existing certificate.
 
     Raises:
@@ -106,6 +120,38 @@ def make_certificate(folder: Path, name: str, hosts: Iterable[str] = (), *, forc
     if not re.fullmatch(NAME_PATTERN, name) or len(name) > _MAX_NAME or name.lower() == AUTHORITY:
         rule = f"a letter, then letters, digits, '_', '.' or '-', at most {_MAX_NAME} in all, and not '{AUTHORITY}'"
         raise _config_error(name, f"cannot be the name of a certificate, which is {rule}")
+    return _issue(folder, folder, name, hosts, valid, force=force)
+
+
+def renew_certificate(folder: Path, name: str, valid: timedelta | None = None) -> Certificate:
+    """Replace a certificate and its key by new ones for the same hosts.
+
+    Args:
+        folder: folder of the keys, with the authority.
+        name: its owner.
+        valid: its lifetime from now on; that of the present certificate if None.
+
+    Raises:
+        ConfigError: there is no such certificate, or as make_certificate.
+    """
+    _require_cryptography()
+    file = certificate_file(folder, name)
+    present = _summary(_read_certificate(file), file)
+    return make_certificate(folder, name, present.hosts, valid=valid or present.lifetime, force=True)
+
+
+def make_pass(folder: Path, into: Path, name: str) -> None:
+    """Create a certificate of a reserved name for one hour, in another folder, with a copy of the authority's.
+
+    Raises:
+        ConfigError: the authority is missing or unreadable, or `cryptography` is not installed.
+    """
+    _require_cryptography()
+    _issue(folder, into, name, (), _PASS_VALID, force=True)
+    write_file(certificate_file(into, AUTHORITY), certificate_file(folder, AUTHORITY).read_bytes(), 0o644)
+
+
+def _issue(folder: Path, into: Path, name: str, hosts: Iterable[str], valid: timedelta, *, force: bool) -> Certificate:
     from cryptography import x509
     from cryptography.x509.oid import ExtendedKeyUsageOID
 
@@ -113,7 +159,7 @@ def make_certificate(folder: Path, name: str, hosts: Iterable[str] = (), *, forc
     key = _new_key()
     usages = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
     builder = (
-        _builder(_subject(name), authority.subject, key, _VALID)
+        _builder(_subject(name), authority.subject, key, valid)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(_key_usage(signs_certificates=False), critical=True)
         .add_extension(usages, critical=False)
@@ -121,7 +167,7 @@ def make_certificate(folder: Path, name: str, hosts: Iterable[str] = (), *, forc
     names = [_general_name(host) for host in dict.fromkeys(hosts)]
     if names:
         builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
-    return _write(folder, name, _sign(builder, authority_key), key, force=force)
+    return _write(into, name, _sign(builder, authority_key), key, force=force)
 
 
 def list_certificates(folder: Path) -> list[Certificate]:
@@ -193,7 +239,7 @@ def _builder(
         .issuer_name(issuer)
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - _CLOCKS_MAY_DIFFER_BY)
+        .not_valid_before(now - min(_CLOCKS_MAY_DIFFER_BY, valid * _BACKDATED))
         .not_valid_after(now + valid)
     )
 
@@ -241,14 +287,14 @@ def _write(
         raise _config_error(existing[0], "is there already; --force replaces it")
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        _write_file(secret, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)
-        _write_file(file, certificate.public_bytes(Encoding.PEM), 0o644)
+        write_file(secret, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)
+        write_file(file, certificate.public_bytes(Encoding.PEM), 0o644)
     except OSError as error:
         raise _config_error(str(folder), f"cannot be written: {error.strerror}") from error
     return _summary(certificate, file)
 
 
-def _write_file(file: Path, content: bytes, mode: int) -> None:
+def write_file(file: Path, content: bytes, mode: int) -> None:
     """Write a file atomically; at no time does it have wider permissions than `mode`."""
     new = file.with_name(f".{file.name}.new")
     new.unlink(missing_ok=True)
@@ -266,7 +312,7 @@ def _summary(certificate: x509.Certificate, file: Path) -> Certificate:
         hosts: tuple[str, ...] = ()
     else:
         hosts = tuple(str(name.value) for name in names)
-    return Certificate(file.stem, hosts, certificate.not_valid_after_utc, file)
+    return Certificate(file.stem, hosts, certificate.not_valid_before_utc, certificate.not_valid_after_utc, file)
 
 
 def _config_error(place: str, reason: str) -> ConfigError:

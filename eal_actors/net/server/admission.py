@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from eal_actors.actors.call import MOTION_METHODS
@@ -17,7 +17,7 @@ from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import DeadlineError, EALError, StaleCommandError
 from eal_actors.net.freshness import CommandHistory, CommandRecord, Stamp
 from eal_actors.net.server.leases import DeadManSwitch, Leases, SilentController
-from eal_actors.net.wire.keys import ANYBODY
+from eal_actors.net.wire.keys import ANYBODY, certificate_id, client_id
 from eal_actors.net.wire.messages import Answer, CallHeader, CallId
 
 _CLAIMING: Final = MOTION_METHODS | {"set_config"}
@@ -29,6 +29,7 @@ device, its thread may wait for the interpreter or a processor."""
 
 _MAX_NAMES: Final = 1024
 _MAX_NAME: Final = 100
+_NO_NAMES: Final[Mapping[str, str]] = {}
 
 
 class ControllerNames:
@@ -41,7 +42,7 @@ class ControllerNames:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._names: OrderedDict[str, str] = OrderedDict()
+        self._names: dict[str, OrderedDict[str, str]] = {}  # by certificate, so that none pushes out another's
 
     def note(self, client: str, caller: str, name: str = "") -> None:
         """Store a controller's display name, without characters that a terminal cannot print.
@@ -51,21 +52,23 @@ class ControllerNames:
             caller: name of its certificate; ANYBODY in a fleet without security.
             name: how it calls itself; the stored name stays if empty.
         """
-        if not name and client in self._names:  # every call but the first
+        names = self._names.get(certificate_id(client), _NO_NAMES)
+        if not name and client in names:  # every call but the first
             return
         printable = "".join(letter for letter in name[:_MAX_NAME] if letter.isprintable()).strip()
         if caller != ANYBODY and printable.partition("@")[0] != caller:
             printable = f"{caller} ({printable})" if printable else caller
-        if not printable or self._names.get(client) == printable:  # every heartbeat but the first
+        if not printable or names.get(client) == printable:  # every heartbeat but the first
             return
         with self._lock:
-            self._names[client] = printable
-            if len(self._names) > _MAX_NAMES:
-                self._names.popitem(last=False)
+            known = self._names.setdefault(certificate_id(client), OrderedDict())
+            known[client] = printable
+            if len(known) > _MAX_NAMES:
+                known.popitem(last=False)
 
     def of(self, client: str) -> str:
         """Return a controller's name; its client id if it has none."""
-        return self._names.get(client, client)
+        return self._names.get(certificate_id(client), _NO_NAMES).get(client, client)
 
 
 class Admission:
@@ -156,6 +159,12 @@ class Admission:
         with self._guard:
             self._leases.leave(client)
             return self._dead_man.leave(client)
+
+    def clients_of(self, caller: str) -> list[str]:
+        """Return the controllers with the certificate of a name that hold or move anything."""
+        with self._guard:
+            clients = self._dead_man.clients.union(self._leases.holders(self._clock.now()).values())
+        return sorted(client for client in clients if certificate_id(client) == certificate_id(client_id(caller, "")))
 
     def release(self, client: str, resources: Sequence[str]) -> tuple[str, ...]:
         """End a controller's leases of some resources; returns those to halt."""

@@ -11,11 +11,13 @@ from typing_extensions import override
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.kernel.errors import EALError, ProtocolError, error_text
+from eal_actors.kernel.errors import EALError, ProtocolError, UnsupportedError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
+from eal_actors.net.security.revocation import revoke, revoked_names
 from eal_actors.net.server.outbox import Outbox
 from eal_actors.net.server.robot_server import RobotServer
+from eal_actors.net.throttled_log import ThrottledLog
 from eal_actors.net.wire import keys
 from eal_actors.net.wire.messages import decode_heartbeat
 
@@ -47,22 +49,40 @@ class RobotHost(EALActor):
         self._network = network
         self._lock = threading.Lock()
         self._servers: dict[str, RobotServer] = {}
-        self._last_bad_heartbeat = ""
+        self._malformed = ThrottledLog(fleet=fleet)
         self._subscribers: list[zenoh.Subscriber[None]] = []
+        self._revoked = self._read_revoked()
         self._outbox = Outbox(f"{robot or fleet} outbox", session)
+
+    def _read_revoked(self) -> frozenset[str]:
+        security = self._network.security
+        return frozenset() if security is None else revoked_names(security.keys)
 
     @override
     def launch(self) -> Self:
+        self._outbox.launch()
+        self._subscribe()
+        return super().launch()
+
+    def _subscribe(self) -> None:
         import zenoh
 
-        self._outbox.launch()
+        self._subscribers = []
         for key, receive in (  # before any token: a robot that is found can be called
             (keys.call_keys(self._fleet, self._robot), self._on_call),
             (keys.heartbeat_key(self._fleet, None, None), self._on_heartbeat),
         ):
             callback = zenoh.handlers.Callback(receive, indirect=False)
             self._subscribers.append(self._session.declare_subscriber(key, callback))
-        return super().launch()
+
+    def move_to(self, session: zenoh.Session) -> None:
+        """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
+        self._session = session
+        self._revoked = self._read_revoked()
+        self._outbox.move_to(session)
+        self._subscribe()
+        for server in self._servers.values():
+            server.move_to(session)
 
     def serve(self, robot: RobotHandle, exclusive: Iterable[str] | None = None) -> RobotServer:
         """Serve a robot until its server is closed.
@@ -80,6 +100,7 @@ class RobotHost(EALActor):
             self._network,
             self._outbox,
             exclusive=exclusive,
+            revoke=self._revoke,
             run_soon=self.run_soon,
             on_close=lambda: self._remove(robot.name),
         )
@@ -87,6 +108,25 @@ class RobotHost(EALActor):
             self._servers = {**self._servers, robot.name: server}
         server.announce()
         return server
+
+    def _revoke(self, names: Iterable[str]) -> None:
+        """Disconnect controllers whose certificates are revoked, and store their names; see `revoke`.
+
+        From here on their messages are ignored. The session's keeper sees the stored list and ends their links.
+
+        Raises:
+            ConfigError: the names cannot be stored; they are ignored until the server ends.
+            UnsupportedError: the fleet has no security.
+        """
+        security = self._network.security
+        if security is None:
+            raise UnsupportedError("the fleet has no certificates: network.security is not set")
+        names = frozenset(names)
+        new, self._revoked = names - self._revoked, self._revoked | names
+        for server in self._servers.values():
+            for name in sorted(new):
+                server.expel(name)
+        revoke(security.keys, names)
 
     def _remove(self, robot: str) -> None:
         with self._lock:
@@ -117,7 +157,7 @@ class RobotHost(EALActor):
 
     @override
     def on_stop(self) -> None:
-        for subscriber in self._subscribers:
+        for subscriber in () if self._session.is_closed() else self._subscribers:
             subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
         self._outbox.end_soon()
 
@@ -139,10 +179,10 @@ class RobotHost(EALActor):
         try:
             call = keys.parse_call(str(sample.key_expr))
         except ProtocolError as error:
-            get_logger(fleet=self._fleet).warning("a call is malformed", reason=error.message)
+            self._malformed.warn(keys.sender_of(str(sample.key_expr)), "a call is malformed", error.message)
             return
         server = self._servers.get(call.robot)
-        if server is not None:  # else another process serves the robot
+        if server is not None and call.caller not in self._revoked:  # else another process serves the robot
             attachment = sample.attachment
             server.receive(call, attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
 
@@ -153,9 +193,9 @@ class RobotHost(EALActor):
             if beat.client != keys.client_id(caller, client):
                 raise ProtocolError(f"a controller named {caller} sends the heartbeat of another one")
         except ProtocolError as error:
-            if error.message != self._last_bad_heartbeat:  # it is repeated
-                self._last_bad_heartbeat = error.message
-                get_logger(fleet=self._fleet).warning("heartbeats are malformed", reason=error.message)
+            self._malformed.warn(keys.sender_of(str(sample.key_expr)), "a heartbeat is malformed", error.message)
+            return
+        if caller in self._revoked:
             return
         for server in self._servers.values():
             server.receive_heartbeat(caller, beat)

@@ -161,6 +161,11 @@ class DeadManSwitch:
         """Robot's time of the next halt unless its client is heard before; None if nothing is watched."""
         return min(map(self._end_s, self._watched.values()), default=None)
 
+    @property
+    def clients(self) -> set[str]:
+        """The clients that are responsible for a resource."""
+        return {last.client for last in self._watched.values()}
+
     def commanded(self, client: str, resource: str, now_s: float) -> None:
         """Make a client responsible for a resource, in place of any other; this proves that it is alive."""
         self.heard(client, now_s)

@@ -68,6 +68,10 @@ class Outbox(Sender):
         """Whether so many bytes wait that no further value may be queued. Thread: any."""
         return self._backlog_bytes >= MAX_BACKLOG_BYTES
 
+    def move_to(self, session: zenoh.Session) -> None:
+        """Send on another session from now on. Thread: any."""
+        self._session = session
+
     def expect(self, replies: int, *, has_more: bool | None = None) -> None:
         """Change the number of expected replies.
 

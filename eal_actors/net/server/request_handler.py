@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, error_text
 from eal_actors.managers.network_model import SecurityConfig
 from eal_actors.net.security.access import encode_rights
+from eal_actors.net.security.expiry import certificate_warnings
 from eal_actors.net.server.admission import Admission
 from eal_actors.net.server.running_commands import RunningCommands
 from eal_actors.net.server.streams import StreamPublisher
@@ -32,6 +33,7 @@ class RequestHandler:
     _publisher: StreamPublisher
     _publish: Callable[[RobotEvent], None]
     _security: SecurityConfig | None
+    _revoke_names: Callable[[Iterable[str]], None]
 
     def ping(self, header: CallHeader) -> Answer:
         """Answer a ping. Thread: any."""
@@ -56,6 +58,7 @@ class RequestHandler:
             keys.REATTACH: self._reattach,
             keys.CANCEL: self._cancel,
             keys.LEAVE: self._leave,
+            keys.REVOKE: self._revoke,
         }[method]
         try:
             return handle(header)
@@ -84,6 +87,7 @@ class RequestHandler:
             "holders": {resource: self._admission.names.of(client) for resource, client in holders.items()},
             "holder_ids": {resource: client for resource, client in holders.items() if client == header.client},
             "not_ready": dict(self._robot.not_ready),
+            "warnings": certificate_warnings(self._security, self._robot.name),
             "running": [[*command.call_id, command.to_fields()] for command in self._running.announced()],
         }
 
@@ -113,9 +117,16 @@ class RequestHandler:
             self._robot[resource].halt()
         return 1
 
-    def _leave(self, header: CallHeader) -> Answer:
-        """Disconnect a controller: halt what it commanded and end its leases and streams."""
-        self._publisher.leave(header.client)
-        for resource in self._admission.leave(header.client):
-            self._robot[resource].halt()
+    def _revoke(self, header: CallHeader) -> Answer:
+        self._revoke_names(map(str, header.arguments))
         return 1
+
+    def _leave(self, header: CallHeader) -> Answer:
+        self.disconnect(header.client)
+        return 1
+
+    def disconnect(self, client: str) -> None:
+        """Disconnect a controller: halt what it commanded and end its leases and streams."""
+        self._publisher.leave(client)
+        for resource in self._admission.leave(client):
+            self._robot[resource].halt()

@@ -19,6 +19,7 @@ from eal_actors.device.info import ResourceType
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import (
+    AccessDeniedError,
     BusyError,
     DeadlineError,
     EALError,
@@ -81,6 +82,7 @@ class RobotServer:
         network: the fleet's network.
         outbox: sends its replies and events.
         exclusive: names of the resources that one controller at a time may command; every actuator if None.
+        revoke: adds names to the list of revoked certificates; runs in the host's thread.
         run_soon: runs an action in the host's thread.
         on_close: called when the server closes.
 
@@ -99,6 +101,7 @@ class RobotServer:
         outbox: Outbox,
         *,
         exclusive: Iterable[str] | None,
+        revoke: Callable[[Iterable[str]], None],
         run_soon: Callable[[Callable[[], None]], None],
         on_close: Callable[[], None],
     ) -> None:
@@ -117,7 +120,7 @@ class RobotServer:
         self._running = RunningCommands()
         self._publisher = StreamPublisher(fleet, robot, session, self._era)
         self._handler = RequestHandler(
-            robot, self._admission, self._running, self._publisher, self._publish, network.security
+            robot, self._admission, self._running, self._publisher, self._publish, network.security, revoke
         )
         self._token: zenoh.LivelinessToken | None = None
         self._unlogged_stop: str | None = None
@@ -133,10 +136,22 @@ class RobotServer:
         """Declare the robot's liveliness token. Thread: blocks the caller for a moment."""
         self._token = self._session.liveliness().declare_token(keys.alive_key(self._fleet, self._robot.name))
 
+    def move_to(self, session: zenoh.Session) -> None:
+        """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
+        self._session = session
+        self._publisher.move_to(session)
+        self.announce()
+
+    def expel(self, caller: str) -> None:
+        """Disconnect every controller with a revoked certificate, and halt what they moved. Thread: the host's."""
+        for client in self._admission.clients_of(caller):
+            self._log.warning("its certificate is revoked: disconnected", certificate=caller)
+            self._handler.disconnect(client)
+
     def close(self) -> None:
         """Withdraw the robot from the network. Thread: blocks the caller, for a bounded time."""
         token, self._token = self._token, None
-        if token is not None:
+        if token is not None and not self._session.is_closed():
             token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
         self._on_close()
         self._publisher.close()
@@ -299,6 +314,8 @@ class RobotServer:
             self._log.warning("resumed")
             urgent = reply_to._replace(is_urgent=True)
             self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
+        elif method == keys.REVOKE and call.caller != keys.AUTHORITY_CALLER:
+            raise AccessDeniedError("only the holder of the authority's key may revoke a certificate")
         else:
             if method == keys.HELLO:
                 self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))

@@ -50,6 +50,10 @@ class StreamPublisher(EALActor):
         self._starting = threading.Lock()
         self._log = get_logger(robot=robot.name)
 
+    def move_to(self, session: zenoh.Session) -> None:
+        """Publish on another session from now on. Thread: any."""
+        self._session = session
+
     def serve(self, handle: ResourceHandle, header: CallHeader) -> None:
         """Start, renew or end a controller's lease of a stream. Thread: any.
 

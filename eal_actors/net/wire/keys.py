@@ -46,7 +46,8 @@ REATTACH: Final = "reattach"  # robot: reports the outcome of earlier commands, 
 CANCEL: Final = "cancel"  # robot: cancels a running command
 LEAVE: Final = "leave"  # robot: disconnects a controller; resources that it commanded are halted
 RELEASE: Final = "release"  # robot: ends a controller's leases of some resources; what it commanded there is halted
-ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE, RELEASE)
+REVOKE: Final = "revoke"  # robot: adds names to its list of revoked certificates; for AUTHORITY_CALLER alone
+ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE, RELEASE, REVOKE)
 
 HALT: Final = "halt"  # resource: stops motion
 INFO: Final = "info"  # resource: returns its ResourceInfo
@@ -56,6 +57,7 @@ RETRYABLE_METHODS: Final = frozenset({"get_status", "get_value", "get_config", "
 """Methods that change nothing, so that a retry is harmless. `read_comm` consumes bytes and is not one of them."""
 
 ANYBODY: Final = "_"  # caller in a fleet without security; names of certificates begin with a letter
+AUTHORITY_CALLER: Final = "~authority"  # caller that has the authority's key; a name that no other can have
 ANSWERS: Final = "@answers"
 EVENTS: Final = "@events"
 STREAMS: Final = "@streams"
@@ -103,6 +105,11 @@ def call_key(key: CallKey) -> str:
 def call_keys(fleet: str, robot: str | None) -> str:
     """Return the key expression of the calls to a robot; to all robots of the fleet if None."""
     return f"{fleet_key(fleet)}/{'*' if robot is None else _encode(robot)}/*/*/*/*"
+
+
+def revoke_keys(fleet: str) -> str:
+    """Return the key expression of the authority's calls that revoke certificates."""
+    return f"{fleet_key(fleet)}/*/{ROBOT}/{REVOKE}/{AUTHORITY_CALLER}/*"
 
 
 @lru_cache(maxsize=4096)
@@ -208,6 +215,11 @@ def parse_call(key: str) -> CallKey:
     if call.method not in known:
         raise ProtocolError(f"key {key!r}: there is no method {call.method!r} here; there are {', '.join(known)}")
     return call
+
+
+def sender_of(key: str) -> str:
+    """Return the caller that any key of a call or a heartbeat names, as it is spelt there."""
+    return key.rpartition("/")[0].rpartition("/")[2]
 
 
 def _split(key: str) -> list[str]:

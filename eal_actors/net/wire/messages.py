@@ -17,6 +17,7 @@ from eal_actors.device.data import EALData, Payload
 from eal_actors.device.data.c_types import short_repr
 from eal_actors.kernel.errors import EALError, ProtocolError
 from eal_actors.net.wire.packing import (
+    MAX_CALL_BYTES,
     PROTOCOL_VERSION,
     Buffer,
     checked_client,
@@ -172,7 +173,7 @@ def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes,
     """Return a call's envelope and payload.
 
     Raises:
-        DataError: the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
+        DataError: the payload is larger than MAX_CALL_BYTES, or a field cannot be packed.
     """
     client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, *echo, has_more, traceparent = header
     about = None if data is None else data_header(data)
@@ -183,7 +184,7 @@ def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes,
         row += (*echo, True)
     elif any(echo):
         row += echo
-    return pack(row, "call"), _NO_PAYLOAD if data is None else payload_of(data)
+    return pack(row, "call"), _NO_PAYLOAD if data is None else payload_of(data, MAX_CALL_BYTES)
 
 
 def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHeader, EALData | None]:

@@ -21,6 +21,8 @@ PROTOCOL_VERSION: Final = 3
 """Incremented when an older reader would misunderstand a message; see docs/reference/wire-format.md."""
 MAX_ENVELOPE_BYTES: Final = 1024**2
 MAX_PAYLOAD_BYTES: Final = 64 * 1024**2
+MAX_CALL_BYTES: Final = 8 * 1024**2
+"""Limit of the payload of a call. Robots have little memory, and whoever may connect may send to them."""
 MAX_ITEMS: Final = 4096
 """Limit of one list or map in an envelope, so that nested ones cannot make a reader allocate much memory."""
 MAX_MESSAGE_CHARS: Final = 16_000
@@ -158,10 +160,10 @@ def optional_data_from(header: object, payload: Buffer, what: str) -> EALData | 
     return None
 
 
-def payload_of(data: EALData) -> Payload:
-    """Return the payload of a value; DataError if it is larger than MAX_PAYLOAD_BYTES."""
-    if data.length > MAX_PAYLOAD_BYTES:
-        raise DataError(f"a value of {data.length} bytes is over the {MAX_PAYLOAD_BYTES} that one message may carry")
+def payload_of(data: EALData, most: int = MAX_PAYLOAD_BYTES) -> Payload:
+    """Return the payload of a value; DataError if it has more than `most` bytes."""
+    if data.length > most:
+        raise DataError(f"a value of {data.length} bytes is over the {most} that one message may carry")
     return data.payload
 
 

@@ -246,6 +246,7 @@ class _RobotPoller:
     def state(self) -> dict[str, Any]:
         self._take_answers()
         robot, answer, ours = self._robot, self._answer, self._ours()
+        warnings = () if answer is None else answer.warnings
         return {
             **self._description,
             **self._steps.of(robot.name),
@@ -253,7 +254,7 @@ class _RobotPoller:
             "stopped": robot.stopped_because,
             "is_stop_confirmed": robot.is_stop_confirmed,
             "not_ready": robot.not_ready,
-            "problems": [problem.message for problem in robot.problems],
+            "problems": [*(problem.message for problem in robot.problems), *warnings],
             "last_seen": self._seen if robot.state is RobotState.LOST else None,
             "restarts": {name: count for name, count in robot.restarts.items() if count},
             "battery": None if self._charge is None else round(self._charge, 3),

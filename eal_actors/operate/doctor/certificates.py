@@ -15,13 +15,13 @@ from eal_actors.kernel.clock import wall_time
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, SecurityConfig, parse_endpoint
 from eal_actors.net.security.certificates import AUTHORITY, certificate_file, key_file
+from eal_actors.net.security.expiry import expires_soon, time_left
 from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
 
 if TYPE_CHECKING:
     from cryptography.x509 import Certificate
 
 _AREA: Final = "certificates"
-_SOON_DAYS: Final = 30
 _COPY: Final = "Make it with `eal keys` on the machine with the fleet's authority, and copy it here."
 
 
@@ -31,7 +31,7 @@ class RequiredCertificate:
 
     Attributes:
         name: the name of its owner.
-        command: the command that renews it, such as `eal keys robot one --force`.
+        command: the command that renews it, such as `eal keys renew one`.
         host: the host that others connect to; None for a client.
     """
 
@@ -50,14 +50,14 @@ def required_certificates(security: SecurityConfig, served_here: Iterable[RobotC
     """
     wanted = [_of_robot(robot) for robot in served_here if robot.address is not None]
     if not wanted or certificate_file(security.keys, security.controller).exists():
-        wanted.insert(0, RequiredCertificate(security.controller, f"eal keys controller {security.controller} --force"))
+        wanted.insert(0, RequiredCertificate(security.controller, f"eal keys renew {security.controller}"))
     return wanted
 
 
 def _of_robot(robot: RobotConfig) -> RequiredCertificate:
     address = robot.address or BEHIND_ROUTER
     host = None if address == BEHIND_ROUTER else parse_endpoint(address).host
-    return RequiredCertificate(robot.name, f"eal keys robot {robot.name} --force", host)
+    return RequiredCertificate(robot.name, f"eal keys renew {robot.name}", host)
 
 
 def check_certificates(config: FleetConfig, served_here: Iterable[RobotConfig]) -> Iterator[Diagnostic]:
@@ -104,8 +104,8 @@ def judge_validity(
         yield problem(_AREA, f"{name} is not valid before {begins:%Y-%m-%d}", "Correct this machine's clock.")
     elif now >= ends:
         yield problem(_AREA, f"{name} expired on {ends:%Y-%m-%d}", advice)
-    elif (left := (ends - now).days) < _SOON_DAYS:
-        yield warning(_AREA, f"{name} expires on {ends:%Y-%m-%d}, in {left} days", advice)
+    elif expires_soon(begins, ends, now):
+        yield warning(_AREA, f"{name} expires on {ends:%Y-%m-%d}, {time_left(ends, now)}", advice)
 
 
 def judge_mode(file: Path, mode: int) -> Iterator[Diagnostic]:
@@ -153,7 +153,7 @@ def _names(wanted: RequiredCertificate, certificate: Certificate) -> Iterator[Di
         yield problem(
             _AREA,
             f"{wanted.name} has the host {wanted.host}, but its certificate is for {', '.join(hosts) or 'no host'}",
-            f"{wanted.command} --host {wanted.host}",
+            f"eal keys robot {wanted.name} --force --host {wanted.host}",
         )
 
 

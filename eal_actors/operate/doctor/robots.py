@@ -71,6 +71,8 @@ def judge_ping(name: str, ping: Ping, ours: str) -> Iterator[Diagnostic]:
         yield warning(_AREA, f"{name} is held by an emergency stop: {ping.stopped}", "When it is safe: eal resume")
     for resource, reason in ping.not_ready.items():
         yield warning(_AREA, f"{name}/{resource} is not ready: {reason}", "Check its device; it is retried.")
+    for text in ping.warnings:
+        yield warning(_AREA, f"{name}: {text}", "On the machine with the authority, run that command; copy the files.")
     if ping.round_trip_s > _SLOW_S:
         what = f"the round trip to {name} takes {ping.round_trip_s * 1000:.0f} ms"
         yield warning(_AREA, what, "Use a cable, or a less busy radio channel.")

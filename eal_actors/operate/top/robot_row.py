@@ -69,6 +69,7 @@ def _notes(robot: RobotHandle, ping: Ping | None) -> Iterator[str]:
     for name, reason in robot.not_ready.items():
         yield f"{name} is not ready: {reason}"
     if ping is not None:
+        yield from ping.warnings
         for name, holder in ping.holders.items():
             yield f"{name} is held by {holder}"
 

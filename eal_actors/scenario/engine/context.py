@@ -77,6 +77,7 @@ class RunContext:
         zero_s: the start of the run, by the fleet's clock.
         open_parts: the scenarios under way as parts of others, with their contexts.
         budget: the work that expressions may do.
+        emergency: the reason of an emergency stop that ended the run; None without one.
     """
 
     def __init__(
@@ -101,6 +102,7 @@ class RunContext:
         self.starts: list[StartReport] = []
         self.failures: list[BaseException] = []
         self.is_stopping = False
+        self.emergency: str | None = None
         self.pauses = PauseControl(self.clock, emit)
         self.barriers = Barriers(self.clock)
         self.signals = Signals(self.clock)
@@ -200,6 +202,12 @@ class RunContext:
         self.pauses.end()
         for future in list(self._pending):
             future.cancel()
+
+    def stop_for_emergency(self, reason: str, *, is_finally: bool) -> None:
+        """Stop the run, because an emergency stop holds a robot; `finally` still runs."""
+        self.emergency = self.emergency or reason
+        if not is_finally:
+            self.stop()
 
     def admit(self, context: ExecutionContext) -> Coroutine:
         """Wait until pauses allow the next step."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.kernel import spans
-from eal_actors.kernel.errors import CallCancelledError, DeadlineError, EALError, PreemptedError, StoppedError
+from eal_actors.kernel.errors import CallCancelledError, CallError, DeadlineError, EALError, StoppedError
 from eal_actors.scenario.engine.context import RunContext
 from eal_actors.scenario.engine.frames import ExecutionContext, Participant, StepTask
 from eal_actors.scenario.engine.loop import Coroutine
@@ -131,18 +131,21 @@ def perform_within(
     meets: frozenset[Hashable],
     inside: Callable[[ExecutionContext], Coroutine],
 ) -> Coroutine:
-    """Perform the steps of a block; with a time limit, the block is a step that can fail."""
-    limit = step.timeout_s
-    if limit is None:
+    """Perform the steps of a block; with a time limit, or to be repeated, the block is a step that can fail."""
+    limit, repeats = step.timeout_s, isinstance(step.on_failure, RetryPolicy)
+    if limit is None and not repeats:
         yield from inside(context)
         return
 
     def attempt(action: StepAction) -> Coroutine:
         action.began_s = run.now_s()
-        timeout_s = yield from action.number(limit, "timeout", "timeout_s")
-        task = StepTask(context.task, context.slot, meets=meets)
+        timeout_s = None if limit is None else (yield from action.number(limit, "timeout", "timeout_s"))
+        task = StepTask(context.task, context.slot, meets=meets, repeats=step if repeats else None)
         group = StepGroup(run, context, "all", timeout_s)
-        yield from group.perform([(task, inside(replace(context, task=task)))])
+        here = replace(context, task=task, attempt=task if repeats else context.attempt)
+        yield from group.perform([(task, inside(here))])
+        if task.error is not None:
+            raise task.error
         if group.late is not None:
             action.late = group.late if context.slot is None else ()
             raise DeadlineError(f"{step.kind} did not end within {timeout_s:g} s")
@@ -218,7 +221,12 @@ class _Execution:
         self._action = action
         self._is_quiet = is_quiet
         self._robot = context.robot
-        self._policy: OnFailure = "drop" if context.is_finally else context.effective_policy(step.on_failure)
+        own, attempt = step.on_failure, context.attempt
+        is_inside = attempt is not None and (attempt.repeats is step or own is None)
+        self._attempt = attempt if is_inside and not context.is_finally else None
+        self._policy: OnFailure = "drop" if context.is_finally else context.effective_policy(own)
+        if self._attempt is not None:
+            self._policy = "abort"
         self._retries = self._policy.retry if isinstance(self._policy, RetryPolicy) else 0
 
     @property
@@ -277,6 +285,8 @@ class _Execution:
                 error = WorkLimitError(f"{mark.file}:{mark.line}:{mark.column}: {caught.message}")
             except EALError as caught:
                 error = caught
+            if self._is_emergency(error):
+                self._run.stop_for_emergency(f"emergency stop: {error}", is_finally=self._context.is_finally)
             if error is None or self._is_over() or not self._action.is_begun or attempts > self._retries:
                 return attempts, error
             self._run.emit(partial(self._retried, attempts, error))
@@ -298,8 +308,15 @@ class _Execution:
             or (self._robot is not None and self._robot.outcome is not None and not self._context.is_finally)
         )
 
+    def _is_emergency(self, error: EALError | None) -> bool:
+        """Return whether a step failed because of the emergency stop of its robot."""
+        is_held = self._robot is not None and self._robot.handle.stopped_because is not None
+        return isinstance(error, StoppedError) or (is_held and isinstance(error, CallError))
+
     def _outcome(self, attempts: int, error: EALError) -> StepOutcome:
-        was_cut = isinstance(error, CallCancelledError | PreemptedError | StoppedError) or attempts <= self._retries
+        if self._is_emergency(error):
+            return "aborted"
+        was_cut = isinstance(error, CallCancelledError) or attempts <= self._retries
         if self._context.robot is not self._robot and not self._run.is_stopping:
             return "replaced"
         if self._run.is_stopping and was_cut:
@@ -352,7 +369,9 @@ class _Execution:
     def _apply(self, outcome: StepOutcome, error: EALError) -> Coroutine:
         """Apply the outcome of a failed step to its robot and to the run."""
         robot, run = self._robot, self._run
-        if outcome == "failed":
+        if outcome == "failed" and self._attempt is not None:
+            yield from self._fail_attempt(self._attempt, error)
+        elif outcome == "failed":
             self._end_failed(error)
         elif outcome == "dropped" and not self._context.is_finally:
             leaving = [one for one in (self._action.late if robot is None else [robot]) if one.outcome is None]
@@ -364,6 +383,13 @@ class _Execution:
             if slot is not None and spare is not None and not self._context.is_finally:
                 run.replace(slot, spare, error)
                 yield from run.halt([robot])
+
+    def _fail_attempt(self, attempt: StepTask, error: EALError) -> Coroutine:
+        """End the attempt of the block around the step, and halt its robots."""
+        robots = [robot for robot in dict.fromkeys(attempt.robots()) if robot.outcome is None]
+        touched = attempt.touched if attempt.slot is not None and not attempt.touches_all else None
+        attempt.fail(error)
+        yield from self._run.halt(robots, touched)
 
     def _end_failed(self, error: EALError) -> None:
         robot, is_finally = self._robot, self._context.is_finally

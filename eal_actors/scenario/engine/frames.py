@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.kernel.errors import ScenarioError
-from eal_actors.scenario.language.values import OnFailure
+from eal_actors.kernel.errors import EALError, ScenarioError
+from eal_actors.scenario.language.values import OnFailure, RetryPolicy
 from eal_actors.scenario.report.summary import RobotOutcome
 
 if TYPE_CHECKING:  # its model consists of steps, which import this module
@@ -85,6 +85,7 @@ class StepTask:
         slot: of the robot whose steps they are; None outside of `on`.
         branch: the branch of a `parallel`.
         meets: the meetings among its steps.
+        repeats: the block that they are an attempt of, if a failure repeats it.
 
     Attributes:
         children: the tasks that it waits for.
@@ -93,6 +94,7 @@ class StepTask:
         touches_all: it may have called any resource.
         is_stopped: it begins no more steps.
         steps_taken: the number of the last single step that it took while the run was paused.
+        error: the failure that ended this attempt of a block, or None.
     """
 
     def __init__(
@@ -101,11 +103,14 @@ class StepTask:
         slot: RoleSlot | None = None,
         branch: str | None = None,
         meets: frozenset[Hashable] = frozenset(),
+        repeats: object = None,
     ) -> None:
         self.parent = parent
         self.slot = slot
         self.branch = branch
         self.meets = meets
+        self.repeats = repeats
+        self.error: EALError | None = None
         self.children: dict[StepTask, None] = {}
         self.pending: dict[Future[Any], None] = {}
         self.is_stopped = False
@@ -137,6 +142,11 @@ class StepTask:
             child.stop()
         for future in list(self.pending):
             future.cancel()
+
+    def fail(self, error: EALError) -> None:
+        """End this attempt of a block."""
+        self.error = self.error or error
+        self.stop()
 
     def robots(self) -> Iterator[Participant]:
         """Yield the robots at work in it."""
@@ -200,6 +210,7 @@ class ExecutionContext:
         role: the slot's role by the frame's name for it.
         loops: the variables of the loops around it.
         policy: the failure policy of the blocks around it; None if they have none.
+        attempt: the attempt of the block around it that a failure repeats; None if the policy is another one.
         is_finally: it belongs to `finally`, where failures stop nothing.
     """
 
@@ -209,6 +220,7 @@ class ExecutionContext:
     role: str | None = None
     loops: Mapping[str, object] = field(default_factory=dict)
     policy: OnFailure | None = None
+    attempt: StepTask | None = None
     is_finally: bool = False
 
     @property
@@ -241,8 +253,11 @@ class ExecutionContext:
         return task.branch if task is not None else None
 
     def inside(self, policy: OnFailure | None) -> ExecutionContext:
-        """Return the context of a block's steps."""
-        return self if policy is None else replace(self, policy=policy)
+        """Return the context of a block's steps; with a RetryPolicy, a failure of one repeats the block."""
+        if policy is None:
+            return self
+        is_retry = isinstance(policy, RetryPolicy)
+        return replace(self, policy=None if is_retry else policy, attempt=self.attempt if is_retry else None)
 
     def in_loop(self, name: str, value: object) -> ExecutionContext:
         """Return the context of one pass of a loop."""

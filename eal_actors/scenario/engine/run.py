@@ -17,7 +17,7 @@ from eal_actors.actors.future import Future
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel import spans
 from eal_actors.kernel.clock import Clock, new_waiter, wall_time
-from eal_actors.kernel.errors import PreemptedError, ScenarioError, StoppedError
+from eal_actors.kernel.errors import ScenarioError
 from eal_actors.kernel.log import get_logger
 from eal_actors.scenario.engine import checkpoints
 from eal_actors.scenario.engine.context import RunContext
@@ -213,7 +213,7 @@ class Run:
         self._phase = _Phase.FINALLY
         if len(self._abort_reasons) < 2:
             yield from self._guarded(self._perform_finally())
-        self._is_aborted = bool(self._abort_reasons)
+        self._is_aborted = bool(self._abort_reasons or run.emergency)
         self._phase = _Phase.HALTS
         yield from self._guarded(run.halt(everyone))
 
@@ -327,12 +327,10 @@ class Run:
     def _outcome(self) -> tuple[RunOutcome, BaseException | None]:
         errors = [robot.error for robot in self._robots.values() if robot.outcome in ("failed", "dropped")]
         errors += self._run.failures
-        if self._is_aborted:  # the errors of an emergency stop are the abort's own
-            errors = [error for error in errors if not isinstance(error, PreemptedError | StoppedError)]
         if self._error is not None or errors:
             return "failed", self._error or errors[0]
         if self._is_aborted:
-            return "aborted", ScenarioError(f"aborted: {self._abort_reasons[0]}")
+            return "aborted", ScenarioError(f"aborted: {[*self._abort_reasons, self._run.emergency][0]}")
         return "done", None
 
 

@@ -112,7 +112,7 @@ class _Loader:
             if step.part_file is None:
                 continue
             try:
-                part = parts[format_path(here)] = self._part(path.parent / step.part_file)
+                part = parts[format_path(here)] = self._part(find_file(step.part_file, "scenario", path.parent))
             except ConfigError as error:
                 for problem in error.problems:
                     message = f"{problem.file}: {problem.message}"

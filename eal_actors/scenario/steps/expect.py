@@ -14,10 +14,11 @@ from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.executor import StepAction
 from eal_actors.scenario.engine.loop import Coroutine
 from eal_actors.scenario.language.expressions import (
+    bare_expressions,
     evaluate,
+    evaluate_bare,
     expressions_in,
     parse_bare,
-    render,
     render_text,
     to_plain,
 )
@@ -35,6 +36,7 @@ class ExpectStep(FallibleStep):
     expect: ExpressionText
     """An expression, without `${}`, that must be true, or equal to `equals`."""
     equals: Value | None = None
+    """An expression, without `${}`, or a list of them; a text needs quotes of its own."""
     tolerance: NonNegativeFloat | None = None
     """Maximum difference of numbers from `equals`."""
     says: Text | None = None
@@ -42,11 +44,11 @@ class ExpectStep(FallibleStep):
 
     @override
     def templates(self) -> Iterable[tuple[Keys, object]]:
-        return ((("equals",), self.equals), (("says",), self.says))
+        return ((("says",), self.says),)
 
     @override
     def conditions(self) -> Iterable[tuple[Keys, object]]:
-        return ((("expect",), self.expect),)
+        return ((("expect",), self.expect), (("equals",), self.equals))
 
     @override
     def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
@@ -65,13 +67,13 @@ class ExpectStep(FallibleStep):
     @override
     def attempt(self, action: StepAction) -> Coroutine:
         expression, _ = parse_bare(self.expect)
-        expressions = [expression, *expressions_in((self.equals, self.says))]
+        expressions = [expression, *bare_expressions(self.equals), *expressions_in(self.says)]
         names = yield from action.run.read(action.context, expressions)
         found = to_plain(evaluate(expression, names), self.expect)
         if self.equals is None:
             is_right, wanted = bool(found), "to be true"
         else:
-            target = to_plain(render(self.equals, names), "equals")
+            target = to_plain(evaluate_bare(self.equals, names), "equals")
             is_right = _is_equal(found, target, self.tolerance or 0.0)
             around = f" ± {self.tolerance:g}" if self.tolerance else ""
             wanted = f"to be {short_value(target)}{around}"

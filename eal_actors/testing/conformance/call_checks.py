@@ -16,6 +16,7 @@ from eal_actors.testing.conformance.values import bad_commands, bad_values
 
 _UNKNOWN: Final = "eal-conformance-unknown"  # a name that no command, request or configuration key has
 
+_CONNECTIONS: Final = 3  # a busy machine may be late once, but a driver that does not wait is late each time
 _READINGS: Final = ("get_value", "get_status")
 _ANY_CALL: Final[dict[str, Callable[[ResourceHandle], Future[Any]]]] = {
     "get_status": lambda handle: handle.get_status(),
@@ -46,15 +47,25 @@ def reports_unsupported_methods(bench: Bench, findings: Findings) -> None:
 
 def answers_at_once(bench: Bench, findings: Findings) -> None:
     """The first call of each resource answers right after opening, as with `eal call`, which waits for nothing else."""
+    for _ in range(_CONNECTIONS):
+        problems = _make_first_calls(bench, findings)
+        if not problems:
+            return
+    findings.problems += problems
+
+
+def _make_first_calls(bench: Bench, findings: Findings) -> list[str]:
+    """Connect, call each resource once, and return the problems."""
     with bench.emulated_device() as device, bench.connected([device], ready=False) as (target,):
-        methods = {name: handle.info.methods for name, handle in target.resources.items()}
-        firsts = {name: next((one for one in _READINGS if one in methods[name]), None) for name in methods}
-        calls = [_ANY_CALL[method](target.resources[name]) for name, method in firsts.items() if method is not None]
-        for call in calls:
-            findings.tried += 1
-            if isinstance(error := call.exception(), UnavailableError):
-                what = call.describe().partition("/")[2]
-                findings.problems.append(f"{what} failed: {error.message}; wait for the first answer in `connect`")
+        calls = []
+        for handle in target.resources.values():
+            calls += [_ANY_CALL[method](handle) for method in _READINGS if method in handle.info.methods][:1]
+        findings.tried += len(calls)
+        return [
+            f"{call.describe().partition('/')[2]} failed: {error.message}; wait for the first answer in `connect`"
+            for call in calls
+            if isinstance(error := call.exception(), UnavailableError)
+        ]
 
 
 def answers(bench: Bench, findings: Findings) -> None:

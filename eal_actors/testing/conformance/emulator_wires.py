@@ -91,6 +91,11 @@ class EmulatorWire(ABC):
         if self._thread is not None:
             self._is_drained.wait(_DRAIN_S)
 
+    def join(self) -> None:
+        """Wait until its emulator fails; a signal handler may end the wait. Thread: blocks the caller."""
+        if self._thread is not None:
+            self._thread.join()
+
     def close(self) -> None:
         """Unplug, and release all resources."""
         self.unplug()

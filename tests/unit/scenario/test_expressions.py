@@ -253,7 +253,18 @@ def test_expressions_by_themselves(value: Any, expected: object) -> None:
 
 @pytest.mark.parametrize(
     ("number", "text"),
-    [(45.0, "45"), (0.1, "0.1"), (1e-7, "0.0000001"), (1e20, "1e+20"), (True, "true"), (-3, "-3"), (2.5, "2.5")],
+    [
+        (45.0, "45"),
+        (0.1, "0.1"),
+        (1e-7, "0.0000001"),
+        (1e20, "100000000000000000000"),
+        (0.1 + 0.7, "0.8"),
+        (1.1 * 3, "3.3"),
+        (1 / 3, "0.333333333333333"),
+        (True, "true"),
+        (-3, "-3"),
+        (2.5, "2.5"),
+    ],
 )
 def test_numbers_as_commands_want_them(number: float, text: str) -> None:
     assert as_text(number) == text

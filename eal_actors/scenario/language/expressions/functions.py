@@ -6,6 +6,7 @@ import ast
 import math
 import operator
 from collections.abc import Callable, Mapping
+from decimal import Decimal
 from typing import Any, Final, NamedTuple
 
 MAX_BITS: Final = 256
@@ -213,13 +214,18 @@ def _text(value: Any) -> str:
 
 
 def as_text(value: bool | int | float) -> str:
-    """Return a number or truth value as a command text: `45` for 45.0, never in powers of ten."""
+    """Return a number or truth value as a command text: `45` for 45.0, never in powers of ten.
+
+    Fifteen digits are correct for every float; the digits after them are rounding errors of arithmetic, as in
+    0.1 + 0.7 = 0.7999999999999999.
+    """
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
-        return str(int(value))
-    text = str(value)
-    return f"{value:.17f}".rstrip("0") if "e-" in text else text
+    if not isinstance(value, float) or not math.isfinite(value):
+        return str(value)
+    rounded = Decimal(f"{value:.14e}")
+    text = f"{rounded:f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 FUNCTIONS: Final[Mapping[str, Function]] = {

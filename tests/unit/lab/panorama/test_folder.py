@@ -138,6 +138,22 @@ def test_eal_stitch_makes_a_panorama_and_tells_of_each_frame(tmp_path: Path) -> 
     assert len(json.loads(again.stdout)["frames"]) == 3, "its own panorama is no frame"
 
 
+def test_eal_stitch_finds_the_robots_of_a_run(tmp_path: Path) -> None:
+    (tmp_path / "events.jsonl").write_text("")
+    (tmp_path / "trajectory.png").write_text("no frame")
+    result = eal("stitch", tmp_path, "--step", "45")
+    assert result.exit_code == 2
+    assert "is a run in which no robot saved .png" in result.output.replace("\n", " ")
+    for robot in ("rover", "scout"):
+        save(tmp_path / robot, shots(TRUE))
+    (tmp_path / "logs").mkdir()
+    result = eal("stitch", tmp_path, "--step", "45", "--json")
+    assert (result.exit_code, sorted(json.loads(result.stdout))) == (0, ["rover", "scout"])
+    load(tmp_path / "rover" / "panorama.png")
+    load(tmp_path / "scout" / "panorama.png")
+    assert "names one file, and the robots" in eal("stitch", tmp_path, "--out", "x.png").output
+
+
 def test_eal_stitch_names_what_it_leaves_out_and_fails(tmp_path: Path) -> None:
     frames = shots(TRUE)
     frames[2] = np.zeros_like(frames[2])

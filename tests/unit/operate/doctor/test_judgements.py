@@ -154,13 +154,14 @@ class TestCertificates:
         ("begins_days", "ends_days", "levels"),
         [
             (-100, 31, []),
-            (-100, 29, [Severity.WARNING]),
+            (-800, 29, [Severity.WARNING]),
+            (-8, 3, []),  # in the last fifth of its lifetime only
             (-100, 0, [Severity.PROBLEM]),
             (1, 900, [Severity.PROBLEM]),
         ],
     )
     def test_validity(self, begins_days: int, ends_days: int, levels: list[Severity]) -> None:
-        wanted = RequiredCertificate("one", "eal keys robot one --force")
+        wanted = RequiredCertificate("one", "eal keys renew one")
         begins, ends = NOW + timedelta(days=begins_days), NOW + timedelta(days=ends_days)
         assert [finding.level for finding in judge_validity(wanted, begins, ends, NOW)] == levels
 

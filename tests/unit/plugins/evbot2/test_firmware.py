@@ -270,3 +270,15 @@ def test_whatever_comes_again_or_late_no_order_is_carried_out_twice(
             assert code is Code.OK
             newest, carried_out = tag, carried_out + 1
         assert bench.firmware.executed == carried_out
+
+
+def test_a_greeting_of_the_lease_holder_keeps_the_lease_and_takes_its_watchdog_time() -> None:
+    bench = Bench()
+    assert bench.say(Verb.VEL, 1, 100_000, 100_000, 10_000).code is Code.OK
+    assert bench.greet(watchdog_ms=1500).lease == bench.lease
+    assert bench.say(Verb.HELLO, 1, 1, 100, 78, lease=0).code is Code.BUSY
+    bench.wait(1.4, polled=False)
+    assert bench.poll().state == State.MOVING
+    bench.wait(1.5 + 2 * TICK_S, polled=False)
+    assert bench.say(Verb.STAT, 9).code is Code.LEASE
+    assert not bench.device.is_busy

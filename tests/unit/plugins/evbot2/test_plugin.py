@@ -89,7 +89,7 @@ def test_the_emulator_is_a_program() -> None:
         {"port": "loop://", "poll_hz": 51},
         {"port": "loop://", "watchdog_s": 0.05},
         {"port": "loop://", "watchdog_s": 0.1},
-        {"port": "loop://", "poll_hz": 5},
+        {"port": "loop://", "poll_hz": 5, "watchdog_s": 0.5},
         {"port": "loop://", "calibration": {"track_factor": 3.0}},
         {"port": "loop://", "speed": 1},
     ],

@@ -10,7 +10,7 @@ from random import Random
 
 from plugins.evbot2.emulator import evbot2, free_vehicle
 from plugins.evbot2.firmware import BaseEmulator
-from plugins.evbot2.serving import TICK_S, EmulatorServer, FaultyWire, on_pty
+from plugins.evbot2.serving import TICK_S, DeviceTime, EmulatorServer, FaultyWire, on_pty
 from plugins.evbot2.vehicle import FreeVehicle
 
 WAIT_S = 10.0
@@ -63,9 +63,10 @@ def evbot2_on_a_pty(
 
     def serve() -> AbstractAsyncContextManager[str]:
         loop = asyncio.get_running_loop()
-        body = free_vehicle(lambda: loop.time() * rate)
+        now_s = DeviceTime(loop.time, rate)
+        body = free_vehicle(now_s)
         made.append((body, evbot2(body, TICK_S * rate, boot)))
-        return on_pty(EmulatorServer(made[0][1], *plain_wires(), baud_rate, rate))
+        return on_pty(EmulatorServer(made[0][1], *plain_wires(), now_s, baud_rate))
 
     with in_a_loop(serve) as path:
         yield path, *made[0]

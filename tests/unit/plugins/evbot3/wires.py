@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import AbstractAsyncContextManager, contextmanager
 
 from plugins.evbot2.firmware import any_boot
-from plugins.evbot2.serving import TICK_S, EmulatorServer, on_tcp, on_udp
+from plugins.evbot2.serving import TICK_S, DeviceTime, EmulatorServer, on_tcp, on_udp
 from plugins.evbot3.emulator import FreeTurretVehicle, evbot3
 from tests.unit.plugins.evbot2.wires import in_a_loop, plain_wires
 
@@ -19,8 +19,9 @@ def evbot3_on(scheme: str, port: int = 0, rate: float = 1.0) -> Iterator[tuple[s
 
     def serve() -> AbstractAsyncContextManager[str]:
         loop = asyncio.get_running_loop()
-        bodies.append(FreeTurretVehicle(lambda: loop.time() * rate))
-        serving = EmulatorServer(evbot3(bodies[0], TICK_S * rate, any_boot()), *plain_wires(), rate=rate)
+        now_s = DeviceTime(loop.time, rate)
+        bodies.append(FreeTurretVehicle(now_s))
+        serving = EmulatorServer(evbot3(bodies[0], TICK_S * rate, any_boot()), *plain_wires(), now_s)
         return {"udp": on_udp, "tcp": on_tcp}[scheme](serving, ("127.0.0.1", port))
 
     with in_a_loop(serve) as address:

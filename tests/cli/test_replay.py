@@ -1,0 +1,46 @@
+"""`eal replay`: a fleet file that stands for the run's own, and the command that uses it."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Any
+
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.managers.config import EALConfigManager
+from tests.scenario_texts import scenario_of
+
+
+def test_the_command_that_it_names_runs_the_scenario_again_on_the_record(eal: Any, write: Any, tmp_path: Path) -> None:
+    steps = ("send_cmd: {resource: Base, cmd: 'f${way_m}'}", "get_value: {resource: Odometry}")
+    roles = "roles: {small: {types: [evbot3]}, vacuums: {tags: [vacuum]}}\nparameters: {way_m: {type: double}}"
+    text = scenario_of(*steps, name="short", role="small").replace("roles: {small: {}}", roles)
+    runs, scenario = tmp_path / "runs", write("short.yaml", text)
+    fleet = ("--fleet", bundled_path("fleets/sim.yaml"), "--rate", "max")
+    assert eal("run", scenario, *fleet, "--set", "way_m=0.1", "--runs-dir", runs, "--no-plot").exit_code == 0
+    (run,) = runs.iterdir()
+
+    told = eal("replay", run, "--out", tmp_path / "played.yaml").stdout
+    assert "2 robots" in told
+    played = EALConfigManager.load(tmp_path / "played.yaml").fleet
+    assert (played.rate, played.seed) == ("max", 7)
+    robot = played.robots["roomba-1"]
+    assert (robot.types, robot.tags) == (("roomba",), ("wheeled", "vacuum", "indoor"))
+
+    command = shlex.split(" ".join(told.replace("\n", " ").partition("next: ")[2].split()))
+    assert command[0] == "eal"
+    again = eal(*command[1:], "--runs-dir", tmp_path / "again", "--no-plot")
+    assert again.exit_code == 0, again.output
+    assert "send_cmd Base f0.1  done after" in again.stdout
+
+
+def test_the_rate_can_be_chosen(eal: Any, write: Any, tmp_path: Path) -> None:
+    scenario = write("short.yaml", scenario_of("log: x", role="all"))
+    fleet = ("--fleet", bundled_path("fleets/sim.yaml"), "--rate", "3")
+    assert eal("run", scenario, *fleet, "--runs-dir", tmp_path / "runs", "--no-plot").exit_code == 0
+    (run,) = (tmp_path / "runs").iterdir()
+    for options, rate in (((), 3.0), (("--rate", "0.5"), 0.5), (("--rate", "max"), "max")):
+        assert eal("replay", run, *options).exit_code == 0
+        assert EALConfigManager.load(run / "replay.yaml").fleet.rate == rate
+    assert eal("replay", run, "--rate", "0").exit_code == 2
+    assert "not possible with --serve" in eal("replay", run, "--rate", "max", "--serve").output.replace("\n", " ")
