@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -18,6 +19,7 @@ from eal_actors.device.world import load_world
 from eal_actors.lab.calibration.drive import GroundTruth, calibrate_base, drive_squares, wheelbase_of
 from eal_actors.lab.calibration.fit import fit_squares
 from eal_actors.lab.calibration.square import WAYS, SquareEnds
+from eal_actors.managers.config import EALConfigManager
 from eal_actors.recording import PoseRecorder, draw_trajectory, draw_world
 from eal_actors.recording.arena import draw_grid, new_figure
 from eal_actors.scenario import run_scenario
@@ -156,8 +158,10 @@ def draw_dashboard(images: Path) -> None:
 
     from eal_actors.operate.dashboard import Dashboard
 
+    lab = load_world(ROOT / "fleets/worlds/lab.yaml")
+    config = replace(EALConfigManager.load(ROOT / "fleets/sim.yaml").fleet, world=lab)
     with (
-        Fleet.load(ROOT / "fleets/sim.yaml").connect() as fleet,
+        Fleet(config).connect() as fleet,
         Dashboard(fleet, scenarios=ROOT / "scenarios") as dashboard,
         sync_playwright() as playwright,
         playwright.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"]) as browser,

@@ -52,7 +52,7 @@ def test_another_seed_writes_other_files(tmp_path: Path) -> None:
 
 def test_tasks_repeat_too(tmp_path: Path) -> None:
     fleet = tmp_path / "fleet.yaml"
-    text = (ROOT / "fleets/sim.yaml").read_text().replace("worlds/lab.yaml", str(ROOT / "fleets/worlds/lab.yaml"))
+    text = (ROOT / "fleets/sim.yaml").read_text().replace("worlds/empty.yaml", str(ROOT / "fleets/worlds/empty.yaml"))
     fleet.write_text(text.replace("rate: 2", "rate: max"))
     command = [sys.executable, str(ROOT / "scenarios/wander.py"), "--fleet", str(fleet), "--seconds", "60"]
     said = {

@@ -32,7 +32,7 @@ def test_the_simulated_fleet_is_as_promised(sim: EALConfigManager) -> None:
 
     assert (fleet.name, fleet.seed, fleet.rate) == ("sim", 7, 2.0)
     assert fleet.world is not None
-    assert fleet.world.name == "lab"
+    assert fleet.world.name == "empty"
     assert {robot.name: robot.plugins["sim"].settings["model"] for robot in fleet.robots.values()} == {
         "evbot2-1": "evbot2",
         "evbot3-1": "evbot3",
