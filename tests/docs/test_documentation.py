@@ -12,10 +12,14 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors import Fleet
 from eal_actors.device.world import load_world
+from eal_actors.kernel import errors
+from eal_actors.kernel.bundled import bundled_names
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import check_scenario
 from tests.facade.test_eal import SEVENTEEN
+from tests.patience import patient_fleet
 from tests.problems import problems_of
 
 ROOT = Path(__file__).parents[2]
@@ -106,3 +110,29 @@ def test_every_link_between_pages_leads_somewhere() -> None:
     for page in (*PAGES, *TUTORIALS):
         for target in re.findall(r"\]\((?!https?://)([^)#]+)", page.read_text()):
             assert (page.parent / target).exists(), f"{page.relative_to(ROOT)} links to {target}"
+
+
+def test_the_page_of_worlds_lists_those_that_come_with_the_framework() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| (\S+) x (\S+) m \|", (ROOT / "docs/worlds.md").read_text(), re.MULTILINE)
+    worlds = {name: load_world(name).size_m for name in bundled_names("world")}
+    assert {name: (float(x_m), float(y_m)) for name, x_m, y_m in rows} == worlds
+
+
+def test_the_robots_of_the_readme_answer_while_they_turn(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(Fleet, "load", lambda file: patient_fleet(ROOT / file, rate="max"))
+    (code,) = (
+        text for kind, text in BLOCK.findall((ROOT / "README.md").read_text()) if kind == "python" and "turns" in text
+    )
+    exec(code, {})  # noqa: S102
+    statuses = re.search(r"answered while they turn: (.*)", code)
+    assert statuses is not None
+    assert capsys.readouterr().out.splitlines()[0] == f"[{statuses[1]}]"
+
+
+def test_the_page_of_the_api_explains_every_error() -> None:
+    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.EALError)]
+    concrete = {kind.__name__ for kind in kinds if not any(kind in other.__bases__ for other in kinds)}
+    page = (ROOT / "docs/python.md").read_text()
+    assert concrete - set(re.findall(r"`(\w+Error)`", page[page.index("## Errors") :])) == set()
