@@ -9,10 +9,12 @@ import typer
 
 from eal_actors import __version__
 from eal_actors.cli import (
+    audit,
     calibrate,
     call,
     check,
     dashboard,
+    dashboard_keys,
     demo_network,
     discover,
     doctor,
@@ -103,6 +105,7 @@ app.command("call", cls=EalCommand, context_settings={"ignore_unknown_options": 
 app.command("stitch", cls=EalCommand)(stitch.stitch_frames)
 app.command("serve", cls=EalCommand)(serve.serve_robot)
 app.command("dashboard", cls=EalCommand)(dashboard.show_dashboard)
+app.command("audit", cls=EalCommand)(audit.show_audit)
 app.command("top", cls=EalCommand)(top.show_top)
 app.command("ping", cls=EalCommand)(ping.ping_robots)
 app.command("stop", cls=EalCommand)(stop.stop_robots)
@@ -111,6 +114,8 @@ app.command("discover", cls=EalCommand)(discover.discover_robots)
 app.command("doctor", cls=EalCommand)(doctor.examine)
 app.command("ports", cls=EalCommand)(ports.show_ports)
 app.command("router", cls=EalCommand)(router.run_router)
+keys_lifetime.app.command("dashboard", cls=EalCommand)(dashboard_keys.make_dashboard_certificate)
+keys_lifetime.app.command("operator", cls=EalCommand)(dashboard_keys.make_operator)
 app.add_typer(keys_lifetime.app, name="keys")
 app.add_typer(plugin.app, name="plugin")
 app.command("demo-network", cls=EalCommand, hidden=True)(demo_network.demo_network)  # for `make demo-network`

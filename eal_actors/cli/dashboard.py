@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+import ssl
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
+from eal_actors.cli.dashboard_keys import DASHBOARD
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.interrupts import handle_signals
+from eal_actors.cli.keys import folder_of
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import stderr, stdout
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import UnsupportedError
+from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.net.security.certificates import certificate_file, key_file, list_certificates
 
 if TYPE_CHECKING:
     from eal_actors.operate.dashboard import Dashboard
+
+_MAKE_CERTIFICATE: Final = "`eal keys dashboard`"
 
 
 def show_dashboard(
@@ -46,24 +53,34 @@ def show_dashboard(
     """Serve a web page to watch and control a fleet, until Ctrl-C or SIGTERM.
 
     The page shows the robots, a map with live poses, cameras, scenarios and logs. Escape stops every robot. At the end
-    all robots are halted.
+    all robots are halted. `eal keys dashboard` makes the certificate with which the page is served by HTTPS, and
+    `eal keys operator` the tokens of users with names and roles; `eal audit` shows what they commanded.
     """
     try:
         from eal_actors.operate.dashboard import Access, Dashboard
-        from eal_actors.operate.dashboard.access import new_token
+        from eal_actors.operate.dashboard.access import is_loopback
+        from eal_actors.operate.dashboard.tokens import new_token
     except ModuleNotFoundError as error:
         raise UnsupportedError(
             f"the dashboard needs {error.name}, which is not installed: pip install 'eal-actors[dashboard]'"
         ) from error
     handle_signals()
     config = _in_real_time(read_fleet(fleet))
-    access = Access(host, new_token() if token else None)
+    if token and config.operators:
+        raise typer.BadParameter("the fleet file names operators, who have tokens already", param_hint="--token")
+    tls, names = _tls(config)
+    access = Access(host, new_token() if token else None, config.operators, names)
+    if config.operators and tls is None and not is_loopback(host):
+        why = f"operators' tokens must not pass a network unencrypted: make a certificate with {_MAKE_CERTIFICATE}"
+        raise ConfigError([Problem(f"{host}:{port}", 0, 0, "", why)])
     with Fleet(config).connect() as opened:
-        page = Dashboard(opened, access, port=port, scenarios=scenarios or _scenarios(), runs_dir=runs_dir)
+        page = Dashboard(opened, access, port=port, scenarios=scenarios or _scenarios(), runs_dir=runs_dir, tls=tls)
         with page:
             out = stdout()
             try:
                 _announce(page, config.name, out)
+                if tls is None and not is_loopback(host):
+                    out.print(f"not encrypted: {_MAKE_CERTIFICATE} makes a certificate for HTTPS", soft_wrap=True)
                 REAL_TIME.wait(new_waiter(), None)
             except KeyboardInterrupt:
                 out.print("halting the robots")
@@ -71,9 +88,22 @@ def show_dashboard(
 
 def _announce(page: Dashboard, fleet: str, out: Console) -> None:
     out.print(Text.assemble((fleet, "bold"), f": {page.link}"), soft_wrap=True)
-    if page.access.refusal(page.access.token) is not None:
+    access = page.access
+    if not (access.is_open or access.token or access.operators):
         out.print("read-only: use --token for a link that permits commands", soft_wrap=True)
     out.print(Text("Press Ctrl-C to halt the robots and quit.", style="dim"), soft_wrap=True)
+
+
+def _tls(config: FleetConfig) -> tuple[ssl.SSLContext | None, Sequence[str]]:
+    """Return the context of HTTPS and the host names of its certificate; neither if `eal keys` made none."""
+    from eal_actors.operate.dashboard import tls_context
+
+    folder = folder_of(config)
+    certificate = certificate_file(folder, DASHBOARD)
+    if not certificate.is_file():
+        return None, ()
+    names = [found.hosts for found in list_certificates(folder) if found.name == DASHBOARD]
+    return tls_context(certificate, key_file(folder, DASHBOARD)), names[0]
 
 
 def _in_real_time(config: FleetConfig) -> FleetConfig:

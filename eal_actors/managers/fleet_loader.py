@@ -74,6 +74,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
         content=plain(root),
         tree=YamlTree(root),
         python_steps=fleet.python_steps,
+        operators=fleet.dashboard.operators,
     )
 
 

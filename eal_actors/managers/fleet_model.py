@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
@@ -110,6 +111,32 @@ class RobotSection(TypeSection):
     """Where the robot listens, if that is not its address, such as `tcp/0.0.0.0:50000`."""
 
 
+def _require_hash(kept: str) -> str:
+    if not re.fullmatch(r"scrypt:14:[\w-]{22}:[\w-]{43}|\*\*\*", kept):  # `***` in the copies beside runs
+        raise ValueError("must be the hash that `eal keys operator` prints")
+    return kept
+
+
+OperatorRole = Literal["watch", "drive", "run", "administer"]
+
+
+class OperatorSection(StrictModel):
+    """A person who uses the dashboard; `eal keys operator` prints this section."""
+
+    role: OperatorRole
+    """Each role includes those before it: see the fleet; stop and command robots; run scenarios; change settings and
+    reload the fleet file."""
+    token: Annotated[str, AfterValidator(_require_hash)]
+    """The hash of the operator's token. The token itself is in no file."""
+
+
+class DashboardSection(StrictModel):
+    """The users of `eal dashboard`."""
+
+    operators: dict[Name, OperatorSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    """With operators, the page shows nothing without the token of one of them."""
+
+
 class FleetFile(StrictModel):
     """A fleet file, or a part of one that other files include."""
 
@@ -130,6 +157,7 @@ class FleetFile(StrictModel):
     """Fleet files to build on, relative to this file, or names of those that come with the framework; later ones
     override earlier ones, and this file all of them."""
     network: NetworkSection = NetworkSection()
+    dashboard: DashboardSection = DashboardSection()
     defaults: Level = Level()
     types: dict[Name, TypeSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
     robots: dict[RobotTemplate, RobotSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
@@ -213,6 +241,7 @@ class FleetConfig:
         content: the merged content of the file and its includes, as plain values.
         tree: the same content with its places in the files.
         python_steps: functions for the `python` steps of scenarios, as `module:function`.
+        operators: the users of the dashboard, by name; empty if it asks for no names.
     """
 
     name: str
@@ -226,6 +255,7 @@ class FleetConfig:
     content: Mapping[str, Any] = field(default_factory=dict)
     tree: YamlTree = field(default=YamlTree(MarkedDict(Mark("fleet", 0, 0))), compare=False, repr=False)
     python_steps: tuple[str, ...] = ()
+    operators: Mapping[str, OperatorSection] = field(default_factory=dict)
 
 
 def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> RobotConfig:

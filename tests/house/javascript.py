@@ -28,6 +28,16 @@ def check() -> subprocess.CompletedProcess[str]:
     Raises:
         NotCheckedError: npm is not installed, or reaches no registry.
     """
+    done = install()
+    return done if done is not None else _npm("run", "--silent", "check")
+
+
+def install() -> subprocess.CompletedProcess[str] | None:
+    """Install the packages of the lock file, unless they are installed; return the program that failed to.
+
+    Raises:
+        NotCheckedError: npm is not installed, or reaches no registry.
+    """
     if shutil.which("npm") is None:
         raise NotCheckedError("npm is not installed: apt-get install npm")
     installed = FOLDER / "node_modules" / ".package-lock.json"
@@ -38,7 +48,7 @@ def check() -> subprocess.CompletedProcess[str]:
             raise NotCheckedError("npm reaches no registry, so Biome and tsc cannot be installed")
         if done.returncode != 0:
             return done
-    return _npm("run", "--silent", "check")
+    return None
 
 
 def _npm(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -10,5 +10,6 @@ it at the pace of its browser. So a browser that stops reading costs the memory 
 
 from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.server import Dashboard
+from eal_actors.operate.dashboard.web_server import tls_context
 
-__all__ = ["Access", "Dashboard"]
+__all__ = ["Access", "Dashboard", "tls_context"]

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
-import secrets
 import socket
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import Final
 from urllib.parse import urlsplit
 
-_TOKEN_BYTES: Final = 24
+from eal_actors.kernel.errors import AccessDeniedError
+from eal_actors.managers.fleet_model import OperatorSection
+from eal_actors.operate.dashboard.tokens import matches
 
-
-def new_token() -> str:
-    """Return a random token."""
-    return secrets.token_urlsafe(_TOKEN_BYTES)
+_NOBODY: Final = "scrypt:14:AAAAAAAAAAAAAAAAAAAAAA:"
 
 
 def is_loopback(host: str) -> bool:
@@ -28,41 +28,101 @@ def is_loopback(host: str) -> bool:
         return False
 
 
+class Role(IntEnum):
+    """A role of a user of the dashboard. Each role includes those before it."""
+
+    WATCH = 1
+    """Permission to see the fleet, its runs and its log."""
+    DRIVE = 2
+    """Permission to stop and resume the robots, command them, and drive by hand."""
+    RUN = 3
+    """Permission to start and control scenarios."""
+    ADMINISTER = 4
+    """Permission to change settings of resources, and to reload the fleet file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """A user of the dashboard.
+
+    Attributes:
+        name: an operator's, else how the user got in.
+        role: what the user may do.
+        is_proven: whether a token has proven it.
+        why: why the user may do no more; None for an administrator.
+    """
+
+    name: str
+    role: Role
+    is_proven: bool = False
+    why: str | None = None
+
+    def refusal(self, needed: Role) -> str | None:
+        """Return why the user may not do what needs a role; None if it may."""
+        if self.role >= needed:
+            return None
+        return self.why or f"{self.name} has the role {self.role.name.lower()}; this needs {needed.name.lower()}"
+
+
 @dataclass(frozen=True)
 class Access:
     """The access rules of one dashboard.
 
-    With a token, its holders may command and everybody else may watch. Without a token, everybody may command on a
-    loopback address, and nobody elsewhere.
+    With operators, each user needs the token of one of them. With a token, its holders may do everything and everybody
+    else may watch. Without either, everybody may do everything on a loopback address, and watch elsewhere.
 
     A page of another site must not use the dashboard in the name of its user, so `Origin` must be the dashboard itself.
     Another site's name could resolve to this machine and pass as the same origin (DNS rebinding), so `Host` must be an
-    address, this machine's name, or the name that the dashboard listens at.
+    address, this machine's name, the name that the dashboard listens at, or one of its certificate.
 
     Attributes:
         host: the listening address.
         token: proof of permission to command; None for no token.
+        operators: the operators of the fleet file, by name.
+        names: the host names in the dashboard's certificate.
     """
 
     host: str
     token: str | None = None
+    operators: Mapping[str, OperatorSection] = field(default_factory=dict)
+    names: Sequence[str] = ()
 
     @property
     def is_open(self) -> bool:
         """Whether everybody may command."""
-        return self.token is None and is_loopback(self.host)
+        return self.token is None and not self.operators and is_loopback(self.host)
 
-    def refusal(self, shown: str | None) -> str | None:
-        """Return why the holder of a token, or of none, may not command; None if it may."""
+    def visitor(self, shown: str | None) -> Visitor:
+        """Return who shows a token, or none.
+
+        Raises:
+            AccessDeniedError: there are operators, and the token is of none of them.
+
+        Thread: blocks for one hash if there are operators.
+        """
+        if self.operators:
+            return self._operator(shown)
         if self.is_open:
-            return None
+            return Visitor("anybody", Role.ADMINISTER)
         if self.token is None:
-            return "read only: start the dashboard with --token to command from other machines"
+            why = "read only: start the dashboard with --token to command from other machines"
+        elif shown is None:
+            why = "read only: open the link with the token to command"
+        elif hmac.compare_digest(shown.encode(), self.token.encode()):
+            return Visitor("token holder", Role.ADMINISTER, is_proven=True)
+        else:
+            why = "read only: wrong token"
+        return Visitor("anybody", Role.WATCH, why=why)
+
+    def _operator(self, shown: str | None) -> Visitor:
         if shown is None:
-            return "read only: open the link with the token to command"
-        if not hmac.compare_digest(shown.encode(), self.token.encode()):
-            return "read only: wrong token"
-        return None
+            raise AccessDeniedError("sign in with your token")
+        name, _, token = shown.rpartition(".")
+        operator = self.operators.get(name)
+        is_right = matches(token, _NOBODY if operator is None else operator.token)  # takes as long for a wrong name
+        if operator is None or not is_right:
+            raise AccessDeniedError("wrong token")
+        return Visitor(name, Role[operator.role.upper()], is_proven=True)
 
     def knows_host(self, host_header: str | None) -> bool:
         """Return whether a request's `Host` names this dashboard."""
@@ -72,7 +132,7 @@ class Access:
         try:
             ipaddress.ip_address(name)
         except ValueError:
-            return name in {"localhost", self.host.lower(), socket.gethostname().lower()}
+            return name in {"localhost", self.host.lower(), socket.gethostname().lower(), *map(str.lower, self.names)}
         return True
 
     def knows_origin(self, origin: str | None, host_header: str | None) -> bool:

@@ -135,10 +135,14 @@ class Dispatcher:
         def on_done(done: Future[list[Any]]) -> None:
             outcomes = dict(zip(answers, done.get(), strict=True))
             failed = {
-                name: error_text(outcome) for name, outcome in outcomes.items() if isinstance(outcome, BaseException)
+                name: outcome.message if isinstance(outcome, EALError) else error_text(outcome)
+                for name, outcome in outcomes.items()
+                if isinstance(outcome, BaseException)
             }
             for name, reason in failed.items():
-                get_logger(robot=name).error("did not confirm", reason=reason)
+                get_logger(robot=name).warning(
+                    "did not confirm", reason=reason
+                )  # no error of the robot that would stay
             confirmed = [name for name in outcomes if name not in failed]
             reply({"id": number, "ok": not failed, "confirmed": confirmed, "failed": failed})
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.kernel.strict_model import StrictModel
+from eal_actors.operate.dashboard.access import Role
 from eal_actors.operate.dashboard.limits import MAX_CAMERAS, MAX_FRAMES_PER_S, MAX_MESSAGE_BYTES
 
 Word = Annotated[str, Field(max_length=200)]
@@ -134,8 +136,19 @@ Message = Annotated[
     Field(discriminator="do"),
 ]
 
-COMMANDS = (CallResource, StopAll, ResumeAll, ReloadFleet, DriveRobot, ReleaseRobot, StartRun, ControlRun)
-"""Messages that need permission to command."""
+_ROLES: Final[Mapping[type, Role]] = {
+    **dict.fromkeys((CallResource, StopAll, ResumeAll, DriveRobot, ReleaseRobot), Role.DRIVE),
+    **dict.fromkeys((StartRun, ControlRun), Role.RUN),
+    ReloadFleet: Role.ADMINISTER,
+}
+
+
+def needed_role(message: object) -> Role:
+    """Return the role that a message needs."""
+    if isinstance(message, CallResource) and message.method == "set_config":
+        return Role.ADMINISTER
+    return _ROLES.get(type(message), Role.WATCH)
+
 
 _ADAPTER: TypeAdapter[Any] = TypeAdapter(Message)
 

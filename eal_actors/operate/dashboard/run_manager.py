@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import threading
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -126,14 +127,14 @@ class RunManager:
             self._control.done(robot, WHOLE)
 
     def _add_report(self, number: int, report: Path) -> None:
-        name = report.parent.name
+        name = secrets.token_urlsafe(16)  # only pages of users receive the path, which works like a key
         self._reports[name] = report
         with self._status_lock:
             if number == self._status.get("run"):
                 self._update(report=f"/runs/{name}/{REPORT}")
 
     def report(self, name: str) -> Path | None:
-        """Return the report page of a run that was started here, by the name of its folder; None if there is none."""
+        """Return the report page of a run that was started here, by the secret in its path; None if there is none."""
         return self._reports.get(name)
 
     def control(self, what: str) -> None:

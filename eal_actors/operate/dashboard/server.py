@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import ssl
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final, Self
 
 from eal_actors.facade.fleet import Fleet
+from eal_actors.operate.audit import AuditLog
 from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.app import App
 from eal_actors.operate.dashboard.cameras import Cameras
 from eal_actors.operate.dashboard.control import ControlRegistry, DashboardContext
 from eal_actors.operate.dashboard.dispatcher import Dispatcher
 from eal_actors.operate.dashboard.fleet_poller import FleetPoller
-from eal_actors.operate.dashboard.limits import MAX_CAMERAS, MAX_FRAMES_PER_S
+from eal_actors.operate.dashboard.limits import MAX_CAMERAS, MAX_FRAMES_PER_S, TokenBucket
 from eal_actors.operate.dashboard.log_tap import LogTap
 from eal_actors.operate.dashboard.notifier import Notifier
 from eal_actors.operate.dashboard.run_manager import RunManager
 from eal_actors.operate.dashboard.session import AppState
+from eal_actors.operate.dashboard.sign_in import SignIn
 from eal_actors.operate.dashboard.state_store import CurrentSteps, StateStore
 from eal_actors.operate.dashboard.teleop import SILENCE_S, Teleop
 from eal_actors.operate.dashboard.web_server import WebServer, listen_at
@@ -38,10 +41,12 @@ class Dashboard:
         access: the listening address and the access rules.
         port: the port; 0 for any free port.
         scenarios: the folder of scenarios that the page can start; None for none.
-        runs_dir: the parent of the runs' folders; None keeps no records, and scenarios that save files cannot start.
+        runs_dir: the parent of the runs' folders, and the folder of the audit log; None keeps neither, and scenarios
+            that save files cannot start.
+        tls: the certificate to serve HTTPS with, from `tls_context`; None serves HTTP.
 
     Raises:
-        ConfigError: it cannot listen at that address.
+        ConfigError: it cannot listen at that address, or the audit log cannot be written.
     """
 
     def __init__(
@@ -52,9 +57,12 @@ class Dashboard:
         port: int = 0,
         scenarios: Path | None = None,
         runs_dir: Path | None = None,
+        tls: ssl.SSLContext | None = None,
     ) -> None:
         self.access: Final = access if access is not None else Access("127.0.0.1")
         self._fleet = fleet
+        self._tls = tls
+        self._audit = AuditLog(runs_dir)
         self._listener = listen_at(self.access.host, port)
         self.port: Final[int] = self._listener.getsockname()[1]
         notifier = Notifier()
@@ -69,6 +77,9 @@ class Dashboard:
             self.store,
             notifier,
             self.access,
+            SignIn(self.access),
+            self._audit,
+            TokenBucket(per_s=1.0, at_once=20.0),
             dispatcher,
             self._cameras,
             fleet.clock,
@@ -77,7 +88,7 @@ class Dashboard:
         )
         self.app: Final = App(self.app_state)
         self._poller = FleetPoller(context, lambda: bool(self.app.browsers))
-        self._web_server = WebServer(self.app.asgi, self._listener, notifier)
+        self._web_server = WebServer(self.app.asgi, self._listener, notifier, tls)
         self._stack = ExitStack()
 
     def _introduction(self) -> dict[str, Any]:
@@ -97,7 +108,7 @@ class Dashboard:
     def url(self) -> str:
         """The page's address, without a token."""
         host = "127.0.0.1" if self.access.host in _ANYWHERE else self.access.host
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
+        return f"http{'s' if self._tls else ''}://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
     @property
     def link(self) -> str:
@@ -113,6 +124,8 @@ class Dashboard:
         Thread: blocks the caller until it serves.
         """
         with ExitStack() as stack:
+            self._audit.start()
+            stack.callback(self._audit.close)
             stack.enter_context(self._log_tap)
             stack.callback(self._cameras.close)
             self._poller.start()
@@ -128,6 +141,7 @@ class Dashboard:
     def close(self) -> None:
         """Halt what is driven by hand, abort the run, and end; idempotent. Thread: blocks the caller."""
         self._stack.close()
+        self._audit.close()
         self._listener.close()
 
     def __enter__(self) -> Self:

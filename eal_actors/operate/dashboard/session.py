@@ -18,9 +18,11 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import AccessDeniedError, ArgumentError, BusyError, EALError
 from eal_actors.kernel.log import get_logger
-from eal_actors.operate.dashboard.access import Access
+from eal_actors.operate.audit import AuditLog
+from eal_actors.operate.dashboard.access import Access, Role, Visitor
+from eal_actors.operate.dashboard.browser_audit import BrowserAudit
 from eal_actors.operate.dashboard.cameras import CameraKey, Cameras
-from eal_actors.operate.dashboard.dispatcher import Dispatcher, failure
+from eal_actors.operate.dashboard.dispatcher import Dispatcher, Reply, failure
 from eal_actors.operate.dashboard.limits import (
     COMMANDS_AT_ONCE,
     COMMANDS_PER_S,
@@ -30,16 +32,17 @@ from eal_actors.operate.dashboard.limits import (
     TokenBucket,
 )
 from eal_actors.operate.dashboard.messages import (
-    COMMANDS,
     DriveRobot,
     Hello,
     ReleaseRobot,
     StopAll,
     Watch,
+    needed_role,
     parse_message,
 )
 from eal_actors.operate.dashboard.notifier import Notifier
 from eal_actors.operate.dashboard.places import place_of
+from eal_actors.operate.dashboard.sign_in import SignIn
 from eal_actors.operate.dashboard.state_store import StateReader, StateStore
 
 HELLO_S: Final = 5.0
@@ -52,6 +55,8 @@ HEARTBEAT_S: Final = 1.0
 SEND_PERIOD_S: Final = 1 / 60
 """The least real time between two updates."""
 POLICY_VIOLATION: Final = 1008
+SIGN_IN: Final = 4401
+"""The code of the closed websocket of a user whom the page must ask for a token."""
 TRY_AGAIN_LATER: Final = 1013
 _numbers = itertools.count(1)
 
@@ -65,12 +70,15 @@ class AppState:
     """The application state, which all browsers of a dashboard share.
 
     `introduction` makes the first message to a browser, in the loop's thread. `report` finds the report of a run by
-    the name of its folder.
+    its path. `refusals` limits the entries about refused users in the audit log.
     """
 
     store: StateStore
     notifier: Notifier
     access: Access
+    sign_in: SignIn
+    audit: AuditLog
+    refusals: TokenBucket
     dispatcher: Dispatcher
     cameras: Cameras
     clock: Clock
@@ -87,7 +95,8 @@ class BrowserSession:
         self._app_state = app_state
         self._admit = admit
         self._place = place_of(websocket.scope)
-        self._denied: str | None = "the first message must be hello"
+        self._visitor: Visitor | None = None
+        self._audit: BrowserAudit | None = None
         self._event = app_state.notifier.subscribe()
         self._answers: deque[dict[str, Any]] = deque(maxlen=MOST_ANSWERS)
         self._cameras: tuple[CameraKey, ...] = ()
@@ -112,11 +121,15 @@ class BrowserSession:
             pass
         except _FullError as error:
             await self._reject(error, TRY_AGAIN_LATER)
+        except AccessDeniedError as error:
+            await self._reject(error, SIGN_IN)
         except EALError as error:
             await self._reject(error, POLICY_VIOLATION)
         finally:
             self._app_state.notifier.unsubscribe(self._event)
             self._app_state.dispatcher.leave(self.name)
+            if self._audit is not None:
+                self._audit.close()
             for task in [*tasks, *([self._file_task] if self._file_task is not None else [])]:
                 task.cancel()
                 with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, TimeoutError, EALError):
@@ -127,13 +140,33 @@ class BrowserSession:
             hello = parse_message(await self._receive())
         if not isinstance(hello, Hello):
             raise ArgumentError("the first message must be hello")
-        self._denied = self._app_state.access.refusal(hello.token)
+        self._visitor = visitor = await self._sign_in(hello.token)
         if not self._admit(self):
             raise _FullError(f"{MAX_BROWSERS} browsers are connected already")
         if self._place is not None:
             self._place.keep()
-        rights = {"you": self.name, "may_command": self._denied is None, "why": self._denied}
-        await self._send_text({"hello": {**self._app_state.introduction(), **rights}})
+        rights = {"may_command": self.may_stop, "user": visitor.name, "role": visitor.role.name.lower()}
+        fields = {"you": self.name, **rights, "why": visitor.refusal(Role.DRIVE)}
+        await self._send_text({"hello": {**self._app_state.introduction(), **fields}})
+
+    async def _sign_in(self, token: str | None) -> Visitor:
+        """Find out who the user is; in a thread, because hashes take long."""
+        client, place = self._websocket.client, self._place
+        address = client.host if client is not None else ""
+        user = {"from": address, "browser": self.name}
+        try:
+            visitor = await asyncio.to_thread(
+                self._app_state.sign_in.visitor, token, place.source if place is not None else address
+            )
+        except AccessDeniedError as error:
+            if token is not None and self._app_state.refusals.take(REAL_TIME.now()):
+                self._app_state.audit.begin({"who": "unknown", **user}, "sign in", {})(f"refused: {error.message}")
+            raise
+        user = {"who": visitor.name, "role": visitor.role.name.lower(), **user}
+        if visitor.is_proven:
+            self._app_state.audit.begin(user, "sign in", {})("ok")
+        self._audit = BrowserAudit(self._app_state.audit, user)
+        return visitor
 
     async def _reject(self, error: EALError, code: int) -> None:
         get_logger().warning("a browser was disconnected", browser=self.name, reason=error.message)
@@ -145,7 +178,7 @@ class BrowserSession:
     @property
     def may_stop(self) -> bool:
         """Whether its user may stop the robots."""
-        return self._denied is None
+        return self._visitor is not None and self._visitor.role >= Role.DRIVE
 
     def abort(self) -> None:
         """Drop the connection: an orderly close would wait for the browser. It may connect again."""
@@ -171,30 +204,41 @@ class BrowserSession:
             message = parse_message(text)
             refused = self._refusal(message)
             if refused is not None:
-                self.reply(failure(getattr(message, "id", None), refused))
+                self._refuse(message, refused)
             elif self._app_state.dispatcher.reads_files(message):
                 self._execute_in_thread(message)
             else:
-                self._app_state.dispatcher.execute(message, self.name, self.reply)
+                self._app_state.dispatcher.execute(message, self.name, self._reply_to(message))
                 if isinstance(message, Watch):
                     self._cameras, self._frame_period_s = message.cameras, 1 / message.rate_hz
 
     def _refusal(self, message: object) -> EALError | None:
         if isinstance(message, Hello):
             return ArgumentError("hello must be the first message only")
-        if isinstance(message, COMMANDS) and self._denied is not None:
-            return AccessDeniedError(self._denied)
+        denied = self._visitor.refusal(needed_role(message)) if self._visitor is not None else "sign in first"
+        if denied is not None:
+            return AccessDeniedError(denied)
         is_free = isinstance(message, StopAll | DriveRobot | ReleaseRobot)  # limited by the number of messages alone
         if not is_free and not self._commands.take(REAL_TIME.now()):
             return BusyError("too many commands; wait a moment")
         return None
+
+    def _refuse(self, message: Any, error: EALError) -> None:
+        self.reply(failure(getattr(message, "id", None), error))
+        if self._audit is None or needed_role(message) is Role.WATCH:
+            return
+        if self._app_state.refusals.take(REAL_TIME.now()):  # strangers must not push commands out of the log
+            self._audit.refuse(message, error.message)
+
+    def _reply_to(self, message: Any) -> Reply:
+        return self.reply if self._audit is None else self._audit.begin(message, self.reply)
 
     def _execute_in_thread(self, message: Any) -> None:
         """Execute a message that may block in a thread, so that a stop after it is not delayed."""
         if self._file_task is not None and not self._file_task.done():
             self.reply(failure(message.id, BusyError("the previous request is not finished")))
             return
-        work = asyncio.to_thread(self._app_state.dispatcher.execute, message, self.name, self.reply)
+        work = asyncio.to_thread(self._app_state.dispatcher.execute, message, self.name, self._reply_to(message))
         self._file_task = asyncio.create_task(work)
 
     def reply(self, answer: dict[str, Any]) -> None:

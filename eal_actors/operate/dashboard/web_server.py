@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
+import ssl
 import threading
+from pathlib import Path
 from typing import Final
 
 import uvicorn
@@ -56,11 +58,30 @@ def listen_at(host: str, port: int) -> socket.socket:
     return opened
 
 
+def tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
+    """Return the context of an HTTPS server.
+
+    Raises:
+        ConfigError: the files are missing, or are no certificate and its key.
+    """
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(certificate, key)
+    except OSError as error:  # ssl.SSLError too
+        why = error.strerror or str(error)
+        raise ConfigError([Problem(str(certificate), 0, 0, "", f"cannot be used for HTTPS: {why}")]) from error
+    return context
+
+
 class _Server(uvicorn.Server):
     """Gives each connection a place, attaches the notifier to its loop, and waits for no browser at its end."""
 
-    def __init__(self, config: uvicorn.Config, listener: socket.socket, notifier: Notifier) -> None:
+    def __init__(
+        self, config: uvicorn.Config, listener: socket.socket, notifier: Notifier, tls: ssl.SSLContext | None
+    ) -> None:
         super().__init__(config)
+        self._tls = tls
         self._listener = listener
         self._notifier = notifier
         self._places = Places()
@@ -98,10 +119,10 @@ class _Server(uvicorn.Server):
         def make_protocol() -> asyncio.Protocol:
             return H11Protocol(self.config, self.server_state, {"place": place})
 
-        tls = self.config.ssl
+        limit_s = None if self._tls is None else WAIT_S
         with contextlib.suppress(OSError):  # the browser has left, or speaks no TLS
             await asyncio.get_running_loop().connect_accepted_socket(
-                make_protocol, opened, ssl=tls, ssl_handshake_timeout=None if tls is None else WAIT_S
+                make_protocol, opened, ssl=self._tls, ssl_handshake_timeout=limit_s
             )
 
     @override
@@ -127,7 +148,9 @@ class _Server(uvicorn.Server):
 class WebServer:
     """Serves an application between `start` and `close`, which closes the listening socket."""
 
-    def __init__(self, app: ASGIApp, listener: socket.socket, notifier: Notifier) -> None:
+    def __init__(
+        self, app: ASGIApp, listener: socket.socket, notifier: Notifier, tls: ssl.SSLContext | None = None
+    ) -> None:
         self._listener = listener
         config = uvicorn.Config(
             app,
@@ -146,7 +169,7 @@ class WebServer:
             h11_max_incomplete_event_size=_HEADER_BYTES,
             timeout_graceful_shutdown=2,
         )
-        self._server = _Server(config, listener, notifier)
+        self._server = _Server(config, listener, notifier, tls)
         self._thread = threading.Thread(target=self._serve, name="dashboard web server", daemon=True)
 
     def start(self) -> None:

@@ -15,6 +15,7 @@ from eal_actors.kernel.strict_model import problems_from
 from eal_actors.kernel.yaml_source import LARGE, parse_yaml, read_file
 from eal_actors.kernel.yaml_tree import format_path
 from eal_actors.scenario.language.parameters import check_parameters, set_parameters
+from eal_actors.scenario.language.repair import RepairedFile, repair
 from eal_actors.scenario.language.scenario import Scenario, ScenarioFile
 from eal_actors.scenario.language.scope import check_scope
 
@@ -85,10 +86,16 @@ class _Loader:
         """Read a text as the content of a file."""
         tree = parse_yaml(text, name, limits=LARGE)
         lines = (text if isinstance(text, str) else text.decode("utf-8").removeprefix("\ufeff")).split("\n")
+        wrong: list[Problem] = []
+        repaired: RepairedFile | None = None
         try:
             file = ScenarioFile.model_validate(tree.root)
         except ValidationError as error:
-            raise ConfigError(problems_from(error, tree, ScenarioFile)) from None
+            wrong = problems_from(error, tree, ScenarioFile)
+            repaired = repair(tree, wrong)
+            if repaired is None:
+                raise ConfigError(wrong) from None
+            file = repaired.file
         scenario = Scenario(path if str(path) == name else Path(name), file, tree, tuple(lines))
         self._open.append(path.resolve())
         try:
@@ -97,7 +104,9 @@ class _Loader:
             self._open.pop()
         scenario = replace(scenario, parts=parts, size=size)
         problems += check_parameters(file, tree)
-        problems += check_scope(scenario)
+        problems += check_scope(scenario, repaired.names if repaired is not None else ())
+        if repaired is not None:
+            problems = wrong + [problem for problem in problems if not repaired.concerns(problem)]
         if problems:
             raise ConfigError(list(dict.fromkeys(problems)))
         return set_parameters(scenario, parameters)

@@ -179,7 +179,12 @@ class Scenario:
             prefix = f"{path}.{part.name}."
             if step.startswith(prefix):
                 return part.position_of(step.removeprefix(prefix))
-        return self.tree.mark_at(tuple(int(index) if index else name for index, name in _ELEMENT.findall(step)))
+        return self.tree.mark_at(parse_path(step))
+
+
+def parse_path(text: str) -> YamlPath:
+    """Return the path of a text such as `steps[0].do[1]`; the opposite of `format_path`."""
+    return tuple(int(index) if index else name for index, name in _ELEMENT.findall(text))
 
 
 def scenario_hash(scenario: Scenario) -> str:

@@ -86,9 +86,14 @@ class Scope:
         return replace(self, around=(*self.around, loop), is_top=False)
 
 
-def check_scope(scenario: Scenario) -> list[Problem]:
-    """Return the problems of a scenario that do not depend on the fleet."""
-    check = ScopeCheck(scenario)
+def check_scope(scenario: Scenario, doubtful: Iterable[str] = ()) -> list[Problem]:
+    """Return the problems of a scenario that do not depend on the fleet.
+
+    Args:
+        scenario: the scenario.
+        doubtful: names that may be variables, signals or roles, because parts of the file could not be read.
+    """
+    check = ScopeCheck(scenario, frozenset(doubtful))
     for name in scenario.file.parameters:
         check.variable_name(name, ("parameters", name), key=True)
     check.roles()
@@ -114,12 +119,13 @@ class ScopeCheck:
         signals: the signals that the scenario gives.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, doubtful: frozenset[str] = frozenset()) -> None:
         self.scenario = scenario
+        self._doubtful = doubtful
         self.problems: list[Problem] = []
         self.saved: dict[str | None, set[str]] = {}
         self.constants = frozenset(scenario.file.parameters)
-        self.signals = signals_of(scenario)
+        self.signals = signals_of(scenario) | doubtful
         self._budget = WorkBudget("the expressions of this file", MAX_WORK)
 
     def report(self, path: YamlPath, message: str, *, key: bool = False, inside: tuple[str, int] | None = None) -> None:
@@ -225,7 +231,7 @@ class ScopeCheck:
         saved = self.saved.get(None, set()) | self.saved.get(scope.role, set())
         known = scope.loops | self.constants | scope.facts | saved
         for name in expression.names:
-            if name.name not in known:
+            if name.name not in known and name.name not in self._doubtful:
                 hint = did_you_mean(name.name, known) if known else "; no variable is known here"
                 message = f"unknown variable '{name.name}'{hint}"
                 if is_bare and expression.text.strip() == name.name:

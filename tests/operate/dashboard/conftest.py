@@ -12,6 +12,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from eal_actors.facade.fleet import Fleet
 from tests.chromium import FLAGS, MISSING, find_chromium
+from tests.cli.conftest import eal as eal
 from tests.operate.dashboard.rig import counting_fleet
 
 

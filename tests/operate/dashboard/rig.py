@@ -79,12 +79,18 @@ class Pose(Resource):
 """
 
 
-def counting_fleet(folder: Path, *robots: str) -> Fleet:
-    """Return a fleet of robots whose resources count what they are asked; it is not connected yet."""
+def counting_fleet(folder: Path, *robots: str, more: str = "") -> Fleet:
+    """Return a fleet of robots whose resources count what they are asked; it is not connected yet.
+
+    Args:
+        folder: where its files are.
+        robots: their names.
+        more: further sections of the fleet file.
+    """
     write_plugin(folder, "counting", COUNTING_PLUGIN, "Base", "Pose")
     names = "".join(f"  {name}: {{plugins: {{counting: {{}}}}}}\n" for name in robots)
     file = folder / "fleet.yaml"
-    file.write_text(f"version: 1\nname: counted\nplugin_dirs: [plugins]\nrobots:\n{names}")
+    file.write_text(f"version: 1\nname: counted\nplugin_dirs: [plugins]\nrobots:\n{names}{more}")
     return Fleet.load(file)
 
 
@@ -143,16 +149,19 @@ class Page:
                 self.answers[answer["id"]] = answer
 
 
-def connect_to(dashboard: Dashboard) -> ClientConnection:
+def connect_to(dashboard: Dashboard, **options: Any) -> ClientConnection:
     """Return a connection as from the dashboard's own page, not entered yet."""
-    place = f"127.0.0.1:{dashboard.port}"
-    return connect(f"ws://{place}/ws", origin=Origin(f"http://{place}"), compression=None, proxy=None)
+    place = dashboard.url.partition("://")[2].rstrip("/")
+    scheme = "wss" if dashboard.url.startswith("https") else "ws"
+    origin = Origin(dashboard.url.rstrip("/"))
+    opened: ClientConnection = connect(f"{scheme}://{place}/ws", origin=origin, compression=None, proxy=None, **options)
+    return opened
 
 
 @contextmanager
-def page_of(dashboard: Dashboard, token: str | None = None) -> Iterator[Page]:
+def page_of(dashboard: Dashboard, token: str | None = None, **options: Any) -> Iterator[Page]:
     """Yield a page that has sent hello."""
-    with connect_to(dashboard) as socket:
+    with connect_to(dashboard, **options) as socket:
         yield Page(socket, token)
 
 

@@ -17,8 +17,12 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import wall_time
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.operate.dashboard import Dashboard
-from eal_actors.operate.dashboard.access import new_token
+from eal_actors.managers.fleet_model import OperatorSection
+from eal_actors.net.security.certificates import key_file, make_authority, make_certificate
+from eal_actors.operate.dashboard import Access, Dashboard, tls_context
+from eal_actors.operate.dashboard.sign_in import WRONG_TOKENS
+from eal_actors.operate.dashboard.tokens import hash_token, new_token
+from tests.house import javascript
 from tests.net.links import free_port
 from tests.net.rig import Rig, served
 from tests.operate.dashboard.rig import ROOT, SIM, open_dashboard, resource_of, wait_for
@@ -277,6 +281,41 @@ def test_a_wrong_token_may_watch_and_the_right_one_may_command(open_page: OpenPa
             expect(page.locator("#stopped")).to_be_visible()
 
 
+def test_an_operator_signs_in_by_https_and_stops_the_robots(open_page: OpenPage, fleet: Fleet, tmp_path: Path) -> None:
+    make_authority(tmp_path / "keys", "counted")
+    made = make_certificate(tmp_path / "keys", "dashboard", ["127.0.0.1"])
+    anna = OperatorSection(role="drive", token=hash_token("the-token"))
+    with (
+        Dashboard(
+            fleet,
+            Access("127.0.0.1", operators={"anna": anna}),
+            tls=tls_context(made.file, key_file(tmp_path / "keys", "dashboard")),
+        ) as dashboard,
+        open_page(dashboard.link, ignore_https_errors=True) as page,
+    ):
+        dialog = page.locator("#sign-in")
+        expect(dialog).to_contain_text("sign in with your token")
+        expect(page.locator("#fleet-name")).to_have_text("eal")  # nothing of the fleet is shown
+        for _ in range(WRONG_TOKENS):
+            page.get_by_label("Token").fill("anna.wrong")
+            page.get_by_label("Token").press("Enter")
+            expect(dialog).to_contain_text("wrong token")
+        page.get_by_label("Token").fill("anna.the-token")
+        page.get_by_label("Token").press("Enter")
+        expect(dialog).to_contain_text("too many wrong tokens from 127.0.0.1: try again in")
+        dashboard.app_state.sign_in._wrong.clear()  # as after a minute
+        page.get_by_label("Token").fill("anna.the-token")
+        page.get_by_label("Token").press("Enter")
+        connected(page)
+        expect(page.locator("#user")).to_have_text("anna · drive")
+        page.reload()  # the tab keeps the token
+        connected(page)
+        page.keyboard.press("Escape")
+        expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
+        go(page, "scenario")
+        expect(page.get_by_role("button", name="Start", exact=True)).to_be_disabled()
+
+
 # A robot's panel.
 
 
@@ -374,6 +413,41 @@ def test_keys_do_nothing_before_they_are_armed(open_page: OpenPage, dashboard: D
 
 
 # Layout and accessibility.
+
+
+@pytest.fixture(scope="module")
+def axe() -> str:
+    """The source of axe-core, which finds violations of the accessibility guidelines."""
+    try:
+        failed = javascript.install()
+    except javascript.NotCheckedError as error:
+        pytest.skip(str(error))
+    assert failed is None, failed.stderr
+    return (javascript.FOLDER / "node_modules/axe-core/axe.min.js").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_violation_in_any_view(
+    open_page: OpenPage, fleet: Fleet, dashboard: Dashboard, axe: str, scheme: str
+) -> None:
+    with open_page(dashboard.link, color_scheme=scheme) as page:
+        connected(page)
+        page.evaluate(axe)
+        found = [line for view in VIEWS for line in violations(page, view)]
+        page.keyboard.press("Escape")
+        expect(page.locator("#stopped")).to_contain_text("All robots refuse to move")
+        assert not found + violations(page, "fleet")
+
+
+def violations(page: Page, view: str) -> list[str]:
+    """Return what axe finds in a view."""
+    go(page, view)
+    expect(page.locator("main h1")).to_be_visible()
+    return [
+        f"{view}: {violation['id']}: {node['html'][:160]}: {node['failureSummary']}"
+        for violation in page.evaluate("axe.run().then(({ violations }) => violations)")
+        for node in violation["nodes"]
+    ]
 
 
 @pytest.mark.parametrize("view", VIEWS)

@@ -6,6 +6,8 @@ import { store } from "./store.js";
  * @import { Answer, AnswerTo, DriveError, FrameHeader, Hello, Message, RequestName, Requests, Update } from "./types"
  */
 
+/** The server's code for: show a token first. */
+const SIGN_IN = 4401;
 const RETRY_MS = [300, 1000, 2000, 5000];
 /** @type {Map<number, (answer: Answer) => void>} */
 const pending = new Map();
@@ -19,12 +21,15 @@ let token = null;
 
 export const connection = {
   isOpen: false,
+  isRetrying: true,
   /** When the last message came, by this machine's clock; null before the first. */
   /** @type {Date | null} */
   heardAt: null,
   /** @type {string | null} Why the server closed the connection. */
   closeReason: null,
   onState: () => {},
+  /** @type {(why: string) => void} Called when the server asks for a token; `signIn` goes on. */
+  onSignIn: () => {},
   /** @type {(error: DriveError) => void} */
   onDriveError: () => {},
   /** @type {(error: string) => void} */
@@ -40,12 +45,18 @@ export function connect() {
 
 // The link's token is behind its #, so browsers send it to no server. It leaves the address bar at once.
 function takeToken() {
-  const match = /^#token=([\w-]+)$/.exec(location.hash);
+  const match = /^#token=([\w.-]+)$/.exec(location.hash);
   if (match) {
     sessionStorage.setItem("token", match[1]);
     history.replaceState(null, "", location.pathname);
   }
   return sessionStorage.getItem("token");
+}
+
+/** @param {string} shown - the token of the user. */
+export function signIn(shown) {
+  token = shown;
+  open();
 }
 
 function open() {
@@ -59,14 +70,20 @@ function open() {
     if (typeof data === "string") receive(JSON.parse(data));
     else receiveFrame(data);
   };
-  opened.onclose = ({ reason }) => {
+  opened.onclose = ({ code, reason }) => {
     connection.isOpen = false;
     const error = lossReason || "the connection to the dashboard was lost";
     lossReason = "";
     for (const resolve of pending.values()) resolve({ ok: false, error });
     pending.clear();
     connection.closeReason = reason || null;
+    connection.isRetrying = code !== SIGN_IN;
     connection.onState();
+    if (!connection.isRetrying) {
+      sessionStorage.removeItem("token");
+      connection.onSignIn(reason);
+      return;
+    }
     setTimeout(open, RETRY_MS[Math.min(retries++, RETRY_MS.length - 1)]);
   };
 }
@@ -77,6 +94,7 @@ function receive(message) {
     retries = 0;
     connection.isOpen = true;
     connection.closeReason = null;
+    if (token && message.hello.may_command) sessionStorage.setItem("token", token);
     store.reset(message.hello);
     connection.onState();
     return;

@@ -93,7 +93,11 @@ export class DrivePanel {
 
   /** @param {Direction} direction */
   addButton(direction) {
-    const button = el("button", { type: "button", "aria-label": `Hold to drive ${direction}` }, SIGNS[direction]);
+    const button = el(
+      "button",
+      { type: "button", "aria-label": `${SIGNS[direction]}: hold to drive ${direction}` },
+      SIGNS[direction],
+    );
     button.onpointerdown = (event) => {
       event.preventDefault();
       button.setPointerCapture(event.pointerId);

@@ -45,7 +45,7 @@ export function fleetView(root) {
     if (changed.has("hello") || changed.has("robots") || changed.has("time")) {
       for (const row of rows) row.update();
       summarize(summary);
-      reload.disabled = !store.mayCommand();
+      reload.disabled = !store.may("administer");
     }
   }
   return { update, leave: () => clearInterval(timer) };

@@ -1,7 +1,7 @@
 // The frame of the page: views, the connection's state, notices and STOP.
 
 import { camerasView, showFrame } from "./cameras.js";
-import { connect, connection, request } from "./connection.js";
+import { connect, connection, request, signIn } from "./connection.js";
 import { byId, clockTime, el, setText } from "./dom.js";
 import { releaseAll, showDriveError } from "./drive.js";
 import { fleetView } from "./fleet.js";
@@ -27,6 +27,7 @@ const OUTDATED_S = 3;
 const MAX_NOTICES = 4;
 const MAX_NAMES = 4;
 const main = byId("main");
+const signInDialog = /** @type {HTMLDialogElement} */ (byId("sign-in"));
 const dialog = /** @type {HTMLDialogElement} */ (byId("confirm"));
 /** @type {View | null} */
 let view = null;
@@ -81,15 +82,32 @@ connection.onState = () => {
   const chip = byId("connection");
   chip.className = `chip ${connection.isOpen ? "good" : "bad"}`;
   const reason = connection.closeReason ? `: ${connection.closeReason}` : "";
-  setText(chip, connection.isOpen ? "● connected" : `▲ no connection${reason}; reconnecting`);
+  setText(
+    chip,
+    connection.isOpen ? "● connected" : `▲ no connection${reason}${connection.isRetrying ? "; reconnecting" : ""}`,
+  );
   if (!connection.isOpen) showDriveError({ error: "the connection was lost" });
   showAge();
   setText(byId("fleet-name"), store.hello?.fleet ?? "eal");
   const permission = byId("permission");
   permission.hidden = store.mayCommand() || !store.hello;
   setText(permission, `◇ ${store.hello?.why ?? ""}`);
+  const user = byId("user");
+  user.hidden = !store.hello || store.hello.user === "anybody";
+  setText(user, `${store.hello?.user} · ${store.hello?.role}`);
   document.body.dataset.command = String(canCommand());
   showStop();
+};
+connection.onSignIn = (why) => {
+  setText(byId("sign-in-why"), why);
+  signInDialog.showModal();
+};
+byId("sign-in-form").onsubmit = (event) => {
+  event.preventDefault();
+  const field = /** @type {HTMLInputElement} */ (byId("sign-in-token"));
+  signInDialog.close();
+  signIn(field.value.trim());
+  field.value = "";
 };
 connection.onDriveError = (error) => {
   if (!showDriveError(error)) connection.onError(error.robot ? `${error.robot}: ${error.error}` : error.error);

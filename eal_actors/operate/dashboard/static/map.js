@@ -30,7 +30,7 @@ export function mapView(root) {
       map.toggle("names", "Names"),
       button("−", "Zoom out", () => map.zoom(1 / ZOOM)),
       button("+", "Zoom in", () => map.zoom(ZOOM)),
-      button("Fit", "Show everything", () => map.fit()),
+      button("Fit", "Fit everything", () => map.fit()),
     ),
     map.frame,
   );
@@ -283,7 +283,7 @@ class FleetMap {
       this.trails.dataset.size = size;
       this.trailsDrawnAt = now;
     }
-    context.drawImage(this.trails, 0, 0, width, height);
+    if (this.trails.width && this.trails.height) context.drawImage(this.trails, 0, 0, width, height);
     store.names().forEach((name, index) => {
       const points = store.trails[name];
       const pose = store.poses[name];

@@ -188,7 +188,7 @@ class ScenarioForm {
   enable() {
     const { phase } = store.run;
     const isRunning = phase === "running" || phase === "paused";
-    const may = store.mayCommand();
+    const may = store.may("run");
     this.start.disabled = !may || isRunning || !this.select.value;
     for (const [what, button] of this.buttons) {
       const isPossible = what === "abort" ? isRunning : phase === (what === "pause" ? "running" : "paused");

@@ -2,8 +2,10 @@
 
 import { formatSeconds } from "./dom.js";
 
-/** @import { Activity, Change, Hello, LogLine, Point, Pose, Robot, Run, RunEvent, Tone, Update } from "./types" */
+/** @import { Activity, Change, Hello, LogLine, Point, Pose, Robot, Role, Run, RunEvent, Tone, Update } from "./types" */
 
+/** @type {Role[]} */
+const ROLES = ["watch", "drive", "run", "administer"];
 const MAX_LOGS = 1000;
 const MAX_EVENTS = 20000;
 const MAX_TRAIL_POINTS = 300;
@@ -138,6 +140,11 @@ class Store {
   /** Return the stopped robots that have not confirmed it: they may still move. */
   unconfirmed() {
     return this.stopped().filter((name) => !this.robots[name].is_stop_confirmed);
+  }
+
+  /** @param {Role} role */
+  may(role) {
+    return ROLES.indexOf(this.hello?.role ?? "watch") >= ROLES.indexOf(role);
   }
 
   mayCommand() {

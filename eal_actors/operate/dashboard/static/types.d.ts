@@ -20,10 +20,16 @@ export interface Hello {
   max_frames_per_s: number;
   /** The server's name for this page. */
   you: string;
+  /** The operator's name, else how the user got in. */
+  user: string;
+  role: Role;
   may_command: boolean;
   /** Why this page may not command. */
   why: string | null;
 }
+
+/** Each includes those before it. */
+export type Role = "watch" | "drive" | "run" | "administer";
 
 /** A change of the state, with answers to requests. Lines of a topic may have been dropped. */
 export interface Update {

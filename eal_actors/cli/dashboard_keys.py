@@ -1,0 +1,65 @@
+"""`eal keys dashboard` and `eal keys operator`: HTTPS for the dashboard, and tokens for its users."""
+
+from __future__ import annotations
+
+import re
+import socket
+from typing import Annotated, Final
+
+import typer
+
+from eal_actors.cli.keys import DirOption, ForceOption, HostOption, folder_of
+from eal_actors.cli.options import FleetOption
+from eal_actors.cli.output import print_line, short_path, stderr, stdout
+from eal_actors.kernel.errors import UnsupportedError
+from eal_actors.kernel.strict_model import NAME_PATTERN
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_model import OperatorRole
+from eal_actors.net.security.certificates import AUTHORITY, certificate_file, make_certificate
+
+DASHBOARD: Final = "dashboard"
+"""Name of the dashboard's certificate. It has no role, so it grants nothing on robots."""
+_LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
+
+
+def make_dashboard_certificate(
+    fleet: FleetOption, host: HostOption = None, directory: DirOption = None, force: ForceOption = False
+) -> None:
+    """Make the certificate with which `eal dashboard` serves HTTPS, valid for this machine's name and --host.
+
+    Browsers must trust the fleet's authority: the command prints the file to import there.
+    """
+    config = EALConfigManager.load(fleet).fleet
+    folder = directory or folder_of(config)
+    made = make_certificate(folder, DASHBOARD, [*_LOOPBACK, socket.gethostname(), *(host or [])], force=force)
+    print_line(stderr(), f"{short_path(made.file)}: made for {', '.join(made.hosts)}, until {made.expires:%Y-%m-%d}")
+    authority = short_path(certificate_file(folder, AUTHORITY))
+    print_line(stderr(), f"Next: import {authority} into the operators' browsers as an authority for websites.", "dim")
+
+
+def make_operator(
+    name: Annotated[str, typer.Argument(metavar="NAME", show_default=False, help="Name of a person.")],
+    role: Annotated[
+        OperatorRole,
+        typer.Option(help="Each role includes those before it: see; stop and command; run scenarios; change settings."),
+    ] = "drive",
+) -> None:
+    """Make the token of a user of the dashboard, and the lines for the fleet file, which keeps only its hash.
+
+    The token goes to stdout and is in no file. Give it to the operator; the page asks for it.
+    """
+    try:
+        from eal_actors.operate.dashboard.tokens import hash_token, new_token
+    except ModuleNotFoundError as error:
+        raise UnsupportedError(
+            f"the dashboard needs {error.name}, which is not installed: pip install 'eal-actors[dashboard]'"
+        ) from error
+    if not re.fullmatch(NAME_PATTERN, name):
+        raise typer.BadParameter("must be a letter, then letters, digits, '_', '.' or '-'", param_hint="NAME")
+    token = new_token()
+    print_line(stderr(), "Add to the fleet file:", "dim")
+    lines = ("dashboard:", "  operators:", f"    {name}: {{role: {role}, token: {hash_token(token)}}}")
+    for line in lines:
+        print_line(stderr(), line)
+    print_line(stderr(), f"Token of {name}, shown only now:", "dim")
+    print_line(stdout(), f"{name}.{token}")

@@ -1,0 +1,132 @@
+"""AuditLog: every command of the dashboard's users in a file: who, what, when, from where, and its outcome.
+
+A command leaves one line when it begins and one when it ends, so that a crash between them hides nothing. Lines are
+written by a thread of their own: no command waits for a disk, least of all a stop.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import logging
+import os
+import queue
+import secrets
+from collections.abc import Callable, Mapping
+from io import TextIOWrapper
+from logging.handlers import QueueListener, RotatingFileHandler
+from pathlib import Path
+from typing import Any, Final
+
+from typing_extensions import override
+
+from eal_actors.kernel.clock import wall_time
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.log import get_logger
+
+AUDIT_FILE: Final = "audit.jsonl"
+"""In the folder of runs. Older parts have the endings .1 to .9."""
+_MOST_BYTES: Final = 10_000_000
+_OLDER_FILES: Final = 9
+_MOST_WAITING: Final = 10_000
+
+Finish = Callable[[str], None]
+"""Records the outcome of a command: `ok`, or its error."""
+
+
+class AuditLog:
+    """Records commands between `start` and `close`. With no folder, it records nothing.
+
+    Raises:
+        ConfigError: the file cannot be written.
+
+    Thread: any; never blocks.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self._numbers = itertools.count(1)
+        self._process = secrets.token_hex(4)
+        self._queue: queue.Queue[logging.LogRecord] = queue.Queue(_MOST_WAITING)
+        self._listener: QueueListener | None = None
+        if folder is not None:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                handler = _PrivateFile(folder / AUDIT_FILE, maxBytes=_MOST_BYTES, backupCount=_OLDER_FILES)
+            except OSError as error:
+                place = str(folder / AUDIT_FILE)
+                raise ConfigError([Problem(place, 0, 0, "", f"cannot be written: {error.strerror}")]) from error
+            self._listener = QueueListener(self._queue, handler)
+
+    def start(self) -> None:
+        """Start to write."""
+        if self._listener is not None:
+            self._listener.start()
+
+    def close(self) -> None:
+        """Write what is left, and close the file. Thread: blocks the caller."""
+        if self._listener is not None:
+            self._listener.stop()
+            for handler in self._listener.handlers:
+                handler.close()
+            self._listener = None
+
+    def begin(self, user: Mapping[str, str], command: str, arguments: Mapping[str, Any]) -> Finish:
+        """Record the begin of a command; return what records its end, once."""
+        number = f"{self._process}-{next(self._numbers)}"
+        self._write({"id": number, **user, "command": command, "arguments": arguments})
+        is_open = [True]
+
+        def finish(outcome: str) -> None:
+            if is_open.pop() if is_open else False:
+                self._write({"id": number, "outcome": outcome})
+
+        return finish
+
+    def _write(self, fields: Mapping[str, Any]) -> None:
+        if self._listener is None:
+            return
+        line = json.dumps({"at": wall_time().isoformat(timespec="milliseconds"), **fields})
+        try:
+            self._queue.put_nowait(logging.makeLogRecord({"msg": line}))
+        except queue.Full:
+            get_logger().error("the audit log is too slow: an entry is lost", entry=line)
+
+
+class _PrivateFile(RotatingFileHandler):
+    """A file that only its owner can read; an error in writing is logged, and stops no command."""
+
+    @override
+    def _open(self) -> TextIOWrapper:
+        return os.fdopen(os.open(self.baseFilename, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), "a")
+
+    @override
+    def handleError(self, record: logging.LogRecord) -> None:
+        get_logger().error("an entry could not be written to the audit log", entry=record.msg, exc_info=True)
+
+
+def read_audit(folder: Path) -> list[dict[str, Any]]:
+    """Return the commands in the audit log of a folder, the oldest first; `outcome` is None without an end.
+
+    Raises:
+        ConfigError: there is no audit log, or it cannot be read.
+    """
+    newest = folder / AUDIT_FILE
+    files = [newest.with_name(f"{AUDIT_FILE}.{number}") for number in range(_OLDER_FILES, 0, -1)]
+    entries: dict[str, dict[str, Any]] = {}
+    try:
+        lines = [line for file in files if file.exists() for line in file.read_text("utf-8").splitlines()]
+        lines += newest.read_text("utf-8").splitlines()
+    except OSError as error:
+        raise ConfigError([Problem(str(newest), 0, 0, "", f"cannot be read: {error.strerror}")]) from error
+    for line in lines:
+        try:
+            fields = json.loads(line)
+            number = fields["id"]
+        except (ValueError, KeyError, TypeError):  # cut off by a crash
+            get_logger().warning("a line of the audit log is damaged", line=line[:200])
+            continue
+        if "command" in fields:
+            entries[number] = {**fields, "outcome": None, "ended": None}
+        elif number in entries:
+            entries[number] |= {"outcome": fields.get("outcome"), "ended": fields["at"]}
+    return list(entries.values())
