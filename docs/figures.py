@@ -56,11 +56,7 @@ def draw_square(out: Path) -> None:
 
 def draw_dance(out: Path) -> None:
     """Draw the dance of the shipped fleet."""
-    robots = {
-        model: {"model": model, "start": (x_m, 0.0, 0)}
-        for model, x_m in (("evbot2", -1.5), ("evbot3", 0.0), ("roomba", 1.5))
-    }
-    draw_run("dance.yaml", robots, "the dance", out)
+    draw_shipped("dance", "the dance", out, fleet="sim")
 
 
 def draw_view(out: Path) -> None:
@@ -130,9 +126,9 @@ def draw_survey(out: Path) -> None:
     subprocess.run([sys.executable, *map(str, command)], check=True, cwd=ROOT)  # noqa: S603
 
 
-def draw_shipped(name: str, title: str, out: Path) -> None:
-    """Run a shipped scenario on the fleet that comes with it, and draw where the robots went."""
-    with Simulation(ROOT / f"fleets/{name}.yaml") as simulation:
+def draw_shipped(name: str, title: str, out: Path, fleet: str | None = None) -> None:
+    """Run a shipped scenario on the fleet of its name, or on another, and draw where the robots went."""
+    with Simulation(ROOT / f"fleets/{fleet or name}.yaml") as simulation:
         with PoseRecorder(simulation.fleet, list(simulation.fleet)) as recorder:
             report = run_scenario(ROOT / f"scenarios/{name}.yaml", simulation.fleet)
         if report.outcome != "done":
@@ -194,7 +190,7 @@ def draw_sweep(out: Path) -> None:
     """Draw what the sweep of its page comes to."""
     page = (ROOT / "docs/sweeps.md").read_text(encoding="utf-8")
     scenario = page.partition("```yaml\n")[2].partition("```")[0]
-    vary = ("--vary", "side_m=0.25:1.5:0.25", "--vary", "turn=left,right", "--seeds", "1:10")
+    vary = ("--vary", "side_m=0.25:1:0.25", "--vary", "turn=left,right", "--seeds", "1:10")
     with TemporaryDirectory() as folder:
         file, swept = Path(folder) / "sides.yaml", Path(folder) / "out"
         file.write_text(scenario, encoding="utf-8")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import types
 from collections.abc import Callable
@@ -49,11 +50,9 @@ def _convert(result: Any, convert: Callable[[Any], Any]) -> Any:
 
 def status_of(result: Any) -> int:
     """Return a status int, where None counts as 1, the thesis's success; or raise ReturnTypeError."""
-    if result is None:
-        return 1
-    if isinstance(result, int):
-        return int(result)
-    raise ReturnTypeError(f"returned {result!r} where a status int is wanted")
+    if not isinstance(result, int | None):
+        raise ReturnTypeError(f"returned {result!r} where a status int is wanted")
+    return 1 if result is None else int(result)
 
 
 def data_of(result: Any, value: ValueInfo | None = None) -> EALData:
@@ -231,7 +230,8 @@ class ResourceActor(ActivityActor):
         self._not_ready = reason
         if reason is None and self._owes_halt:
             self._log.info("halting now, as requested while it was not ready")
-            self._owes_halt = not self.guarded(self.opened.halt)
+            self._owes_halt = False
+            self._owes_halt = not self.guarded(self.opened.halt) or self._owes_halt
         if reason is not None and before is None:
             self._log.warning("not ready", reason=reason)
         elif reason is None and before is not None:
@@ -239,6 +239,27 @@ class ResourceActor(ActivityActor):
         if reason != before:
             self._callbacks.ready(self, reason)
         return reason
+
+    def _owe_halt(self, error: NotReadyError) -> bool:
+        """Note that the resource must be halted once its device is back; return False if nobody will know of that."""
+        if not self._reports_readiness or self.resource is None:
+            return False
+        if not self._owes_halt:
+            self._log.warning("it is halted as soon as it is ready", reason=error.message)
+        self._owes_halt = True
+        return True
+
+    @override
+    def guarded(self, step: Callable[[], object]) -> bool:
+        @functools.wraps(step)
+        def with_halt_owed() -> None:
+            try:
+                step()
+            except NotReadyError as error:  # a motion that lost its device could not halt it
+                if not self._owe_halt(error):
+                    raise
+
+        return super().guarded(with_halt_owed)
 
     # Calls.
 
@@ -302,9 +323,7 @@ class ResourceActor(ActivityActor):
             call.link(lambda done, _: handler.end(done.exception()))
 
     def _fail_call(self, call: Call[Any], error: BaseException) -> None:
-        if call.stops and self._reports_readiness and isinstance(error, NotReadyError):
-            self._owes_halt = True
-            self._log.warning("it is halted as soon as it is ready", reason=error.message)
+        if call.stops and isinstance(error, NotReadyError) and self._owe_halt(error):
             call._finish(1, None)
             return
         may_move = call.method in MOTION_METHODS and not isinstance(error, EALError)

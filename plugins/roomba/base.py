@@ -19,17 +19,24 @@ from eal_actors.plugin import (
 
 from .driver import RoombaDriver
 from .groups import Contacts
-from .motion import MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionProgress, TimedMotion
+from .motion import MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionGoal, MotionProgress, TimedMotion
+from .predicted_wheels import Travel
 
 _MOST_DOUBT_M: Final = 0.03  # of the travel, in one straight drive
-_MOST_DOUBT_IN_A_TURN_M: Final = 0.01
+_MOST_DOUBT_IN_A_TURN_M: Final = 0.006  # 2.7 degrees
+_MOST_OFF_M: Final = 0.03  # from the goal of a motion
+_MOST_OFF_RAD: Final = math.radians(3)
+_HEADING_RAD: Final = math.radians(1.5)  # a straight drive turns back if it is off by more
+_ASTRAY_RAD: Final = math.radians(4)  # a straight drive stops to turn back
+_TURN_BACK_RAD_S: Final = math.radians(30)
+_BLIND_M: Final = 0.06  # travelled at most before a reading shows it
+_LOOK_S: Final = 0.02
 _REST_S: Final = 1.0  # time limit to come to rest
 _STEP_S: Final = 0.05  # interval of speed updates, also with fewer readings
 _AT_END_M: Final = 0.0002  # below the resolution of the encoders
 _NEAR_COUNTS: Final = 1.5  # tolerance of the end of a motion, in encoder counts
-_OVERSHOT_M: Final = 0.005  # a motion that overshoots by this drives back
-_ATTEMPTS: Final = 3  # corrections of a motion, because its progress between readings is estimated
-_RESEND_S: Final = 0.3  # without a count, the wheel command is sent again: it may have been lost
+_OVERSHOT_M: Final = 0.003  # a motion that overshoots by this drives back
+_ATTEMPTS: Final = 4  # corrections of a motion, because its progress between readings is estimated
 _STALL_S: Final = 2.0  # without a count from driven wheels; the slowest turn counts twice a second
 
 
@@ -89,72 +96,106 @@ class RoombaBase(DifferentialBase):
 
     @override
     def drive(self, distance_m: float, speed_m_s: float) -> Activity:
-        return self._run(TimedMotion.straight(distance_m, speed_m_s, self.calibration))
+        return self._run(TimedMotion.straight(distance_m, speed_m_s, self.calibration), distance_m, 0.0)
 
     @override
     def turn(self, angle_rad: float, turn_rate_rad_s: float) -> Activity:
-        return self._run(TimedMotion.turn(angle_rad, turn_rate_rad_s, self.drivetrain.track_m, self.calibration))
+        return self._run(self._turning(angle_rad, turn_rate_rad_s), 0.0, angle_rad)
 
-    def _run(self, motion: TimedMotion) -> Activity:
-        """Carry out a motion, from rest to rest."""
+    def _turning(self, angle_rad: float, turn_rate_rad_s: float) -> TimedMotion:
+        return TimedMotion.turn(angle_rad, turn_rate_rad_s, self.drivetrain.track_m, self.calibration)
+
+    def _run(self, motion: TimedMotion, distance_m: float, angle_rad: float) -> Activity:
+        """Carry out a motion, from rest to rest; return 1 where it ends at its goal."""
         if self._twist_until_s is not None:
             self.halt()
         self._in_motion = True
         try:
             yield from self._come_to_rest()
-            start_m = motion.counted_m(self._roomba.latest())
-            for _ in range(_ATTEMPTS):
-                yield from self._go(motion, start_m)
-                self._roomba.stop()
-                yield from self._come_to_rest()
-                left_m = motion.left_m(self._roomba.latest(), start_m)
-                if -_OVERSHOT_M < left_m < _NEAR_COUNTS * self._roomba.count_m:
-                    break
-                if left_m < 0:  # a command to slow down was lost
-                    motion = motion.back(-left_m)
-                    start_m = motion.counted_m(self._roomba.latest())
+            goal = MotionGoal.of(self._roomba.latest().pose, distance_m, angle_rad)
+            yield from self._travel(motion, goal)
+            self._check_goal(goal)
             return 1
         finally:
             self._in_motion = False
             self._roomba.stop()
 
+    def _travel(self, motion: TimedMotion, goal: MotionGoal) -> Activity:
+        """Travel a motion's length; what damaged commands added is taken back."""
+        doubt, start_m = self._roomba.travel_doubt, motion.counted_m(self._roomba.latest())
+        for _ in range(_ATTEMPTS):
+            yield from self._go(motion, start_m, goal, doubt)
+            self._roomba.stop()
+            yield from self._come_to_rest()
+            if motion.ahead:
+                yield from self._turn_back(goal)
+            left_m = motion.left_m(self._roomba.latest(), start_m)
+            if -_OVERSHOT_M < left_m < _NEAR_COUNTS * self._roomba.count_m:
+                break
+            if left_m < 0:  # a command to slow down was lost
+                motion = motion.back(-left_m)
+                start_m = motion.counted_m(self._roomba.latest())
+
+    def _turn_back(self, goal: MotionGoal) -> Activity:
+        """Turn back to the heading of a straight drive, if it was lost."""
+        _, off_rad = goal.off(self._roomba.latest().pose)
+        if abs(off_rad) > _HEADING_RAD:
+            yield from self._travel(self._turning(off_rad, _TURN_BACK_RAD_S), goal)
+
+    def _check_goal(self, goal: MotionGoal) -> None:
+        """Raise ResourceFaultError if the robot does not stand at its goal."""
+        off_m, off_rad = goal.off(self._roomba.latest().pose)
+        if off_m > _MOST_OFF_M or abs(off_rad) > _MOST_OFF_RAD:
+            raise ResourceFaultError(
+                f"it stands {off_m:.3f} m and {math.degrees(abs(off_rad)):.1f} degrees from the end of the motion: "
+                "commands were lost or delayed on their way"
+            )
+
     def _come_to_rest(self) -> Activity:
-        """Wait until a reading requested from now on shows both wheels at rest."""
+        """Wait until a reading requested from now on shows both wheels at rest.
+
+        Raises:
+            ResourceFaultError: they turn on.
+        """
         begun_s = self._roomba.clock.now()
-        while self._roomba.clock.now() - begun_s < _REST_S:
+        while self._roomba.clock.now() - begun_s < _REST_S + 2 * self._roomba.lag_s:
             reading = self._roomba.latest()
             if reading.stamp_s >= begun_s and reading.stands:
                 return
             yield self._roomba.next_look_s()
+        raise ResourceFaultError("it was stopped, and its wheels still turn; the stop is repeated")
 
-    def _go(self, motion: TimedMotion, start_m: float) -> Activity:
+    def _go(self, motion: TimedMotion, start_m: float, goal: MotionGoal, doubt: Travel) -> Activity:
         """Drive until the encoders have counted the motion's length; slow down before its end."""
-        progress = MotionProgress(motion, self._roomba.latest(), start_m, self._roomba.clock.now())
-        resent_s, doubted_m = 0.0, self._roomba.travel_doubt_m
-        most_doubt_m = _MOST_DOUBT_M if motion.ahead else _MOST_DOUBT_IN_A_TURN_M
+        progress, changed_s = MotionProgress(motion, start_m, self._roomba.clock.now()), -math.inf
         while True:
-            reading = self._roomba.latest()
+            reading, now_s, lag_s = self._roomba.latest(), self._roomba.clock.now(), self._roomba.lag_s
             self._check_motion(forward=motion.goes_forward)
-            left_m = progress.update(reading, self._roomba.clock.now())
-            if (doubt_m := self._roomba.travel_doubt_m - doubted_m) > most_doubt_m:
-                raise ResourceFaultError(
-                    "halted: readings were lost on their way, and with them what the wheels travelled, which may be "
-                    f"wrong by {doubt_m:.3f} m"
-                )
-            if progress.stalled_s > _STALL_S:
+            self._check_doubt(doubt)
+            left_m = progress.update(reading, now_s)
+            if progress.stalled_s > _STALL_S + lag_s:
                 self._roomba.doubt()
                 raise ResourceFaultError(
                     f"driven at {progress.velocity_mm_s} mm/s, the wheels counted nothing in {_STALL_S:g} s"
                 )
             self.progress(1 - left_m / motion.length_m if motion.length_m else None)
-            if left_m <= _AT_END_M:
+            if left_m <= _AT_END_M or (motion.ahead and abs(goal.off(reading.pose)[1]) > _ASTRAY_RAD):
                 return
-            velocity_mm_s = motion.velocity_mm_s(left_m)
-            if velocity_mm_s != progress.velocity_mm_s or progress.stalled_s > resent_s + _RESEND_S:
-                resent_s = progress.stalled_s
+            velocity_mm_s = motion.slower(_BLIND_M / max(lag_s, _LOOK_S)).velocity_mm_s(left_m)
+            if velocity_mm_s != progress.velocity_mm_s and now_s >= changed_s + _STEP_S / 2:
+                changed_s = now_s
                 yield from self._roomba.drive(self._roomba.wheels(*motion.wheels_mm_s(velocity_mm_s)))
-                progress.velocity_mm_s = velocity_mm_s
-            yield min(left_m / velocity_mm_s * 1000, self._roomba.next_look_s(), _STEP_S)
+                progress.command(velocity_mm_s, self._roomba.clock.now())
+            yield min(left_m / max(velocity_mm_s, progress.velocity_mm_s) * 1000, self._roomba.next_look_s(), _STEP_S)
+
+    def _check_doubt(self, before: Travel) -> None:
+        """Raise ResourceFaultError if too much of the travel is not known."""
+        doubt = self._roomba.travel_doubt.plus(before, -1.0)
+        if doubt.ahead_m > _MOST_DOUBT_M or doubt.arc_m > _MOST_DOUBT_IN_A_TURN_M:
+            raise ResourceFaultError(
+                "halted: readings were lost or damaged on their way, and with them what the wheels travelled, which "
+                f"may be wrong by {doubt.ahead_m:.3f} m ahead and {doubt.arc_m:.3f} m of each wheel in a turn"
+            )
 
     def _check_motion(self, *, forward: bool) -> None:
         """Raise ResourceFaultError if the robot must stop, or has ended the motion by itself."""

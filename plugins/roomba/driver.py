@@ -16,17 +16,22 @@ from eal_actors.plugin import (
 
 from .link import RoombaLink
 from .listening import LOOK_S, Listener, until
+from .predicted_wheels import Travel
 from .reading import RoombaReading, WheelCommand
-from .sci import MODE_PAUSE_S, Mode, Op
+from .sci import MAX_NOTES, MODE_PAUSE_S, Mode, Op
 
 _MODE_PAUSE_S: Final = MODE_PAUSE_S + 0.002  # clocks differ
 _WAKE_TRIES: Final = 3
 _INSIST_S: Final = 0.1  # a stop without an effect is repeated after this time
+_DISOBEYED_S: Final = 0.3  # wheels that do not begin to turn meanwhile have not heard their command
 _DETECT_HIGH_S: Final = 0.1
 _DETECT_LOW_S: Final = 0.5
 _WAKE_UP_S: Final = 3.0
 _FAREWELL_S: Final = 0.5
 _START: Final = bytes([Op.START])
+_STOPS_A_START: Final = 5
+_STARTS: Final = _START * (2 * MAX_NOTES + 4)
+"""More than the longest command, Song. Start ends control, and with it every motion."""
 
 
 class RoombaDriver(Listener):
@@ -65,7 +70,10 @@ class RoombaDriver(Listener):
         self._greeted = 0
         self._is_asleep = False
         self._must_stand = False
-        self._stopped_s = self._stop_sent_s = clock.now()
+        self._must_repeat = False
+        self._stop_count = 0
+        self._drive_data = b""
+        self._stopped_s = self._sent_s = self._driven_s = clock.now()
 
     # Differences between the protocols.
 
@@ -137,9 +145,9 @@ class RoombaDriver(Listener):
         return None
 
     @property
-    def travel_doubt_m(self) -> float:
-        """Error bound of the total travel due to lost readings; it only grows."""
-        return 0.0
+    def travel_doubt(self) -> Travel:
+        """Error bound of the total travel due to lost and damaged readings; it only grows."""
+        return Travel(0.0, 0.0)
 
     @property
     def is_asleep(self) -> bool:
@@ -220,13 +228,24 @@ class RoombaDriver(Listener):
     def _stop(self) -> None:
         now_s = self.clock.now()
         self._goes_forward = False
-        self._commanded_m_s = (0.0, 0.0)
-        self._must_stand, self._stopped_s = True, now_s
+        self._must_stand, self._stopped_s, self._stop_count = True, now_s, 0
         self._send_stop(now_s)
 
     def _send_stop(self, now_s: float) -> None:
-        self._stop_sent_s = now_s
-        self._link.urge(self.stop_data)
+        """Send a stop; one without an effect may be swallowed by a damaged command, up to the longest one's end."""
+        self._sent_s = now_s
+        self._stop_count += 1
+        self._note_wheels(0.0, 0.0)
+        if self._stop_count % _STOPS_A_START:
+            self._link.urge(self.stop_data)
+        else:
+            self._link.urge(_STARTS)
+            self._note_mode(Mode.PASSIVE)
+
+    def _note_wheels(self, left_m_s: float, right_m_s: float) -> None:
+        """Note a command to the wheels. Thread: holds the lock."""
+        self._commanded_m_s = (left_m_s, right_m_s)
+        self._must_repeat = False
 
     def _try_command(self, data: bytes, drive: WheelCommand | None = None) -> float | None:
         """Send a command, or do the next step towards it and return the delay until the following step."""
@@ -241,8 +260,10 @@ class RoombaDriver(Listener):
             self._link.send(data, supersedes=drive is not None)
             if drive is not None:
                 self._goes_forward = drive.goes_forward
-                self._must_stand = False
-                self._commanded_m_s = (drive.left_m_s, drive.right_m_s)
+                self._must_stand, self._drive_data, self._sent_s = False, data, self.clock.now()
+                if not any(self._commanded_m_s):
+                    self._driven_s = self._sent_s
+                self._note_wheels(drive.left_m_s, drive.right_m_s)
             return None
 
     def _enter(self, wanted: Mode) -> Activity:
@@ -283,7 +304,7 @@ class RoombaDriver(Listener):
             self._trouble = None
         else:
             yield from self._restart_if_silent()
-        self._repeat_stop()
+        yield from self._repeat_command()
 
     def _forget_state(self) -> None:
         """Reset the state: the Roomba may be another one, or have been switched off and on."""
@@ -301,23 +322,49 @@ class RoombaDriver(Listener):
             self._mode = Mode.OFF
         yield from self._enter(Mode.PASSIVE)
 
-    def _repeat_stop(self) -> None:
-        """Repeat a stop until a reading confirms it."""
-        now_s = self.clock.now()
+    def _repeat_command(self) -> Activity:
+        """Repeat a stop until a reading confirms it, and a command to the wheels that they do not obey."""
         with self._lock:
             reading = self._reading
-            if not self._must_stand:
+            if self._must_stand or not any(self._commanded_m_s):
+                self._repeat_stop(reading)
                 return
-            if reading is not None and reading.stands and reading.stamp_s - self._stopped_s > _INSIST_S:
-                self._must_stand = False
-            elif now_s - self._stop_sent_s > _INSIST_S:
-                self._send_stop(now_s)
+            if reading is None or self._has_fallen(reading) or not self._is_disobeyed(reading):
+                return
+        yield from self._enter(self._wanted)
+        with self._lock:
+            if any(self._commanded_m_s):
+                self._link.send(self._drive_data, supersedes=True)
+                self._sent_s = self.clock.now()
+                self._note_wheels(*self._commanded_m_s)
+
+    def _repeat_stop(self, reading: RoombaReading | None) -> None:
+        """Repeat a stop until a reading confirms it. Thread: holds the lock."""
+        now_s = self.clock.now()
+        if not self._must_stand:  # a damaged byte may set it going at any time
+            self._must_stand = self._mode in (Mode.SAFE, Mode.FULL) and self._moved_s > self._stopped_s
+        elif reading is not None and reading.stands and reading.stamp_s - self._stopped_s > _INSIST_S:
+            self._must_stand, self._stopped_s, self._stop_count = False, reading.stamp_s, 0
+        elif now_s - self._sent_s > _INSIST_S:
+            self._send_stop(now_s)
+
+    def _is_disobeyed(self, reading: RoombaReading) -> bool:
+        """Return whether the wheels may not have heard their command. Thread: holds the lock."""
+        if reading.stands and reading.stamp_s - max(self._moved_s, self._driven_s) > _DISOBEYED_S:
+            self._driven_s = self.clock.now()
+            if self._mode is self._wanted:
+                self._mode = Mode.PASSIVE  # a damaged command may have ended its control
+            return True
+        return self._must_repeat
 
     def _take(self, reading: RoombaReading) -> None:
         """Note a reading. Thread: holds the lock."""
         self._reading = reading
+        if self._mode is Mode.SAFE and self._has_fallen(reading):
+            self._mode = Mode.PASSIVE
+
+    def _has_fallen(self, reading: RoombaReading) -> bool:
+        """Return whether there is a cause to end safe mode."""
         contacts = reading.contacts
-        if self._mode is Mode.SAFE:
-            falls = contacts.any_drop or (contacts.any_cliff and self._goes_forward)
-            if falls or reading.power.is_charging:
-                self._mode = Mode.PASSIVE
+        falls = contacts.any_drop or (contacts.any_cliff and self._goes_forward)
+        return falls or reading.power.is_charging

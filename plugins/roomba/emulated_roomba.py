@@ -90,6 +90,12 @@ class EmulatedRoomba(ABC):
     """The op codes that change its mode."""
     usual_baud_rate: ClassVar[int]
     most_songs: ClassVar[int]
+    baud_keeps_mode: ClassVar[bool] = False
+    """Whether Baud keeps the mode; otherwise it leads to passive mode."""
+    straight: ClassVar[frozenset[int]] = frozenset({STRAIGHT})
+    """The radii that mean straight ahead."""
+    can_rest: ClassVar[bool] = False
+    """Whether a note beyond 31..127 is a rest; otherwise the song is invalid."""
     wheelbase_m: float
 
     def __init__(self, body: RoombaBody, mode_pause_s: float, *, has_device_detect: bool = False) -> None:
@@ -215,6 +221,8 @@ class EmulatedRoomba(ABC):
         self._body.drive(left_m_s, right_m_s)
 
     def _drive(self, velocity_mm_s: int, radius_mm: int) -> None:
+        if radius_mm in self.straight:
+            radius_mm = STRAIGHT
         special = radius_mm == STRAIGHT
         if abs(velocity_mm_s) > MAX_SPEED_MM_S or radius_mm == 0 or (abs(radius_mm) > MAX_RADIUS_MM and not special):
             self._refuse(f"Drive at {velocity_mm_s} mm/s and {radius_mm} mm")
@@ -226,7 +234,8 @@ class EmulatedRoomba(ABC):
             self._refuse(f"baud code {code}")
             return
         self.baud_rate = BAUD_RATES[code]
-        self._enter(Mode.PASSIVE)
+        if not self.baud_keeps_mode:
+            self._enter(Mode.PASSIVE)
         if self._mode_pause_s:
             self._deaf_until_s = now_s + BAUD_PAUSE_S
 
@@ -235,7 +244,7 @@ class EmulatedRoomba(ABC):
         if (
             number >= self.most_songs
             or not 1 <= data[1] <= MAX_NOTES
-            or any(not 31 <= note <= 127 for note, _ in notes)
+            or any(not 31 <= note <= 127 for note, _ in notes if not self.can_rest)
         ):
             self._refuse(f"song {number} of {data[1]} notes")
             return

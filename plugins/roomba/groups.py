@@ -135,6 +135,16 @@ CHARGING_STATES: Final = (
 )
 
 
+_POWER_RANGES: Final = {
+    "voltage_mv": (0, 30_000),
+    "current_ma": (-20_000, 20_000),
+    "temperature_c": (-40, 100),
+    "charge_mah": (0, 10_000),
+    "capacity_mah": (0, 10_000),
+}
+_POWER_STEPS: Final = {"voltage_mv": 3_000, "temperature_c": 10, "charge_mah": 300, "capacity_mah": 300}
+
+
 @dataclass(frozen=True, slots=True)
 class PowerGroup:
     """Sensor group 3: the battery.
@@ -164,6 +174,20 @@ class PowerGroup:
     def fraction(self) -> float:
         """How full the battery is, 0..1."""
         return min(1.0, self.charge_mah / self.capacity_mah) if self.capacity_mah else 0.0
+
+    def check(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            DataError: no battery of a Roomba is so.
+        """
+        for name, (least, most) in _POWER_RANGES.items():
+            if not least <= getattr(self, name) <= most:
+                raise DataError(f"SCI: {name} of a Roomba is {least}..{most}, not {getattr(self, name)}")
+
+    def follows(self, before: PowerGroup) -> bool:
+        """Return whether the battery can have changed so from one reading to the next."""
+        return all(abs(getattr(self, name) - getattr(before, name)) <= most for name, most in _POWER_STEPS.items())
 
     def encode(self) -> bytes:
         """Return the group's 10 bytes."""

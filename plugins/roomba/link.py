@@ -63,6 +63,14 @@ class RoombaLink(Protocol):
         """
         ...
 
+    def ask(self, data: bytes) -> None:
+        """Send a question, once and at once; it may be lost.
+
+        Raises:
+            UnavailableError: the port is broken.
+        """
+        ...
+
     def urge(self, data: bytes) -> None:
         """Send bytes at once, and drop the queue.
 
@@ -148,6 +156,10 @@ class SerialLink(PortLink):
 
     @override
     def send(self, data: bytes, *, supersedes: bool = False) -> None:  # nothing waits
+        self._port.write(data)
+
+    @override
+    def ask(self, data: bytes) -> None:
         self._port.write(data)
 
     @override

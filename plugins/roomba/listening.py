@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -9,16 +10,22 @@ from typing import Final
 
 from eal_actors.plugin import Activity, Clock, NotReadyError, UnavailableError, WheelCalibration, get_logger
 
+from .groups import Contacts, PowerGroup
 from .link import RoombaLink
 from .odometry import DeadReckoning
 from .reading import RoombaReading
 
 POLLS_A_READING_LASTS: Final = 3
 """Maximum age of a valid reading, in polls."""
+READING_LASTS_S: Final = 0.5
+"""Age up to which a reading is valid in any case: single ones may be lost on their way."""
 LOOK_S: Final = 0.004  # how often to look whether a reply is complete; 26 bytes take 5 ms at 57600 baud
 
 _SILENCE_S: Final = 1.0  # until the interface is started again: the Roomba may have been switched off and on
 _ROUNDING_S: Final = 1e-6
+_SLICE_S: Final = 0.05
+_MOST_LAG_S: Final = 1.0
+_STANDS_S: Final = 0.045  # without a count; wheels at the slowest speed of a motion count twice meanwhile
 
 
 def until(step: Callable[[], float | None]) -> Activity:
@@ -53,6 +60,9 @@ class Listener(ABC):
         self._lock = threading.Lock()
         self._reading: RoombaReading | None = None
         self._odometry = DeadReckoning(wheelbase_m)
+        self._path = DeadReckoning(wheelbase_m)
+        self._moved_s, self._first_s = -math.inf, clock.now()
+        self._next_poll_s: float | None = None
         self._left_m = self._right_m = 0.0
         self._trouble: str | None = None
         self._log = get_logger(robot=name)
@@ -93,7 +103,23 @@ class Listener(ABC):
 
     @property
     def _lasts_s(self) -> float:
-        return max(POLLS_A_READING_LASTS * self.period_s, self._link.reading_lasts_s)
+        lasts_s = max(POLLS_A_READING_LASTS * self.period_s, self._link.reading_lasts_s, READING_LASTS_S)
+        return lasts_s + min(self.lag_s, _MOST_LAG_S)
+
+    @property
+    @abstractmethod
+    def delay_s(self) -> float:
+        """Measured delay of the line, from a request or a command to what shows its effect; 0 until it is known."""
+
+    @property
+    def lag_s(self) -> float:
+        """The delay of the line as it may be now."""
+        return self.delay_s
+
+    @property
+    def _longest_period_s(self) -> float:
+        """Longest time between polls now, whatever the settings say."""
+        return math.inf
 
     @property
     def _silence_s(self) -> float:
@@ -130,17 +156,20 @@ class Listener(ABC):
     def poll(self) -> Activity:
         """Poll forever, in spite of link errors. Only one caller may do so."""
         while True:
-            due_s = self.clock.now() + self.period_s
+            begun_s, self._next_poll_s = self.clock.now(), None
             try:
                 yield from self._poll_turn()
             except UnavailableError as error:  # polling is retried; calls report the error meanwhile
                 self._note_trouble(error.message)
-            is_over = False
-            while not is_over:
-                left_s = max(0.0, due_s - self.clock.now())
-                yield min(left_s, LOOK_S) if self._link.is_busy else left_s
+            while not self.is_due(due_s := self._due_s(begun_s)):
+                left_s = due_s - self.clock.now()
+                yield min(left_s, LOOK_S if self._link.is_busy else _SLICE_S)
                 self._serve_link()
-                is_over = self.is_due(due_s)
+
+    def _due_s(self, begun_s: float) -> float:
+        """Return when the next poll is due, after one that began at a time; a motion may begin meanwhile."""
+        due_s = begun_s + min(self.period_s, self._longest_period_s)
+        return due_s if self._next_poll_s is None else min(due_s, self._next_poll_s)
 
     def _serve_link(self) -> None:
         """Let the link send its queue."""
@@ -168,7 +197,19 @@ class Listener(ABC):
         self._left_m += left_m
         self._right_m += right_m
         ahead_m, arc_m = self.calibration.travelled(left_m, right_m)
-        self._odometry.add(ahead_m - arc_m, ahead_m + arc_m)
+        for reckoning in (self._odometry, self._path):
+            reckoning.add(ahead_m - arc_m, ahead_m + arc_m)
+
+    def _reading_of(
+        self, stamp_s: float, contacts: Contacts, power: PowerGroup, pressed: frozenset[str], has_turned: bool
+    ) -> RoombaReading:
+        """Return a reading, after its travel was added. Thread: holds the lock."""
+        if self._reading is None:
+            self._first_s = stamp_s
+        if has_turned:
+            self._moved_s = stamp_s
+        stands = stamp_s - max(self._moved_s, self._first_s) >= _STANDS_S
+        return RoombaReading(stamp_s, contacts, power, pressed, self._left_m, self._right_m, stands, self._path.pose)
 
     def _note_trouble(self, trouble: str) -> None:
         if trouble != self._trouble:

@@ -13,6 +13,9 @@ from .link import Port, PortLink
 from .tinyos import Ack, TinyosFraming
 
 ACK_TIMEOUT_S: Final = 0.1
+"""Longest time until a packet is sent again; less if acknowledgements are fast."""
+_LEAST_ACK_S: Final = 0.03
+_ACKS: Final = 3  # time limit of an acknowledgement, in measured delays
 MOST_WAITING: Final = 32
 """Longest send queue, in packets."""
 _CHUNK_BYTES: Final = 4096
@@ -23,9 +26,10 @@ _READING_LASTS_S: Final = 1.0
 class MoteLink(PortLink):
     """A link to the base mote at a serial port, whose radio reaches the mote on the robot.
 
-    One packet at a time is in flight to the base mote. A packet without an acknowledgement is sent again, with the
-    same sequence number, so that the mote does not forward it twice. The acknowledgement does not cover the radio:
-    the user of the link must handle losses there.
+    One packet at a time is in flight to the base mote. A packet without an acknowledgement is sent again. The mote
+    forwards it again too if only the acknowledgement was lost, so all commands must bear that. The acknowledgement
+    does not cover the radio: the user of the link must handle losses there. A question goes without an
+    acknowledgement: a late one would be answered at a time that nobody knows.
 
     Args:
         port: of the base mote; its read must not wait.
@@ -48,6 +52,7 @@ class MoteLink(PortLink):
         self._sequence = 0
         self._attempts = 0
         self._sent_s = 0.0
+        self._ack_s = ACK_TIMEOUT_S
         self._opening = 0
         self._received = bytearray()
         self._log = get_logger(port=port.name)
@@ -62,12 +67,20 @@ class MoteLink(PortLink):
         self._exchange()
         if supersedes:
             self._waiting = deque(packet for packet in self._waiting if packet[:1] != data[:1])
+            if self._in_flight is not None and self._in_flight[:1] == data[:1]:
+                self._in_flight = None
         packets = self._packets(data)
         if len(self._waiting) + len(packets) > MOST_WAITING:
             self._waiting.clear()
             raise UnavailableError(f"the mote on {self.name} is too slow: {MOST_WAITING} packets wait; all are dropped")
         self._waiting += packets
         self._exchange()
+
+    @override
+    def ask(self, data: bytes) -> None:
+        self._exchange()
+        for packet in self._packets(data):
+            self._port.write(self._framing.packet(packet, None))
 
     def urge(self, data: bytes) -> None:
         """Send bytes at once, without waiting for the acknowledgement of the packet in flight."""
@@ -97,19 +110,16 @@ class MoteLink(PortLink):
             self._take(body)
         if self._in_flight is None:
             self._send_next()
-        elif self._clock.now() - self._sent_s >= ACK_TIMEOUT_S:
+        elif self._clock.now() - self._sent_s >= self._ack_s:
             self._send_again()
 
     def _reset_if_reopened(self) -> None:
-        """Reset the link after the port was reopened.
-
-        The first packet is empty: the mote does not forward it if it repeats the last sequence number.
-        """
+        """Reset the link after the port was reopened."""
         if self._port.openings != self._opening:
             self._opening = self._port.openings
             self._deframer = self._framing.deframer()
             self._received.clear()
-            self._waiting = deque([b""])
+            self._waiting.clear()
             self._in_flight = None
 
     def _take(self, body: bytes) -> None:
@@ -121,6 +131,8 @@ class MoteLink(PortLink):
         if isinstance(read, Ack):
             if self._in_flight is not None and read.sequence == self._sequence:
                 self._in_flight = None
+                if self._attempts == 1:
+                    self._ack_s = min(max(_ACKS * (self._clock.now() - self._sent_s), _LEAST_ACK_S), ACK_TIMEOUT_S)
         elif read.sequence is None and self._framing.is_ours(read):  # with one, it is an echo of ours
             self._received += read.payload
 

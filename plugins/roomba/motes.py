@@ -30,8 +30,8 @@ class ByteEmulator(Protocol):
 class MotePair:
     """Both motes, and the radio between them.
 
-    The base mote acknowledges every intact packet, and forwards it unless it repeats the last sequence number: then
-    only the acknowledgement was lost. The mote on the robot stops the Roomba after a time of silence.
+    As the stock programs of TinyOS do, the base mote acknowledges every intact packet that asks for it, and forwards
+    it, also one that repeats the last sequence number. The mote on the robot stops the Roomba after a time of silence.
 
     Args:
         robot: the Roomba at the far mote's serial port.
@@ -44,7 +44,7 @@ class MotePair:
 
     Attributes:
         forwarded: the latest payloads that reached the robot.
-        duplicates: packets that were not forwarded a second time.
+        duplicates: packets that repeated the last sequence number.
         lost: number of lost radio packets.
     """
 
@@ -104,7 +104,6 @@ class MotePair:
             reply = b"" if self._random.random() < self._ack_loss else self._framing.ack(packet.sequence)
             if packet.sequence == self._last_sequence:
                 self.duplicates += 1
-                return reply
             self._last_sequence = packet.sequence
         if self._framing.is_ours(packet) and packet.payload and self._reaches():
             self._heard_s = now_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -48,6 +49,10 @@ class TimedMotion:
         arm_m = wheelbase_m / 2
         return cls(abs(angle_rad) * arm_m, rate_rad_s * arm_m, 0, -1 if angle_rad < 0 else 1, calibration)
 
+    def slower(self, speed_m_s: float) -> TimedMotion:
+        """Return the motion with a limit of its speed."""
+        return replace(self, speed_m_s=min(self.speed_m_s, speed_m_s))
+
     def back(self, length_m: float) -> TimedMotion:
         """Return the motion back over a length."""
         return replace(self, length_m=length_m, ahead=-self.ahead, arc=-self.arc)
@@ -77,36 +82,69 @@ class TimedMotion:
         return max(1, min(MAX_SPEED_MM_S, round(min(self.speed_m_s, slowing_m_s) * 1000)))
 
 
+@dataclass(frozen=True, slots=True)
+class MotionGoal:
+    """The pose in which a motion should end: x in m, y in m, yaw in rad."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+    @classmethod
+    def of(cls, pose: tuple[float, float, float], ahead_m: float, turn_rad: float) -> MotionGoal:
+        """Return the goal of a motion that begins in a pose."""
+        x_m, y_m, yaw_rad = pose
+        return cls(x_m + ahead_m * math.cos(yaw_rad), y_m + ahead_m * math.sin(yaw_rad), yaw_rad + turn_rad)
+
+    def off(self, pose: tuple[float, float, float]) -> tuple[float, float]:
+        """Return the distance from the goal in m, and the angle to turn in rad, in (-pi, pi]."""
+        x_m, y_m, yaw_rad = pose
+        return math.hypot(x_m - self.x_m, y_m - self.y_m), math.remainder(self.yaw_rad - yaw_rad, math.tau)
+
+
 class MotionProgress:
-    """The progress of a motion: from the encoders at each reading, extrapolated by the commanded speed in between.
+    """The progress of a motion: from the encoders at each reading, extrapolated by the speeds commanded since.
 
     Attributes:
-        velocity_mm_s: the commanded speed; the caller sets it.
+        velocity_mm_s: the commanded speed.
         stalled_s: time without an encoder count while the wheels are driven.
     """
 
-    def __init__(self, motion: TimedMotion, reading: RoombaReading, start_m: float, now_s: float) -> None:
+    def __init__(self, motion: TimedMotion, start_m: float, now_s: float) -> None:
         self.velocity_mm_s = 0
         self.stalled_s = 0.0
         self._motion = motion
         self._start_m = start_m
-        self._reading = reading
-        self._left_m = motion.left_m(reading, start_m)
-        self._at_s = self._moved_s = now_s
+        self._reading: RoombaReading | None = None
+        self._moved_s = now_s
+        self._commands: deque[tuple[float, int]] = deque([(-math.inf, 0)])
+
+    def command(self, velocity_mm_s: int, now_s: float) -> None:
+        """Record a commanded speed."""
+        if not self.velocity_mm_s:
+            self._moved_s = now_s
+        self.velocity_mm_s = velocity_mm_s
+        self._commands.append((now_s, velocity_mm_s))
 
     def update(self, reading: RoombaReading, now_s: float) -> float:
         """Return the remaining length now."""
         if reading is not self._reading:
-            self._left_m, self._at_s = self._motion.left_m(reading, self._start_m), reading.stamp_s
+            self._reading = reading
             if not reading.stands:
                 self._moved_s = now_s
-            self._reading = reading
-        if not self.velocity_mm_s:
-            self._moved_s = now_s
-        self.stalled_s = now_s - self._moved_s
-        self._left_m -= self.velocity_mm_s / 1000 * (now_s - self._at_s)
-        self._at_s = now_s
-        return self._left_m
+            while len(self._commands) > 1 and self._commands[1][0] <= reading.stamp_s:
+                self._commands.popleft()
+        self.stalled_s = now_s - self._moved_s if self.velocity_mm_s else 0.0
+        return self._motion.left_m(reading, self._start_m) - self._since_m(reading.stamp_s, now_s)
+
+    def _since_m(self, since_s: float, now_s: float) -> float:
+        """Return the travel by the commands since a time."""
+        ends = [*(time_s for time_s, _ in self._commands), now_s][1:]
+        return sum(
+            velocity_mm_s / 1000 * (end_s - max(time_s, since_s))
+            for (time_s, velocity_mm_s), end_s in zip(self._commands, ends, strict=True)
+            if end_s > since_s
+        )
 
 
 def _reached(speed_mm_s: float) -> int:

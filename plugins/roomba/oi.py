@@ -37,6 +37,7 @@ class OiOp(enum.IntEnum):
     """The op codes that the older interface lacks or defines differently."""
 
     RESET = 7
+    PWM_MOTORS = 144
     DRIVE_DIRECT = 145
     DRIVE_PWM = 146
     STREAM = 148
@@ -46,6 +47,8 @@ class OiOp(enum.IntEnum):
     DIGITS_RAW = 163
     DIGITS_ASCII = 164
     PUSH_BUTTONS = 165
+    SCHEDULE = 167
+    SET_TIME = 168
     STOP = 173
 
 

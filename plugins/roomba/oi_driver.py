@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Mapping
 from types import MappingProxyType
 from typing import Final
 
 from typing_extensions import override
 
-from eal_actors.plugin import Clock
+from eal_actors.plugin import Activity, Clock, DataError
 
 from . import oi, packets
 from .driver import RoombaDriver
+from .echo import CommandEcho
 from .groups import CHARGING_STATES, Contacts, PowerGroup
 from .link import RoombaLink
 from .listening import LOOK_S
 from .motion import MAX_SPEED_MM_S, slowed
 from .oi import COUNTS, METRES_A_COUNT, MODES, STREAM_PERIOD_S
-from .reading import RoombaReading, WheelCommand
+from .reading import WheelCommand
 from .sci import Mode, Op
 
 STREAMED: Final = (
@@ -34,16 +36,20 @@ STREAMED: Final = (
     packets.CHARGE,
     packets.CAPACITY,
     packets.OI_MODE,
+    packets.REQUESTED_RIGHT,
+    packets.REQUESTED_LEFT,
     packets.LEFT_COUNTS,
     packets.RIGHT_COUNTS,
 )
-"""The streamed packets; a frame of them takes 4 of the 15 ms."""
+"""The streamed packets; a frame of them takes 5 of the 15 ms."""
 
 _REPLY_S: Final = 0.1
-_UNDER_WAY_S: Final = 0.004  # a frame of the stream
+_UNDER_WAY_S: Final = 0.005  # a frame of the stream
 _STREAM: Final = oi.stream(STREAMED)
 _PAUSE: Final = oi.stream_on(on=False)
-_ROLL_OUT_M: Final = 0.1  # what a wheel may travel beyond its highest speed between two readings
+_ROLL_OUT_M: Final = 0.005  # what a wheel may travel beyond its highest speed between two readings
+_RETAKE_S: Final = 1.0  # control that ends without a visible cause is taken back, but not twice within this time
+_SILENT_S: Final = 0.2  # without a frame in a motion, the interface is started again
 
 
 class OiDriver(RoombaDriver):
@@ -65,8 +71,12 @@ class OiDriver(RoombaDriver):
     ) -> None:
         super().__init__(link, clock, mode, poll_hz, name, wheelbase_m)
         self._reader = packets.StreamReader()
-        self._counts: tuple[int, int] | None = None
+        self._latest: Mapping[int, int] | None = None
+        self._latest_s = 0.0
+        self._unusual: Mapping[int, int] | None = None
+        self._echo = CommandEcho()
         self._interruption: str | None = None
+        self._retaken_s = -math.inf
 
     @override
     def wheels(self, left_mm_s: int, right_mm_s: int) -> WheelCommand:
@@ -83,6 +93,27 @@ class OiDriver(RoombaDriver):
     @override
     def interruption(self) -> str | None:
         return self._interruption
+
+    @property
+    @override
+    def _longest_period_s(self) -> float:
+        """A frame tells the delay of the line, as long as it does not wait to be read."""
+        return STREAM_PERIOD_S if any(self._commanded_m_s) or self._must_stand else math.inf
+
+    @property
+    @override
+    def delay_s(self) -> float:
+        return self._echo.delay_s
+
+    @property
+    @override
+    def lag_s(self) -> float:
+        return self._echo.lag_s(self.clock.now())
+
+    @override
+    def _note_wheels(self, left_m_s: float, right_m_s: float) -> None:
+        super()._note_wheels(left_m_s, right_m_s)
+        self._echo.sent((round(left_m_s * 1000), round(right_m_s * 1000)), self.clock.now())
 
     def release(self) -> None:
         """Stop it and leave it to itself, in passive mode and without a stream, if it can be reached."""
@@ -106,56 +137,100 @@ class OiDriver(RoombaDriver):
 
     def _take_bytes(self, data: bytes) -> bool:
         """Take bytes of the stream; returns whether they end a frame. Thread: holds the lock."""
-        frames = [frame for frame in self._reader.feed(data) if frame.keys() >= set(STREAMED)]
+        frames = [frame for frame in self._reader.feed(data) if tuple(frame) == STREAMED and self._is_plausible(frame)]
         if frames:  # the latest has it all, as the encoders count on
             self._take_values(frames[-1])
         return bool(frames)
 
+    def _is_plausible(self, values: Mapping[int, int]) -> bool:
+        """Return whether a frame follows the one before; an unusual one is believed if the next confirms it."""
+        before = self._latest
+        if before is None or _follows(values, before, self.clock.now() - self._latest_s):
+            self._unusual = None
+            return _is_possible(values)
+        unusual, self._unusual = self._unusual, values
+        return unusual is not None and _is_possible(values) and _follows(values, unusual, STREAM_PERIOD_S)
+
     def _take_values(self, values: Mapping[int, int]) -> None:
-        stamp_s = self.clock.now() - STREAM_PERIOD_S - _UNDER_WAY_S
-        left_m, right_m = self._travelled_m(values, stamp_s)
+        now_s = self.clock.now()
+        self._echo.heard((values[packets.REQUESTED_LEFT], values[packets.REQUESTED_RIGHT]), now_s)
+        if self._echo.is_overdue(now_s):
+            self._must_repeat = True
+        stamp_s = now_s - max(STREAM_PERIOD_S + _UNDER_WAY_S, self._echo.lag_s(now_s))
+        left_m, right_m = self._travelled_m(values, now_s)
+        self._latest, self._latest_s = values, now_s
         if self._reading is not None:
             self._add_travel(left_m, right_m)
-        self._take(
-            RoombaReading(
-                stamp_s=stamp_s,
-                contacts=_contacts(values),
-                power=_power(values),
-                pressed=_pressed(values),
-                left_m=self._left_m,
-                right_m=self._right_m,
-                stands=left_m == right_m == 0,
-            )
-        )
+        has_turned = bool(left_m or right_m)
+        self._take(self._reading_of(stamp_s, _contacts(values), _power(values), _pressed(values), has_turned))
         if self.is_due(self._quiet_until_s + STREAM_PERIOD_S) and stamp_s >= self._quiet_until_s:
             self._note_reported_mode(values[packets.OI_MODE])
 
     def _note_reported_mode(self, number: int) -> None:
-        mode = MODES[number] if number < len(MODES) else Mode.OFF
-        if mode is self._mode:
+        mode = MODES[number]
+        if mode is self._mode or self._echo.is_open(self.clock.now()):
             return
-        if any(self._commanded_m_s) and mode not in (Mode.SAFE, Mode.FULL):
-            self._interruption = f"the Roomba has left its {self._wanted.value} mode: a button, the charger, or a drop"
         self._mode, self._sent_count = mode, 0
+        if not any(self._commanded_m_s) or mode in (Mode.SAFE, Mode.FULL) or self._reading is None:
+            return
+        now_s, has_cause = self.clock.now(), bool(self._reading.pressed) or self._has_fallen(self._reading)
+        if has_cause or now_s - self._retaken_s < _RETAKE_S:
+            self._interruption = f"the Roomba has left its {self._wanted.value} mode: a button, the charger, or a drop"
+        else:  # a damaged command has ended its control
+            self._retaken_s, self._must_repeat = now_s, True
 
-    def _travelled_m(self, values: Mapping[int, int], stamp_s: float) -> tuple[float, float]:
+    def _restart_if_silent(self) -> Activity:
+        if any(self._commanded_m_s) and self._reading is not None:
+            if self.clock.now() - self._reading.stamp_s < _SILENT_S + self.lag_s:
+                return
+            with self._lock:
+                self._mode, self._must_repeat = Mode.OFF, True
+            return
+        yield from super()._restart_if_silent()
+
+    def _travelled_m(self, values: Mapping[int, int], now_s: float) -> tuple[float, float]:
         """Return what the wheels travelled since the reading before."""
-        counts = values[packets.LEFT_COUNTS], values[packets.RIGHT_COUNTS]
-        before, self._counts = self._counts, counts
-        if before is None or self._reading is None:
+        if self._latest is None or self._reading is None:
             return 0.0, 0.0
-        left, right = (
-            (now - then + COUNTS // 2) % COUNTS - COUNTS // 2 for now, then in zip(counts, before, strict=True)
-        )
-        most_m = _ROLL_OUT_M + MAX_SPEED_MM_S / 1000 * (stamp_s - self._reading.stamp_s)
-        if max(abs(left), abs(right)) * METRES_A_COUNT > most_m:
+        left_m, right_m = _counted_m(values, self._latest)
+        if max(abs(left_m), abs(right_m)) > _most_m(now_s - self._latest_s):
             self._log.warning("the encoders were reset; the travel in between is unknown")
             return 0.0, 0.0
-        return left * METRES_A_COUNT, right * METRES_A_COUNT
+        return left_m, right_m
 
     def _stop(self) -> None:
         super()._stop()
         self._interruption = None
+
+
+def _counted_m(values: Mapping[int, int], before: Mapping[int, int]) -> tuple[float, float]:
+    """Return the travel of the left and the right wheel between two frames; the counts wrap."""
+    left, right = (
+        (values[packet] - before[packet] + COUNTS // 2) % COUNTS - COUNTS // 2
+        for packet in (packets.LEFT_COUNTS, packets.RIGHT_COUNTS)
+    )
+    return left * METRES_A_COUNT, right * METRES_A_COUNT
+
+
+def _most_m(duration_s: float) -> float:
+    """Return what a wheel can travel between two frames; a delayed one may be counted late."""
+    return _ROLL_OUT_M + MAX_SPEED_MM_S / 1000 * (duration_s + STREAM_PERIOD_S)
+
+
+def _follows(values: Mapping[int, int], before: Mapping[int, int], duration_s: float) -> bool:
+    """Return whether the wheels and the battery can have changed so between two frames."""
+    travel_m = max(map(abs, _counted_m(values, before)))
+    return travel_m <= _most_m(duration_s) and _power(values).follows(_power(before))
+
+
+def _is_possible(values: Mapping[int, int]) -> bool:
+    """Return whether all values are in their ranges."""
+    try:
+        _power(values).check()
+    except DataError:
+        return False
+    speeds = values[packets.REQUESTED_LEFT], values[packets.REQUESTED_RIGHT]
+    return values[packets.OI_MODE] < len(MODES) and max(map(abs, speeds)) <= MAX_SPEED_MM_S
 
 
 def _reached(speed_m_s: float) -> int:

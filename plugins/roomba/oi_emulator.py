@@ -18,12 +18,13 @@ from .bodies import RoombaBody
 from .emulated_roomba import AWAKE, LEADS_TO, Counter, EmulatedRoomba, power_of
 from .groups import NO_REMOTE, bits
 from .oi import BAUD_RATE, COUNTS, METRES_A_COUNT, MODES, SONGS, STREAM_PERIOD_S, WHEELBASE_M, OiLights, OiOp
-from .sci import DATA_BYTES, MAX_SPEED_MM_S, MODE_PAUSE_S, Mode, Op
+from .sci import DATA_BYTES, MAX_SPEED_MM_S, MODE_PAUSE_S, STRAIGHT, Mode, Op
 
 _CLIFF_SIGNAL: Final = 2600  # a floor of medium brightness
 _ROUNDING_S: Final = 1e-9
 _EXTRA_BYTES: Final[dict[int, int]] = {
     OiOp.RESET: 0,
+    OiOp.PWM_MOTORS: 3,
     OiOp.DRIVE_DIRECT: 4,
     OiOp.DRIVE_PWM: 4,
     OiOp.STREAM: 1,
@@ -33,8 +34,14 @@ _EXTRA_BYTES: Final[dict[int, int]] = {
     OiOp.DIGITS_RAW: 4,
     OiOp.DIGITS_ASCII: 4,
     OiOp.PUSH_BUTTONS: 1,
+    OiOp.SCHEDULE: 15,
+    OiOp.SET_TIME: 3,
     OiOp.STOP: 0,
 }
+
+
+RESET_TEXT: Final = b"bl-start\r\nSTR730\r\nbootloader id: #x47186549 82ECCFFF\r\nbootloader info rev: #xF000\r\n"
+"""The beginning of what a Create 2 prints after Reset."""
 
 
 class OiEmulator(EmulatedRoomba):
@@ -54,11 +61,15 @@ class OiEmulator(EmulatedRoomba):
             **dict.fromkeys((Op.BAUD, Op.CONTROL, Op.SAFE, Op.FULL, Op.SONG, Op.SENSORS), AWAKE),
             **dict.fromkeys((Op.POWER, Op.SPOT, Op.CLEAN, Op.MAX, Op.SEEK_DOCK), AWAKE),
             **dict.fromkeys((OiOp.STOP, OiOp.STREAM, OiOp.QUERY_LIST, OiOp.STREAM_ON, OiOp.PUSH_BUTTONS), AWAKE),
+            **dict.fromkeys((OiOp.SCHEDULE, OiOp.SET_TIME), AWAKE),
         }
     )
     leads_to = MappingProxyType({**LEADS_TO, OiOp.RESET: Mode.OFF, OiOp.STOP: Mode.OFF, Op.SEEK_DOCK: Mode.PASSIVE})
     usual_baud_rate = BAUD_RATE
     most_songs = SONGS
+    baud_keeps_mode = True
+    straight = frozenset({STRAIGHT, 0x7FFF})
+    can_rest = True
 
     def __init__(
         self,
@@ -87,7 +98,11 @@ class OiEmulator(EmulatedRoomba):
         if not self._streams or now_s < self._streamed_s + STREAM_PERIOD_S - _ROUNDING_S:
             return reply
         self._streamed_s = now_s  # one frame is enough: skipped ones would be equal
-        return reply + packets.stream_frame(self._values(self._streamed, now_s))
+        return reply + packets.stream_frame(self._values(_packets(self._streamed), now_s), self._streamed)
+
+    def _obey(self, op: int, data: bytes, now_s: float) -> bytes:
+        reply = super()._obey(op, data, now_s)
+        return RESET_TEXT if op == OiOp.RESET else reply
 
     def _more_bytes(self, op: int, begun: bytes | bytearray) -> int:
         return begun[1] if op in (OiOp.STREAM, OiOp.QUERY_LIST) else super()._more_bytes(op, begun)
@@ -101,6 +116,9 @@ class OiEmulator(EmulatedRoomba):
             self._set_stream(data[1:])
         elif op == OiOp.STREAM_ON:
             self._streams = bool(data[0] & 1) and bool(self._streamed)
+        elif op == OiOp.PWM_MOTORS:
+            main, side, vacuum = struct.unpack(">bbb", data)
+            self.brushes = (bool(side), bool(vacuum), bool(main))
         elif op == OiOp.DRIVE_DIRECT:
             self._drive_direct(*struct.unpack(">hh", data))
         elif op == OiOp.DRIVE_PWM:
@@ -128,10 +146,11 @@ class OiEmulator(EmulatedRoomba):
 
     def _set_stream(self, wanted: bytes) -> None:
         try:
-            self._streamed = _packets(wanted)
+            _packets(wanted)
         except DataError as error:
             self._refuse(error.message)
             return
+        self._streamed = tuple(wanted)
         self._streams = bool(self._streamed)
 
     def _answer(self, wanted: bytes, now_s: float) -> bytes:

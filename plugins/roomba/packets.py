@@ -117,9 +117,17 @@ def decode(packets: Iterable[int], data: bytes) -> dict[int, int]:
     return dict(zip(wanted, struct.unpack(form, data), strict=True))
 
 
-def stream_frame(values: Mapping[int, int]) -> bytes:
-    """Return a frame of the stream: header, length, each packet after its number, and a checksum."""
-    body = b"".join(bytes([packet]) + encode(packet, value) for packet, value in values.items())
+def stream_frame(values: Mapping[int, int], numbers: Iterable[int] | None = None) -> bytes:
+    """Return a frame of the stream: header, length, the packets or groups, each after its number, and a checksum.
+
+    Args:
+        values: of the packets.
+        numbers: the numbers of packets and groups; None for the packets of `values`.
+    """
+    body = b"".join(
+        bytes([number]) + b"".join(encode(packet, values[packet]) for packet in packets_of(number))
+        for number in (values if numbers is None else numbers)
+    )
     frame = bytes([STREAM_HEADER, len(body)]) + body
     return frame + bytes([-sum(frame) & 0xFF])
 
@@ -163,9 +171,12 @@ def _values(frame: bytes) -> dict[int, int] | None:
         return None
     body, place, values = frame[2:-1], 0, {}
     while place < len(body):
-        packet = body[place]
-        if packet not in FORMS or place + 1 + size_of(packet) > len(body):
+        number, place = body[place], place + 1
+        if number not in FORMS and number not in GROUPS:
             return None
-        (values[packet],) = struct.unpack_from(f">{FORMS[packet]}", body, place + 1)
-        place += 1 + size_of(packet)
+        for packet in packets_of(number):
+            if place + size_of(packet) > len(body):
+                return None
+            (values[packet],) = struct.unpack_from(f">{FORMS[packet]}", body, place)
+            place += size_of(packet)
     return values

@@ -18,7 +18,8 @@ class RoombaReading:
         pressed: the buttons that are pressed.
         left_m: the left wheel's total travel.
         right_m: the right wheel's total travel.
-        stands: whether neither wheel has turned since the reading before it.
+        stands: whether neither wheel has turned for a while.
+        pose: by dead reckoning from the start: x in m, y in m, yaw in rad.
     """
 
     stamp_s: float
@@ -28,6 +29,7 @@ class RoombaReading:
     left_m: float
     right_m: float
     stands: bool
+    pose: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator
 from types import MappingProxyType
 from typing import Final
@@ -12,16 +13,22 @@ from eal_actors.plugin import Clock, DataError
 
 from . import sci
 from .driver import RoombaDriver
-from .gaps import TravelGaps
 from .groups import GROUP_BYTES, Sensors
 from .link import RoombaLink
 from .listening import LOOK_S, until
 from .motion import slowed
-from .reading import RoombaReading, WheelCommand
+from .predicted_wheels import Travel
+from .reading import WheelCommand
+from .replies import Reply, ReplyReader, ReplyState
 from .sci import CLOCKWISE, COUNTER_CLOCKWISE, MAX_RADIUS_MM, STRAIGHT, WHEELBASE_M, Mode, Op
+from .travel import TravelJudge
 
-_REPLY_S: Final = 0.25
-_REPLY_ON_A_LOSSY_WAY_S: Final = 0.1
+_LIMITS_S: Final = (0.2, 0.05, 0.03)  # of the first reply, of any reply, and of a silence within one
+_LOSSY_LIMITS_S: Final = (0.1, 0.06, 0.1)
+_DELAY_S: Final = 0.02  # of a command
+_LOSSY_DELAY_S: Final = 0.06
+_PERIOD_IN_MOTION_S: Final = 0.05
+_REREAD_S: Final = 0.05  # until a reading in doubt is repeated; the wheels have turned measurably by then
 _ASK: Final = sci.ask_sensors(0)
 
 
@@ -41,10 +48,12 @@ class SciDriver(RoombaDriver):
 
     def __init__(self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str) -> None:
         super().__init__(link, clock, mode, poll_hz, name, WHEELBASE_M)
-        self._asked_s = clock.now()
-        self._reply = bytearray()
-        self._gaps = TravelGaps()
-        self._reply_s = _REPLY_ON_A_LOSSY_WAY_S if link.repeats > 1 else _REPLY_S
+        limits_s, delay_s = (_LOSSY_LIMITS_S, _LOSSY_DELAY_S) if link.repeats > 1 else (_LIMITS_S, _DELAY_S)
+        self._replies = ReplyReader(GROUP_BYTES[0], *limits_s)
+        self._judge = TravelJudge(delay_s)
+        self._fault: str | None = None
+        self._unusual: Sensors | None = None
+        self._lost_count = 0
 
     @override
     def wheels(self, left_mm_s: int, right_mm_s: int) -> WheelCommand:
@@ -64,63 +73,122 @@ class SciDriver(RoombaDriver):
 
     @property
     @override
-    def travel_doubt_m(self) -> float:
-        return self._gaps.doubt_m
+    def interruption(self) -> str | None:
+        return self._fault
+
+    @property
+    @override
+    def travel_doubt(self) -> Travel:
+        return self._judge.doubt
+
+    @property
+    @override
+    def delay_s(self) -> float:
+        return self._replies.delay_s
+
+    @property
+    @override
+    def _longest_period_s(self) -> float:
+        """A lost reply loses its travel, so replies must be frequent while the wheels turn."""
+        return _PERIOD_IN_MOTION_S if any(self._commanded_m_s) or self._must_stand else math.inf
+
+    @override
+    def _note_wheels(self, left_m_s: float, right_m_s: float) -> None:
+        super()._note_wheels(left_m_s, right_m_s)
+        self._judge.command((left_m_s, right_m_s), self.clock.now())
+
+    def _stop(self) -> None:
+        super()._stop()
+        self._fault = None
 
     def _poll_once(self) -> Generator[float, None, bool]:
+        """Ask, and wait for the reply; one in doubt is asked for again soon."""
         yield from until(self._ask)
-        while self.clock.now() - self._asked_s < self._reply_s:
+        is_good = False
+        while True:
             with self._lock:
-                if self._take_bytes(self._link.receive()):
-                    return True
+                now_s = self.clock.now()
+                self._replies.feed(self._link.receive(), now_s)
+                state = self._replies.state(now_s)
+                if state is ReplyState.WHOLE:
+                    is_good = self._take_replies()
+                elif state is not ReplyState.AWAITED and not is_good:
+                    self._next_poll_s = now_s
+                    self._lose_reply(state)
+                    return False
+                if (is_good or state is ReplyState.WHOLE) and not self._replies.awaits_others(now_s):
+                    return is_good
             yield LOOK_S
-        return False
 
     def _ask(self) -> float | None:
         with self._lock:
             if not self.is_due(self._quiet_until_s):
                 return self._quiet_until_s - self.clock.now()
+            now_s = self.clock.now()
             self._take_bytes(self._link.receive())  # a late reply contains travel too
-            self._reply.clear()
-            self._link.send(_ASK, supersedes=True)
-            self._asked_s = self.clock.now()
-            self._gaps.ask(self._asked_s)
+            self._link.ask(_ASK)
+            self._replies.ask(now_s)
+            self._judge.ask(now_s)
             return None
 
-    def _take_bytes(self, data: bytes) -> bool:
-        """Take bytes of a reply; returns whether it is complete. Thread: holds the lock."""
-        self._reply += data
-        is_taken = False
-        while len(self._reply) >= (size := GROUP_BYTES[0]):
-            try:
-                sensors = Sensors.decode(bytes(self._reply[:size]))
-            except DataError as error:  # noise on the line
-                self._log.warning("a reply is dropped", reason=error.message)
-                self._reply.clear()
-                return False
-            del self._reply[:size]
-            self._take_sensors(sensors)
-            is_taken = True
-        return is_taken
+    def _take_bytes(self, data: bytes) -> None:
+        """Take bytes that come between two polls. Thread: holds the lock."""
+        now_s = self.clock.now()
+        self._replies.feed(data, now_s)
+        if (state := self._replies.state(now_s)) is ReplyState.WHOLE:
+            self._take_replies()
+        elif state is ReplyState.DAMAGED:
+            self._lose_reply(state)
 
-    def _take_sensors(self, sensors: Sensors) -> None:
-        controls = sensors.controls
-        left_m = (controls.distance_mm - controls.angle_mm) / 1000
-        right_m = (controls.distance_mm + controls.angle_mm) / 1000
-        missing_left_m, missing_right_m = self._gaps.answer((left_m, right_m), self._commanded_m_s)
-        if self._reading is not None:  # counts from before the first reading are not ours
-            self._add_travel(left_m + missing_left_m, right_m + missing_right_m)
-        self._take(
-            RoombaReading(
-                stamp_s=self._asked_s,
-                contacts=sensors.contacts,
-                power=sensors.power,
-                pressed=controls.pressed,
-                left_m=self._left_m,
-                right_m=self._right_m,
-                stands=controls.distance_mm == 0 and controls.angle_mm == 0,
-            )
-        )
+    def _lose_reply(self, state: ReplyState) -> None:
+        self._replies.give_up(state)
+        if state is ReplyState.DAMAGED:
+            self._judge.lose()
+            self._log.debug("a reply is dropped", reason="bytes are missing, or too many")
+        elif self._lost_count:
+            self._must_repeat = True
+        self._lost_count += 1
+
+    def _take_replies(self) -> bool:
+        """Take whole replies; return whether the last one is believed. Thread: holds the lock."""
+        is_good, self._lost_count = False, 0
+        for reply in self._replies.take():
+            try:
+                sensors = Sensors.decode(reply.data)
+                sensors.power.check()
+            except DataError as error:  # noise on the line
+                self._log.debug("a reply is dropped", reason=error.message)
+                self._judge.lose()
+                is_good = False
+            else:
+                is_good = self._take_sensors(sensors, reply)
+        if not is_good:
+            self._next_poll_s = self.clock.now() + _REREAD_S
+        return is_good
+
+    def _take_sensors(self, sensors: Sensors, reply: Reply) -> bool:
+        """Take a reply if it is plausible; return whether it is."""
+        if self._reading is not None and not sensors.power.follows(self._reading.power):
+            before, self._unusual = self._unusual, sensors
+            if before is None or not sensors.power.follows(before.power):
+                self._judge.lose()
+                return False
+        self._unusual = None
+        controls, is_new = sensors.controls, self._reading is None
+        if is_new:  # counts from before the first reading are not ours
+            self._judge.begin(reply.asked_s)
+        else:
+            counted = Travel(controls.distance_mm / 1000, controls.angle_mm / 1000)
+            judgement = self._judge.answer(reply.asked_s, reply.jitter_s, counted)
+            if judgement.is_suspect:
+                self._must_repeat = True
+                return False
+            if judgement.is_false and any(self._commanded_m_s):
+                self._fault = "two readings in a row cannot be true: the line is noisy, or the wheels do not obey"
+            self._add_travel(*judgement.travel.wheels_m)
+        has_turned = bool(controls.distance_mm or controls.angle_mm)
+        self._take(self._reading_of(reply.asked_s, sensors.contacts, sensors.power, controls.pressed, has_turned))
+        return True
 
 
 def twist_drive(speed_m_s: float, turn_rate_rad_s: float, track_factor: float = 1.0) -> tuple[int, int]:

@@ -52,6 +52,17 @@ class Motor(Resource):
         self.notes.append("go")
         yield 1.0
 
+    @command("turn")
+    def turn(self) -> Activity:
+        self.notes.append("turn")
+        try:
+            while True:
+                yield 0.5
+                if self.absent:
+                    raise NotReadyError(self.absent)
+        finally:
+            self.halt()
+
     @command("s", urgent=True)
     def stop(self) -> None:
         if self.absent:
@@ -124,6 +135,22 @@ def test_a_halt_without_the_device_is_accepted_and_runs_when_it_is_back(motor: M
         robot["Motor"].get_value().get()
         assert motor.notes == ["halt", "go", "get_value"]  # before anything newer
     assert log.getvalue().count("it is halted as soon as it is ready") == 3
+
+
+def test_a_motion_that_lost_its_device_is_halted_when_it_is_back(motor: Motor, log: io.StringIO) -> None:
+    clock = ManualClock()
+    with running_robot({"Motor": lambda: motor}, clock=clock) as robot:
+        going = robot["Motor"].send_cmd("turn")
+        robot["Motor"].get_value().get()
+        motor.reason = motor.absent = "unplugged"
+        clock.advance(1.0)
+        with pytest.raises(NotReadyError, match="unplugged"):
+            going.get()
+        assert motor.notes == ["turn", "get_value"]
+        motor.reason = motor.absent = None
+        robot["Motor"].get_value().get()
+        assert motor.notes == ["turn", "get_value", "halt", "get_value"]
+    assert "cleaning up failed" not in log.getvalue()
 
 
 def test_a_robot_says_which_resources_are_not_ready_and_why(motor: Motor, log: io.StringIO) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -239,6 +241,38 @@ def test_a_robot_that_does_not_start_leaves_the_others_alone(write: Write, tmp_p
         write(TWO + "  three: {plugins: {mover: {}}}\n")
         assert fleet.reload().restarted == ("three",)
         assert fleet["three"].state is RobotState.READY
+
+
+@pytest.mark.parametrize("seed", [1])
+def test_random_edits_disturb_no_robot_that_they_do_not_touch(write: Write, seed: int) -> None:
+    dice = random.Random(seed)  # noqa: S311
+
+    def text(speeds: dict[str, float]) -> str:
+        return "".join(f"  {name}: {{plugins: {{mover: {{speed: {speed}}}}}}}\n" for name, speed in speeds.items())
+
+    speeds = {"keep": 1.0, "a": 1.0}
+    with Fleet.load(write(text(speeds))) as fleet:
+        drives = {name: fleet[name]["Base"].send_cmd("drive", timeout_s=1e6) for name in fleet}
+        for _ in range(20):
+            edited = dict(speeds)
+            for name in dice.choices("abcdef", k=3):
+                if name in edited and dice.random() < 0.4:
+                    del edited[name]
+                else:
+                    edited[name] = round(dice.uniform(1, 5), 2)
+            is_refused = dice.random() < 0.3
+            write(text(edited), "seed: 9\n" if is_refused else "")
+            with pytest.raises(ConfigError) if is_refused else nullcontext():
+                fleet.reload()
+            touched = set() if is_refused else {name for name in drives if edited.get(name) != speeds.get(name)}
+            speeds = speeds if is_refused else edited
+            assert list(fleet) == list(speeds)
+            assert {name for name, drive in drives.items() if drive.done()} == touched, seed
+            for name, speed in speeds.items():
+                assert fleet[name]["Base"].get_value().get().value == speed
+                if name not in drives or name in touched:
+                    drives[name] = fleet[name]["Base"].send_cmd("drive", timeout_s=1e6)
+            drives = {name: drives[name] for name in speeds}
 
 
 SIM = """

@@ -83,7 +83,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class MotionResult:
-    """What became of a motion.
+    """The result of a motion.
 
     Attributes:
         motion: the motion.

@@ -150,6 +150,7 @@ class NoisyWire(BytePort):
         tty.setraw(self._far)
         tty.setraw(near)
         self._port: Any = open_serial(os.ttyname(near), baudrate=line.baud_rate)
+        self._port.write_timeout = None  # type: ignore[attr-defined]  # it counts real time, which a busy machine has none of
         os.close(near)
 
     # The driver's side.

@@ -5,16 +5,23 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import pytest
 
 from tests.fuzz.drivers import DRIVERS
-from tests.fuzz.motions import FuzzTable, fuzz
-from tests.fuzz.noisy_wire import Noise
+from tests.fuzz.motions import FuzzedRobot, FuzzTable, Motion, fuzz
+from tests.fuzz.noisy_wire import Line, Noise
 
 SEED = 1
+LONG = 10_000
+LOSS = Noise(0.01, ("drop",))
+ROOMBAS = [name for name in DRIVERS if name.startswith("roomba")]
 
 
 def _check(table: FuzzTable) -> None:
+    print(table)  # noqa: T201  # the long form shows it
     assert not table.wrong, "\n".join([str(table), *(f"seed {seed}: {result}" for seed, result in table.wrong)])
 
 
@@ -23,3 +30,46 @@ def test_without_faults_every_motion_arrives(name: str) -> None:
     table = fuzz(DRIVERS[name], 10, SEED, Noise())
     _check(table)
     assert table.answers == {"ok": 10}
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_damaged_bytes_never_become_a_wrong_motion(name: str) -> None:
+    _check(fuzz(DRIVERS[name], 20, SEED))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("name", DRIVERS)
+def test_damaged_bytes_never_become_a_wrong_motion_in_many(name: str) -> None:
+    _check(fuzz(DRIVERS[name], LONG, SEED))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("poll_hz", [5, 10, 20, 30, 50])
+@pytest.mark.parametrize("name", ROOMBAS)
+def test_motions_survive_the_loss_of_1_percent_of_the_bytes(name: str, poll_hz: int) -> None:
+    driver = DRIVERS[name]
+    table = fuzz(replace(driver, settings={**driver.settings, "poll_hz": poll_hz}), 100, 1000, LOSS)
+    _check(table)
+    assert table.answers["ok"] >= 95
+
+
+@pytest.mark.parametrize(("there_s", "back_s"), [(0.0, 0.24), (0.0, 0.6), (0.12, 0.12)])
+def test_a_create_whose_answers_are_late_ends_at_its_goal_or_says_where_it_is(there_s: float, back_s: float) -> None:
+    robot = FuzzedRobot(replace(DRIVERS["roomba-oi-cable"], line=Line(115200, there_s, back_s)), SEED)
+    try:
+        robot.wait(2.0)
+        results = [
+            robot.move(motion)
+            for motion in (
+                Motion("l45", angle_rad=math.pi / 4, deadline_s=30.0),
+                Motion("f0.3", distance_m=0.3, deadline_s=30.0),
+            )
+        ]
+    finally:
+        robot.close()
+    assert not [result for result in results if result.is_wrong]
+    first, second = results
+    assert first.answer == "ok" or "it stands" in first.message  # the delay was not known yet
+    assert second.answer == "ok"

@@ -81,7 +81,7 @@ def test_wander_keeps_off_the_walls_and_ends_in_time() -> None:
 
 
 def test_squares_calibrate_the_wheels_and_verify_it(capsys: pytest.CaptureFixture[str]) -> None:
-    with Simulation(SIM, seed=3) as simulation:
+    with Simulation(SIM.with_name("uncalibrated.yaml"), seed=3) as simulation:
         robot = simulation["roomba-1"]
         proof = square_umbmark.prove(robot, squares=2)
         wheels = proof.fit.calibration

@@ -127,6 +127,7 @@ def test_a_wheel_drop_while_turning_halts_and_the_next_command_takes_control_aga
 def test_a_button_that_takes_it_out_of_control_ends_the_motion() -> None:
     rig = OiRig()
     drive = rig.begin("f5", 1.0)
+    rig.emulator.pressed = frozenset({"clean"})
     rig.emulator.feed(bytes([135]), rig.clock.now())  # CLEAN
     with pytest.raises(
         ResourceFaultError, match=r"^halted: the Roomba has left its safe mode: a button, the charger, or a drop$"
@@ -188,11 +189,12 @@ def test_a_battery_that_runs_out_ends_the_motion() -> None:
     rig.body.charge.charge_ah = 0.0
     rig.wait(0.1)
     assert RoombaBattery(rig.roomba).get_value().value == 0.0
-    rig.emulator.mode = Mode.OFF  # it switches itself off
+    rig.emulator._has_device_detect = rig.emulator.is_asleep = True  # it switches itself off, and no byte wakes it
     rig.body.drive(0.0, 0.0)
     with pytest.raises(UnavailableError, match="does not answer"):
         rig.run(drive)
     rig.wait(3.0)
+    rig.body.travel_m()
     assert rig.body.left.speed_m_s == 0.0
 
 

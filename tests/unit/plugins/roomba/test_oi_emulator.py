@@ -183,3 +183,56 @@ def test_any_bytes_never_crash_it_and_it_can_be_stopped(pieces: list[bytes]) -> 
     bench.feed(145, 0, 0, 0, 0)
     assert (bench.body.left.target_m_s, bench.body.right.target_m_s) == (0.0, 0.0)
     assert bench.roomba.mode is Mode.SAFE
+
+
+def test_baud_keeps_the_mode() -> None:
+    bench = Bench(128, 131)
+    bench.feed(129, 11)
+    assert (bench.roomba.mode, bench.roomba.baud_rate) == (Mode.SAFE, 115200)
+
+
+@pytest.mark.parametrize("radius", [(0x7F, 0xFF), (0x80, 0x00)])
+def test_both_special_radii_are_straight(radius: tuple[int, int]) -> None:
+    bench = Bench(128, 131)
+    bench.feed(137, 0, 200, *radius)
+    bench.now_s += 1.0
+    assert bench.body.travel_m() == pytest.approx((0.2, 0.2), abs=1e-3)
+    assert bench.roomba.refused == 0
+
+
+@pytest.mark.parametrize(
+    "command", [(144, 127, 0, 0), (168, 1, 7, 30), (167, *[1] * 15)], ids=["motors", "time", "schedule"]
+)
+def test_commands_whose_data_looks_like_op_codes_are_taken_whole(command: tuple[int, ...]) -> None:
+    bench = Bench(128, 131)
+    bench.feed(*command)
+    bench.now_s += 0.03
+    assert (bench.roomba.mode, bench.roomba.refused, bench.ask(35)) == (Mode.SAFE, 0, {35: 2})
+
+
+def test_pwm_motors_switch_the_brushes() -> None:
+    bench = Bench(128, 131)
+    bench.feed(144, 127, 0, 0)
+    assert bench.roomba.brushes == (False, False, True)
+
+
+def test_a_song_may_have_rests() -> None:
+    bench = Bench(128, 131)
+    bench.feed(140, 1, 3, 72, 16, 0, 16, 76, 32)
+    assert bench.roomba.songs[1] == ((72, 16), (0, 16), (76, 32))
+
+
+def test_a_streamed_group_comes_under_its_own_number() -> None:
+    bench = Bench(128, 131)
+    frame = bench.feed(148, 2, 2, 35)
+    assert (frame[0], frame[1], frame[2], frame[9]) == (19, 9, 2, 35)  # group 2 has 6 bytes
+    assert len(frame) == 12
+    assert sum(frame) & 0xFF == 0
+    (values,) = StreamReader().feed(frame)
+    assert set(values) == {17, 18, 19, 20, 35}
+
+
+def test_reset_prints_what_it_is() -> None:
+    bench = Bench(128, 131)
+    assert bench.feed(7).startswith(b"bl-start\r\nSTR730\r\n")
+    assert bench.roomba.mode is Mode.OFF

@@ -113,6 +113,31 @@ def test_pycreate2_drives_the_emulator_and_reads_its_sensors() -> None:
     assert not any(sensors.bumps_wheeldrops)
 
 
+def test_pyroombaadapter_drives_the_emulator_and_reads_its_sensors() -> None:
+    from pyroombaadapter import PyRoombaAdapter  # type: ignore[import-untyped]
+
+    with emulator_program() as (port, said):
+        robot = PyRoombaAdapter(port)
+        try:
+            assert robot.request_oi_mode() == 2
+            robot.request_distance()
+            way_m = 0.0
+            robot.send_drive_direct(200, 200)
+            while way_m < 0.2:
+                way_m += robot.request_distance() / 1000
+            robot.send_drive_direct(0, 0)
+            way_m += robot.request_distance() / 1000
+            voltage_mv, capacity_mah = robot.request_voltage(), robot.request_capacity()
+        finally:
+            del robot  # it leaves the Roomba in passive mode, and closes
+            gc.collect()
+    x_m, y_m, yaw_deg = pose_of(said)
+    assert x_m >= 0.2
+    assert (y_m, yaw_deg) == (0.0, 0.0)
+    assert way_m == pytest.approx(x_m, abs=0.05)
+    assert (voltage_mv, capacity_mah) == (16100, 2700)
+
+
 @pytest.mark.parametrize("name", ONE_CONTROLLER)
 def test_it_says_of_itself_what_the_simulated_roomba_does(name: str) -> None:
     context = PluginContext(

@@ -1,0 +1,65 @@
+"""The delay of a line, measured by the wheel speeds that the robot reports back."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+_MOST_SENT: Final = 64
+_FIRST_PATIENCE_S: Final = 1.0
+_PATIENCE_S: Final = 0.1
+
+
+@dataclass
+class _Sent:
+    time_s: float
+    speeds_mm_s: tuple[int, int]
+    is_repeated: bool = False
+
+
+class CommandEcho:
+    """Compares the commanded wheel speeds with those that the robot reports as requested.
+
+    A report that shows a command was made after it, so its delay is at most the time since then. While a command is
+    not shown, the delay may have grown to the time since it was sent, or the command was lost.
+
+    Attributes:
+        delay_s: measured by the latest command that was shown; 0 until then.
+    """
+
+    def __init__(self) -> None:
+        self.delay_s = 0.0
+        self._sent: deque[_Sent] = deque(maxlen=_MOST_SENT)
+        self._shown: tuple[int, int] | None = None
+
+    def sent(self, speeds_mm_s: tuple[int, int], now_s: float) -> None:
+        """Record a command."""
+        if self._sent and self._sent[-1].speeds_mm_s == speeds_mm_s:
+            self._sent[-1].is_repeated = True
+        elif self._sent or speeds_mm_s != self._shown:
+            self._sent.append(_Sent(now_s, speeds_mm_s))
+
+    def heard(self, speeds_mm_s: tuple[int, int], now_s: float) -> None:
+        """Record a report of the requested speeds."""
+        self._shown = speeds_mm_s
+        for place, sent in enumerate(self._sent):
+            if sent.speeds_mm_s == speeds_mm_s:
+                if not sent.is_repeated:  # otherwise it is not known which one is shown
+                    self.delay_s = now_s - sent.time_s
+                for _ in range(place + 1):
+                    self._sent.popleft()
+                return
+
+    def lag_s(self, now_s: float) -> float:
+        """Return by how much a report may be late now."""
+        return max(self.delay_s, now_s - self._sent[0].time_s) if self._sent else self.delay_s
+
+    def is_open(self, now_s: float) -> bool:
+        """Return whether the latest command is not shown yet, and need not be."""
+        return bool(self._sent) and not self.is_overdue(now_s)
+
+    def is_overdue(self, now_s: float) -> bool:
+        """Return whether the latest command should have been shown by now, and is not."""
+        patience_s = _PATIENCE_S + 2 * self.delay_s if self.delay_s else _FIRST_PATIENCE_S
+        return bool(self._sent) and now_s - self._sent[-1].time_s > patience_s

@@ -1,0 +1,181 @@
+"""A model of a Roomba's wheels: what they travel by the commands that they get."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final, NamedTuple
+
+_ACCELERATION_M_S2: Final = 0.8  # about that of a Roomba's wheels; the model learns it
+_FACTOR: Final = 2.0  # by which a Roomba's acceleration may be another one
+_LEARNT_FACTOR: Final = 1.4
+_TELLING_M: Final = 0.008  # a difference of travel that tells accelerations apart
+_MAX_SPEED_M_S: Final = 0.6
+ROUNDING_M: Final = 0.002  # of two counts in whole millimetres
+_MOST_COMMANDS: Final = 64
+
+
+class Travel(NamedTuple):
+    """A travel of both wheels, or a speed.
+
+    Attributes:
+        ahead_m: their mean.
+        arc_m: half their difference, right minus left.
+    """
+
+    ahead_m: float
+    arc_m: float
+
+    @classmethod
+    def of_wheels(cls, left_m: float, right_m: float) -> Travel:
+        """Return the travel of two wheels."""
+        return cls((left_m + right_m) / 2, (right_m - left_m) / 2)
+
+    @property
+    def wheels_m(self) -> tuple[float, float]:
+        """The travel of the left and of the right wheel."""
+        return self.ahead_m - self.arc_m, self.ahead_m + self.arc_m
+
+    def scaled(self, factor: float) -> Travel:
+        """Return a multiple of it."""
+        return Travel(factor * self.ahead_m, factor * self.arc_m)
+
+    def plus(self, other: Travel, factor: float = 1.0) -> Travel:
+        """Return the sum with a multiple of another travel."""
+        return Travel(self.ahead_m + factor * other.ahead_m, self.arc_m + factor * other.arc_m)
+
+
+NOTHING: Final = Travel(0.0, 0.0)
+
+
+class PredictedWheels:
+    """Predicts the travel of the wheels from their speeds at a time, and the commands since then.
+
+    Args:
+        delay_s: by which a command may come late.
+        acceleration_m_s2: see the attribute.
+
+    Attributes:
+        acceleration_m_s2: of each wheel, as far as is known.
+        factor: by which it may be another one.
+    """
+
+    def __init__(self, delay_s: float = 0.0, acceleration_m_s2: float = _ACCELERATION_M_S2) -> None:
+        self._delay_s = delay_s
+        self.acceleration_m_s2, self.factor = acceleration_m_s2, _FACTOR
+        self._at_s = -math.inf
+        self._speeds_m_s = (0.0, 0.0)
+        self._commands: deque[tuple[float, tuple[float, float]]] = deque([(-math.inf, (0.0, 0.0))], _MOST_COMMANDS)
+
+    def command(self, speeds_m_s: tuple[float, float], now_s: float) -> None:
+        """Record commanded speeds of the left and the right wheel."""
+        if speeds_m_s != self._commands[-1][1]:
+            self._commands.append((now_s, speeds_m_s))
+
+    @property
+    def target_m_s(self) -> tuple[float, float]:
+        """The latest commanded speeds."""
+        return self._commands[-1][1]
+
+    def restart(self, at_s: float, speeds_m_s: tuple[float, float]) -> None:
+        """Set the speeds at a time."""
+        self._at_s = at_s
+        left_m_s, right_m_s = (max(-_MAX_SPEED_M_S, min(_MAX_SPEED_M_S, speed)) for speed in speeds_m_s)
+        self._speeds_m_s = left_m_s, right_m_s
+        while len(self._commands) > 1 and self._commands[1][0] <= at_s:
+            self._commands.popleft()
+
+    def predict(self, from_s: float, to_s: float, factor: float = 1.0, late_s: float = 0.0) -> Travel:
+        """Return the travel between two times.
+
+        Args:
+            from_s: the first time.
+            to_s: the second time.
+            factor: of the acceleration.
+            late_s: delay of the commands.
+        """
+        left, right = (
+            self._moved(wheel, to_s, factor, late_s)[0] - self._moved(wheel, from_s, factor, late_s)[0]
+            for wheel in (0, 1)
+        )
+        return Travel.of_wheels(left, right)
+
+    def speeds_m_s(self, at_s: float) -> tuple[float, float]:
+        """Return the predicted speeds at a time."""
+        left, right = (self._moved(wheel, at_s, 1.0, 0.0)[1] for wheel in (0, 1))
+        return left, right
+
+    @property
+    def variants(self) -> tuple[tuple[float, float], ...]:
+        """The accelerations that are possible, as factors, and the delays of commands."""
+        less, root = 1 / self.factor, math.sqrt(self.factor)
+        return (
+            (self.factor, 0.0),
+            (root, 0.0),
+            (less, 0.0),
+            (1 / root, 0.0),
+            (1.0, self._delay_s),
+            (root, self._delay_s),
+        )
+
+    def unknown(self, from_s: float, to_s: float) -> Travel:
+        """Return by how much another acceleration, or a late command, changes a predicted travel."""
+        likely = self.predict(from_s, to_s)
+        others = [self.predict(from_s, to_s, factor, late_s) for factor, late_s in self.variants[::2]]
+        return Travel(*(max(abs(other[place] - value) for other in others) for place, value in enumerate(likely)))
+
+    def _moved(self, wheel: int, until_s: float, factor: float, late_s: float) -> tuple[float, float]:
+        """Return one wheel's travel since the start, and its speed then."""
+        acceleration_m_s2 = factor * self.acceleration_m_s2
+        at_s, speed_m_s, moved_m = self._at_s, self._speeds_m_s[wheel], 0.0
+        ends = [*(time_s + late_s for time_s, _ in self._commands), math.inf][1:]
+        for (_, target), end_s in zip(self._commands, ends, strict=True):
+            duration_s = min(end_s, until_s) - at_s
+            if duration_s <= 0:
+                continue
+            lack_m_s = target[wheel] - speed_m_s
+            ramp_s = min(duration_s, abs(lack_m_s) / acceleration_m_s2)
+            reached_m_s = speed_m_s + math.copysign(acceleration_m_s2 * ramp_s, lack_m_s)
+            moved_m += (speed_m_s + reached_m_s) / 2 * ramp_s + reached_m_s * (duration_s - ramp_s)
+            at_s, speed_m_s = at_s + duration_s, reached_m_s
+        return moved_m, speed_m_s
+
+
+class AccelerationGauge:
+    """Measures the acceleration of the wheels by what they count from rest."""
+
+    def __init__(self) -> None:
+        self._model = PredictedWheels()
+        self._counted: Travel | None = None
+        self._since_s = 0.0
+
+    def command(self, speeds_m_s: tuple[float, float], now_s: float) -> None:
+        """Record commanded speeds."""
+        self._model.command(speeds_m_s, now_s)
+
+    def cancel(self) -> None:
+        """Wait for the next rest: a count is not certain."""
+        self._counted = None
+
+    def add(self, counted: Travel, now_s: float, model: PredictedWheels) -> None:
+        """Add a certain count, and tell the model what is known by now."""
+        if self._model.target_m_s == (0.0, 0.0):
+            self._counted = None if any(counted) else NOTHING
+            self._since_s = now_s
+            self._model.restart(now_s, (0.0, 0.0))
+            return
+        if self._counted is None:
+            return
+        self._counted = self._counted.plus(counted)
+        factors = [2.0 ** (power / 4) for power in range(-7, 8)]
+        travels = [self._model.predict(self._since_s, now_s, factor) for factor in factors]
+        place = max((0, 1), key=lambda place: abs(travels[-1][place] - travels[0][place]))
+        if abs(travels[-1][place] - travels[0][place]) < 4 * _TELLING_M:
+            return
+        wanted_m = self._counted[place]
+        off_m, best = min(
+            (abs(travel[place] - wanted_m), factor) for travel, factor in zip(travels, factors, strict=True)
+        )
+        if off_m < ROUNDING_M:
+            model.acceleration_m_s2, model.factor = _ACCELERATION_M_S2 * best, _LEARNT_FACTOR
+        self._counted = None

@@ -1,0 +1,141 @@
+"""The replies to requests on a line that may lose, damage and delay them: which bytes are one, and whose they are.
+
+Replies have a known size and come in the order of their requests, without a number. Where more than one request may be
+unanswered, a reply belongs to the latest if it comes after the usual delay. Otherwise it belongs to the oldest, and
+nothing more is asked until the others have had the same time: a wrong pairing would go on forever.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import deque
+from typing import Final, NamedTuple
+
+QUIET_S: Final = 0.003
+"""Silence after a whole reply; a byte more means that one was inserted."""
+_SMOOTHING: Final = 0.125
+_USUAL: Final = 2  # a delay up to this many usual ones is usual
+_UNUSUAL_S: Final = 0.005
+_DELAYS: Final = 4  # time limit of a reply, in usual delays
+_GROWTH: Final = 1.5
+_LONGEST_S: Final = 1.0
+
+
+class ReplyState(enum.Enum):
+    """The state of the awaited reply."""
+
+    AWAITED = enum.auto()
+    WHOLE = enum.auto()
+    DAMAGED = enum.auto()
+    """Bytes are missing, or too many."""
+    LOST = enum.auto()
+    """Nothing has come within the time limit."""
+
+
+class Reply(NamedTuple):
+    """One reply.
+
+    Attributes:
+        data: its bytes.
+        asked_s: the time of its request, or of an earlier one.
+        jitter_s: by how much it may be later than usual after that time.
+    """
+
+    data: bytes
+    asked_s: float
+    jitter_s: float
+
+
+class ReplyReader:
+    """Collects the replies to requests of one kind.
+
+    Args:
+        size: of a reply.
+        most_s: time limit of the first reply; later ones follow the measured delay.
+        least_s: the shortest time limit.
+        gap_s: the longest silence within a reply.
+
+    Attributes:
+        delay_s: usual time from a request to its reply; 0 until it is known.
+    """
+
+    def __init__(self, size: int, most_s: float, least_s: float, gap_s: float) -> None:
+        self.delay_s = 0.0
+        self._is_measured = False
+        self._size, self._least_s, self._gap_s = size, least_s, gap_s
+        self._limit_s = most_s
+        self._held = bytearray()
+        self._byte_s = 0.0
+        self._unanswered: deque[float] = deque(maxlen=32)
+        self._asked_s = 0.0
+        self._others_until_s = 0.0
+
+    def ask(self, now_s: float) -> None:
+        """Record a request."""
+        while self._unanswered and now_s - self._unanswered[0] > _LONGEST_S:
+            self._unanswered.popleft()
+        self._unanswered.append(now_s)
+        self._asked_s = now_s
+
+    def clear(self) -> None:
+        """Forget all requests and bytes."""
+        self._held.clear()
+        self._unanswered.clear()
+        self._others_until_s = 0.0
+
+    def feed(self, data: bytes, now_s: float) -> None:
+        """Take bytes that have arrived."""
+        if data:
+            self._held += data
+            self._byte_s = now_s
+
+    def state(self, now_s: float) -> ReplyState:
+        """Return the state of the reply; LOST and DAMAGED end the wait for it."""
+        held, silent_s = len(self._held), now_s - self._byte_s
+        if not held:
+            return ReplyState.LOST if now_s - self._asked_s >= self._limit_s else ReplyState.AWAITED
+        if silent_s < (self._gap_s if held % self._size else QUIET_S):
+            return ReplyState.AWAITED
+        return ReplyState.DAMAGED if held % self._size else ReplyState.WHOLE
+
+    def give_up(self, state: ReplyState) -> None:
+        """End the wait for a reply that is LOST or DAMAGED."""
+        if state is ReplyState.DAMAGED:
+            self.clear()
+        elif not self._is_measured:
+            self._limit_s = min(_GROWTH * self._limit_s, _LONGEST_S)
+
+    def take(self) -> list[Reply]:
+        """Return the WHOLE replies, oldest first."""
+        replies = []
+        is_usual = self._is_measured and self._byte_s - self._asked_s <= _USUAL * self.delay_s + _UNUSUAL_S
+        if is_usual and len(self._held) == self._size:
+            while len(self._unanswered) > 1:  # they were lost
+                self._unanswered.popleft()
+        for start in range(0, len(self._held), self._size):
+            oldest_s = self._unanswered.popleft() if self._unanswered else self._asked_s
+            delay_s = self._byte_s - oldest_s
+            replies.append(Reply(bytes(self._held[start : start + self._size]), oldest_s, self._jitter_s(delay_s)))
+            if self._unanswered:
+                self._others_until_s = max(self._others_until_s, self._unanswered[-1] + delay_s)
+            elif not self._others_until_s:
+                self._measure(delay_s)
+        self._held.clear()
+        return replies
+
+    def _jitter_s(self, delay_s: float) -> float:
+        return max(0.0, delay_s - self.delay_s) if self._is_measured else 0.0
+
+    def _measure(self, delay_s: float) -> None:
+        share = _SMOOTHING if self._is_measured and delay_s <= _USUAL * self.delay_s else 1.0
+        self._is_measured = True
+        self.delay_s += share * (delay_s - self.delay_s)
+        self._limit_s = min(max(self._least_s, _DELAYS * self.delay_s), _LONGEST_S)
+
+    def awaits_others(self, now_s: float) -> bool:
+        """Return whether other requests may still be answered; then nothing may be asked."""
+        if self._unanswered and now_s < self._others_until_s:
+            return True
+        self._unanswered.clear()
+        self._others_until_s = 0.0
+        return False

@@ -1,0 +1,236 @@
+"""The travel of the wheels, from counts that a damaged reply may have changed and a lost reply has reset.
+
+The Serial Command Interface has no checksum, and each reading resets its counts. So each count is compared with what
+the commands make the wheels travel in that time. A count that does not fit is suspect: the next one decides whether it
+was false, and is replaced by the prediction, or true, because the wheels do something else than commanded. Where both
+remain possible, or the prediction is uncertain, the difference is added to a bound of the error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from .predicted_wheels import NOTHING, ROUNDING_M, AccelerationGauge, PredictedWheels, Travel
+
+_MAX_SPEED_M_S: Final = 0.6
+_JITTER_S: Final = 0.02  # a Roomba counts every 15 ms, a simulated one every 20 ms
+_UNCERTAIN: Final = 0.03  # share of a predicted travel
+_UNSURE: Final = 0.02  # the same where nothing was counted
+_UNKNOWN: Final = 0.6  # share of the effect of another acceleration that a count may show
+_SMOOTHING_S: Final = 0.03
+_MOST_REQUESTS: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """The meaning of a count.
+
+    Attributes:
+        travel: to add to the total.
+        is_suspect: the count does not fit; read again.
+        is_false: this one and the one before do not fit, and the travel is not known.
+    """
+
+    travel: Travel
+    is_suspect: bool = False
+    is_false: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """One explanation of the counts: `misfit` is 1 at the tolerance; `travel` since the latest accepted count."""
+
+    misfit: float
+    travel: Travel
+    doubt: Travel
+
+
+@dataclass(frozen=True, slots=True)
+class _Suspect:
+    asked_s: float
+    jitter_s: float
+    counted: Travel
+
+
+class TravelJudge:
+    """Judges each count, see the module.
+
+    Args:
+        delay_s: by which a command may come late.
+
+    Attributes:
+        model: of the wheels.
+        doubt: bound of the error of the total travel; it only grows.
+    """
+
+    def __init__(self, delay_s: float) -> None:
+        self.model = PredictedWheels(delay_s)
+        self.doubt = NOTHING
+        self._counted_s = -math.inf
+        self._requests: deque[tuple[float, bool]] = deque(maxlen=_MOST_REQUESTS)
+        self._suspect: _Suspect | None = None
+        self._gauge = AccelerationGauge()
+
+    def command(self, speeds_m_s: tuple[float, float], now_s: float) -> None:
+        """Record commanded speeds of the left and the right wheel."""
+        self.model.command(speeds_m_s, now_s)
+        self._gauge.command(speeds_m_s, now_s)
+
+    def ask(self, now_s: float) -> None:
+        """Record a request of the counts."""
+        self._requests.append((now_s, False))
+
+    def lose(self) -> None:
+        """Record that the reply to the latest request is lost, but the request was received, and reset the counts."""
+        if self._requests:
+            self._requests[-1] = (self._requests[-1][0], True)
+
+    def begin(self, asked_s: float, speeds_m_s: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Begin at a time, with speeds of the left and the right wheel; counts until then are not ours."""
+        self._accept(asked_s, speeds_m_s)
+
+    def answer(self, asked_s: float, jitter_s: float, counted: Travel) -> Judgement:
+        """Judge a count.
+
+        Args:
+            asked_s: the time of its request.
+            jitter_s: by how much later than usual after the request it may have been taken.
+            counted: the count.
+        """
+        fits = self._as_true(asked_s, jitter_s, counted) if self._suspect else []
+        since_s = self._suspect.asked_s if self._suspect else self._counted_s
+        fits += [self.explain(start_s, asked_s, jitter_s, counted) for start_s in self._starts(since_s, asked_s)]
+        fitting = [fit for fit in fits if fit.misfit <= 1.0]
+        if not fitting:
+            return self._doubt_it(asked_s, jitter_s, counted)
+        best = min(fitting, key=lambda fit: fit.misfit)
+        others = [other.travel.plus(best.travel, -1.0) for other in fitting]
+        self._add_doubt(best.doubt)
+        self._add_doubt(Travel(max(abs(other.ahead_m) for other in others), max(abs(other.arc_m) for other in others)))
+        if self._suspect is None and len(fits) == 1:
+            self._gauge.add(counted, asked_s, self.model)
+        else:
+            self._gauge.cancel()
+        self._accept(asked_s, self._speeds_m_s(best.travel, self._counted_s, asked_s))
+        return Judgement(best.travel)
+
+    def _speeds_m_s(self, travel: Travel, since_s: float, until_s: float) -> tuple[float, float]:
+        """Return the likely speeds of the wheels at the end of a travel."""
+        excess = travel.plus(self.model.predict(since_s, until_s), -1.0).wheels_m
+        left_m_s, right_m_s = (
+            speed_m_s + more_m / (until_s - since_s + _SMOOTHING_S)
+            for speed_m_s, more_m in zip(self.model.speeds_m_s(until_s), excess, strict=True)
+        )
+        return left_m_s, right_m_s
+
+    def _starts(self, since_s: float, until_s: float) -> Sequence[float]:
+        """Return when the counts may have been reset for the last time before a request."""
+        starts = [since_s]
+        for time_s, is_reset in self._requests:
+            if since_s < time_s < until_s:
+                starts = [time_s] if is_reset else [*starts, time_s]
+        return starts
+
+    def explain(self, start_s: float, asked_s: float, jitter_s: float, counted: Travel) -> Explanation:
+        """Explain a count as that since a start; what is missing before follows from what the count tells."""
+        missing = self.model.predict(self._counted_s, start_s)
+        misfit = self._misfit(counted, start_s, asked_s, jitter_s)
+        if start_s <= self._counted_s:
+            return Explanation(misfit, missing.plus(counted), NOTHING)
+        likely = [missing]
+        for factor, late_s in self.model.variants:
+            whole = self.model.predict(self._counted_s, asked_s, factor, late_s)
+            before = self.model.predict(self._counted_s, start_s, factor, late_s)
+            since = whole.plus(before, -1.0)
+            tolerance = self._tolerance(since, asked_s, 0.0)
+            if all(abs(since[place] - counted[place]) < tolerance[place] for place in (0, 1)):
+                likely.append(before)
+        least, most = (Travel(*map(choose, zip(*likely, strict=True))) for choose in (min, max))
+        doubt = most.plus(least, -1.0).scaled(0.5).plus(Travel(*(_UNSURE * abs(value) for value in missing)))
+        if max(map(abs, counted)) < ROUNDING_M:  # it may have stood before, too
+            doubt = doubt.plus(Travel(*(abs(value) / 2 for value in missing)))
+        return Explanation(misfit, least.plus(most).scaled(0.5).plus(counted), doubt)
+
+    def _unsure(self, missing: Travel, until_s: float) -> Travel:
+        """Return the uncertainty of a travel that was predicted up to a time."""
+        share = Travel(*(_UNSURE * abs(value) for value in missing))
+        return share.plus(self.model.unknown(self._counted_s, until_s))
+
+    def _misfit(self, counted: Travel, start_s: float, asked_s: float, jitter_s: float) -> float:
+        predicted, unknown = self.model.predict(start_s, asked_s), self.model.unknown(start_s, asked_s)
+        tolerance = self._tolerance(predicted, asked_s, jitter_s).plus(unknown, _UNKNOWN)
+        return max(abs(counted[place] - predicted[place]) / tolerance[place] for place in (0, 1))
+
+    def _tolerance(self, predicted: Travel, asked_s: float, jitter_s: float) -> Travel:
+        """Return by how much a count may differ from a prediction whose acceleration is right."""
+        speed = Travel.of_wheels(*self.model.speeds_m_s(asked_s))
+        ahead_m, arc_m = (
+            ROUNDING_M + _UNCERTAIN * abs(predicted[place]) + abs(speed[place]) * (_JITTER_S + jitter_s)
+            for place in (0, 1)
+        )
+        return Travel(ahead_m, arc_m)
+
+    def _as_true(self, asked_s: float, jitter_s: float, counted: Travel) -> list[Explanation]:
+        """Explain a count and the suspect before it as true: taken late, or of wheels that disobey."""
+        suspect, fits = self._suspect, []
+        if suspect is None:
+            return []
+        starts = self._starts(suspect.asked_s, asked_s)
+        for first_s in self._starts(self._counted_s, suspect.asked_s):
+            reach_m = _MAX_SPEED_M_S * (suspect.asked_s - first_s + _JITTER_S)
+            if max(map(abs, suspect.counted.wheels_m)) > reach_m:
+                continue
+            missing = self.model.predict(self._counted_s, first_s)
+            unknown = Travel(*map(abs, missing))  # it may have disobeyed before, too
+            if starts == [suspect.asked_s]:
+                both, late_s = suspect.counted.plus(counted), max(jitter_s, suspect.jitter_s)
+                fits.append(
+                    Explanation(
+                        self._misfit(both, first_s, asked_s, late_s), missing.plus(both), self._unsure(missing, first_s)
+                    )
+                )
+            for disobeying in self._disobeying(suspect, first_s):
+                for start_s in starts:
+                    fit = disobeying.explain(start_s, asked_s, jitter_s, counted)
+                    travel = missing.plus(suspect.counted).plus(fit.travel)
+                    fits.append(Explanation(fit.misfit, travel, fit.doubt.plus(unknown)))
+        return fits
+
+    def _disobeying(self, suspect: _Suspect, first_s: float) -> Iterator[TravelJudge]:
+        """Return judges of wheels that had turned as a suspect says, and obey, go on or stop since then."""
+        mean_m_s = tuple(wheel_m / (suspect.asked_s - first_s + _SMOOTHING_S) for wheel_m in suspect.counted.wheels_m)
+        likely_m_s = self._speeds_m_s(suspect.counted, first_s, suspect.asked_s)
+        for left_m_s, right_m_s in {mean_m_s, likely_m_s, self.model.speeds_m_s(suspect.asked_s)}:
+            if max(abs(left_m_s), abs(right_m_s)) > _MAX_SPEED_M_S:
+                continue
+            for target in {self.model.target_m_s, (left_m_s, right_m_s), (0.0, 0.0)}:
+                judge = TravelJudge(0.0)
+                judge.begin(suspect.asked_s, (left_m_s, right_m_s))
+                judge.model.command(target, suspect.asked_s)
+                yield judge
+
+    def _doubt_it(self, asked_s: float, jitter_s: float, counted: Travel) -> Judgement:
+        """Make a count the suspect; if the one before is suspect too, give up."""
+        if self._suspect is None:
+            self._suspect = _Suspect(asked_s, jitter_s, counted)
+            return Judgement(NOTHING, is_suspect=True)
+        both, duration_s = self._suspect.counted.plus(counted), asked_s - self._counted_s
+        predicted = self.model.predict(self._counted_s, asked_s)
+        is_possible = max(map(abs, both.wheels_m)) <= _MAX_SPEED_M_S * duration_s
+        travel = both if is_possible else predicted
+        self._add_doubt(both.plus(predicted, -1.0) if is_possible else predicted)
+        self._accept(asked_s, self.model.speeds_m_s(asked_s))
+        return Judgement(travel, is_false=True)
+
+    def _accept(self, asked_s: float, speeds_m_s: tuple[float, float]) -> None:
+        self._counted_s, self._suspect = asked_s, None
+        self.model.restart(asked_s, speeds_m_s)
+        self._requests = deque((request for request in self._requests if request[0] > asked_s), _MOST_REQUESTS)
+
+    def _add_doubt(self, doubt: Iterable[float]) -> None:
+        ahead_m, arc_m = doubt
+        self.doubt = self.doubt.plus(Travel(abs(ahead_m), abs(arc_m)))
