@@ -62,7 +62,6 @@ def stitch_frames(
             PANORAMA,
             PICTURES,
             describe,
-            folders_of_robots,
             read_frames,
             save_panorama,
         )
@@ -70,10 +69,7 @@ def stitch_frames(
         raise UnsupportedError(f"stitching needs OpenCV ({error}): pip install 'eal-actors[vision]'") from None
     if out is not None and out.suffix.lower() not in PICTURES:
         raise typer.BadParameter(f"{str(out)!r} must end in {', '.join(PICTURES)}", param_hint="--out")
-    folders = folders_of_robots(folder) if (folder / EVENTS).is_file() else [folder]
-    if out is not None and len(folders) > 1:
-        names = ", ".join(robot.name for robot in folders)
-        raise typer.BadParameter(f"names one file, and the robots of the run are {names}", param_hint="--out")
+    folders = _folders(folder, out)
     reports: dict[str, dict[str, Any]] = {}
     for robot in folders:
         file = out or robot / PANORAMA
@@ -87,6 +83,19 @@ def stitch_frames(
         write_json(reports if (folder / EVENTS).is_file() else reports[folder.name])
     if any(frame["left_out"] for report in reports.values() for frame in report["frames"]):
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _folders(folder: Path, out: Path | None) -> list[Path]:
+    """Return the folder itself, or those of the robots of a run."""
+    from eal_actors.lab.panorama.folder import folders_of_robots
+
+    if not (folder / EVENTS).is_file():
+        return [folder]
+    folders = folders_of_robots(folder)
+    if out is not None and len(folders) > 1:
+        names = ", ".join(robot.name for robot in folders)
+        raise typer.BadParameter(f"names one file, and the robots of the run are {names}", param_hint="--out")
+    return folders
 
 
 def _stitch(folder: Path, frames: CameraFrames, field_of_view_deg: float) -> Panorama:

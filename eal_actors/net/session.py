@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import re
-import resource
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
@@ -24,6 +23,7 @@ from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
+from eal_actors.net.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
 from eal_actors.net.security.access import controller_access, robot_access, router_access, tls_config
 from eal_actors.net.security.revocation import revoked_names, without_revoked
 from eal_actors.net.wire.packing import MAX_CALL_BYTES, MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
@@ -42,8 +42,6 @@ _MAX_HANDSHAKES: Final = 2048
 """Simultaneous transport handshakes; fewer strangers that never finish theirs cannot keep others out."""
 _HANDSHAKE_MS: Final = 2000
 """Time-out of a TLS handshake, and of the transport handshake after it; enough for a slow link."""
-_MAX_FILES: Final = 65_536
-"""Open files that a listening process asks for, if its hard limit allows them."""
 _MAX_CALL_BYTES: Final = MAX_CALL_BYTES + 2 * MAX_ENVELOPE_BYTES
 """Largest message that a robot puts together of fragments; zenoh's own limit is 1 GiB."""
 _MAX_MESSAGE_BYTES: Final = MAX_PAYLOAD_BYTES + 2 * MAX_ENVELOPE_BYTES
@@ -226,20 +224,15 @@ def open_session(config: dict[str, Any], timeout_s: float = 5.0) -> Iterator[zen
     except zenoh.ZError as error:
         raise ProtocolError(f"zenoh does not take the configuration: {_reason(error)}") from error
     if config["listen"]["endpoints"]:
-        _raise_file_limit()
+        raise_file_limit()
     session = _open(checked, config, timeout_s)
     try:
-        yield session
+        listening = (parse_endpoint(text) for text in endpoints_of(config)[: len(config["listen"]["endpoints"])])
+        most = ROUTER_STRANGERS if config["mode"] == "router" else ROBOT_STRANGERS
+        with guarding((endpoint.port for endpoint in listening), most, lambda: len(session.info.links())):
+            yield session
     finally:
         _close(session, config)
-
-
-def _raise_file_limit() -> None:
-    """Raise the soft limit of open files, since each connection takes one."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = _MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, _MAX_FILES)
-    if soft != resource.RLIM_INFINITY and soft < wanted:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
 def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> zenoh.Session:

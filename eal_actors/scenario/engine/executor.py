@@ -225,8 +225,7 @@ class _Execution:
         is_inside = attempt is not None and (attempt.repeats is step or own is None)
         self._attempt = attempt if is_inside and not context.is_finally else None
         self._policy: OnFailure = "drop" if context.is_finally else context.effective_policy(own)
-        if self._attempt is not None:
-            self._policy = "abort"
+        self._policy = "abort" if self._attempt is not None else self._policy
         self._retries = self._policy.retry if isinstance(self._policy, RetryPolicy) else 0
 
     @property
@@ -369,10 +368,8 @@ class _Execution:
     def _apply(self, outcome: StepOutcome, error: EALError) -> Coroutine:
         """Apply the outcome of a failed step to its robot and to the run."""
         robot, run = self._robot, self._run
-        if outcome == "failed" and self._attempt is not None:
-            yield from self._fail_attempt(self._attempt, error)
-        elif outcome == "failed":
-            self._end_failed(error)
+        if outcome == "failed":
+            yield from self._end_failed(error)
         elif outcome == "dropped" and not self._context.is_finally:
             leaving = [one for one in (self._action.late if robot is None else [robot]) if one.outcome is None]
             for one in leaving:
@@ -384,14 +381,14 @@ class _Execution:
                 run.replace(slot, spare, error)
                 yield from run.halt([robot])
 
-    def _fail_attempt(self, attempt: StepTask, error: EALError) -> Coroutine:
-        """End the attempt of the block around the step, and halt its robots."""
-        robots = [robot for robot in dict.fromkeys(attempt.robots()) if robot.outcome is None]
-        touched = attempt.touched if attempt.slot is not None and not attempt.touches_all else None
-        attempt.fail(error)
-        yield from self._run.halt(robots, touched)
-
-    def _end_failed(self, error: EALError) -> None:
+    def _end_failed(self, error: EALError) -> Coroutine:
+        """End the attempt of the block around the step and halt its robots, or end the run."""
+        if (attempt := self._attempt) is not None:
+            robots = [robot for robot in dict.fromkeys(attempt.robots()) if robot.outcome is None]
+            touched = attempt.touched if attempt.slot is not None and not attempt.touches_all else None
+            attempt.fail(error)
+            yield from self._run.halt(robots, touched)
+            return
         robot, is_finally = self._robot, self._context.is_finally
         if robot is None:
             self._run.failures.append(error)

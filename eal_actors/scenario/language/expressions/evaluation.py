@@ -81,7 +81,7 @@ class WorkBudget:
         return self.spent > self._limit + self._earned()
 
     def message(self) -> str:
-        """Return the text of the problem that the budget is spent."""
+        """Return the text of the problem that the budget is used up."""
         return f"up to here, {self._purpose} need more work than {self._limit} items, characters and operations"
 
     @contextmanager

@@ -114,7 +114,7 @@ def test_pycreate2_drives_the_emulator_and_reads_its_sensors() -> None:
 
 
 def test_pyroombaadapter_drives_the_emulator_and_reads_its_sensors() -> None:
-    from pyroombaadapter import PyRoombaAdapter  # type: ignore[import-untyped]
+    from pyroombaadapter import PyRoombaAdapter
 
     with emulator_program() as (port, said):
         robot = PyRoombaAdapter(port)

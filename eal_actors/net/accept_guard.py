@@ -1,0 +1,218 @@
+"""AcceptGuard: strangers that only connect must not use up the descriptors of a listening process.
+
+zenoh accepts every connection at once, and takes no bound. Measured with version 1.10: once `accept` fails for want of
+a descriptor, its TLS listener no longer looks at the handshakes under way, so none of them ends, and the robot is
+unreachable until a restart. The guard prevents that. It shares the listening socket with the engine:
+
+- While too many connections have no finished handshake, or descriptors are short, the kernel drops the packets of new
+  ones (SO_ATTACH_FILTER), and those that wait to be accepted are closed. Links that exist are not touched, and refused
+  controllers dial again.
+- A quarter of the descriptors stays free for the robot's own files. Some are held, and freed if the engine has none.
+
+Limits: each failed TLS handshake costs the engine's listener 0.1 s, hence the small bounds. While strangers keep the
+bound reached, no new controller gets in. TCP_DEFER_ACCEPT was tried: silent connections wait in the kernel then, and
+come in after the attack.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import resource
+import select
+import socket
+import stat
+import struct
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.log import get_logger
+
+MAX_FILES: Final = 65_536
+"""Open files that a listening process asks for, if its hard limit allows them."""
+_FILES: Final = Path("/proc/self/fd")
+ROBOT_STRANGERS: Final = 24
+"""Connections to a robot without a finished handshake at which new ones are refused."""
+ROUTER_STRANGERS: Final = 256
+"""The same of a router, to which a whole fleet may connect at once."""
+_SPARE: Final = 64
+_SO_ATTACH_FILTER: Final = 26
+_SO_DETACH_FILTER: Final = 27
+_DROP: Final = ctypes.create_string_buffer(struct.pack("HBBI", 0x06, 0, 0, 0), 8)  # BPF_RET, 0 bytes
+_LOOK_S: Final = 0.25
+_BUSY_LOOK_S: Final = 0.005
+_WARN_EACH_S: Final = 10.0
+
+
+def raise_file_limit() -> int:
+    """Raise the soft limit of open files as far as the hard limit allows, and return it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+        return wanted
+    return MAX_FILES if soft == resource.RLIM_INFINITY else soft
+
+
+@contextmanager
+def guarding(ports: Iterable[int], most: int, count_links: Callable[[], int]) -> Iterator[None]:
+    """Guard this process's listening TCP sockets for the length of a `with` block.
+
+    Args:
+        ports: where they listen.
+        most: limit of the connections without a finished handshake.
+        count_links: returns the number of connections whose handshake is done.
+    """
+    served = frozenset(ports)
+    listeners = []
+    for end in _sockets(served):
+        if end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+            listeners.append(end)
+        else:
+            end.close()
+    if not listeners:
+        yield
+        return
+    guard = AcceptGuard(
+        listeners, raise_file_limit(), most, lambda: _count_sockets(served) - len(listeners) - count_links()
+    )
+    try:
+        yield
+    finally:
+        guard.close()
+
+
+def _sockets(ports: frozenset[int]) -> Iterator[socket.socket]:
+    """Yield a duplicate of each of this process's TCP sockets at some ports, to be closed."""
+    seen = set()
+    for file in _FILES.iterdir() if _FILES.is_dir() else ():
+        with contextlib.suppress(OSError):  # it was closed meanwhile, or no descriptor is free
+            status = os.fstat(int(file.name))
+            if not stat.S_ISSOCK(status.st_mode) or status.st_ino in seen:
+                continue
+            seen.add(status.st_ino)
+            end = socket.socket(fileno=os.dup(int(file.name)))
+            is_tcp = end.family in (socket.AF_INET, socket.AF_INET6) and end.type == socket.SOCK_STREAM
+            if is_tcp and end.getsockname()[1] in ports:
+                yield end
+            else:
+                end.close()
+
+
+def _count_sockets(ports: frozenset[int]) -> int:
+    count = 0
+    for end in _sockets(ports):
+        end.close()
+        count += 1
+    return count
+
+
+def _count_files() -> int:
+    return sum(1 for _ in _FILES.iterdir())
+
+
+def _drop_all() -> bytes:
+    """Return the kernel's `struct sock_fprog` of a filter that drops every packet."""
+    return struct.pack("HP", 1, ctypes.addressof(_DROP))
+
+
+class AcceptGuard:
+    """Closes new connections while descriptors are short.
+
+    Args:
+        listeners: duplicates of the listening sockets; they are closed with the guard.
+        file_limit: limit of this process's open files.
+        most: limit of the connections that are no links yet.
+        count_strangers: returns the number of connections that are no links yet.
+
+    Attributes:
+        refused: number of connections that it has closed.
+
+    Thread: one of its own.
+    """
+
+    def __init__(
+        self, listeners: list[socket.socket], file_limit: int, most: int, count_strangers: Callable[[], int]
+    ) -> None:
+        self._listeners = listeners
+        self._most = most
+        self._count_strangers = count_strangers
+        self._usual_files = _count_files()
+        self._most_files = file_limit - file_limit // 4
+        self._spare: list[int] = []
+        self._take_spare()
+        self._is_shut = False
+        self._poll = select.epoll()
+        self._warn_at_s = 0.0
+        self._ends = False
+        self.refused = 0
+        for listener in listeners:
+            self._poll.register(listener, select.EPOLLIN | select.EPOLLET)
+        self._thread = threading.Thread(target=self._run, name="eal-net-guard", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the guard. Thread: blocks the caller for a moment."""
+        self._ends = True
+        self._thread.join()
+        self._poll.close()
+        for listener in self._listeners:
+            listener.close()
+        for spare in self._spare:
+            os.close(spare)
+
+    def _run(self) -> None:
+        while not self._ends:
+            is_crowded = self._is_crowded()
+            if is_crowded != self._is_shut:
+                self._shut(is_crowded)
+            if is_crowded:
+                self._refuse_waiting()
+            self._poll.poll(_BUSY_LOOK_S if is_crowded else _LOOK_S)
+
+    def _shut(self, is_shut: bool) -> None:
+        """Have the kernel drop packets of new connections, or let them pass again."""
+        self._is_shut = is_shut
+        for listener in self._listeners:
+            if is_shut:
+                listener.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, _drop_all())
+            else:
+                listener.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
+        if is_shut:
+            for _ in range(len(self._spare) // 2):  # `accept` fails while no descriptor is free
+                os.close(self._spare.pop())
+        else:
+            self._take_spare()
+
+    def _is_crowded(self) -> bool:
+        try:
+            files = _count_files()
+            if files <= self._usual_files + self._most:  # the usual case, which costs little
+                return False
+            return files > self._most_files or self._count_strangers() > self._most
+        except OSError:  # no descriptor is free
+            return True
+
+    def _take_spare(self) -> None:
+        with contextlib.suppress(OSError):
+            while len(self._spare) < _SPARE:
+                self._spare.append(os.open(os.devnull, os.O_RDONLY))
+
+    def _refuse_waiting(self) -> None:
+        """Close the connections that wait to be accepted."""
+        refused = self.refused
+        for listener in self._listeners:
+            with contextlib.suppress(OSError):  # no more wait, or the engine has taken the last descriptor
+                while not self._ends:
+                    listener.accept()[0].close()
+                    self.refused += 1
+        now_s = REAL_TIME.now()
+        if self.refused > refused and now_s >= self._warn_at_s:
+            self._warn_at_s = now_s + _WARN_EACH_S
+            message = "too many connections: new ones are closed until others end"
+            get_logger().warning(message, refused=self.refused)

@@ -1,0 +1,103 @@
+"""Strangers that connect and never finish a handshake cannot lock a robot: real TLS, few descriptors, loopback only."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import ssl
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from eal_actors import Fleet
+from eal_actors.kernel.clock import REAL_TIME
+from tests.net.links import eventually
+from tests.net.rig import WAIT_S, Process, Rig, ready
+from tests.security.forging import make_keys, secure_rig
+
+STOPS = 10
+DRIBBLE_S = 0.2
+
+
+def client_hello() -> bytes:
+    """Return the first message of a TLS handshake."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    outgoing = ssl.MemoryBIO()
+    with contextlib.suppress(ssl.SSLWantReadError):
+        context.wrap_bio(ssl.MemoryBIO(), outgoing, server_hostname="r1").do_handshake()
+    return outgoing.read()
+
+
+@contextmanager
+def strangers(port: int, count: int) -> Iterator[None]:
+    """Hold connections that are silent, dribble, begin a handshake or send their end, for a `with` block."""
+    hello, ends = client_hello(), threading.Event()
+    peers = [socket.socket() for _ in range(count)]
+    for peer in peers:
+        peer.setblocking(False)
+        peer.connect_ex(("127.0.0.1", port))
+
+    def talk() -> None:
+        sent = 0
+        while not ends.wait(DRIBBLE_S):
+            for number, peer in enumerate(peers):
+                with contextlib.suppress(OSError):  # not connected yet, or closed by the robot
+                    if number % 4 == 1:
+                        peer.send(hello[sent : sent + 1])
+                    elif number % 4 == 2 and sent < 3:
+                        peer.send(hello)
+                    elif number % 4 == 3:
+                        peer.shutdown(socket.SHUT_WR)
+            sent += 1
+
+    talker = threading.Thread(target=talk)
+    talker.start()
+    try:
+        yield
+    finally:
+        ends.set()
+        talker.join(WAIT_S)
+        for peer in peers:
+            peer.close()
+
+
+def stop_under_strangers(folder: Path, limit: int, count: int) -> float:
+    """Stop a robot during an attack, then connect anew; return the longest time of a stop, in seconds."""
+    rig = secure_rig(folder, make_keys(folder / "keys"), 60.0)
+    port = int(rig.content["robots"]["r1"]["address"].rpartition(":")[2])
+    arguments = ["-m", "eal_actors", "serve", "--fleet", str(rig.file), "--robot", "r1"]
+    robot = Process(arguments, folder, within=["sh", "-c", f'ulimit -n {limit}; exec "$@"', "sh"])
+    try:
+        robot.wait_until_listening()
+        with ready(Fleet(rig.config)) as fleet:
+            with strangers(port, count):
+                robot.wait_for("too many connections")
+                longest_s = 0.0
+                for _ in range(STOPS):
+                    begin_s = REAL_TIME.now()
+                    assert fleet["r1"].stop("strangers").exception(timeout=WAIT_S) is None
+                    longest_s = max(longest_s, REAL_TIME.now() - begin_s)
+                    assert sum(1 for _ in Path(f"/proc/{robot.pid}/fd").iterdir()) <= 0.9 * limit
+                    assert fleet["r1"].resume().exception(timeout=WAIT_S) is None
+            assert_new_controllers_get_in(rig)
+            assert fleet["r1"]["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1
+    finally:
+        robot.end()
+    return longest_s
+
+
+def assert_new_controllers_get_in(rig: Rig) -> None:
+    with ready(Fleet(rig.config)) as other:
+        assert eventually(lambda: other["r1"]["Gauge"].get_value().exception(timeout=WAIT_S) is None)
+
+
+def test_strangers_with_all_descriptors_of_a_robot_do_not_lock_it(tmp_path: Path) -> None:
+    stop_under_strangers(tmp_path, limit=320, count=500)
+
+
+@pytest.mark.slow
+def test_three_thousand_strangers_do_not_delay_a_stop_by_a_second(tmp_path: Path) -> None:
+    assert stop_under_strangers(tmp_path, limit=1024, count=3000) < 1.0
