@@ -145,9 +145,11 @@ class SciDriver(RoombaDriver):
         if state is ReplyState.DAMAGED:
             self._judge.lose()
             self._log.debug("a reply is dropped", reason="bytes are missing, or too many")
-        elif self._lost_count:
-            self._must_repeat = True
-        self._lost_count += 1
+        else:
+            self._lost_count += 1
+            self._must_repeat |= self._lost_count > 1
+            if self._link.repeats == 1:  # a cable does not lose all bytes of a reply: the request was not received
+                self._judge.withdraw()
 
     def _take_replies(self) -> bool:
         """Take whole replies; return whether the last one is believed. Thread: holds the lock."""

@@ -84,6 +84,11 @@ class TravelJudge:
         """Record a request of the counts."""
         self._requests.append((now_s, False))
 
+    def withdraw(self) -> None:
+        """Record that the latest request was not received."""
+        if self._requests:
+            self._requests.pop()
+
     def lose(self) -> None:
         """Record that the reply to the latest request is lost, but the request was received, and reset the counts."""
         if self._requests:
