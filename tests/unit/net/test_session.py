@@ -14,8 +14,9 @@ import zenoh
 
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.security.access import controller_access, robot_access, router_access
-from eal_actors.net.security.certificates import AUTHORITY, make_authority, make_certificate
+from eal_actors.net.security.certificates import make_authority, make_certificate
 from eal_actors.net.session import controller_config, endpoints_of, robot_config, router_config
+from eal_actors.net.wire import keys
 from tests.net.links import fleet_of
 
 DIRECT, ROUTED = "tcp/10.0.0.1:50000", "router"
@@ -155,7 +156,7 @@ class TestSecurity:
         def names(access: dict[str, Any]) -> set[str]:
             return {name for subject in access["subjects"] for name in subject["cert_common_names"]}
 
-        everywhere = {"router", "controller", "display", AUTHORITY}
+        everywhere = {"router", "controller", "display", keys.AUTHORITY_CALLER}
         assert names(robot_access(fleet, security, "r1")) == {*everywhere, "student"}
         assert names(robot_access(fleet, security, "r2")) == everywhere
         assert names(controller_access(fleet, security, ["r2"])) == {"router", "r2"}
