@@ -160,7 +160,7 @@ class TestSecurity:
         assert names(robot_access(fleet, security, "r1")) == {*everywhere, "student"}
         assert names(robot_access(fleet, security, "r2")) == everywhere
         assert names(controller_access(fleet, security, ["r2"])) == {"router", "r2"}
-        assert names(router_access(fleet, security)) == {"router", "r1", "r2", "controller", "student", "display"}
+        assert names(router_access(fleet, security)) == {*everywhere, "r1", "r2", "student"}
 
 
 def test_the_network_is_imported_only_where_it_is_used() -> None:
