@@ -1,9 +1,9 @@
-"""Blending of placed frames into one image: seams half way between their axes, multi-band blending."""
+"""Blending of placed frames into one image: seams where neighbours agree, multi-band blending."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,10 +11,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eal_actors.lab.panorama.cylinder import CameraLens, Floats, Image, project_frame, wrapped_rad
+from eal_actors.lab.panorama.cylinder import CameraLens, Floats, Image, Mask, project_frame, wrapped_rad
 
 _MOST_BANDS: Final = 5
 _PAD_BANDS: Final = 2  # reach of the coarsest band beyond a column, in its pixels, as a power of two
+_MOST_RAD: Final = math.radians(80)  # beyond this angle from its axis no frame shows anything
+_SMOOTH_PX: Final = 2.0  # of differences between neighbours, so that noise bends no seam
+_DETOUR: Final = 0.02  # grey levels of difference that a seam accepts for each pixel nearer to the middle
+_OUTSIDE: Final = 1e4  # grey levels for a pixel that one of the two frames does not show
+
+Owners = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +38,14 @@ class PlacedFrame:
     yaw_rad: float
     down_rad: float
     gain: float
+
+    def project(self, columns: NDArray[np.int64], canvas: PanoramaCanvas) -> tuple[NDArray[np.int16], Mask]:
+        """Return what the frame shows of columns of a canvas, and the mask of the frame."""
+        yaws_rad = canvas.left_rad - (columns + 0.5) / canvas.px_per_rad
+        right_rad = np.clip(wrapped_rad(self.yaw_rad - yaws_rad), -_MOST_RAD, _MOST_RAD)
+        down_px = np.arange(canvas.top_px, canvas.bottom_px) + 0.5 - self.down_rad * canvas.px_per_rad
+        colours, reaches = project_frame(self.frame, self.lens, right_rad, down_px, canvas.px_per_rad)
+        return np.asarray(np.rint(colours * np.float32(self.gain)), np.int16), reaches
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +72,7 @@ class PanoramaCanvas:
         return ((self.left_rad - yaw_rad) % (2 * math.pi)) * self.px_per_rad - 0.5
 
 
-def owners_of(views: Mapping[int, PlacedFrame], columns_rad: Floats) -> NDArray[np.int64]:
+def owners_of(views: Mapping[int, PlacedFrame], columns_rad: Floats) -> Owners:
     """Return the number of the frame whose axis is nearest to each yaw (w,); -1 outside of all frames."""
     numbers = np.array(sorted(views))
     off_rad = np.array([np.abs(wrapped_rad(views[number].yaw_rad - columns_rad)) for number in numbers])
@@ -69,7 +83,7 @@ def owners_of(views: Mapping[int, PlacedFrame], columns_rad: Floats) -> NDArray[
 
 
 def common_rows(
-    views: Mapping[int, PlacedFrame], columns_rad: Floats, owners: NDArray[np.int64], px_per_rad: float
+    views: Mapping[int, PlacedFrame], columns_rad: Floats, owners: Owners, px_per_rad: float
 ) -> tuple[int, int]:
     """Return the first row, from the horizon down, and the row after the last one, that all columns' frames reach."""
     top, bottom = -math.inf, math.inf
@@ -82,12 +96,60 @@ def common_rows(
     return math.ceil(top), math.floor(bottom)
 
 
-def blend(views: Mapping[int, PlacedFrame], owners: NDArray[np.int64], canvas: PanoramaCanvas) -> Image:
+def find_seams(
+    views: Mapping[int, PlacedFrame], order: Sequence[int], owners: Owners, canvas: PanoramaCanvas
+) -> Owners:
+    """Return the number of the frame that provides each pixel, (height, width).
+
+    Between two neighbours the seam takes the way on which they differ least, so that something that moved is shown by
+    one of them and not by half of each.
+
+    Args:
+        views: the placed frames, by number.
+        order: their numbers from left to right.
+        owners: the number of the frame nearest to each column, -1 for none, (width,).
+        canvas: the part of the cylinder to fill.
+    """
+    found = np.tile(owners, (canvas.bottom_px - canvas.top_px, 1))
+    pairs = list(zip(order, [*order[1:], order[0]], strict=True))
+    for left, right in pairs if canvas.is_closed else pairs[:-1]:
+        first, end = canvas.column(views[left].yaw_rad), canvas.column(views[right].yaw_rad)
+        if end < first:
+            end += 2 * math.pi * canvas.px_per_rad
+        columns = np.arange(math.ceil(first), math.floor(end) + 1)
+        one, one_reaches = views[left].project(columns, canvas)
+        other, other_reaches = views[right].project(columns, canvas)
+        both = one_reaches & other_reaches
+        own = columns % canvas.width
+        if not both.any() or (owners[own] < 0).any():
+            continue
+        differences = cv2.GaussianBlur(np.abs(one - other).astype(np.float32).mean(axis=2), (0, 0), _SMOOTH_PX)
+        detours = _DETOUR * np.abs(columns - (first + end) / 2)
+        seam = _least_path(np.where(both, differences + detours, _OUTSIDE))
+        found[:, own] = np.where(np.arange(len(columns)) <= seam[:, np.newaxis], left, right)
+    return found
+
+
+def _least_path(costs: Floats) -> NDArray[np.int64]:
+    """Return the column of the cheapest path from the top to the bottom, (h,); costs (h, w)."""
+    sums = np.array(costs, np.float64)
+    for row in range(1, len(sums)):
+        above = np.pad(sums[row - 1], 1, constant_values=np.inf)
+        sums[row] += np.minimum(np.minimum(above[:-2], above[1:-1]), above[2:])
+    path = np.empty(len(sums), np.int64)
+    path[-1] = sums[-1].argmin()
+    for row in range(len(sums) - 2, -1, -1):
+        first = max(int(path[row + 1]) - 1, 0)
+        path[row] = first + sums[row, first : path[row + 1] + 2].argmin()
+    return path
+
+
+def blend(views: Mapping[int, PlacedFrame], owners: Owners, canvas: PanoramaCanvas) -> Image:
     """Blend frames into an image.
 
     Args:
         views: the placed frames, by number.
-        owners: the number of the frame that provides each column, -1 for none, (width,).
+        owners: the number of the frame that provides each pixel, -1 for none, (height, width).
         canvas: the part of the cylinder to fill.
 
     Returns:
@@ -102,12 +164,10 @@ def blend(views: Mapping[int, PlacedFrame], owners: NDArray[np.int64], canvas: P
     blender.prepare((-pad, 0, canvas.width + 2 * pad, height))
     for number, view in views.items():
         for columns in _reached_columns(view, canvas, pad):
-            owned = owners[columns % canvas.width] == number
+            owned = owners[:, columns % canvas.width] == number
             if owned.any():
-                mask = np.ascontiguousarray(
-                    np.broadcast_to(np.where(owned, 255, 0).astype(np.uint8), (height, owned.size))
-                )
-                blender.feed(_render(view, columns, canvas), mask, (int(columns[0]), 0))
+                mask = np.ascontiguousarray(np.where(owned, 255, 0).astype(np.uint8))
+                blender.feed(view.project(columns, canvas)[0], mask, (int(columns[0]), 0))
     blended, _ = blender.blend(None, None)  # type: ignore[call-overload]  # the stub lacks the form that allocates both results
     return np.ascontiguousarray(blended[:height, pad : pad + canvas.width].clip(0, 255).astype(np.uint8))
 
@@ -123,14 +183,6 @@ def _reached_columns(view: PlacedFrame, canvas: PanoramaCanvas, pad: int) -> lis
         if first <= last:
             found.append(np.arange(first, last + 1))
     return found
-
-
-def _render(view: PlacedFrame, columns: NDArray[np.int64], canvas: PanoramaCanvas) -> NDArray[np.int16]:
-    yaws_rad = canvas.left_rad - (columns + 0.5) / canvas.px_per_rad
-    right_rad = wrapped_rad(view.yaw_rad - yaws_rad)
-    down_px = np.arange(canvas.top_px, canvas.bottom_px) + 0.5 - view.down_rad * canvas.px_per_rad
-    colours, _ = project_frame(view.frame, view.lens, right_rad, down_px, canvas.px_per_rad)
-    return np.asarray(np.rint(colours * np.float32(view.gain)), np.int16)
 
 
 def _bands(views: Mapping[int, PlacedFrame], canvas: PanoramaCanvas) -> int:

@@ -228,7 +228,7 @@ def gains_of(placing: FramePlacement) -> dict[int, float]:
         rows.append(row)
         targets.append(1 / _GAIN_SIGMA)
         for beyond, other in enumerate(numbers[at + 1 :], at + 1):
-            levels = _mean_levels(placing.patches, placing.places, one, other)
+            levels = _typical_levels(placing.patches, placing.places, one, other)
             if levels is not None:
                 row = np.zeros(len(numbers))
                 row[at], row[beyond] = levels[0] / _LEVELS_SIGMA, -levels[1] / _LEVELS_SIGMA
@@ -238,10 +238,10 @@ def gains_of(placing: FramePlacement) -> dict[int, float]:
     return dict(zip(numbers, (gains / gains.mean()).tolist(), strict=True))
 
 
-def _mean_levels(
+def _typical_levels(
     patches: Mapping[int, Patch], places: Mapping[int, tuple[float, float]], one: int, other: int
 ) -> tuple[float, float] | None:
-    """Return the mean grey level of each frame in their overlap; None if the overlap is too small."""
+    """Return the typical grey level of each frame in their overlap; None if the overlap is too small."""
     first, second = patches[one], patches[other]
     right_px = round(wrapped_rad(places[one][0] - places[other][0]) * first.px_per_rad)
     if abs(right_px) >= first.grey.shape[1]:
@@ -251,4 +251,6 @@ def _mean_levels(
         common = common & (colours.min(axis=2) > _DARKEST) & (colours.max(axis=2) < _BRIGHTEST)
     if int(common.sum()) < _FEWEST_PX:
         return None
-    return float(of_first[common].mean()), float(of_second[common].mean())
+    level = float(of_first[common].mean())
+    brighter = np.subtract(of_second[common], of_first[common], dtype=np.float32)
+    return level, level + float(np.median(brighter))  # the median: a thing that only one of them shows does not count

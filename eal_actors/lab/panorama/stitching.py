@@ -12,10 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.lab.panorama.blending import PanoramaCanvas, PlacedFrame, blend, common_rows, owners_of
+from eal_actors.lab.panorama.blending import (
+    Owners,
+    PanoramaCanvas,
+    PlacedFrame,
+    blend,
+    common_rows,
+    find_seams,
+    owners_of,
+)
 from eal_actors.lab.panorama.cylinder import CameraLens, Image, PlacedBy
 from eal_actors.lab.panorama.placement import FramePlacement, gains_of, place_frames
-from eal_actors.lab.panorama.ring import ring_of
+from eal_actors.lab.panorama.ring import Ring, ring_of
 
 _LEAST_OVERLAP_DEG: Final = 10.0
 _TOLERANCE_DEG: Final = 2.0  # tolerance for steps that odometry overestimates
@@ -170,9 +178,10 @@ def _render(
     for number, (yaw_rad, down_rad) in placement.places.items():
         lens = CameraLens.of(frames[number], field_of_view_rad)
         views[number] = PlacedFrame(frames[number], lens, yaw_rad, down_rad, gains[number])
-    canvas, owners = _canvas(views, field_of_view_rad)
+    ring = ring_of({number: view.yaw_rad for number, view in views.items()}, field_of_view_rad)
+    canvas, owners = _canvas(views, ring, field_of_view_rad)
     return Panorama(
-        image=blend(views, owners, canvas),
+        image=blend(views, find_seams(views, ring.order, owners, canvas), canvas),
         left_yaw_rad=canvas.left_rad,
         px_per_rad=canvas.px_per_rad,
         horizon_px=-float(canvas.top_px),
@@ -186,9 +195,8 @@ def _render(
     )
 
 
-def _canvas(views: Mapping[int, PlacedFrame], field_of_view_rad: float) -> tuple[PanoramaCanvas, NDArray[np.int64]]:
-    """Return the canvas, and the frame that provides each of its columns."""
-    ring = ring_of({number: view.yaw_rad for number, view in views.items()}, field_of_view_rad)
+def _canvas(views: Mapping[int, PlacedFrame], ring: Ring, field_of_view_rad: float) -> tuple[PanoramaCanvas, Owners]:
+    """Return the canvas, and the frame nearest to each of its columns."""
     focal_px = views[ring.order[0]].lens.focal_px
     if ring.is_closed:
         width = round(2 * math.pi * focal_px)

@@ -12,12 +12,16 @@ import pytest
 from eal_actors.device.world import load_world
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.lab.panorama import stitch
-from plugins.sim.camera.render import expose
+from plugins.sim.camera.eye import Eye, PinholeLens
+from plugins.sim.camera.movers import RobotAppearance, RobotAt
+from plugins.sim.camera.render import expose, render
 from plugins.sim.camera.scene import Scene
 from tests.unit.lab.panorama.turning import (
     LAB,
+    PLACE_M,
     VIEW_RAD,
     Image,
+    lab,
     mean_error_rad,
     noisy,
     shots,
@@ -188,3 +192,29 @@ def test_a_camera_that_is_not_quite_level_is_followed() -> None:
     assert panorama.placed[2] == "features"
     assert psnr_db(panorama.image, truth(panorama, TRUE, 1)) > 26
     assert abs(mean_error_rad(panorama, TRUE)) < math.radians(3)
+
+
+def test_a_robot_that_drives_by_is_shown_whole_or_not_at_all() -> None:
+    """A robot stands on each seam while the frame to the left of it is taken, and has left before the next one."""
+    look, lens = RobotAppearance(0.17, 0.5, (200, 60, 40), 0.5), PinholeLens(320, 240, 60)
+    seams_rad = [yaw_rad - math.radians(22.5) for yaw_rad in TRUE]
+    there = [
+        RobotAt(look, PLACE_M[0] + 1.6 * math.cos(yaw_rad), PLACE_M[1] + 1.6 * math.sin(yaw_rad), 0.0)
+        for yaw_rad in seams_rad
+    ]
+    frames = [render(lab(), [there[n]], Eye(*PLACE_M, yaw_rad, lens)) for n, yaw_rad in enumerate(TRUE)]
+    panorama = stitch(frames, MEANT, VIEW_RAD)
+    empty, crowded = truth(panorama, TRUE, 1), truth(panorama, TRUE, 1, there)
+    shares = []
+    for yaw_rad in seams_rad:
+        middle = round((panorama.left_yaw_rad - mean_error_rad(panorama, TRUE) - yaw_rad) * panorama.px_per_rad)
+        columns = np.arange(middle - 45, middle + 45) % panorama.image.shape[1]
+        here, none, whole = (red_px(image[:, columns]) for image in (panorama.image, empty, crowded))
+        shares.append((here - none) / (whole - none))
+    assert all(abs(share) < 0.1 or abs(share - 1) < 0.1 for share in shares), shares
+
+
+def red_px(image: Image) -> int:
+    """Return how many pixels are as red as the robot."""
+    red, green, blue = (image[..., channel].astype(int) for channel in range(3))
+    return int(((red > 2 * green) & (red > 2 * blue)).sum())

@@ -18,6 +18,7 @@ from eal_actors.lab.panorama import Panorama, stitching
 from eal_actors.lab.panorama.cylinder import wrapped_rad
 from eal_actors.lab.panorama.placement import place_frames
 from plugins.sim.camera.eye import Eye, PinholeLens
+from plugins.sim.camera.movers import Mover
 from plugins.sim.camera.render import render
 from plugins.sim.camera.scene import Scene
 from tests.unit.plugins.sim import ray_caster
@@ -67,11 +68,11 @@ def yaw_error_rad(panorama: Panorama, true_rad: Sequence[float]) -> float:
     )
 
 
-def truth(panorama: Panorama, true_rad: Sequence[float], rays_per_side: int = 2) -> Image:
+def truth(panorama: Panorama, true_rad: Sequence[float], rays_per_side: int = 2, movers: Sequence[Mover] = ()) -> Image:
     """Return what a perfect panorama shows in place of this one, ray by ray."""
     height, width = panorama.image.shape[:2]
     left_rad = panorama.left_yaw_rad - mean_error_rad(panorama, true_rad)
-    surfaces = list(ray_caster._surfaces(lab(), []))
+    surfaces = list(ray_caster._surfaces(lab(), movers))
     parts = (np.arange(rays_per_side) + 0.5) / rays_per_side
     total = np.zeros((height, width, 3))
     for part_x in parts:
