@@ -69,7 +69,8 @@ def files_of(what: str) -> list[str]:
             "command": lambda: eal.send_cmd(base, "f0.05"),
         }
         actions[what]()  # the first call may load modules
-        return entered_by(actions[what])
+        runs = [set(entered_by(actions[what])) for _ in range(3)]
+        return sorted(set.intersection(*runs))  # on a busy machine a timer of another actor may come due during one
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ PROTOCOL_VERSION: Final = 3
 MAX_ENVELOPE_BYTES: Final = 1024**2
 MAX_PAYLOAD_BYTES: Final = 64 * 1024**2
 MAX_CALL_BYTES: Final = 8 * 1024**2
-"""Limit of the payload of a call. Robots have little memory, and whoever may connect may send to them."""
+"""Limit of the payload of a call. Robots have little memory, and each connected program may send to them."""
 MAX_ITEMS: Final = 4096
 """Limit of one list or map in an envelope, so that nested ones cannot make a reader allocate much memory."""
 MAX_MESSAGE_CHARS: Final = 16_000

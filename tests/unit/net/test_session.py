@@ -14,7 +14,7 @@ import zenoh
 
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.net.security.access import controller_access, robot_access, router_access
-from eal_actors.net.security.certificates import make_authority, make_certificate
+from eal_actors.net.security.certificates import AUTHORITY, make_authority, make_certificate
 from eal_actors.net.session import controller_config, endpoints_of, robot_config, router_config
 from tests.net.links import fleet_of
 
@@ -155,8 +155,9 @@ class TestSecurity:
         def names(access: dict[str, Any]) -> set[str]:
             return {name for subject in access["subjects"] for name in subject["cert_common_names"]}
 
-        assert names(robot_access(fleet, security, "r1")) == {"router", "controller", "student", "display"}
-        assert names(robot_access(fleet, security, "r2")) == {"router", "controller", "display"}
+        everywhere = {"router", "controller", "display", AUTHORITY}
+        assert names(robot_access(fleet, security, "r1")) == {*everywhere, "student"}
+        assert names(robot_access(fleet, security, "r2")) == everywhere
         assert names(controller_access(fleet, security, ["r2"])) == {"router", "r2"}
         assert names(router_access(fleet, security)) == {"router", "r1", "r2", "controller", "student", "display"}
 
