@@ -23,7 +23,7 @@ from .motion import MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionGoal, MotionProgr
 from .predicted_wheels import Travel
 
 _MOST_DOUBT_M: Final = 0.03  # of the travel, in one straight drive
-_MOST_DOUBT_IN_A_TURN_M: Final = 0.006  # 2.7 degrees
+_MOST_DOUBT_IN_A_TURN_M: Final = 0.005  # 2.2 degrees
 _MOST_OFF_M: Final = 0.03  # from the goal of a motion
 _MOST_OFF_RAD: Final = math.radians(3)
 _HEADING_RAD: Final = math.radians(1.5)  # a straight drive turns back if it is off by more
@@ -113,7 +113,9 @@ class RoombaBase(DifferentialBase):
         try:
             yield from self._come_to_rest()
             goal = MotionGoal.of(self._roomba.latest().pose, distance_m, angle_rad)
+            doubt = self._roomba.travel_doubt
             yield from self._travel(motion, goal)
+            self._check_doubt(doubt)
             self._check_goal(goal)
             return 1
         finally:

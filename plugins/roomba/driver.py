@@ -341,8 +341,9 @@ class RoombaDriver(Listener):
     def _repeat_stop(self, reading: RoombaReading | None) -> None:
         """Repeat a stop until a reading confirms it. Thread: holds the lock."""
         now_s = self.clock.now()
-        if not self._must_stand:  # a damaged byte may set it going at any time
-            self._must_stand = self._mode in (Mode.SAFE, Mode.FULL) and self._moved_s > self._stopped_s
+        if not self._must_stand:
+            if self._mode in (Mode.SAFE, Mode.FULL) and self._moved_s > self._stopped_s:
+                self._stop()  # a damaged byte has set it going
         elif reading is not None and reading.stands and reading.stamp_s - self._stopped_s > _INSIST_S:
             self._must_stand, self._stopped_s, self._stop_count = False, reading.stamp_s, 0
         elif now_s - self._sent_s > _INSIST_S:

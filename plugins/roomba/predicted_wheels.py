@@ -8,7 +8,8 @@ from typing import Final, NamedTuple
 
 _ACCELERATION_M_S2: Final = 0.8  # about that of a Roomba's wheels; the model learns it
 _FACTOR: Final = 2.0  # by which a Roomba's acceleration may be another one
-_LEARNT_FACTOR: Final = 1.4
+_LEARNT_FACTOR: Final = 1.5
+_ALIKE: Final = 1.3  # a factor between two measurements that agree
 _TELLING_M: Final = 0.008  # a difference of travel that tells accelerations apart
 _MAX_SPEED_M_S: Final = 0.6
 ROUNDING_M: Final = 0.002  # of two counts in whole millimetres
@@ -142,11 +143,15 @@ class PredictedWheels:
 
 
 class AccelerationGauge:
-    """Measures the acceleration of the wheels by what they count from rest."""
+    """Measures the acceleration of the wheels by what they count from rest.
+
+    Two measurements in a row must agree: a command that was lost makes wheels look slow.
+    """
 
     def __init__(self) -> None:
         self._model = PredictedWheels()
         self._counted: Travel | None = None
+        self._found = math.inf
         self._since_s = 0.0
 
     def command(self, speeds_m_s: tuple[float, float], now_s: float) -> None:
@@ -176,6 +181,7 @@ class AccelerationGauge:
         off_m, best = min(
             (abs(travel[place] - wanted_m), factor) for travel, factor in zip(travels, factors, strict=True)
         )
-        if off_m < ROUNDING_M:
+        before, self._found = self._found, best
+        if off_m < ROUNDING_M and 1 / _ALIKE < best / before < _ALIKE:
             model.acceleration_m_s2, model.factor = _ACCELERATION_M_S2 * best, _LEARNT_FACTOR
         self._counted = None
