@@ -252,6 +252,7 @@ class ResourceCell:
         error: the error of calls while there is no actor.
         link: the link that calls pass; a faultless one of its own if None is given.
         latch: the robot's emergency stop.
+        owes_halt: whether a halt was accepted while the device was absent, and is still to be carried out.
         open_feed: opens a feed of a remote resource; None where streams poll in this process.
     """
 
@@ -275,6 +276,7 @@ class ResourceCell:
         self.actor: CallServer | None = None
         self.info: ResourceInfo | None = None
         self.error: EALError = UnavailableError("it has not started yet")
+        self.owes_halt = False
         self.open_feed: OpenFeed | None = None
         self._close_callbacks: set[Callable[[EALError], None]] = set()
         self._is_closed = False

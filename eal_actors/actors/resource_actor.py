@@ -112,7 +112,6 @@ class ResourceActor(ActivityActor):
         self._current: Call[Any] | None = None
         self._reports_readiness = False
         self._not_ready: str | None = None
-        self._owes_halt = False
         self._scheduled = ScheduledCommand(self.actor_inbox, self._execute)
 
     # Life.
@@ -228,10 +227,10 @@ class ResourceActor(ActivityActor):
         """Return why the device is not ready, or None; log and report a change once. Carry out a halt that is due."""
         before, reason = self._not_ready, self.opened.not_ready()
         self._not_ready = reason
-        if reason is None and self._owes_halt:
+        if reason is None and self.cell.owes_halt:
             self._log.info("halting now, as requested while it was not ready")
-            self._owes_halt = False
-            self._owes_halt = not self.guarded(self.opened.halt) or self._owes_halt
+            self.cell.owes_halt = False
+            self.cell.owes_halt = not self.guarded(self.opened.halt) or self.cell.owes_halt
         if reason is not None and before is None:
             self._log.warning("not ready", reason=reason)
         elif reason is None and before is not None:
@@ -244,9 +243,9 @@ class ResourceActor(ActivityActor):
         """Note that the resource must be halted once its device is back; return False if nobody will know of that."""
         if not self._reports_readiness or self.resource is None:
             return False
-        if not self._owes_halt:
+        if not self.cell.owes_halt:
             self._log.warning("it is halted as soon as it is ready", reason=error.message)
-        self._owes_halt = True
+        self.cell.owes_halt = True
         return True
 
     @override

@@ -22,7 +22,14 @@ from eal_actors.device.info import ResourceInfo
 from eal_actors.device.link import FaultyLink
 from eal_actors.device.plugin_context import OpenPlugins
 from eal_actors.kernel.clock import REAL_TIME, Clock
-from eal_actors.kernel.errors import EALError, PluginError, RobotFailedError, UnavailableError, error_text
+from eal_actors.kernel.errors import (
+    EALError,
+    NotReadyError,
+    PluginError,
+    RobotFailedError,
+    UnavailableError,
+    error_text,
+)
 from eal_actors.kernel.log import get_logger
 
 
@@ -83,11 +90,13 @@ class RobotActor(EALActor, RobotConnection):
         self._intensity = RestartIntensity(spec.max_restarts, spec.restart_window_s)
         self._callbacks = ResourceCallbacks(
             up=lambda actor, info: self._soon(lambda: self._on_up(actor, info)),
-            ready=lambda actor, reason: view.note_readiness(actor.cell.name, reason),
+            ready=self._note_readiness,
             down=lambda actor, error: self._soon(lambda: self._on_down(actor, error)),
             watch=self._watch,
         )
         self._stopping = False
+        self._stop_waits = False
+        """Whether an emergency stop waits for the halt of a device that is absent."""
         self._threads: list[threading.Thread] = []
         self._log = get_logger(robot=spec.name)
 
@@ -254,7 +263,21 @@ class RobotActor(EALActor, RobotConnection):
         for cell in self.view.cells.values():
             halts.append(halt := Call[Any](cell, "halt", (), cell.timeout_s))
             cell.submit_urgent(halt, stops=True)
-        return gather(halts).map(lambda _: self.view.latch.confirm())
+        return gather(halts).map(lambda _: self._confirm_stop())
+
+    def _confirm_stop(self) -> None:
+        """Record that the robot has halted, or raise NotReadyError if a halt waits for a device that is absent."""
+        owing = [name for name, cell in self.view.cells.items() if cell.owes_halt]
+        self._stop_waits = bool(owing)
+        if owing:
+            raise NotReadyError(f"{', '.join(owing)} cannot be halted before the device is back", robot=self.view.name)
+        self.view.latch.confirm()
+
+    def _note_readiness(self, actor: ResourceActor, reason: str | None) -> None:
+        self.view.note_readiness(actor.cell.name, reason)
+        if self._stop_waits and not any(cell.owes_halt for cell in self.view.cells.values()):
+            self._stop_waits = False
+            self.view.latch.confirm()
 
     @override
     def resume(self) -> Future[None]:

@@ -53,3 +53,23 @@ def test_it_is_accepted_and_stops_the_robot_when_the_cable_is_back(make: str, me
                 fleet.clock.sleep(0.05)
             assert robot.stands()
             assert fleet["hero"].restarts == {}
+
+
+@pytest.mark.parametrize("make", ROBOTS)
+def test_an_emergency_stop_is_confirmed_when_the_cable_is_back(make: str) -> None:
+    new, settings = ROBOTS[make]
+    with plugged_in(new()) as robot:
+        plugins = {make: {"port": robot.address, **settings}}
+        with Fleet(EALConfigManager.of({"version": 1, "robots": {"hero": {"plugins": plugins}}}).fleet) as fleet:
+            robot.strike_after(0.05, lambda: None)
+            moving = fleet["hero"]["Base"].send_cmd("f5", timeout_s=WAIT_S)
+            assert robot.struck.wait(WAIT_S)
+            robot.unplug()
+            assert isinstance(moving.exception(), NotReadyError)
+            with pytest.raises(NotReadyError, match="Base cannot be halted before the device is back"):
+                fleet["hero"].stop("smoke").get()
+            assert not fleet["hero"].is_stop_confirmed
+            robot.plug_in()
+            while not fleet["hero"].is_stop_confirmed:  # bounded by pytest's time-out
+                fleet.clock.sleep(0.05)
+            assert robot.stands()
