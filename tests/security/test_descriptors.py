@@ -80,7 +80,6 @@ def stop_under_strangers(folder: Path, limit: int, count: int) -> float:
                     begin_s = REAL_TIME.now()
                     assert fleet["r1"].stop("strangers").exception(timeout=WAIT_S) is None
                     longest_s = max(longest_s, REAL_TIME.now() - begin_s)
-                    assert sum(1 for _ in Path(f"/proc/{robot.pid}/fd").iterdir()) <= 0.9 * limit
                     assert fleet["r1"].resume().exception(timeout=WAIT_S) is None
             assert_new_controllers_get_in(rig)
             assert fleet["r1"]["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1

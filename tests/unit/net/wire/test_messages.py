@@ -15,7 +15,7 @@ from eal_actors.kernel import errors
 from eal_actors.kernel.errors import ConfigError, DataError, DeadlineError, EALError, Problem, ProtocolError
 from eal_actors.net.wire import messages as wire
 from eal_actors.net.wire.messages import ACCEPTED, CallHeader, CallId, CallReply, Heartbeat, RobotEvent, RobotTime
-from eal_actors.net.wire.packing import MAX_PAYLOAD_BYTES, Buffer
+from eal_actors.net.wire.packing import MAX_CALL_BYTES, MAX_PAYLOAD_BYTES, Buffer
 
 CLIENT = 2 * "0123456789abcdef"
 CALL = CallHeader(CLIENT, 3, 17, 0.5, 2.0, None, ("r45",))
@@ -310,17 +310,14 @@ def test_a_frame_is_not_copied() -> None:
     assert np.shares_memory(np.frombuffer(arrived, "u1"), back.value)
 
 
-def test_a_payload_has_at_most_64_mib() -> None:
-    most = MAX_PAYLOAD_BYTES
-    envelope, payload = wire.encode_call(CALL, EALData.of(np.zeros(most, "u1")))
+def test_a_call_has_at_most_8_mib_and_an_answer_64() -> None:
+    envelope, payload = wire.encode_call(CALL, EALData.of(np.zeros(MAX_CALL_BYTES, "u1")))
     assert wire.decode_call(envelope, payload)[1] is not None
-    too_much = EALData.of(np.zeros(most + 1, "u1"))
-    with pytest.raises(DataError, match="67108865 bytes is over the 67108864"):
-        wire.encode_call(CALL, too_much)
+    with pytest.raises(DataError, match="8388609 bytes is over the 8388608"):
+        wire.encode_call(CALL, EALData.of(np.zeros(MAX_CALL_BYTES + 1, "u1")))
+    too_much = EALData.of(np.zeros(MAX_PAYLOAD_BYTES + 1, "u1"))
     with pytest.raises(DataError, match="67108865 bytes is over the 67108864"):
         encode_answer(too_much)
-    with pytest.raises(ProtocolError, match="a payload of 67108865 bytes, more than 67108864"):
-        wire.decode_call(envelope, too_much.payload)
     with pytest.raises(ProtocolError, match="a payload of 67108865 bytes, more than 67108864"):
         decode_answer(encode_answer(EALData.of(1.0))[0], too_much.payload)
 

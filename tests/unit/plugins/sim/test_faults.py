@@ -233,7 +233,7 @@ def test_a_path_without_faults_is_bit_by_bit_what_it_was() -> None:
 @pytest.mark.parametrize("sensor", [name for name in SENSORS if name not in ("Odometry", "Camera")])
 def test_a_frozen_sensor_keeps_its_value_and_its_stamp(sensor: str) -> None:
     fleet = Fleet()
-    robot = fleet.add("r1", (0, 0, 0))
+    robot = fleet.add("r1", (0, 0, 0), lidar={}, imu={}, depth_camera={})
     resource = robot.resource(sensor)
     before = resource.get_value()
     fleet.clock.advance(1.0)
