@@ -7,8 +7,8 @@ unreachable until a restart. The guard prevents that. It shares the listening so
 - While too many connections have no finished handshake, or descriptors are short, the kernel drops the packets of new
   ones (SO_ATTACH_FILTER), and those that wait to be accepted are closed. Links that exist are not touched, and refused
   controllers dial again.
-- From three quarters of the descriptors on, new connections are refused. A burst may use up all of them before the guard
-  looks; it holds some, and frees them then, so that `accept` works again.
+- From three quarters of the descriptors on, new connections are refused. A burst may use up all of them before the
+  guard looks; it holds some, and frees them then, so that `accept` works again.
 
 Limits: each failed TLS handshake costs the engine's listener 0.1 s, hence the small bounds. While strangers keep the
 bound reached, no new controller gets in. TCP_DEFER_ACCEPT was tried: silent connections wait in the kernel then, and
