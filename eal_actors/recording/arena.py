@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from eal_actors.device.world import BoxObstacle, CircleObstacle, Drop, MovableBox, Poster, WorldModel
+from eal_actors.device.world import Beacon, BoxObstacle, CircleObstacle, Drop, MovableBox, Poster, WorldModel
 from eal_actors.kernel.log import get_logger
 
 if TYPE_CHECKING:
@@ -153,8 +153,8 @@ def _write_names(axes: Axes, world: WorldModel) -> None:
     if len(world.obstacles) <= _MOST_NUMBERED:
         for number, obstacle in enumerate(world.solid_obstacles):
             axes.annotate(str(number), (obstacle.x_m, obstacle.y_m), xytext=(0, 0), **small)
-    named = [*((thing.name, thing) for thing in (*world.boxes, *world.beacons)), *world.places.items()]
-    for name, thing in named:
+    named: tuple[MovableBox | Beacon, ...] = (*world.boxes, *world.beacons)
+    for name, thing in (*((thing.name, thing) for thing in named), *world.places.items()):
         axes.annotate(name, (thing.x_m, thing.y_m), xytext=(0, 13), **small)
     if len(world.start_poses) <= _MOST_NUMBERED:
         for number, pose in enumerate(world.start_poses):

@@ -135,12 +135,12 @@ class OccupancyGrid:
             start_m: x and y of one end in the map frame.
             end_m: x and y of the other end.
         """
-        start, end = self.continuous((start_m, end_m)).tolist()
+        (start,), (end,) = self.continuous(start_m).tolist(), self.continuous(end_m).tolist()
         return self.is_cell_line_free(start, end)
 
     def is_cell_line_free(self, start: Sequence[float], end: Sequence[float]) -> bool:
         """Return the same for ends as `continuous` returns them."""
-        (u0, v0), (u1, v1) = sorted((start, end))
+        (u0, v0), (u1, v1) = sorted((tuple(start), tuple(end)))
         rows, columns = self.cells.shape
         if not (u0 >= 0 and u1 <= columns and min(v0, v1) >= 0 and max(v0, v1) <= rows):
             return False

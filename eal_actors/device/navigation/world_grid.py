@@ -51,8 +51,8 @@ class _Painter:
     def __init__(self, rows: int, columns: int, resolution_m: float, origin: GridOrigin) -> None:
         self.occupied: Mask = np.zeros((rows, columns), np.bool_)
         self._half_m = resolution_m / 2
-        self._xs = origin.x_m + resolution_m * (np.arange(columns) + 0.5)
-        self._ys = origin.y_m + resolution_m * (np.arange(rows) + 0.5)
+        self._xs = origin.x_m + resolution_m * (np.arange(columns, dtype=np.float64) + 0.5)
+        self._ys = origin.y_m + resolution_m * (np.arange(rows, dtype=np.float64) + 0.5)
 
     def outside(self, width_m: float, depth_m: float) -> None:
         """Mark the cells that reach through a wall, where the room is no multiple of the resolution."""
@@ -93,7 +93,7 @@ class _Painter:
 
     def _window(
         self, west_m: float, east_m: float, south_m: float, north_m: float
-    ) -> tuple[tuple[slice, slice], NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[tuple[slice, slice], NDArray[np.floating], NDArray[np.floating]]:
         """Return the cells that a box touches, and their centres: x of shape (1, columns) and y of shape (rows, 1)."""
         columns = slice(*np.searchsorted(self._xs, (west_m - self._half_m, east_m + self._half_m)))
         rows = slice(*np.searchsorted(self._ys, (south_m - self._half_m, north_m + self._half_m)))
