@@ -15,9 +15,9 @@ from urllib.request import urlopen
 import pytest
 
 from eal_actors.kernel.clock import REAL_TIME
-from eal_actors.net.security.certificates import certificate_file, key_file, make_authority, make_certificate
 from eal_actors.operate.dashboard import Dashboard, tls_context
 from eal_actors.operate.dashboard.places import MAX_PER_ADDRESS
+from eal_actors.wire.security.certificates import certificate_file, key_file, make_authority, make_certificate
 from tests.net.rig import process
 from tests.operate.dashboard.flooding import KINDS
 from tests.operate.dashboard.rig import WAIT_S, counting_fleet, open_dashboard, page_of
@@ -94,4 +94,5 @@ def test_pages_open_and_stops_work_in_a_flood_of_connections(tmp_path: Path, kin
             with urlopen(dashboard.url, timeout=WAIT_S, context=trusting) as answer:  # noqa: S310  # its own address
                 assert b"<title>" in answer.read()
             times_s.append(REAL_TIME.now() - begin_s)
-    print(f"{kind}: {STOPS} of {STOPS}, median {statistics.median(times_s):.2f} s, longest {max(times_s):.2f} s")
+    figures = f"{STOPS} of {STOPS}, median {statistics.median(times_s):.2f} s, longest {max(times_s):.2f} s"
+    print(f"{kind}: {figures}")  # noqa: T201  # of the long form
