@@ -16,7 +16,8 @@ from __future__ import annotations
 from pydantic import Field
 
 from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.differential_base import DifferentialBase, Drivetrain, WheelCalibration
+from eal_actors.device.differential_base import DifferentialBase
+from eal_actors.device.drivetrain import Drivetrain, WheelCalibration
 from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
 from eal_actors.device.link import FaultyLink as Link
 from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
@@ -27,8 +28,10 @@ from eal_actors.device.sockets import TcpPort, UdpPort, open_tcp
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     ArgumentError,
+    BlockedError,
     DataError,
     EALError,
+    LocalizationError,
     NotReadyError,
     PluginError,
     ResourceFaultError,
@@ -40,6 +43,7 @@ from eal_actors.kernel.log import get_logger
 __all__ = [
     "Activity",
     "ArgumentError",
+    "BlockedError",
     "BytePort",
     "Clock",
     "CommandInfo",
@@ -54,6 +58,7 @@ __all__ = [
     "Field",
     "FleetServices",
     "Link",
+    "LocalizationError",
     "NotReadyError",
     "PluginContext",
     "PluginError",

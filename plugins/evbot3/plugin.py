@@ -15,10 +15,12 @@ from ..evbot2 import connecting
 from ..evbot2.messages import OrderChannel
 from .emulator import WHEELS, simulated_evbot3
 from .protocol import MODEL, HostFrameCodec
-from .sensors import Battery, Bump
+from .sensors import Battery, Bump, BumperBase
 from .turret import Turret
 
-DRIVETRAIN: Final = Drivetrain("evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_m_s, 90.0, 150.0)
+DRIVETRAIN: Final = Drivetrain(
+    "evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_m_s, 90.0, 150.0, WHEELS.acceleration_m_s2
+)
 """The EvBot III."""
 
 _CONNECT_TIMEOUT_S: Final = 2.0
@@ -73,6 +75,11 @@ def connect(context: PluginContext) -> connecting.EvBotPlugin:
     return connecting.EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry", "Turret", "Bump", "Battery")
 
 
+def create_Base(context: PluginContext) -> BumperBase:
+    """Create the base."""
+    return BumperBase(context.plugin.session, context.plugin.odometer, context.plugin.drivetrain, context)
+
+
 def create_Turret(context: PluginContext) -> Turret:
     """Create the turret."""
     return Turret(context.plugin.session)
@@ -88,5 +95,5 @@ def create_Battery(context: PluginContext) -> Battery:
     return Battery(context.plugin.session)
 
 
-disconnect, create_Base, create_Odometry = connecting.disconnect, connecting.create_Base, connecting.create_Odometry
+disconnect, create_Odometry = connecting.disconnect, connecting.create_Odometry
 destroy_Base = destroy_Odometry = destroy_Turret = destroy_Bump = destroy_Battery = connecting.destroy
