@@ -18,10 +18,10 @@ from eal_actors.device.motion.route import Point, Route
 PlanarPose: TypeAlias = tuple[float, float, float]
 """x and y in metres, yaw in radians."""
 
-ARRIVED_M: Final = 0.005
-ARRIVED_RAD: Final = math.radians(0.8)
+ARRIVED_M: Final = 0.004
+ARRIVED_RAD: Final = math.radians(0.4)
 """Within these of its goal the robot stops."""
-STAYS: Final = 1.6
+STAYS: Final = 2.0
 """A robot that has stopped corrects only what exceeds these tolerances by this factor."""
 
 _LOOK_AHEAD_M: Final = 0.12
@@ -33,7 +33,7 @@ _NEAR_M: Final = 0.15  # from the end; the robot may drive backwards
 _STRAIGHT_M: Final = 0.03  # from the end; the robot only drives straight, since its bearing means little
 _STRAIGHT_RAD: Final = math.radians(15)
 _CREEP_M_S: Final = 0.012
-_CREEP_RAD_S: Final = math.radians(4)
+_CREEP_RAD_S: Final = math.radians(3)
 _BRAKE_SHARE: Final = 0.5  # of the acceleration, so that the wheels can follow
 
 
