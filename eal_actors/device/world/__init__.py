@@ -26,6 +26,7 @@ from eal_actors.device.world.model import (
     WorldModel,
     formation_poses,
 )
+from eal_actors.device.world.overhead import FloorMarker, OverheadCamera, WorldMarkers
 
 __all__ = [
     "AnyObstacle",
@@ -34,16 +35,19 @@ __all__ = [
     "CircleObstacle",
     "Colour",
     "Drop",
+    "FloorMarker",
     "Formation",
     "Lamp",
     "Lighting",
     "MovableBox",
+    "OverheadCamera",
     "Partition",
     "Physics",
     "Poster",
     "StartPose",
     "SurfaceTexture",
     "Surfaces",
+    "WorldMarkers",
     "WorldModel",
     "formation_poses",
     "load_world",
