@@ -19,6 +19,10 @@ from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.differential_base import DifferentialBase, Drivetrain, WheelCalibration
 from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
 from eal_actors.device.link import FaultyLink as Link
+from eal_actors.device.localization.localizer import Localizer
+from eal_actors.device.localization.odometry_noise import OdometryNoise
+from eal_actors.device.localization.pose_estimate import PoseEstimate, wrapped_rad
+from eal_actors.device.localization.pose_resource import PoseResource, finite_pose
 from eal_actors.device.markers import FAMILIES, FamilyName
 from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
 from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
@@ -59,10 +63,14 @@ __all__ = [
     "FleetServices",
     "FloorMarker",
     "Link",
+    "Localizer",
     "NotReadyError",
+    "OdometryNoise",
     "PluginContext",
     "PluginError",
     "PluginSettingsModel",
+    "PoseEstimate",
+    "PoseResource",
     "ReopeningDevice",
     "ReopeningPort",
     "Resource",
@@ -78,8 +86,10 @@ __all__ = [
     "command",
     "config",
     "config_setter",
+    "finite_pose",
     "get_logger",
     "open_serial",
     "open_tcp",
     "request",
+    "wrapped_rad",
 ]
