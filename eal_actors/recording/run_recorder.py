@@ -15,7 +15,6 @@ from eal_actors.device.info import ResourceInfo, ResourceType
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, UnsupportedError
 from eal_actors.kernel.log import get_logger
-from eal_actors.net.wire.images import encode_image
 from eal_actors.recording import messages, schemas
 from eal_actors.recording.mcap_file import ARENA_TOPIC, RECORD_FILE, McapFile, write_event, write_pose
 from eal_actors.recording.poses import POSE_PERIOD_S, POSE_RESOURCE, PoseSample, TrajectoryTable, pose_sample
@@ -25,6 +24,7 @@ from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.recording.sampler import Sampler, SampleSpec
 from eal_actors.scenario.report.events import RunContinued, RunEvent, RunStarted, StepEnded
 from eal_actors.scenario.report.summary import StepRecord
+from eal_actors.wire.format.images import encode_image
 
 Extent: TypeAlias = Literal["poses", "sensors", "all"]
 """The extent of a record beside events: poses; also the values of all sensors except cameras; also images."""

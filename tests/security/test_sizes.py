@@ -12,7 +12,7 @@ import zenoh
 from eal_actors import Fleet
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.session import controller_config, open_session
+from eal_actors.wire.session import controller_config, open_session
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Process, Rig, ready, servers
 from tests.security.forging import as_seen_by, make_keys, secure_rig
