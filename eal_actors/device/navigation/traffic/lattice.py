@@ -7,7 +7,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.navigation.grid import OccupancyGrid
+from eal_actors.device.navigation.grid import OccupancyGrid
 
 Point: TypeAlias = tuple[float, float]
 """x and y in m, in the map frame."""

@@ -12,8 +12,8 @@ from __future__ import annotations
 import random
 from typing import Final
 
-from eal_actors.navigation.traffic.problem import NOBODY, Path, TrafficProblem
-from eal_actors.navigation.traffic.timetable import Timetable
+from eal_actors.device.navigation.traffic.problem import NOBODY, Path, TrafficProblem
+from eal_actors.device.navigation.traffic.timetable import Timetable
 
 _GROUP: Final = 6
 _SCANS: Final = 4

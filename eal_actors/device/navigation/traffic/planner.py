@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Final
 
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.navigation.grid import OccupancyGrid
-from eal_actors.navigation.traffic.action_graph import action_graph
-from eal_actors.navigation.traffic.lacam import NoPlanError, PlanWorkError, search
-from eal_actors.navigation.traffic.lattice import Point
-from eal_actors.navigation.traffic.problem import FAR, TrafficProblem, cost_of
-from eal_actors.navigation.traffic.refining import refine
-from eal_actors.navigation.traffic.roadmap import RoadmapBuilder, StandingDisc, Traveller, point_text
+from eal_actors.device.navigation.grid import OccupancyGrid
+from eal_actors.device.navigation.traffic.action_graph import action_graph
+from eal_actors.device.navigation.traffic.lacam import NoPlanError, PlanWorkError, search
+from eal_actors.device.navigation.traffic.lattice import Point
+from eal_actors.device.navigation.traffic.problem import FAR, TrafficProblem, cost_of
+from eal_actors.device.navigation.traffic.refining import refine
+from eal_actors.device.navigation.traffic.roadmap import RoadmapBuilder, StandingDisc, Traveller, point_text
 
 MARGIN_M: Final = 0.1
 """Distance that hulls keep from each other: robots stray from their ways by a few centimetres."""

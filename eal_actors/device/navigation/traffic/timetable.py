@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import heapq
+import itertools
 from collections import Counter
 from collections.abc import Iterator
 
-from eal_actors.navigation.traffic.problem import FAR, NOBODY, Path, TrafficProblem
+from eal_actors.device.navigation.traffic.problem import FAR, NOBODY, Path, TrafficProblem
 
 _SLACK_STEPS = 16
 """Steps after the last arrival, so that a new path may be later than all others."""
@@ -57,12 +58,13 @@ class Timetable:
         self._closed.subtract(self._closures(path))
 
     def _closures(self, path: Path) -> Iterator[tuple[int, int]]:
-        blocks = self._problem.blocks
+        blocks, is_own = self._problem.blocks, self._problem.is_own
         if blocks:
-            for step in range(len(path) - 1):
-                for near in blocks.get((path[step], path[step + 1]), ()):
-                    yield step, near
-                    yield step + 1, near
+            for step, (here, there) in enumerate(itertools.pairwise(path)):
+                for near in blocks.get((here, there), ()):
+                    if near not in {here, there} or is_own(here, there):
+                        yield step, near
+                        yield step + 1, near
 
     def shortest(self, number: int, most_steps: int) -> Path | None:
         """Return the shortest path of a traveller that is out of the timetable; None if it takes more than `most_steps`.
@@ -105,19 +107,19 @@ class Timetable:
             if after[other] != NOBODY or (closed and closed[step + 1, other]):
                 continue
             block = blocks.get((place, other)) if blocks else None
-            if block is not None:
-                if self._is_empty(block, step):
-                    found.append(other)
-            elif now[other] == NOBODY or not self._closes_circle(place, other, step):
+            if block is not None and not self._is_empty(block - self._shared_ends(place, other), step):
+                continue
+            if now[other] == NOBODY or not self._closes_circle(place, other, step):
                 found.append(other)
         return found
 
+    def _shared_ends(self, here: int, there: int) -> frozenset[int]:
+        """Return the ends of a move that somebody else may leave or enter in the same step."""
+        return frozenset() if self._problem.is_own(here, there) else frozenset((here, there))
+
     def _is_empty(self, block: frozenset[int], step: int) -> bool:
-        now, after, closed = self._at[step], self._at[step + 1], self._closed
-        return not any(
-            now[near] != NOBODY or after[near] != NOBODY or closed[step, near] or closed[step + 1, near]
-            for near in block
-        )
+        now, after = self._at[step], self._at[step + 1]
+        return not any(now[near] != NOBODY or after[near] != NOBODY for near in block)
 
     def _closes_circle(self, here: int, place: int, step: int) -> bool:
         """Return whether those that leave for each other's places would be in a circle with the traveller."""

@@ -3,14 +3,15 @@
 Time is in steps. In a step each traveller moves along one edge of the graph or stays. Two rules make plans safe for
 robots whose speeds differ and that may stop at any time:
 
-- A move excludes everybody else from its `block`: the places within the clearance of its whole way. For a move between
-  two places of the lattice these are the two places. A traveller may enter a place in the step in which another one
-  leaves it, for the executor lets it wait until the other one has arrived.
+- A move excludes everybody else from its `block`: the places within the clearance of its whole way. For most moves
+  between two places of the lattice these are the two places. A traveller may enter a place of the lattice in the step
+  in which another one leaves it, for the executor lets it wait until the other one has arrived.
 - No group of travellers moves round in a circle, each to the place of the next: nobody could go first. Two that swap
   are such a circle.
 
-A move with a larger block (from or to a place between those of the lattice) begins and ends with the whole block empty.
-Every joint move is then a sequence of single moves, so this rule makes no problem unsolvable.
+Other places are the own starts and goals of single travellers. A block's own places must be empty before and after the
+step. A move from or to an own place needs its whole block empty. Every joint move is then a sequence of single moves,
+each of which keeps these rules, so they make no problem unsolvable.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ class TrafficProblem:
         blocks: for each move (from, to) that excludes others from more than its two ends, all places it excludes them
             from, the ends included. It contains both directions.
         own_neighbours: for each traveller, additional neighbours of places, which nobody else can use.
+        lattice: the number of places that everybody can use; those with higher numbers are own places.
     """
 
     neighbours: Sequence[Sequence[int]]
@@ -47,6 +49,7 @@ class TrafficProblem:
     goals: tuple[int, ...]
     blocks: Mapping[tuple[int, int], frozenset[int]] = field(default_factory=dict)
     own_neighbours: Mapping[int, Mapping[int, Sequence[int]]] = field(default_factory=dict)
+    lattice: int = FAR
 
     @property
     def size(self) -> int:
@@ -57,6 +60,10 @@ class TrafficProblem:
     def distances(self) -> list[list[int]]:
         """For each traveller, the steps from each place to its goal, without others; FAR where there is no way."""
         return [self._distances(number) for number in range(self.size)]
+
+    def is_own(self, here: int, there: int) -> bool:
+        """Return whether a move is from or to an own place."""
+        return here >= self.lattice or there >= self.lattice
 
     def options(self, number: int, place: int) -> list[int]:
         """Return where a traveller can be one step later, its place included."""

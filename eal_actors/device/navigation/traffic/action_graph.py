@@ -14,7 +14,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eal_actors.navigation.traffic.problem import Path, TrafficProblem
+from eal_actors.device.navigation.traffic.problem import Path, TrafficProblem
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,10 +22,10 @@ from typing import Final
 import numpy as np
 
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.navigation.grid import OccupancyGrid
-from eal_actors.navigation.traffic.lattice import Edge, Point, lay_lattice
-from eal_actors.navigation.traffic.problem import TrafficProblem
-from eal_actors.navigation.traffic.segments import Floats, distances_to_ways_m
+from eal_actors.device.navigation.grid import OccupancyGrid
+from eal_actors.device.navigation.traffic.lattice import Edge, Point, lay_lattice
+from eal_actors.device.navigation.traffic.problem import TrafficProblem
+from eal_actors.device.navigation.traffic.segments import Floats, distances_to_ways_m
 
 _SAME_PLACE_M: Final = 0.01
 """A start so near a place of the lattice, or the goal, is that place."""
@@ -132,9 +132,8 @@ class RoadmapBuilder:
             own.setdefault(number, {}).setdefault(here, []).append(there)
             own[number].setdefault(there, []).append(here)
         blocks = self._blocks(points, len(nodes), {start for start in starts if start >= len(nodes)})
-        return Roadmap(
-            points, TrafficProblem(neighbours, tuple(starts), tuple(goals), blocks, own), self._clearance_m
-        )
+        problem = TrafficProblem(neighbours, tuple(starts), tuple(goals), blocks, own, len(nodes))
+        return Roadmap(points, problem, self._clearance_m)
 
     # Checks.
 

@@ -9,16 +9,19 @@ Source: K. Okumura, "LaCAM: Search-Based Algorithm for Quick Multi-Agent Pathfin
 
 from __future__ import annotations
 
+import itertools
 import random
 from collections import deque
 from typing import Final, TypeAlias
 
-from eal_actors.navigation.traffic.pibt import StepGenerator
-from eal_actors.navigation.traffic.problem import Path, TrafficProblem, trimmed
+from eal_actors.device.navigation.traffic.pibt import StepGenerator
+from eal_actors.device.navigation.traffic.problem import Path, TrafficProblem, trimmed
 
 _Constraint: TypeAlias = tuple[tuple[int, int], ...]
 
-_RESTART_SHARE: Final = 0.001
+_FIRST_WORK: Final = 100
+"""Bound of the first attempt, for each traveller. Each later attempt has twice the bound and other random choices: most
+problems are solved quickly by most of them."""
 
 
 class NoPlanError(Exception):
@@ -54,7 +57,19 @@ def search(problem: TrafficProblem, seed: int, max_work: int) -> list[Path]:
         NoPlanError: there is no plan.
         PlanWorkError: the bound was reached.
     """
-    chance = random.Random(seed)
+    left, bound = max_work, _FIRST_WORK * problem.size
+    for attempt in itertools.count():
+        bound = min(2 * bound, left)
+        try:
+            return _attempt(problem, random.Random(f"{seed} {attempt}"), bound)
+        except PlanWorkError:
+            left -= bound
+            if left <= 0:
+                raise
+    raise AssertionError
+
+
+def _attempt(problem: TrafficProblem, chance: random.Random, max_work: int) -> list[Path]:
     generator = StepGenerator(problem, chance)
     count = max(1, problem.size)
     distances = [table[start] for table, start in zip(problem.distances, problem.starts, strict=True)]
@@ -80,7 +95,7 @@ def search(problem: TrafficProblem, seed: int, max_work: int) -> list[Path]:
             known[config] = _Node(config, node, _priorities(problem, node, config))
             open_nodes.append(known[config])
         else:
-            open_nodes.append(first if chance.random() < _RESTART_SHARE else known[config])
+            open_nodes.append(known[config])
     raise NoPlanError
 
 

@@ -10,9 +10,9 @@ path finding", Artificial Intelligence 310, 2022.
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
-from eal_actors.navigation.traffic.problem import FAR, NOBODY, TrafficProblem
+from eal_actors.device.navigation.traffic.problem import FAR, NOBODY, TrafficProblem
 
 
 class StepGenerator:
@@ -35,6 +35,7 @@ class StepGenerator:
         self._at: list[int] = []
         self._next: list[int] = []
         self._taken: list[int] = []
+        self._closed: list[int] = []  # by place, the number of moves whose blocks it is in
         self.work = 0
 
     def generate(
@@ -49,53 +50,38 @@ class StepGenerator:
         """
         places = len(self._problem.neighbours)
         self._now = now
-        self._at, self._taken = [NOBODY] * places, [NOBODY] * places
+        self._at, self._taken, self._closed = [NOBODY] * places, [NOBODY] * places, [0] * places
         self._next = [NOBODY] * len(now)
         for number, place in enumerate(now):
             self._at[place] = number
-        if not all(self._fix(number, place) for number, place in fixed):
-            return None
+        for number, place in fixed:
+            if not self._may_enter(number, place) or self._closes_circle(number, place):
+                return None
+            self._take(number, place)
         for number in order:
             if self._next[number] == NOBODY and not self._place(number):
                 return None
         return tuple(self._next)
 
-    def _fix(self, number: int, place: int) -> bool:
-        here = self._now[number]
-        block = self._blocks.get((here, place))
-        if place == here or block is None:
-            if self._taken[place] != NOBODY or self._closes_circle(number, place):
-                return False
-            self._next[number] = place
-            self._taken[place] = number
-            return True
-        return self._enter_block(number, place, block)
-
     def _place(self, number: int) -> bool:
         """Place a traveller and those that must give way to it; if nothing is free it stays, and the result is False.
 
-        Recursion is as deep as a queue of travellers is long; the planner bounds their number.
+        The recursion is as deep as a queue of travellers is long; the planner bounds their number.
         """
         self.work += 1
         here = self._now[number]
         for place in self._ranked(number, here):
-            if place == here:
-                if self._taken[here] == NOBODY:
-                    break
-                continue
-            block = self._blocks.get((here, place))
-            if block is not None:
-                if self._enter_block(number, place, block) or self._clear_block(number, place, block):
+            if not self._may_enter(number, place):
+                if self._waits_for_block(number, place):
                     return True
                 continue
-            if self._taken[place] != NOBODY:
-                continue
             other = self._at[place]
-            if other != NOBODY and self._next[other] != NOBODY and self._closes_circle(number, place):
+            if other not in {NOBODY, number} and self._next[other] != NOBODY and self._closes_circle(number, place):
                 continue
-            self._next[number], self._taken[place] = place, number
-            if other == NOBODY or self._next[other] != NOBODY or self._place(other):
+            self._take(number, place)
+            if other in {NOBODY, number} or self._next[other] != NOBODY or self._place(other):
                 return True
+            self._reopen(number)
         is_free = self._taken[here] == NOBODY
         self._next[number], self._taken[here] = here, number
         return is_free
@@ -110,10 +96,44 @@ class StepGenerator:
         ranked.sort()
         return [place for rank, place in ranked if rank < FAR]
 
+    def _may_enter(self, number: int, place: int) -> bool:
+        """Return whether the rules allow a move, except for those about circles."""
+        taken, at, here = self._taken, self._at, self._now[number]
+        if taken[place] != NOBODY or self._closed[place]:  # one's own place is closed while somebody waits for it
+            return False
+        if place == here or not self._blocks:
+            return True
+        block = self._blocks.get((here, place))
+        if block is None:
+            return True
+        if self._problem.is_own(here, place):
+            return all(taken[near] == NOBODY and at[near] in {NOBODY, number} for near in block)
+        return all(
+            near in {here, place} or (taken[near] == NOBODY and at[near] == NOBODY) for near in block
+        )
+
+    def _take(self, number: int, place: int) -> None:
+        here = self._now[number]
+        self._next[number], self._taken[place] = place, number
+        if self._blocks:
+            for near in self._closed_by(here, place):
+                self._closed[near] += 1
+
+    def _reopen(self, number: int) -> None:
+        """Undo what a move closed."""
+        if self._blocks:
+            for near in self._closed_by(self._now[number], self._next[number]):
+                self._closed[near] -= 1
+
+    def _closed_by(self, here: int, place: int) -> Iterable[int]:
+        """Return the places that nobody else may enter during a move."""
+        block = self._blocks.get((here, place), frozenset())
+        return block if self._problem.is_own(here, place) else block - {here, place}
+
     def _closes_circle(self, number: int, place: int) -> bool:
         """Return whether those that leave for each other's places would be in a circle with this traveller."""
         here, now, following = self._now[number], self._now, self._next
-        while (other := self._at[place]) != NOBODY and other != number:
+        while (other := self._at[place]) not in {NOBODY, number}:
             place = following[other]
             if place == here:
                 return True
@@ -121,27 +141,18 @@ class StepGenerator:
                 return False
         return False
 
-    def _enter_block(self, number: int, place: int, block: frozenset[int]) -> bool:
-        """Move where nobody else may be near, if nobody is."""
-        at, taken = self._at, self._taken
-        if any(taken[near] != NOBODY or at[near] not in {NOBODY, number} for near in block):
+    def _waits_for_block(self, number: int, place: int) -> bool:
+        """Let those that are too near the best way leave first; return whether the traveller stays and waits for it."""
+        here, table, block = self._now[number], self._distances[number], self._blocks.get((self._now[number], place))
+        if block is None or self._taken[here] != NOBODY or table[place] >= table[here]:
             return False
-        self._next[number] = place
+        self._take(number, here)
         for near in block:
-            taken[near] = number
-        return True
-
-    def _clear_block(self, number: int, place: int, block: frozenset[int]) -> bool:
-        """Wait for those that are too near the best way to leave; return whether the traveller waits."""
-        here, table = self._now[number], self._distances[number]
-        if self._taken[here] != NOBODY or table[place] >= table[here]:
-            return False
-        self._next[number] = here
-        for near in block:
-            if self._taken[near] == NOBODY:
-                self._taken[near] = number
+            self._closed[near] += 1
         for near in block:
             other = self._at[near]
-            if other != NOBODY and self._next[other] == NOBODY:
+            if other != NOBODY and self._next[other] == NOBODY and self._taken[near] == NOBODY:
                 self._place(other)
+        for near in block:
+            self._closed[near] -= 1
         return True
