@@ -40,7 +40,7 @@ def action_graph(problem: TrafficProblem, paths: Sequence[Path]) -> list[list[Pl
         paths: a valid plan.
     """
     moves: list[list[PlannedMove]] = [[] for _ in paths]
-    ended_at: defaultdict[int, dict[int, int]] = defaultdict(dict)  # place: traveller: its moves that begin or end there
+    ended_at: defaultdict[int, dict[int, int]] = defaultdict(dict)  # by place and traveller, its moves
     swept: defaultdict[int, dict[int, int]] = defaultdict(dict)  # the same for places that its moves block
     known: list[dict[int, int]] = [{} for _ in paths]
     for number, here, there in _in_order(paths):

@@ -6,8 +6,8 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from eal_actors.kernel.errors import ArgumentError
 from eal_actors.device.navigation.grid import OccupancyGrid
+from eal_actors.device.navigation.traffic.errors import TrafficError
 
 Point: TypeAlias = tuple[float, float]
 """x and y in m, in the map frame."""
@@ -26,14 +26,14 @@ def lay_lattice(inflated: OccupancyGrid, pitch_m: float) -> tuple[list[Point], l
         pitch_m: distance of neighbours.
 
     Raises:
-        ArgumentError: there would be too many places.
+        TrafficError: there would be too many places.
     """
     rows, columns = inflated.cells.shape
     bounds = inflated.centres(np.array([(0, 0), (0, columns), (rows, 0), (rows, columns)]) - 0.5)
     low, high = bounds.min(axis=0), bounds.max(axis=0)
     counts = np.floor((high - low) / pitch_m).astype(int) + 1
     if counts.prod() > MAX_PLACES:
-        raise ArgumentError(
+        raise TrafficError(
             f"the map is too large to plan on: {counts.prod():,} places {pitch_m:.2f} m apart, at most {MAX_PLACES:,}"
         )
     steps = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 2)

@@ -106,7 +106,7 @@ class StepGenerator:
         block = self._blocks.get((here, place))
         if block is None:
             return True
-        if self._problem.is_own(here, place):
+        if self._problem.is_between(here, place):
             return all(taken[near] == NOBODY and at[near] in {NOBODY, number} for near in block)
         return all(
             near in {here, place} or (taken[near] == NOBODY and at[near] == NOBODY) for near in block
@@ -128,7 +128,7 @@ class StepGenerator:
     def _closed_by(self, here: int, place: int) -> Iterable[int]:
         """Return the places that nobody else may enter during a move."""
         block = self._blocks.get((here, place), frozenset())
-        return block if self._problem.is_own(here, place) else block - {here, place}
+        return block if self._problem.is_between(here, place) else block - {here, place}
 
     def _closes_circle(self, number: int, place: int) -> bool:
         """Return whether those that leave for each other's places would be in a circle with this traveller."""

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from eal_actors.kernel.errors import ArgumentError
 from eal_actors.device.navigation.grid import OccupancyGrid
 from eal_actors.device.navigation.traffic.action_graph import action_graph
+from eal_actors.device.navigation.traffic.errors import TrafficError
 from eal_actors.device.navigation.traffic.lacam import NoPlanError, PlanWorkError, search
 from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.device.navigation.traffic.problem import FAR, TrafficProblem, cost_of
@@ -74,11 +74,11 @@ def plan_traffic(
         margin_m: distance that hulls keep from each other.
 
     Raises:
-        ArgumentError: a start or goal is not free, two goals are too near to each other, a goal cannot be reached,
+        TrafficError: a start or goal is not free, two goals are too near to each other, a goal cannot be reached,
             there is no plan, or none was found within the bound of work. The message names the robots.
     """
     if len(travellers) > MAX_TRAVELLERS:
-        raise ArgumentError(f"traffic is planned for at most {MAX_TRAVELLERS} robots at once, not {len(travellers)}")
+        raise TrafficError(f"traffic is planned for at most {MAX_TRAVELLERS} robots at once, not {len(travellers)}")
     if not travellers:
         return TrafficPlan({}, 0.0, 0, 0)
     roadmap = RoadmapBuilder(grid, travellers, standing, margin_m).build()
@@ -87,12 +87,12 @@ def plan_traffic(
     try:
         paths = search(problem, seed, SEARCH_WORK)
     except NoPlanError:
-        raise ArgumentError(
+        raise TrafficError(
             f"{_names(travellers)} cannot all reach their goals: no order of their moves leads there, with "
             f"{roadmap.clearance_m:.2f} m between their centres"
         ) from None
     except PlanWorkError:
-        raise ArgumentError(
+        raise TrafficError(
             f"no plan was found for {_names(travellers)} within the bound of work; it may be that there is none. "
             "Send fewer robots at once, or give them more room"
         ) from None
@@ -112,9 +112,10 @@ def plan_traffic(
 def _check_reachable(problem: TrafficProblem, travellers: Sequence[Traveller]) -> None:
     for traveller, table, start in zip(travellers, problem.distances, problem.starts, strict=True):
         if table[start] >= FAR:
-            raise ArgumentError(
+            raise TrafficError(
                 f"{traveller.name} cannot reach its goal {point_text(traveller.goal)} from "
-                f"{point_text(traveller.start)}: no way is free for its fleet's largest radius"
+                f"{point_text(traveller.start)}: no way is free that is wide enough",
+                robots=[traveller.name],
             )
 
 

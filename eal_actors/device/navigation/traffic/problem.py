@@ -9,8 +9,8 @@ robots whose speeds differ and that may stop at any time:
 - No group of travellers moves round in a circle, each to the place of the next: nobody could go first. Two that swap
   are such a circle.
 
-Other places are the own starts and goals of single travellers. A block's own places must be empty before and after the
-step. A move from or to an own place needs its whole block empty. Every joint move is then a sequence of single moves,
+Other places are between those of the lattice: the own starts and goals of single travellers, and bridges. Those in a
+block must be empty before and after the step. A move from or to such a place needs its whole block empty. Every joint move is then a sequence of single moves,
 each of which keeps these rules, so they make no problem unsolvable.
 """
 
@@ -41,7 +41,7 @@ class TrafficProblem:
         blocks: for each move (from, to) that excludes others from more than its two ends, all places it excludes them
             from, the ends included. It contains both directions.
         own_neighbours: for each traveller, additional neighbours of places, which nobody else can use.
-        lattice: the number of places that everybody can use; those with higher numbers are own places.
+        lattice: the number of places of the lattice; those with higher numbers are between them.
     """
 
     neighbours: Sequence[Sequence[int]]
@@ -61,8 +61,8 @@ class TrafficProblem:
         """For each traveller, the steps from each place to its goal, without others; FAR where there is no way."""
         return [self._distances(number) for number in range(self.size)]
 
-    def is_own(self, here: int, there: int) -> bool:
-        """Return whether a move is from or to an own place."""
+    def is_between(self, here: int, there: int) -> bool:
+        """Return whether a move is from or to a place that is not of the lattice."""
         return here >= self.lattice or there >= self.lattice
 
     def options(self, number: int, place: int) -> list[int]:

@@ -2,8 +2,8 @@
 
 The lattice's pitch is the *clearance*: the distance that the centres of two robots keep, so that their hulls keep the
 margin. Two edges of the lattice without a common end are a pitch or more apart. So robots on moves whose blocks do not
-meet never come nearer to each other than the clearance, wherever they are on their ways. Starts and goals are anywhere:
-their moves block every place that is nearer than the clearance to a point of the way.
+meet never come nearer to each other than the clearance, wherever they are on their ways. Starts, goals and bridges are
+anywhere: their moves block every place that is nearer than the clearance to a point of the way.
 
 Distances of ends suffice for that: where two ways are nearest to each other is an end of one of them, or they cross. Of
 two that cross, an end of one is at most half its length from the other, and no edge is longer than 1.5 pitches.
@@ -14,6 +14,7 @@ two such ways they only part.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,8 +22,9 @@ from typing import Final
 
 import numpy as np
 
-from eal_actors.kernel.errors import ArgumentError
 from eal_actors.device.navigation.grid import OccupancyGrid
+from eal_actors.device.navigation.traffic.bridges import find_bridges
+from eal_actors.device.navigation.traffic.errors import TrafficError
 from eal_actors.device.navigation.traffic.lattice import Edge, Point, lay_lattice
 from eal_actors.device.navigation.traffic.problem import TrafficProblem
 from eal_actors.device.navigation.traffic.segments import Floats, distances_to_ways_m
@@ -106,6 +108,7 @@ class RoadmapBuilder:
         self._clearance_m = 2 * self._radius_m + margin_m
         self._points: list[Point] = []
         self._lattice_edges: list[Edge] = []
+        self._bridge_edges: list[Edge] = []
         self._own_edges: list[tuple[int, Edge]] = []  # with the number of the traveller
         self._inflated: dict[float, OccupancyGrid] = {}
 
@@ -113,18 +116,19 @@ class RoadmapBuilder:
         """Return the roadmap.
 
         Raises:
-            ArgumentError: the map is too large, a start or goal is not free, or two goals are too near to each other.
+            TrafficError: the map is too large, a start or goal is not free, or two goals are too near to each other.
         """
         numbers = range(len(self._travellers))
         for number in numbers:
             self._check_goal(number)
         self._add_lattice()
         nodes = np.array(self._points, np.float64).reshape(-1, 2)
+        self._add_bridges()
         starts = [self._add_start(number, nodes) for number in numbers]
         goals = [self._add_goal(number, nodes, starts[number]) for number in numbers]
         points = np.array(self._points, np.float64).reshape(-1, 2)
         neighbours: list[list[int]] = [[] for _ in points]
-        for here, there in self._lattice_edges:
+        for here, there in (*self._lattice_edges, *self._bridge_edges):
             neighbours[here].append(there)
             neighbours[there].append(here)
         own: dict[int, dict[int, list[int]]] = {}
@@ -141,16 +145,19 @@ class RoadmapBuilder:
         traveller = self._travellers[number]
         goal = f"the goal of {traveller.name}, {point_text(traveller.goal)},"
         if not self._inflated_by(traveller.radius_m).is_free(*traveller.goal):
-            raise ArgumentError(f"{goal} {self._why_not_free(traveller)}")
+            raise TrafficError(f"{goal} {self._why_not_free(traveller)}", robots=[traveller.name])
         for thing in self._standing:
             if math.dist(traveller.goal, thing.at) < self._clearance_of(thing, traveller.radius_m):
-                raise ArgumentError(f"{goal} is occupied: {thing.name} is at {point_text(thing.at)}")
+                raise TrafficError(
+                    f"{goal} is occupied: {thing.name} is at {point_text(thing.at)}", robots=[traveller.name]
+                )
         for other in self._travellers[:number]:
             apart_m = math.dist(traveller.goal, other.goal)
             if apart_m < self._clearance_m - _ROUNDING_M:
-                raise ArgumentError(
+                raise TrafficError(
                     f"{goal} is {apart_m:.2f} m from the goal of {other.name}; these robots need "
-                    f"{self._clearance_m:.2f} m between their centres"
+                    f"{self._clearance_m:.2f} m between their centres",
+                    robots=[other.name, traveller.name],
                 )
 
     def _why_not_free(self, traveller: Traveller) -> str:
@@ -186,10 +193,19 @@ class RoadmapBuilder:
             (int(here), int(there)) for here, there in number_of[ends[edge_is_open]].tolist()
         ]
 
+    def _add_bridges(self) -> None:
+        inflated = self._inflated_by(self._radius_m)
+        for first, between, last in find_bridges(inflated, self._points, self._lattice_edges, self._clearance_m):
+            way = [first, *range(len(self._points), len(self._points) + len(between)), last]
+            points = [self._points[first], *between, self._points[last]]
+            if all(self._is_clear(ends, self._radius_m) for ends in itertools.pairwise(points)):
+                self._points += between
+                self._bridge_edges += itertools.pairwise(way)
+
     def _add_start(self, number: int, nodes: Floats) -> int:
         traveller = self._travellers[number]
         others = [math.dist(other.start, traveller.start) for other in self._travellers if other is not traveller]
-        if len(nodes) and min(others, default=math.inf) >= self._clearance_m:
+        if len(nodes) and min(others, default=math.inf) >= self._clearance_m - 2 * _SAME_PLACE_M:
             offsets_m = np.hypot(*(nodes - traveller.start).T)
             if offsets_m.min() < _SAME_PLACE_M:
                 return int(offsets_m.argmin())
@@ -197,9 +213,10 @@ class RoadmapBuilder:
             grid = self._inflated_by(share * traveller.radius_m)
             if grid.is_free(*traveller.start):
                 return self._add_own(number, nodes, traveller.start, grid, is_start=True)
-        raise ArgumentError(
+        raise TrafficError(
             f"{traveller.name} is at {point_text(traveller.start)}, which is inside an obstacle or outside the map; "
-            "correct its pose or the map"
+            "correct its pose or the map",
+            robots=[traveller.name],
         )
 
     def _add_goal(self, number: int, nodes: Floats, start: int) -> int:
@@ -233,14 +250,17 @@ class RoadmapBuilder:
     def _is_open(
         self, ends: tuple[Point, Point], traveller: Traveller, grid: OccupancyGrid, *, is_start: bool
     ) -> bool:
-        """Return whether a way is free; from a start that is near something that stands, it may only lead away."""
+        return self._is_clear(ends, traveller.radius_m, is_start=is_start) and grid.is_line_free(*ends)
+
+    def _is_clear(self, ends: tuple[Point, Point], radius_m: float, *, is_start: bool = False) -> bool:
+        """Return whether a way keeps off what stands; from a start that is near it, it may only lead away."""
         for thing in self._standing:
-            keep_m = self._clearance_of(thing, traveller.radius_m)
+            keep_m = self._clearance_of(thing, radius_m)
             if is_start:
                 keep_m = min(keep_m, math.dist(ends[0], thing.at) - _ROUNDING_M)
             if distances_to_ways_m(thing.at, *ends) < keep_m:
                 return False
-        return grid.is_line_free(*ends)
+        return True
 
     def _blocks(self, points: Floats, lattice: int, own_starts: set[int]) -> dict[Edge, frozenset[int]]:
         """Return the blocks of the moves that exclude others from more than their two ends."""
@@ -252,7 +272,7 @@ class RoadmapBuilder:
             for number in np.flatnonzero(distances_to_ways_m(points[place], heres, theres) < near_m).tolist():
                 edge = self._lattice_edges[number]
                 found.setdefault(edge, set(edge)).add(place)
-        for _, edge in self._own_edges:
+        for edge in (*self._bridge_edges, *(edge for _, edge in self._own_edges)):
             here, there = edge
             near = np.flatnonzero(distances_to_ways_m(points, points[here], points[there]) < near_m).tolist()
             if here in own_starts:

@@ -58,11 +58,11 @@ class Timetable:
         self._closed.subtract(self._closures(path))
 
     def _closures(self, path: Path) -> Iterator[tuple[int, int]]:
-        blocks, is_own = self._problem.blocks, self._problem.is_own
+        blocks, is_between = self._problem.blocks, self._problem.is_between
         if blocks:
             for step, (here, there) in enumerate(itertools.pairwise(path)):
                 for near in blocks.get((here, there), ()):
-                    if near not in {here, there} or is_own(here, there):
+                    if near not in {here, there} or is_between(here, there):
                         yield step, near
                         yield step + 1, near
 
@@ -115,7 +115,7 @@ class Timetable:
 
     def _shared_ends(self, here: int, there: int) -> frozenset[int]:
         """Return the ends of a move that somebody else may leave or enter in the same step."""
-        return frozenset() if self._problem.is_own(here, there) else frozenset((here, there))
+        return frozenset() if self._problem.is_between(here, there) else frozenset((here, there))
 
     def _is_empty(self, block: frozenset[int], step: int) -> bool:
         now, after = self._at[step], self._at[step + 1]
