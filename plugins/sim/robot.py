@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import pymunk
 
-from eal_actors.plugin import Activity, UnavailableError, WheelCalibration
+from eal_actors.plugin import Activity, Localizer, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace
 from .faults import HEALTHY, FaultSet
@@ -21,6 +21,8 @@ from .motion import SimWheels, Trapezoid, VelocityDrive, WheelMotion, WheelOdome
 ROOM_C: Final = 22.0
 _WARMING_C_A2: Final = 0.8
 _SECONDS_PER_HOUR: Final = 3600.0
+REPORT_TICKS: Final = 2
+"""A driven robot tells its pose estimate the odometry every so many ticks, and whenever somebody reads it."""
 _REVIVAL_POLL_S: Final = 60.0
 """Poll interval of an interrupted activity of a dead robot, until the robot is alive again."""
 
@@ -163,7 +165,8 @@ class SimRobot:
         next_pose: its pose after the present tick, if nothing is in its way.
         clear_until_tick: it cannot touch anything before this tick of the world.
         tick_s: length of a physics tick.
-        odometer: dead reckoning from its encoders, once an Odometry resource exists.
+        odometer: dead reckoning from its encoders, once an Odometry or Pose resource exists.
+        localizer: its pose estimate, once a Pose resource exists.
         calibration: the wheel calibration used by its base and its odometry.
         turret: its turret, if it has one.
         sensor_generator: the noise source of all its sensors.
@@ -191,6 +194,7 @@ class SimRobot:
         self.next_pose: Pose2D = (0.0, 0.0, 0.0)
         self.clear_until_tick = 0
         self.odometer: WheelOdometer | None = None
+        self.localizer: Localizer | None = None
         self.calibration = WheelCalibration()
         self.turret = SimTurret(make.turret, now_s) if make.turret else None
         self._seeds = seed, zlib.crc32(name.encode())
@@ -226,6 +230,11 @@ class SimRobot:
         if self._pose is None:
             raise self._no_place()
         return self._pose
+
+    @property
+    def has_place(self) -> bool:
+        """Whether it has a place in the world."""
+        return self._pose is not None
 
     @property
     def recent_poses(self) -> tuple[Pose2D, Pose2D, Pose2D]:
@@ -309,6 +318,7 @@ class SimRobot:
             raise UnavailableError(f"battery is empty: robot {self.name!r} cannot drive")
         if self.motion is None:
             self._last_pose = self._pose_before_last = self._pose
+            self.report_odometry(self._now_s())
         if not (isinstance(self.motion, VelocityDrive) and isinstance(motion, VelocityDrive)):
             self._wheels.start(motion)
         self.motion = motion
@@ -333,8 +343,21 @@ class SimRobot:
         for after in range(tick + 1, tick + ticks + 1):
             self.predict()
             self.arrive(self.next_pose)
+            if after % REPORT_TICKS == 0:
+                self.report_odometry(after * self.tick_s)
             if self.is_done(after * self.tick_s):
                 return
+
+    def begin_odometry(self) -> WheelOdometer:
+        """Return its odometer; begin it at (0, 0, 0) if there is none yet."""
+        if self.odometer is None:
+            self.odometer = WheelOdometer(self.make.track_m, self.travel_m)
+        return self.odometer
+
+    def report_odometry(self, now_s: float) -> None:
+        """Tell the pose estimate the pose by odometry."""
+        if self.localizer is not None and self.odometer is not None:
+            self.localizer.odometry(*self.odometer.pose, now_s)
 
     def is_done(self, now_s: float) -> bool:
         """Return whether its motion is over, or its battery empty, at the world's time `now_s`."""
