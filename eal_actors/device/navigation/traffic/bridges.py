@@ -1,7 +1,7 @@
 """Bridges: ways between parts of a lattice that its places miss, such as through a narrow door.
 
-A wave from all places at once goes over the free cells of the map. Where the waves of two parts meet first, the way back
-to both places is a bridge.
+A wave from all places at once goes over the free cells of the map. Where the waves of two parts meet first, the way
+back to both places is a bridge.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Final, TypeAlias
+
+import numpy as np
 
 from eal_actors.device.navigation.grid import OccupancyGrid
 from eal_actors.device.navigation.traffic.lattice import Edge, Point
@@ -40,10 +42,10 @@ def find_bridges(
         return []
     found = []
     before, place_of, meetings = _spread(inflated, points, parts)
-    for _, here, there in sorted(meetings):
-        first, last = place_of[here], place_of[there]
+    for _, near, far in sorted(meetings):
+        first, last = place_of[near], place_of[far]
         if parts.join(first, last):
-            cells = [*reversed(list(_back(before, here))), *_back(before, there)]
+            cells = [*reversed(list(_back(before, near))), *_back(before, far)]
             centres = [(float(x_m), float(y_m)) for x_m, y_m in inflated.centres(cells)]
             way = list(_straightened(inflated, [points[first], *centres, points[last]]))
             found.append((first, list(_divided(way, longest_m))[1:-1], last))
@@ -74,7 +76,7 @@ def _spread(
     inflated: OccupancyGrid, points: Sequence[Point], parts: _Parts
 ) -> tuple[dict[_Cell, _Cell], dict[_Cell, int], list[tuple[int, _Cell, _Cell]]]:
     """Return each cell's predecessor and place, and where waves of different parts meet, with the length of the way."""
-    blocked = inflated.blocked.tolist()
+    blocked = np.pad(inflated.blocked, 1, constant_values=True).tolist()
     before: dict[_Cell, _Cell] = {}
     steps: dict[_Cell, int] = {}
     place_of: dict[_Cell, int] = {}
@@ -90,7 +92,7 @@ def _spread(
             if beside in before:
                 if parts.root(place_of[beside]) != parts.root(place_of[cell]):
                     meetings.append((steps[cell] + steps[beside], cell, beside))
-            elif 0 <= beside[0] < len(blocked) and 0 <= beside[1] < len(blocked[0]) and not blocked[beside[0]][beside[1]]:
+            elif not blocked[beside[0] + 1][beside[1] + 1]:
                 before[beside], steps[beside], place_of[beside] = cell, steps[cell] + 1, place_of[cell]
                 queue.append(beside)
     return before, place_of, meetings

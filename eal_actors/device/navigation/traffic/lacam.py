@@ -61,7 +61,7 @@ def search(problem: TrafficProblem, seed: int, max_work: int) -> list[Path]:
     for attempt in itertools.count():
         bound = min(2 * bound, left)
         try:
-            return _attempt(problem, random.Random(f"{seed} {attempt}"), bound)
+            return _attempt(problem, random.Random(f"{seed} {attempt}"), bound)  # noqa: S311
         except PlanWorkError:
             left -= bound
             if left <= 0:
@@ -73,7 +73,9 @@ def _attempt(problem: TrafficProblem, chance: random.Random, max_work: int) -> l
     generator = StepGenerator(problem, chance)
     count = max(1, problem.size)
     distances = [table[start] for table, start in zip(problem.distances, problem.starts, strict=True)]
-    first = _Node(problem.starts, None, [steps / len(problem.neighbours) + chance.random() / count for steps in distances])
+    first = _Node(
+        problem.starts, None, [steps / len(problem.neighbours) + chance.random() / count for steps in distances]
+    )
     known = {first.config: first}
     open_nodes = [first]
     while open_nodes:

@@ -108,9 +108,7 @@ class StepGenerator:
             return True
         if self._problem.is_between(here, place):
             return all(taken[near] == NOBODY and at[near] in {NOBODY, number} for near in block)
-        return all(
-            near in {here, place} or (taken[near] == NOBODY and at[near] == NOBODY) for near in block
-        )
+        return all(near in {here, place} or (taken[near] == NOBODY and at[near] == NOBODY) for near in block)
 
     def _take(self, number: int, place: int) -> None:
         here = self._now[number]

@@ -10,8 +10,8 @@ robots whose speeds differ and that may stop at any time:
   are such a circle.
 
 Other places are between those of the lattice: the own starts and goals of single travellers, and bridges. Those in a
-block must be empty before and after the step. A move from or to such a place needs its whole block empty. Every joint move is then a sequence of single moves,
-each of which keeps these rules, so they make no problem unsolvable.
+block must be empty before and after the step. A move from or to such a place needs its whole block empty. Every joint
+move is then a sequence of single moves, each of which keeps these rules, so they make no problem unsolvable.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ def refine(problem: TrafficProblem, paths: list[Path], seed: int, max_work: int)
         seed: of the choice of groups.
         max_work: the number of places and steps that may be looked at; the last search may exceed it.
     """
-    table, chance = Timetable(problem, paths), random.Random(seed)
+    table, chance = Timetable(problem, paths), random.Random(seed)  # noqa: S311
     least = [distances[start] for distances, start in zip(problem.distances, problem.starts, strict=True)]
     delayed = True
     while delayed and table.work < max_work:
@@ -85,9 +85,7 @@ def _group_of(problem: TrafficProblem, table: Timetable, number: int, chance: ra
         step = chance.randrange(len(path))
         place = path[step]
         while step + 1 < len(path) and len(group) < _GROUP:
-            better = [
-                other for other in problem.options(walker, place) if step + 1 + distances[other] < len(path) - 1
-            ]
+            better = [other for other in problem.options(walker, place) if step + 1 + distances[other] < len(path) - 1]
             if not better:
                 break
             place, step = chance.choice(better), step + 1

@@ -189,9 +189,7 @@ class RoadmapBuilder:
             edge_is_open &= distances_to_ways_m(thing.at, places[ends[:, 0]], places[ends[:, 1]]) >= keep_m
         number_of = np.cumsum(place_is_open) - 1
         self._points = [point for point, is_open in zip(points, place_is_open, strict=True) if is_open]
-        self._lattice_edges = [
-            (int(here), int(there)) for here, there in number_of[ends[edge_is_open]].tolist()
-        ]
+        self._lattice_edges = [(int(here), int(there)) for here, there in number_of[ends[edge_is_open]].tolist()]
 
     def _add_bridges(self) -> None:
         inflated = self._inflated_by(self._radius_m)
@@ -247,9 +245,7 @@ class RoadmapBuilder:
                 ways += 1
         return place
 
-    def _is_open(
-        self, ends: tuple[Point, Point], traveller: Traveller, grid: OccupancyGrid, *, is_start: bool
-    ) -> bool:
+    def _is_open(self, ends: tuple[Point, Point], traveller: Traveller, grid: OccupancyGrid, *, is_start: bool) -> bool:
         return self._is_clear(ends, traveller.radius_m, is_start=is_start) and grid.is_line_free(*ends)
 
     def _is_clear(self, ends: tuple[Point, Point], radius_m: float, *, is_start: bool = False) -> bool:

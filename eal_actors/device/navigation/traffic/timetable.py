@@ -7,7 +7,7 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator
 
-from eal_actors.device.navigation.traffic.problem import FAR, NOBODY, Path, TrafficProblem
+from eal_actors.device.navigation.traffic.problem import NOBODY, Path, TrafficProblem
 
 _SLACK_STEPS = 16
 """Steps after the last arrival, so that a new path may be later than all others."""
@@ -67,9 +67,9 @@ class Timetable:
                         yield step + 1, near
 
     def shortest(self, number: int, most_steps: int) -> Path | None:
-        """Return the shortest path of a traveller that is out of the timetable; None if it takes more than `most_steps`.
+        """Return the shortest path of a traveller that was removed, by A* over places and steps.
 
-        A* over places and steps.
+        None if it takes more than `most_steps`.
         """
         problem, table, places = self._problem, self._problem.distances[number], len(self._problem.neighbours)
         start, goal, span = problem.starts[number], problem.goals[number], self.end + 1

@@ -19,7 +19,7 @@ class PlanExecution:
         self.share = dict.fromkeys(starts, 0.0)
         self.from_points = dict(starts)
         self.at = dict(starts)
-        self.chance = random.Random(seed)
+        self.chance = random.Random(seed)  # noqa: S311
         self.stopped_until = dict.fromkeys(starts, 0)
         self.tick = 0
 

@@ -43,7 +43,7 @@ def drawn_problem(picture: str, starts: str, goals: str) -> TrafficProblem:
 
 def random_problem(size: int, walls: float, count: int, seed: int) -> TrafficProblem:
     """Return a problem with random walls, starts and goals on the largest connected part of a square of cells."""
-    chance = random.Random(seed)
+    chance = random.Random(seed)  # noqa: S311
     left = {(x, y) for x in range(size) for y in range(size)}
     left -= set(chance.sample(sorted(left), int(walls * size * size)))
     parts: list[list[Cell]] = []
@@ -106,7 +106,7 @@ def is_solvable(problem: TrafficProblem) -> bool:
 def room(seed: int, size_m: float = 6.0, pillars: int = 5) -> OccupancyGrid:
     """Return a square room with square pillars of 0.3 m."""
     side = round(size_m / 0.05)
-    cells, chance = np.zeros((side, side), np.int8), random.Random(seed)
+    cells, chance = np.zeros((side, side), np.int8), random.Random(seed)  # noqa: S311
     for _ in range(pillars):
         x, y = (chance.randrange(10, side - 10) for _ in range(2))
         cells[y - 3 : y + 3, x - 3 : x + 3] = 100
@@ -115,7 +115,7 @@ def room(seed: int, size_m: float = 6.0, pillars: int = 5) -> OccupancyGrid:
 
 def random_travellers(grid: OccupancyGrid, count: int, seed: int, margin_m: float = 0.1) -> list[Traveller]:
     """Return robots of different size that start anywhere, if need be nearly touching, and go anywhere."""
-    chance = random.Random(seed)
+    chance = random.Random(seed)  # noqa: S311
     radii_m = [chance.choice((0.12, 0.15, 0.18)) for _ in range(count)]
     starts = _places(grid, count, 0.37, chance)
     goals = _places(grid, count, 2 * max(radii_m) + margin_m, chance)

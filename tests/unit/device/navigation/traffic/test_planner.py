@@ -120,7 +120,7 @@ def test_goals_that_cannot_be_reached_are_named(
 
 def test_a_start_inside_an_obstacle_is_named() -> None:
     grid = room(0, 3.0, 0)
-    with pytest.raises(TrafficError, match="r0 is at .9.00, 0.00., which is inside an obstacle or outside the map"):
+    with pytest.raises(TrafficError, match=r"r0 is at .9.00, 0.00., which is inside an obstacle or outside the map"):
         plan_traffic(grid, _travellers((9.0, 0.0, 0.5, 0.0)))
 
 
