@@ -243,16 +243,27 @@ class EALPluginManager:
         Raises:
             PluginError: there is no such plugin, it makes no ports, or it refuses.
         """
-        scheme = url.partition("://")[0]
+        port: BytePort = self._simulator(url, "open_port")(context, url, model, emulate)
+        return port
+
+    def open_camera(self, context: PluginContext, url: str) -> Any:
+        """Open a simulated camera of the plugin that the URL's scheme names; see PluginContext.simulated_camera.
+
+        Raises:
+            PluginError: there is no such plugin, it makes no cameras, or it refuses.
+        """
+        return self._simulator(url, "open_camera")(context, url)
+
+    def _simulator(self, url: str, function: str) -> Callable[..., Any]:
+        scheme, what = url.partition("://")[0], function.removeprefix("open_")
         found = (one for one in self.manifests.values() if (made := one.file.simulation) and made.scheme == scheme)
         manifest = next(found, self.manifests.get(scheme))
         if manifest is None:
-            raise PluginError(f"port {url!r}: {unknown_name('plugin', scheme, self.manifests)}")
-        maker = getattr(import_plugin(manifest), "open_port", None)
+            raise PluginError(f"{what} {url!r}: {unknown_name('plugin', scheme, self.manifests)}")
+        maker: Callable[..., Any] | None = getattr(import_plugin(manifest), function, None)
         if not callable(maker):
-            raise PluginError(f"port {url!r}: the plugin {manifest.name!r} makes no simulated ports")
-        port: BytePort = maker(context, url, model, emulate)
-        return port
+            raise PluginError(f"{what} {url!r}: the plugin {manifest.name!r} makes no simulated {what}s")
+        return maker
 
     def _checked_settings(self, settings: PluginSettings) -> tuple[PluginManifest, ModuleType, Any]:
         manifest = self.manifests.get(settings.plugin)

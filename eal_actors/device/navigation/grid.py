@@ -23,6 +23,8 @@ from eal_actors.kernel.errors import ArgumentError
 
 UNKNOWN: Final = -1
 FREE: Final = 0
+INFLATED: Final = 99
+"""The value of cells that are too near to an obstacle for the centre of a robot, as in the costmaps of Nav2."""
 OCCUPIED: Final = 100
 OCCUPIED_FROM: Final = 65
 """Cells of at least this many percent are occupied: the default of ROS's map_saver."""
@@ -72,7 +74,7 @@ class OccupancyGrid:
         return (self.cells < 0) | (self.cells >= OCCUPIED_FROM)
 
     def inflated(self, radius_m: float) -> OccupancyGrid:
-        """Return the grid for the centre of a round robot: cells that are too near to a blocked one are occupied.
+        """Return the grid for the centre of a round robot: cells that are too near to a blocked one are INFLATED.
 
         What lies outside the grid is blocked. See the invariant at the head of this module. On a grid of cells as
         large as the robot no cell beside an obstacle remains free: inflate a fine grid, and ask it with `is_line_free`
@@ -87,7 +89,7 @@ class OccupancyGrid:
         if not (radius_m >= 0 and math.isfinite(radius_m)):
             raise ArgumentError(f"the radius of a robot must be 0 m or more, not {radius_m!r}")
         near = _dilate(self.blocked, radius_m / self.resolution_m - _ROUNDING)
-        cells = np.where(near & (self.cells != UNKNOWN), np.int8(OCCUPIED), self.cells)
+        cells = np.where(near & ~self.blocked, np.int8(INFLATED), self.cells)
         return OccupancyGrid(cells, self.resolution_m, self.origin)
 
     def continuous(self, points_m: ArrayLike) -> NDArray[np.float64]:
@@ -105,6 +107,12 @@ class OccupancyGrid:
         cos, sin = math.cos(self.origin.yaw_rad), math.sin(self.origin.yaw_rad)
         turned = np.stack((cos * columns - sin * rows, sin * columns + cos * rows), axis=1)
         return turned * self.resolution_m + self.origin[:2]
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """The four corners of the grid in the map frame in metres, shape (4, 2)."""
+        rows, columns = self.cells.shape
+        return self.centres([(row - 0.5, column - 0.5) for row in (0, rows) for column in (0, columns)])
 
     def cell_at(self, x_m: float, y_m: float) -> tuple[int, int] | None:
         """Return row and column of the cell of a point, or None outside the grid."""
@@ -147,14 +155,15 @@ class OccupancyGrid:
         first = max(math.floor(u0 - _ROUNDING), 0)
         last = min(math.floor(u1 + _ROUNDING), columns - 1)
         if u1 - u0 > _ROUNDING:
-            ends = v0 + (np.arange(first, last + 2).clip(u0, u1) - u0) * ((v1 - v0) / (u1 - u0))
+            borders = np.minimum(np.maximum(np.arange(first, last + 2), u0), u1)
+            ends = v0 + (borders - u0) * ((v1 - v0) / (u1 - u0))
             low, high = np.minimum(ends[:-1], ends[1:]), np.maximum(ends[:-1], ends[1:])
         else:
             low, high = np.array([min(v0, v1)]), np.array([max(v0, v1)])
-        lowest = np.floor(low - _ROUNDING).astype(int).clip(0, rows)
-        above = (np.floor(high + _ROUNDING).astype(int) + 1).clip(0, rows)
+        lowest = np.maximum(low - _ROUNDING, 0).astype(int)
+        above = np.minimum(high + _ROUNDING, rows - 1).astype(int) + 1
         column = np.arange(first, last + 1)
-        return not np.any(self._blocked_below[above, column] > self._blocked_below[lowest, column])
+        return not (self._blocked_below[above, column] > self._blocked_below[lowest, column]).any()
 
     @cached_property
     def _blocked_below(self) -> NDArray[np.int32]:
