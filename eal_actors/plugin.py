@@ -16,7 +16,8 @@ from __future__ import annotations
 from pydantic import Field
 
 from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.differential_base import DifferentialBase, Drivetrain, WheelCalibration
+from eal_actors.device.differential_base import DifferentialBase
+from eal_actors.device.drivetrain import Drivetrain, WheelCalibration
 from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
 from eal_actors.device.link import FaultyLink as Link
 from eal_actors.device.localization.localizer import Localizer
@@ -31,8 +32,10 @@ from eal_actors.device.sockets import TcpPort, UdpPort, open_tcp
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     ArgumentError,
+    BlockedError,
     DataError,
     EALError,
+    LocalizationError,
     NotReadyError,
     PluginError,
     ResourceFaultError,
@@ -44,6 +47,7 @@ from eal_actors.kernel.log import get_logger
 __all__ = [
     "Activity",
     "ArgumentError",
+    "BlockedError",
     "BytePort",
     "Clock",
     "CommandInfo",
@@ -58,6 +62,7 @@ __all__ = [
     "Field",
     "FleetServices",
     "Link",
+    "LocalizationError",
     "Localizer",
     "NotReadyError",
     "OdometryNoise",
