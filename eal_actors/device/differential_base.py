@@ -31,6 +31,7 @@ _SPEED: Final = ValueInfo(DataType.DOUBLE, "m/s", 0.01)  # the greatest is the d
 _TURN_RATE: Final = ValueInfo(DataType.DOUBLE, "deg/s", 1)
 _STEP: Final = ValueInfo(DataType.DOUBLE, "m", 0.01, 10)
 _TWIST_TIMEOUT: Final = ValueInfo(DataType.DOUBLE, "s", 0.1, 60)
+_RADIUS: Final = ValueInfo(DataType.DOUBLE, "m", 0, 10)
 _TRACK: Final = ValueInfo(DataType.DOUBLE, "m", 0, 10)
 _TRACK_FACTOR: Final = ValueInfo(DataType.DOUBLE, None, 0.5, 2, description="a factor; 1 is nominal")
 _WHEEL_RATIO: Final = ValueInfo(DataType.DOUBLE, None, 0.9, 1.1, description="a ratio; 1 is nominal")
@@ -267,6 +268,11 @@ class DifferentialBase(Resource, ABC):
     def set_max_uncertainty_m(self, max_uncertainty_m: float) -> None:
         """Set the limit for later motions to a pose."""
         self._max_uncertainty_m = float(max_uncertainty_m)
+
+    @config("radius_m", _RADIUS)
+    def radius_m(self) -> float:
+        """Radius of the robot about its centre."""
+        return self.drivetrain.radius_m
 
     @config("wheelbase_m", _TRACK)
     def wheelbase_m(self) -> float:

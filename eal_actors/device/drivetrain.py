@@ -65,6 +65,7 @@ class Drivetrain:
         turn_rate_deg_s: default turn rate.
         max_turn_rate_deg_s: greatest turn rate.
         acceleration_m_s2: of each wheel, for motions to a pose.
+        radius_m: of the smallest disc about the robot's centre that it fits in.
     """
 
     name: str
@@ -74,3 +75,4 @@ class Drivetrain:
     turn_rate_deg_s: float
     max_turn_rate_deg_s: float
     acceleration_m_s2: float = 0.4
+    radius_m: float = 0.2
