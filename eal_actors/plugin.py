@@ -16,19 +16,20 @@ from __future__ import annotations
 from pydantic import Field
 
 from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.differential_base import DifferentialBase
-from eal_actors.device.drivetrain import Drivetrain, WheelCalibration
+from eal_actors.device.differential_base import DifferentialBase, Drivetrain, WheelCalibration
 from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
 from eal_actors.device.link import FaultyLink as Link
 from eal_actors.device.localization.localizer import Localizer
 from eal_actors.device.localization.odometry_noise import OdometryNoise
 from eal_actors.device.localization.pose_estimate import PoseEstimate, wrapped_rad
 from eal_actors.device.localization.pose_resource import PoseResource, finite_pose
+from eal_actors.device.markers import FAMILIES, FamilyName
 from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
 from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
 from eal_actors.device.serial_ports import open_serial
 from eal_actors.device.sockets import TcpPort, UdpPort, open_tcp
+from eal_actors.device.world import FloorMarker
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     ArgumentError,
@@ -45,6 +46,7 @@ from eal_actors.kernel.errors import (
 from eal_actors.kernel.log import get_logger
 
 __all__ = [
+    "FAMILIES",
     "Activity",
     "ArgumentError",
     "BlockedError",
@@ -59,8 +61,10 @@ __all__ = [
     "EALData",
     "EALError",
     "EALPlugin",
+    "FamilyName",
     "Field",
     "FleetServices",
+    "FloorMarker",
     "Link",
     "LocalizationError",
     "Localizer",

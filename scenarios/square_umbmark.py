@@ -4,7 +4,7 @@ import argparse
 from typing import NamedTuple
 
 from eal_actors import Fleet, RobotHandle
-from eal_actors.device.drivetrain import NOMINAL
+from eal_actors.device.differential_base import NOMINAL
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.lab.calibration.drive import (
     GroundTruth,

@@ -19,7 +19,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
 from eal_actors.cli.options import FleetOption, JsonOption
 from eal_actors.cli.output import counted, new_table, print_line, short_path, stderr, stdout, write_json
-from eal_actors.device.drivetrain import NOMINAL, WheelCalibration
+from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import ArgumentError

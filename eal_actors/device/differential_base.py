@@ -7,20 +7,20 @@ keys and the argument checks. So a controller finds the same `Base` on each robo
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
 
+from pydantic import Field
 from typing_extensions import override
 
 from eal_actors.device.data import DataType, EALData, ValueInfo
-from eal_actors.device.drivetrain import Drivetrain, WheelCalibration
 from eal_actors.device.info import ResourceInfo, ResourceType
-from eal_actors.device.motion.closed_loop import ClosedLoop, MotionDevice
-from eal_actors.device.motion.route import Point, Route
-from eal_actors.device.motion.route_controller import MotionLimits, RouteController
-from eal_actors.device.resource import Activity, Resource, command, config, config_setter
-from eal_actors.kernel.errors import ArgumentError, UnsupportedError
+from eal_actors.device.motion.map_motions import MapMotions
+from eal_actors.device.motion.route_controller import MotionLimits
+from eal_actors.device.resource import Activity, command, config, config_setter
+from eal_actors.kernel.errors import ArgumentError
+from eal_actors.kernel.strict_model import StrictModel
 
 if TYPE_CHECKING:
     from eal_actors.device.plugin_context import PluginContext
@@ -35,16 +35,78 @@ _RADIUS: Final = ValueInfo(DataType.DOUBLE, "m", 0, 10)
 _TRACK: Final = ValueInfo(DataType.DOUBLE, "m", 0, 10)
 _TRACK_FACTOR: Final = ValueInfo(DataType.DOUBLE, None, 0.5, 2, description="a factor; 1 is nominal")
 _WHEEL_RATIO: Final = ValueInfo(DataType.DOUBLE, None, 0.9, 1.1, description="a ratio; 1 is nominal")
-_GOAL: Final = ValueInfo(DataType.DOUBLE, "m", shape=(None,), description="x_m, y_m and perhaps yaw_rad, in the map")
-_PATH: Final = ValueInfo(DataType.DOUBLE, "m", shape=(None, 2), description="waypoints x_m, y_m, in the map")
-_UNCERTAINTY: Final = ValueInfo(DataType.DOUBLE, "m", 0.01, 100)
 _ROUNDING: Final = 1e-9
 
-BLOCKED: Final = 2
-"""The status of a base that is driven, but held by something."""
+
+class WheelCalibration(StrictModel):
+    """The deviation of a robot's wheels from their nominal sizes, in the terms of Borenstein and Feng.
+
+    A base commands its wheels and computes its odometry by it, so that distances and angles come out true.
+    With both factors at 1, nothing changes, not even by a rounding.
+    """
+
+    track_factor: float = Field(default=1.0, ge=0.5, le=2.0)
+    """E_b: effective over nominal distance of the wheels; over 1 the robot turns too little."""
+    wheel_ratio: float = Field(default=1.0, ge=0.9, le=1.1)
+    """E_d: diameter of the right wheel over the left one's; over 1 the robot drifts to the left."""
+
+    @property
+    def left_factor(self) -> float:
+        """c_L: travel of the left wheel per metre counted."""
+        return 2.0 / (self.wheel_ratio + 1.0)
+
+    @property
+    def right_factor(self) -> float:
+        """c_R: travel of the right wheel per metre counted; the mean of both is 1."""
+        return 2.0 / (1.0 / self.wheel_ratio + 1.0)
+
+    def counted(self, ahead: float, arc: float) -> tuple[float, float]:
+        """Return the counts of the left and the right wheel for a motion.
+
+        Args:
+            ahead: distance or speed of the robot's centre.
+            arc: the angle to the left, or its rate, times half the nominal distance of the wheels; in the unit of
+                `ahead`.
+        """
+        arm = arc * self.track_factor
+        return (ahead - arm) / self.left_factor, (ahead + arm) / self.right_factor
+
+    def travelled(self, left: float, right: float) -> tuple[float, float]:
+        """Return the motion for the counts of the wheels: distance ahead, and arc to the left. Inverts `counted`."""
+        left, right = left * self.left_factor, right * self.right_factor
+        return (left + right) / 2, (right - left) / 2 / self.track_factor
 
 
-class DifferentialBase(Resource, ABC):
+NOMINAL: Final = WheelCalibration()
+"""The calibration of wheels of exactly their nominal sizes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drivetrain:
+    """The abilities of the wheels and motors of a type of robot.
+
+    Attributes:
+        name: the type's name, for messages.
+        track_m: nominal distance of its wheels.
+        speed_m_s: default speed.
+        max_speed_m_s: greatest speed, of each wheel too.
+        turn_rate_deg_s: default turn rate.
+        max_turn_rate_deg_s: greatest turn rate.
+        acceleration_m_s2: of each wheel, in motions to a place.
+        radius_m: of the smallest disc about the robot's centre that it fits in.
+    """
+
+    name: str
+    track_m: float
+    speed_m_s: float
+    max_speed_m_s: float
+    turn_rate_deg_s: float
+    max_turn_rate_deg_s: float
+    acceleration_m_s2: float = 0.4
+    radius_m: float = 0.2
+
+
+class DifferentialBase(MapMotions):
     """Drives a robot with two driven wheels (Source: thesis §6.2.1, §6.2.2).
 
     A driver implements `drive`, `turn` and `follow`, the property `calibration`, `halt` and `get_status`; and
@@ -52,7 +114,7 @@ class DifferentialBase(Resource, ABC):
 
     Args:
         drivetrain: the robot's drivetrain.
-        context: the plugin's, whose localizer guides motions to a pose; without it they are not supported.
+        context: the plugin's, whose localizer guides motions to a place; without it they are not supported.
     """
 
     types = ResourceType.ACTUATOR
@@ -61,13 +123,12 @@ class DifferentialBase(Resource, ABC):
     )
 
     def __init__(self, drivetrain: Drivetrain, context: PluginContext | None = None) -> None:
+        MapMotions.__init__(self, context)  # not `super`: a driver's other bases have arguments of their own
         self.drivetrain = drivetrain
-        self._context = context
         self._speed_m_s = drivetrain.speed_m_s
         self._turn_rate_deg_s = drivetrain.turn_rate_deg_s
         self._step_m = 0.5
         self._twist_timeout_s = 0.5
-        self._max_uncertainty_m = 0.3
 
     # Implemented by the driver.
 
@@ -89,31 +150,6 @@ class DifferentialBase(Resource, ABC):
             turn_rate_rad_s: positive, within the drivetrain's.
         """
 
-    @abstractmethod
-    def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
-        """Hold a twist, which is within the drivetrain's limits, until the time-out; then stop.
-
-        Closing the activity leaves the wheels turning: a newer twist replaces it without a stop, a halt stops.
-
-        Args:
-            speed_m_s: forward positive.
-            turn_rate_rad_s: counter-clockwise positive.
-            timeout_s: how long, if no newer twist arrives.
-        """
-
-    def clearance_m(self, *, forward: bool) -> float:  # noqa: ARG002  # to be overridden
-        """Return the free distance from the robot's outline to the nearest thing that its sensors see in its way.
-
-        Motions to a pose stop before it. The default, infinity, is for a robot without such sensors.
-
-        Args:
-            forward: whether the robot drives forward; else back.
-
-        Returns:
-            Metres; 0 at a contact.
-        """
-        return math.inf
-
     @property
     @abstractmethod
     def calibration(self) -> WheelCalibration:
@@ -133,6 +169,12 @@ class DifferentialBase(Resource, ABC):
         return left_m_s / excess, right_m_s / excess
 
     # Inherited by the driver.
+
+    @override
+    def motion_limits(self) -> MotionLimits:
+        acceleration_m_s2, arm_m = self.drivetrain.acceleration_m_s2, self.drivetrain.track_m / 2
+        turn_rate_rad_s = math.radians(self._turn_rate_deg_s)
+        return MotionLimits(self._speed_m_s, turn_rate_rad_s, acceleration_m_s2, acceleration_m_s2 / arm_m)
 
     @override
     def set_value(self, data: EALData) -> Activity:
@@ -192,33 +234,6 @@ class DifferentialBase(Resource, ABC):
         """Turn right by an angle."""
         return self._turn(-degrees)
 
-    @command("goto", _GOAL)
-    def go_to(self, goal: Any) -> Activity:
-        """Drive to a place in the map frame; with a third number, turn to that heading there.
-
-        Raises:
-            ArgumentError: the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers.
-            UnsupportedError: the driver estimates no pose.
-        """
-        numbers = [float(number) for number in goal]
-        if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
-            raise ArgumentError(f"goto needs finite numbers x_m, y_m and perhaps yaw_rad, not {numbers}")
-        return self._drive_route([(numbers[0], numbers[1])], numbers[2] if len(numbers) > 2 else None)
-
-    @command("follow", _PATH)
-    def follow_path(self, path: Any) -> Activity:
-        """Drive along waypoints in the map frame to the last one; it turns in place at corners.
-
-        Raises:
-            ArgumentError: there is no waypoint, or a number is not finite.
-            UnsupportedError: the driver estimates no pose.
-        """
-        numbers = path if isinstance(path, list | tuple) else path.ravel().tolist()
-        points = [(float(x_m), float(y_m)) for x_m, y_m in zip(numbers[::2], numbers[1::2], strict=True)]
-        if not points or not all(math.isfinite(number) for point in points for number in point):
-            raise ArgumentError("follow needs at least one waypoint of finite numbers x_m, y_m")
-        return self._drive_route(points, None)
-
     @config("speed_m_s", _SPEED)
     def speed_m_s(self) -> float:
         """Speed of driving straight."""
@@ -259,16 +274,6 @@ class DifferentialBase(Resource, ABC):
         """Set the time-out of later twists."""
         self._twist_timeout_s = float(twist_timeout_s)
 
-    @config("max_uncertainty_m", _UNCERTAINTY)
-    def max_uncertainty_m(self) -> float:
-        """Greatest standard deviation of the position with which it drives to a pose."""
-        return self._max_uncertainty_m
-
-    @config_setter("max_uncertainty_m")
-    def set_max_uncertainty_m(self, max_uncertainty_m: float) -> None:
-        """Set the limit for later motions to a pose."""
-        self._max_uncertainty_m = float(max_uncertainty_m)
-
     @config("radius_m", _RADIUS)
     def radius_m(self) -> float:
         """Radius of the robot about its centre."""
@@ -301,28 +306,6 @@ class DifferentialBase(Resource, ABC):
 
     def _turn(self, degrees: float) -> Activity:
         return self.turn(math.radians(degrees), math.radians(self._turn_rate_deg_s))
-
-    def _drive_route(self, points: list[Point], yaw_rad: float | None) -> Activity:
-        if self._context is None:
-            raise UnsupportedError(
-                f"the driver of the {self.drivetrain.name} estimates no pose, so it cannot drive to one"
-            )
-        clock, localizer = self._context.clock, self._context.localizer
-        turn_rate_rad_s, arm_m = math.radians(self._turn_rate_deg_s), self.drivetrain.track_m / 2
-        acceleration_m_s2 = self.drivetrain.acceleration_m_s2
-        limits = MotionLimits(self._speed_m_s, turn_rate_rad_s, acceleration_m_s2, acceleration_m_s2 / arm_m)
-        here = localizer.estimate(clock.now())
-        controller = RouteController(Route([(here.x_m, here.y_m), *points]), yaw_rad, limits)
-        device = MotionDevice(
-            clock=clock,
-            estimate=localizer.estimate,
-            hold=self.follow,
-            clearance_m=lambda forward: self.clearance_m(forward=forward),
-            is_blocked=lambda: self.get_status() == BLOCKED,
-            halt=self.halt,
-            report=self.progress,
-        )
-        return ClosedLoop(device, controller, limits, self._max_uncertainty_m).run()
 
     def _check_reach(self, what: str, value: float, most: float, unit: str) -> None:
         if not abs(value) <= most + _ROUNDING:

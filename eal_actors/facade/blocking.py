@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from eal_actors.actors.future import Future
+from eal_actors.actors.future import get_or_cancel
 from eal_actors.actors.part_handles import (
     MOTION_TIMEOUT_S,
     BaseHandle,
@@ -22,15 +22,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 P = TypeVar("P")
-
-
-def wait_for(future: Future[T]) -> T:
-    """Return the future's result; Ctrl-C cancels the call, which stops what it moves. Thread: blocks the caller."""
-    try:
-        return future.get()
-    except KeyboardInterrupt:
-        future.cancel()
-        raise
 
 
 class _Part(Generic[P]):
@@ -53,11 +44,11 @@ class BlockingBase(_Part[BaseHandle]):
 
     def drive(self, distance_m: float, *, timeout_s: float = MOTION_TIMEOUT_S) -> int:
         """Drive straight by a distance; back if it is negative."""
-        return wait_for(self._find().drive(distance_m, timeout_s=timeout_s))
+        return get_or_cancel(self._find().drive(distance_m, timeout_s=timeout_s))
 
     def turn(self, angle_deg: float, *, timeout_s: float = MOTION_TIMEOUT_S) -> int:
         """Turn in place by an angle: to the left, or to the right if it is negative."""
-        return wait_for(self._find().turn(angle_deg, timeout_s=timeout_s))
+        return get_or_cancel(self._find().turn(angle_deg, timeout_s=timeout_s))
 
     def go_to(
         self, x_m: float, y_m: float, yaw_deg: float | None = None, *, timeout_s: float = MOTION_TIMEOUT_S
@@ -68,19 +59,19 @@ class BlockingBase(_Part[BaseHandle]):
             BlockedError: something is in the way for 5 s.
             LocalizationError: the pose is too old or too uncertain.
         """
-        return wait_for(self._find().go_to(x_m, y_m, yaw_deg, timeout_s=timeout_s))
+        return get_or_cancel(self._find().go_to(x_m, y_m, yaw_deg, timeout_s=timeout_s))
 
     def follow(self, path: Iterable[tuple[float, float]], *, timeout_s: float = MOTION_TIMEOUT_S) -> int:
         """Drive along waypoints (x_m, y_m) to the last one; it turns in place at corners. Raises as `go_to`."""
-        return wait_for(self._find().follow(path, timeout_s=timeout_s))
+        return get_or_cancel(self._find().follow(path, timeout_s=timeout_s))
 
     def set_velocity(self, speed_m_s: float, turn_rate_deg_s: float = 0.0) -> int:
         """Drive at a speed and a turn rate for the base's `twist_timeout_s`, 0.5 s by default; then stop."""
-        return wait_for(self._find().set_velocity(speed_m_s, turn_rate_deg_s))
+        return get_or_cancel(self._find().set_velocity(speed_m_s, turn_rate_deg_s))
 
     def stop(self, *, timeout_s: float | None = None) -> int:
         """Stop at once, before everything that waits. Thread: any, while another waits for a motion."""
-        return wait_for(self._find().stop(timeout_s=timeout_s))
+        return get_or_cancel(self._find().stop(timeout_s=timeout_s))
 
 
 class BlockingTurret(_Part[TurretHandle]):
@@ -90,19 +81,19 @@ class BlockingTurret(_Part[TurretHandle]):
 
     def get(self, *, timeout_s: float | None = None) -> float:
         """Return its angle from straight ahead, in degrees."""
-        return wait_for(self._find().get(timeout_s=timeout_s))
+        return get_or_cancel(self._find().get(timeout_s=timeout_s))
 
     def turn(self, angle_deg: float, *, timeout_s: float = MOTION_TIMEOUT_S) -> int:
         """Turn by an angle."""
-        return wait_for(self._find().turn(angle_deg, timeout_s=timeout_s))
+        return get_or_cancel(self._find().turn(angle_deg, timeout_s=timeout_s))
 
     def turn_to(self, angle_deg: float, *, timeout_s: float = MOTION_TIMEOUT_S) -> int:
         """Turn to an angle from straight ahead, in the shorter direction."""
-        return wait_for(self._find().turn_to(angle_deg, timeout_s=timeout_s))
+        return get_or_cancel(self._find().turn_to(angle_deg, timeout_s=timeout_s))
 
     def stop(self, *, timeout_s: float | None = None) -> int:
         """Stop at once."""
-        return wait_for(self._find().stop(timeout_s=timeout_s))
+        return get_or_cancel(self._find().stop(timeout_s=timeout_s))
 
 
 class BlockingPose(_Part[PoseHandle]):
@@ -112,11 +103,11 @@ class BlockingPose(_Part[PoseHandle]):
 
     def get(self, *, timeout_s: float | None = None) -> PoseEstimate:
         """Return the pose with its covariance and its time."""
-        return wait_for(self._find().get(timeout_s=timeout_s))
+        return get_or_cancel(self._find().get(timeout_s=timeout_s))
 
     def set(self, x_m: float, y_m: float, yaw_deg: float, *, timeout_s: float | None = None) -> int:
         """Set the estimate: the robot is there now."""
-        return wait_for(self._find().set(x_m, y_m, yaw_deg, timeout_s=timeout_s))
+        return get_or_cancel(self._find().set(x_m, y_m, yaw_deg, timeout_s=timeout_s))
 
 
 class BlockingCamera(_Part[CameraHandle]):
@@ -126,7 +117,7 @@ class BlockingCamera(_Part[CameraHandle]):
 
     def frame(self, *, timeout_s: float | None = None) -> Image:
         """Return a new picture: RGB, shape (height, width, 3), rows from the top."""
-        return wait_for(self._find().frame(timeout_s=timeout_s))
+        return get_or_cancel(self._find().frame(timeout_s=timeout_s))
 
 
 class BlockingSensor(_Part[SensorHandle[T]], Generic[T]):
@@ -136,7 +127,7 @@ class BlockingSensor(_Part[SensorHandle[T]], Generic[T]):
 
     def get(self, *, timeout_s: float | None = None) -> T:
         """Return the value."""
-        return wait_for(self._find().get(timeout_s=timeout_s))
+        return get_or_cancel(self._find().get(timeout_s=timeout_s))
 
 
 class BlockingParts:

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from eal_actors.cli import app
-from eal_actors.device.drivetrain import WheelCalibration
+from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.lab.calibration.square import SquareEnds, square_end, write_square_ends
 from eal_actors.managers.config import EALConfigManager
 from tests.cli.conftest import Program, Write

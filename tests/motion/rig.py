@@ -39,7 +39,7 @@ class TrackedRobot:
         self.simulation = simulation
         self.robot = robot
         self.body = simulation[body]
-        self._random = Random(seed)
+        self._random = Random(seed)  # noqa: S311
         self.is_tracked = True
 
     def true_pose(self) -> tuple[float, float, float]:

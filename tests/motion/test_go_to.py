@@ -15,7 +15,7 @@ NEAR_M, NEAR_DEG = 0.01, 2.0
 
 def drive(kind: str, seed: int, goals: int) -> list[tuple[float, float]]:
     """Send an uncalibrated robot to places, one after another; return the errors."""
-    random, found = Random(seed), []
+    random, found = Random(seed), []  # noqa: S311
     with tracked(kind, seed, calibrated=False) as it:
         it.fix()
         for _ in range(goals):
@@ -28,7 +28,7 @@ def drive(kind: str, seed: int, goals: int) -> list[tuple[float, float]]:
 
 def check(kind: str, seeds: range, goals: int) -> None:
     errors = [error for seed in seeds for error in drive(kind, seed, goals)]
-    print(f"{kind}: {len(errors)} goals, worst {worst(errors)}")
+    print(f"{kind}: {len(errors)} goals, worst {worst(errors)}")  # noqa: T201  # the figure
     assert all(off_m <= NEAR_M and off_deg <= NEAR_DEG for off_m, off_deg in errors), worst(errors)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from random import Random
 
 import pytest
 
@@ -23,7 +22,7 @@ WALLED = {
     "version": 1,
     "name": "walled",
     "size_m": [6, 6],
-    "boxes": [{"name": "wall", "x_m": 1.0, "y_m": 0.0, "size_m": [0.2, 2.0]}],
+    "obstacles": [{"kind": "wall", "start_m": [0.9, -1.0], "end_m": [0.9, 1.0]}],
 }
 
 
@@ -161,5 +160,5 @@ def test_the_same_seed_drives_the_same_way() -> None:
                 found.append(it.true_pose())
             return found
 
-    seed = Random(1).randrange(1000)
+    seed = 7
     assert path(seed) == path(seed)

@@ -44,7 +44,7 @@ _MOST_JUMPS: Final = 5
 
 @dataclass(frozen=True, slots=True)
 class MotionDevice:
-    """What a closed-loop motion uses of a base.
+    """The parts of a base that a closed-loop motion uses.
 
     Attributes:
         clock: the fleet's clock.

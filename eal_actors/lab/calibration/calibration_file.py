@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from eal_actors.device.drivetrain import WheelCalibration
+from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.kernel.bundled import is_installed
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.yaml_source import parse_yaml

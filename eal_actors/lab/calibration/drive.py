@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData
-from eal_actors.device.drivetrain import WheelCalibration
+from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.kernel.errors import ResourceFaultError, UnsupportedError
 from eal_actors.lab.calibration.square import LEGS, START, WAYS, Point, Pose, SquareEnds, Way, seen_from
 

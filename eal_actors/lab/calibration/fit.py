@@ -13,7 +13,7 @@ from typing import Final, TypeAlias
 
 from pydantic import ValidationError
 
-from eal_actors.device.drivetrain import NOMINAL, WheelCalibration
+from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.lab.calibration.square import WAYS, SquareEnds, square_end
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from statistics import fmean, variance
 from typing import Final, Literal, TypeAlias
 
-from eal_actors.device.drivetrain import NOMINAL, WheelCalibration
+from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem
 
 Pose: TypeAlias = tuple[float, float, float]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.device.drivetrain import NOMINAL
+from eal_actors.device.differential_base import NOMINAL
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.calibration.drive import calibration_of_base, wheelbase_of
 from eal_actors.lab.calibration.fit import Fit, fit_squares

@@ -7,7 +7,7 @@ from textwrap import dedent
 
 import pytest
 
-from eal_actors.device.drivetrain import WheelCalibration
+from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.lab.calibration.calibration_file import with_include, write_calibration
 from eal_actors.managers.config import EALConfigManager

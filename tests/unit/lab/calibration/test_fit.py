@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eal_actors.device.drivetrain import NOMINAL, WheelCalibration
+from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.lab.calibration.fit import fit_squares
 from eal_actors.lab.calibration.square import SquareEnds, square_end

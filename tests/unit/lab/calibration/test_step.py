@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from eal_actors.device.drivetrain import WheelCalibration
+from eal_actors.device.differential_base import WheelCalibration
 from eal_actors.kernel.errors import ScenarioError
 from eal_actors.lab.calibration.square import WAYS, along_arc, square_end
 from eal_actors.lab.calibration.step import fit_umbmark

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from eal_actors.device.drivetrain import NOMINAL, WheelCalibration
+from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.lab.calibration.square import along_arc, seen_from, square_end
 
 calibrations = st.builds(WheelCalibration, track_factor=st.floats(0.5, 2.0), wheel_ratio=st.floats(0.9, 1.1))
