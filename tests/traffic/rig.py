@@ -83,12 +83,10 @@ class TravelWatch:
 
 
 @contextmanager
-def travelling(
-    starts: Mapping[str, tuple[str, Point]], world: Mapping[str, Any], seed: int
-) -> Iterator[TravelWatch]:
+def travelling(starts: Mapping[str, tuple[str, Point]], world: Mapping[str, Any], seed: int) -> Iterator[TravelWatch]:
     """Open a simulation; `starts` has each robot's model and place."""
     robots = {name: {"model": model, "start": (*at, 90.0)} for name, (model, at) in starts.items()}
-    with Simulation(robots, world, seed=seed) as simulation:  # type: ignore[arg-type]
+    with Simulation(robots, world, seed=seed) as simulation:
         yield TravelWatch(simulation, {name: RADII_M[model] for name, (model, _) in starts.items()}, seed)
 
 

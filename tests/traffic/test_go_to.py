@@ -204,7 +204,7 @@ def test_a_journey_has_a_deadline() -> None:
 
 
 def test_a_closed_fleet_leaves_no_trip_behind() -> None:
-    simulation = Simulation({"a": {"model": "roomba", "start": (0.0, 0.0)}}, floor(4, 4), seed=1).open()  # type: ignore[arg-type]
+    simulation = Simulation({"a": {"model": "roomba", "start": (0.0, 0.0)}}, floor(4, 4), seed=1).open()
     journey = simulation.fleet.go_to({"a": (1.0, 0.0)})
     simulation.advance(1.0)
     simulation.close()

@@ -179,7 +179,7 @@ class TrafficControl:
             return plan
 
     def _fail(self, error: TrafficError) -> None:
-        """Fail the trips that have no plan. Where new ones are among them, all new ones fail: nothing of them begins."""
+        """Fail the trips that have no plan; if one of them is new, all new ones, so that nobody of them moves."""
         names = set(error.robots or self._trips)
         if any(self._trips[name].is_new for name in names):
             names = {name for name, trip in self._trips.items() if trip.is_new}
@@ -190,11 +190,11 @@ class TrafficControl:
 
 def open_floor(travellers: Sequence[Traveller]) -> OccupancyGrid:
     """Return a free grid around the robots and their goals."""
-    points = np.array([point for traveller in travellers for point in (traveller.start, traveller.goal)] or [(0.0, 0.0)])
+    points = np.array(
+        [point for traveller in travellers for point in (traveller.start, traveller.goal)] or [(0.0, 0.0)]
+    )
     low, high = points.min(axis=0) - _OPEN_FLOOR_M, points.max(axis=0) + _OPEN_FLOOR_M
     columns, rows = np.ceil((high - low) / RESOLUTION_M).astype(int)
     return OccupancyGrid(
         np.full((rows, columns), FREE, np.int8), RESOLUTION_M, GridOrigin(float(low[0]), float(low[1]))
     )
-
-

@@ -114,7 +114,9 @@ class PlanRun:
         for leg in self.legs.values():
             if leg.is_driving and not leg.trip.done() and leg.silence_s() > SILENCE_S:
                 name = leg.trip.robot.name
-                self._fail(leg, UnavailableError(f"it has not been heard of for {SILENCE_S:g} s on its way", robot=name))
+                self._fail(
+                    leg, UnavailableError(f"it has not been heard of for {SILENCE_S:g} s on its way", robot=name)
+                )
 
     @staticmethod
     def _fail(leg: Leg, error: BaseException) -> None:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.facade.traffic.trips import Journey, TripGoal
-from eal_actors.kernel.errors import ArgumentError, PlaceNotFoundError
+from eal_actors.kernel.errors import ArgumentError
 
 if TYPE_CHECKING:
-    from eal_actors.device.world import WorldModel
+    from eal_actors.device.world import NamedPlace
     from eal_actors.facade.traffic.control import TrafficControl
     from eal_actors.kernel.clock import Clock
     from eal_actors.managers.fleet_model import FleetConfig
@@ -37,6 +37,8 @@ class TravellingRobots:
     if TYPE_CHECKING:
 
         def __getitem__(self, name: str) -> RobotHandle: ...
+
+        def place(self, name: str) -> NamedPlace: ...
 
     def go_to(self, goals: Mapping[Any, Place], *, timeout_s: float = JOURNEY_TIMEOUT_S) -> Journey:
         """Bring robots to places, all at once, so that they neither collide nor block each other for ever.
@@ -74,7 +76,11 @@ class TravellingRobots:
                 raise ArgumentError(f"robot {handle.name!r} is given twice")
             for part in ("Base", "Pose"):
                 _ = handle[part]
-            trips[handle] = goal_of(place, self.config.world, handle.name)
+            if isinstance(place, str):
+                named = self.place(place)
+                trips[handle] = TripGoal((named.x_m, named.y_m), named.yaw_deg)
+            else:
+                trips[handle] = goal_of(place, handle.name)
         if not timeout_s > 0:
             raise ArgumentError(f"timeout_s must be over 0 s, not {timeout_s!r}")
         return self._traffic_control().start(trips, timeout_s)
@@ -97,18 +103,12 @@ class TravellingRobots:
             self._traffic.close(timeout_s)
 
 
-def goal_of(place: Place, world: WorldModel | None, robot: str) -> TripGoal:
-    """Return the goal that a place names.
+def goal_of(place: Sequence[float], robot: str) -> TripGoal:
+    """Return the goal at a position, perhaps with a heading.
 
     Raises:
-        PlaceNotFoundError: the world has no place of that name.
-        ArgumentError: it is neither a name nor two or three finite numbers.
+        ArgumentError: it is not two or three finite numbers.
     """
-    if isinstance(place, str):
-        if world is None:
-            raise PlaceNotFoundError(f"no place {place!r}: the fleet has no world file, which has the places by name")
-        named = world.place(place)
-        return TripGoal((named.x_m, named.y_m), named.yaw_deg)
     try:
         numbers = [float(number) for number in place]
     except (TypeError, ValueError):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 from typing_extensions import override
 
@@ -88,8 +87,7 @@ class Journey(Future[dict[str, int]]):
         if not all(trip.done() for trip in self._trips):
             return
         error = next((error for trip in self._trips if (error := trip.exception()) is not None), None)
-        finish = partial(self._finish, dict.fromkeys(self.arrivals, 1) if error is None else None, error)
-        finish() if call_soon is None else call_soon(finish)
+        self._finish(dict.fromkeys(self.arrivals, 1) if error is None else None, error, call_soon)
 
     @override
     def describe(self) -> str:

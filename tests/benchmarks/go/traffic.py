@@ -66,7 +66,9 @@ def _swaps(*, with_mishaps: bool) -> list[Result]:
     times_s = sorted(figure.duration_s for figure in figures)
     stops = sum(figure.stops for figure in figures)
     return [
-        Result(f"{what}: all arrive", f"{whole} of {SEEDS} seeds, {stops} stops", "", whole, SEEDS, "seeds", at_least=True),
+        Result(
+            f"{what}: all arrive", f"{whole} of {SEEDS} seeds, {stops} stops", "", whole, SEEDS, "seeds", at_least=True
+        ),
         Result(f"{what}: collisions", f"least gap {gap_mm:.0f} mm", "true hulls, each 20 ms", touched, 0, "seeds"),
         Result(f"{what}: time", f"median {times_s[SEEDS // 2]:.0f} s", "most", times_s[-1], 600, "s"),
     ]
