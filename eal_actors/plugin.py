@@ -33,8 +33,10 @@ from eal_actors.device.world import FloorMarker
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     ArgumentError,
+    BlockedError,
     DataError,
     EALError,
+    LocalizationError,
     NotReadyError,
     PluginError,
     ResourceFaultError,
@@ -47,6 +49,7 @@ __all__ = [
     "FAMILIES",
     "Activity",
     "ArgumentError",
+    "BlockedError",
     "BytePort",
     "Clock",
     "CommandInfo",
@@ -63,6 +66,7 @@ __all__ = [
     "FleetServices",
     "FloorMarker",
     "Link",
+    "LocalizationError",
     "Localizer",
     "NotReadyError",
     "OdometryNoise",

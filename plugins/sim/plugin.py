@@ -149,6 +149,12 @@ def _creator(kind: type[_R]) -> Callable[[PluginContext], _R]:
     return create
 
 
+def create_Base(context: PluginContext) -> resources.Base:
+    """Create the base."""
+    robot = context.plugin.robot
+    return apply_faults(resources.Base(context.plugin.world, robot, context), robot)
+
+
 def create_Pose(context: PluginContext) -> resources.Pose:
     """Create the pose estimate."""
     plugin, settings = context.plugin, context.settings
