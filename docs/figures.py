@@ -14,7 +14,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from eal_actors import Fleet, RobotHandle
+from eal_actors import Fleet, RobotHandle, gather
 from eal_actors.device.world import load_world
 from eal_actors.lab.calibration.drive import GroundTruth, calibrate_base, drive_squares, wheelbase_of
 from eal_actors.lab.calibration.fit import fit_squares

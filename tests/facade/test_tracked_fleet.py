@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 
 import numpy as np
-import pytest
 
 from eal_actors import Fleet, gather
 from eal_actors.kernel.bundled import bundled_path
 
 
-@pytest.fixture(scope="module")
-def arena() -> Iterator[Fleet]:
-    with Fleet.load(bundled_path("fleets/arena.yaml")) as fleet:
-        yield fleet
+def test_uncalibrated_robots_of_the_arena_know_where_they_are() -> None:
+    with Fleet.load(bundled_path("fleets/arena.yaml")) as arena:
+        drive_and_judge(arena)
+        judge_report_and_picture(arena)
 
 
-def test_uncalibrated_robots_of_the_arena_know_where_they_are(arena: Fleet) -> None:
+def drive_and_judge(arena: Fleet) -> None:
     robots = [arena[name] for name in arena if name != "cameras-1"]
     gather([robot["Base"].send_cmd("f0.2") for robot in robots]).get()
     gather([robot["Base"].send_cmd("l60") for robot in robots]).get()
@@ -30,7 +28,7 @@ def test_uncalibrated_robots_of_the_arena_know_where_they_are(arena: Fleet) -> N
         assert abs(math.remainder(found[2] - true[2], math.tau)) < math.radians(1), robot.name
 
 
-def test_the_tracker_reports_and_shows_what_it_finds(arena: Fleet) -> None:
+def judge_report_and_picture(arena: Fleet) -> None:
     cameras = arena["cameras-1"]
     fixes = cameras["Fixes"].get_value().get()
     assert fixes.frame_id == "map"
