@@ -47,7 +47,7 @@ class SessionKeeper(EALActor):
     def __init__(self, name: str, network: NetworkConfig, configure: Callable[[], dict[str, Any]]) -> None:
         super().__init__(f"{name} session", REAL_TIME)
         self._configure = configure
-        self._keys = KeyWatch(network.security, name)
+        self._keys = KeyWatch(None if network.security is None else network.security.keys, name)
         self._on_session: Callable[[zenoh.Session], None] = lambda _: None
         self._stack = ExitStack()
 

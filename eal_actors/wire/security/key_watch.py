@@ -6,10 +6,10 @@ Only a complete change counts: the files are unchanged for one period, and the c
 from __future__ import annotations
 
 import ssl
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from eal_actors.managers.network_model import SecurityConfig
 from eal_actors.wire.security.certificates import AUTHORITY, certificate_file, key_file
 from eal_actors.wire.security.revocation import REVOKED
 
@@ -21,16 +21,15 @@ class KeyWatch:
     """Watches the authority's certificate, a pair of keys, and the list of revoked names.
 
     Args:
-        security: the fleet's security; None watches nothing.
+        folder: the folder of keys; None watches nothing.
         name: name of the pair.
 
     Thread: one at a time.
     """
 
-    def __init__(self, security: SecurityConfig | None, name: str) -> None:
+    def __init__(self, folder: Path | None, name: str) -> None:
         self._files: tuple[Path, ...] = ()
-        if security is not None:
-            folder = security.keys
+        if folder is not None:
             self._pair = certificate_file(folder, name), key_file(folder, name)
             self._files = (certificate_file(folder, AUTHORITY), *self._pair, folder / REVOKED)
         self._used = self._seen = self._versions()
@@ -50,7 +49,7 @@ class KeyWatch:
         self._used = self._seen
 
     def _versions(self) -> tuple[int, ...]:
-        return tuple(map(_version, self._files))
+        return file_versions(self._files)
 
     def _fits(self) -> bool:
         """Return whether the certificate and its key can be used, so that no link is closed in vain."""
@@ -59,6 +58,11 @@ class KeyWatch:
         except (OSError, ssl.SSLError):
             return False
         return True
+
+
+def file_versions(files: Iterable[Path]) -> tuple[int, ...]:
+    """Return when each file changed, 0 for a missing one."""
+    return tuple(map(_version, files))
 
 
 def _version(file: Path) -> int:

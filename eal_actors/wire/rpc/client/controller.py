@@ -97,7 +97,7 @@ class Controller(EALActor):
         self.display_name: Final = process_name(self.certificate)
         self._config = config
         self._robots = None if robots is None else tuple(robots)
-        self._keys = KeyWatch(security, self._caller)
+        self._keys = KeyWatch(None if security is None else security.keys, self._caller)
         self._network = controller_config(config, self._robots)
         self._lock = threading.Lock()
         self._malformed = ThrottledLog(fleet=config.name)
