@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
+from rich.console import Console
 
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
@@ -52,15 +53,11 @@ def calibrate_camera(
     finder = BoardFinder(board_size(squares, square))
     console = stderr() if as_json else stdout()
     if folder is not None:
-        views, names = _views_of_folder(folder, finder)
-        for name, view in zip(names, views, strict=True):
-            if view is None:
-                print_line(console, f"{name}: left out, the board is not in it", "yellow")
-        found = [view for view in views if view is not None]
-    else:
-        if fleet is None or robot is None:
-            raise typer.BadParameter("is missing", param_hint="'--fleet'")
+        found = _views_of_folder(folder, finder, console)
+    elif fleet is not None and robot is not None:
         found = _views_of_robot(fleet, (robot, resource), finder, count, timeout)
+    else:
+        raise typer.BadParameter("is missing: name the fleet file", param_hint="'--fleet' / '-f'")
     try:
         fit = fit_lens(found)
     except ArgumentError as error:
@@ -84,8 +81,8 @@ def _print_fit(fit: LensFit, pictures: int) -> None:
     print_line(console, text, "dim")
 
 
-def _views_of_folder(folder: Path, finder: BoardFinder) -> tuple[list[BoardView | None], list[str]]:
-    """Return the board in each picture of a folder, and the pictures' names."""
+def _views_of_folder(folder: Path, finder: BoardFinder, console: Console) -> list[BoardView]:
+    """Return the board in each picture of a folder, without pictures that do not show it."""
     import cv2
     import numpy as np
 
@@ -93,13 +90,16 @@ def _views_of_folder(folder: Path, finder: BoardFinder) -> tuple[list[BoardView 
     if not files:
         what = f"contains no pictures, which end in {', '.join(_SUFFIXES)}" if folder.is_dir() else "is no folder"
         raise ConfigError([Problem(str(folder), 0, 0, "", what)])
-    views: list[BoardView | None] = []
+    views = []
     for file in files:
         image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
         if image is None:
             raise ConfigError([Problem(str(file), 0, 0, "", "is not a picture that OpenCV can read")])
-        views.append(finder.find(np.asarray(image, np.uint8)))
-    return views, [file.name for file in files]
+        if (view := finder.find(np.asarray(image, np.uint8))) is not None:
+            views.append(view)
+        else:
+            print_line(console, f"{file.name}: left out, the board is not in it", "yellow")
+    return views
 
 
 def _views_of_robot(
