@@ -38,7 +38,7 @@ class TravellingRobots:
 
         def __getitem__(self, name: str) -> RobotHandle: ...
 
-        def place(self, name: str) -> NamedPlace: ...
+        def place(self, name: str) -> NamedPlace: ...  # noqa: D102  # as in Fleet
 
     def go_to(self, goals: Mapping[Any, Place], *, timeout_s: float = JOURNEY_TIMEOUT_S) -> Journey:
         """Bring robots to places, all at once, so that they neither collide nor block each other for ever.
