@@ -113,13 +113,17 @@ class ProgressWatch:
 class HoldWatch:
     """Pauses a robot that is held: its wheels may spin, and its odometry counts that.
 
+    Args:
+        now_s: the time at the start.
+
     Attributes:
         gives_up: whether it was held again after each of some pauses.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, now_s: float) -> None:
         self.gives_up = False
-        self._free_s = self._paused_until_s = -math.inf
+        self._free_s = now_s
+        self._paused_until_s = -math.inf
         self._pauses = 0
 
     def must_pause(self, now_s: float, *, is_held: bool) -> bool:
@@ -154,7 +158,7 @@ class ClosedLoop:
         self._most_m = most_m
         self._twist = STANDSTILL
         self._obstacle = ""
-        self._holds = HoldWatch()
+        self._holds = HoldWatch(device.clock.now())
 
     def run(self) -> Activity:
         """Drive to the goal, and return 1 at rest there; any other end stops the motors.

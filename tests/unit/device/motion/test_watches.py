@@ -34,13 +34,14 @@ def test_a_turn_in_place_counts_as_nearer_but_not_for_ever() -> None:
 
 def test_a_pose_that_jumps_is_forgiven_five_times() -> None:
     watch = ProgressWatch(0.0)
+    for step in range(11):
+        watch.update(1.0 if step % 2 == 0 else 2.0, None, 0.05 * step)
     with pytest.raises(LocalizationError, match="6 times"):
-        for step in range(100):
-            watch.update(1.0 if step % 2 else 2.0, None, 0.05 * step)
+        watch.update(2.0, None, 0.6)
 
 
 def test_a_robot_that_is_held_pauses_and_gives_up() -> None:
-    watch = HoldWatch()
+    watch = HoldWatch(0.0)
     stands = [watch.must_pause(0.05 * step, is_held=True) for step in range(200)]
     assert not stands[0]
     assert watch.gives_up
@@ -48,7 +49,7 @@ def test_a_robot_that_is_held_pauses_and_gives_up() -> None:
 
 
 def test_a_robot_that_is_held_now_and_then_goes_on() -> None:
-    watch = HoldWatch()
+    watch = HoldWatch(0.0)
     for step in range(400):
         watch.must_pause(0.05 * step, is_held=step % 80 < 10)
     assert not watch.gives_up
