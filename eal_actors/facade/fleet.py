@@ -22,6 +22,7 @@ from eal_actors.facade.robot_starter import RobotStarter
 from eal_actors.facade.shutdown import close_on_exit, forget
 from eal_actors.facade.synchronized_start import Command, SynchronizedCommands, send_synchronized
 from eal_actors.facade.tasks import TaskGroup
+from eal_actors.facade.traffic.travelling import TravellingRobots
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     ArgumentError,
@@ -43,7 +44,7 @@ START_TIMEOUT_S: Final = 30.0
 """Real seconds that `connect` waits for the robots to start."""
 
 
-class Fleet(Mapping[str, RobotHandle]):
+class Fleet(TravellingRobots, Mapping[str, RobotHandle]):
     """The robots of one fleet file.
 
         with Fleet.load("fleets/sim.yaml") as fleet:
@@ -57,6 +58,7 @@ class Fleet(Mapping[str, RobotHandle]):
     """
 
     def __init__(self, config: FleetConfig, clock: Clock | None = None) -> None:
+        super().__init__()
         self.config = config
         self.clock: Clock = clock if clock is not None else clock_of(config.rate)
         self._starter = RobotStarter(config, self.clock)
@@ -216,6 +218,7 @@ class Fleet(Mapping[str, RobotHandle]):
         with self._start_lock:
             robots = dict(self._robots)
             self._forwarder.close()
+        self._end_traffic(timeout_s)
         close_robots(list(robots.values()), timeout_s)  # they stay known until then, in case of Ctrl-C
         with self._start_lock:
             self._robots = {name: robot for name, robot in self._robots.items() if robots.get(name) is not robot}
@@ -349,6 +352,7 @@ class Fleet(Mapping[str, RobotHandle]):
 
     def halt(self, *, timeout_s: float | None = None) -> Future[list[list[int]]]:
         """Stop all motion of every robot at once. Thread: any; does not block."""
+        self._cancel_trips()
         return gather([robot.halt(timeout_s=timeout_s) for robot in self._robots.values()])
 
     def together(
@@ -381,6 +385,7 @@ class Fleet(Mapping[str, RobotHandle]):
 
         Thread: any; does not block.
         """
+        self._cancel_trips()
         return gather([robot.stop(reason) for robot in self._robots.values()])
 
     def resume(self) -> Future[list[None]]:
