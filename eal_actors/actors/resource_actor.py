@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import contextlib
+import contextvars
 import functools
 import math
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from functools import partial
+from typing import Any, Final
 
 from typing_extensions import override
 
 from eal_actors.actors.activities import ActivityActor, ScheduledCommand
 from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
+from eal_actors.actors.results import PendingResult, converted, data_of, status_of
 from eal_actors.actors.robot_view import RunningCommand, command_of, process_name
-from eal_actors.device.data import DataType, EALData, ValueInfo
+from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceInfo
 from eal_actors.device.plugin_context import ResourceFactory
-from eal_actors.device.resource import Activity, Resource
+from eal_actors.device.resource import Resource
 from eal_actors.kernel import log
 from eal_actors.kernel.errors import (
     DeadlineError,
@@ -33,42 +36,6 @@ from eal_actors.kernel.errors import (
 
 READINESS_PERIOD_S: Final = 0.5
 """Fleet time between two readiness checks while nobody calls the resource."""
-_FLOATS: Final = (DataType.FLOAT, DataType.DOUBLE)
-
-
-class _PendingResult(NamedTuple):
-    """A result that an activity will return, and the function that makes the answer of it."""
-
-    activity: Activity
-    convert: Callable[[Any], Any]
-
-
-def _convert(result: Any, convert: Callable[[Any], Any]) -> Any:
-    """Make the answer of a result; an activity gives its result later."""
-    return _PendingResult(result, convert) if type(result) is types.GeneratorType else convert(result)
-
-
-def status_of(result: Any) -> int:
-    """Return a status int, where None counts as 1, the thesis's success; or raise ReturnTypeError."""
-    if not isinstance(result, int | None):
-        raise ReturnTypeError(f"returned {result!r} where a status int is wanted")
-    return 1 if result is None else int(result)
-
-
-def data_of(result: Any, value: ValueInfo | None = None) -> EALData:
-    """Return the result as EALData, checked against the resource's information, or raise ReturnTypeError.
-
-    An int is converted where a float or double is declared, so that 60 and 60.0 are the same answer.
-    """
-    if type(result) is int and value is not None and value.type in _FLOATS and not value.shape:
-        result = float(result)
-    try:
-        data = EALData.of(result)
-    except EALError as error:
-        raise ReturnTypeError(f"returned what no EALData can hold: {error}") from error
-    if value is not None and (problem := value.problem(data)):
-        raise ReturnTypeError(f"returned a value that {problem}")
-    return data
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +87,7 @@ class ResourceActor(ActivityActor):
     def on_start(self) -> None:
         """Make and open the resource. Thread: the actor's own."""
         log.bind_resource(self.cell.robot, self.cell.name)
+        self._context = contextvars.copy_context()
         self.busy(self.clock.now() + self.cell.timeout_s)
         try:
             self.resource = resource = self._factory.create()
@@ -149,14 +117,14 @@ class ResourceActor(ActivityActor):
         """Return for each method the function that runs it and converts its result."""
         return {
             "get_status": lambda: status_of(resource.get_status()),
-            "get_value": lambda: _convert(resource.get_value(), lambda result: data_of(result, info.value)),
+            "get_value": lambda: converted(resource.get_value(), lambda result: data_of(result, info.value)),
             "set_value": self._set_value,
             "send_req": self._send_req,
             "send_cmd": self._send_cmd,
-            "read_comm": lambda length: _convert(resource.read_comm(length), data_of),
-            "write_comm": lambda data, length: _convert(resource.write_comm(data, length), status_of),
+            "read_comm": lambda length: converted(resource.read_comm(length), data_of),
+            "write_comm": lambda data, length: converted(resource.write_comm(data, length), status_of),
             "get_config": self._get_config,
-            "set_config": lambda key, data: _convert(resource.set_config(key, data), status_of),
+            "set_config": lambda key, data: converted(resource.set_config(key, data), status_of),
             "halt": self._halt,
         }
 
@@ -270,6 +238,27 @@ class ResourceActor(ActivityActor):
             return None
         return super().on_receive(message)
 
+    def serve_now(self, call: Call[Any]) -> bool:
+        """Run a call in the caller's thread, in this actor's place, if the actor is idle; else return False.
+
+        The mailbox's order holds: the actor is idle when nothing waits and no timer is due, and handles nothing else
+        until the call has run.
+
+        Thread: any.
+        """
+        inbox = self.actor_inbox
+        try:
+            if not inbox.borrow(call):
+                return False
+            self._context.run(self._execute, call)
+        except KeyboardInterrupt:  # it is the caller's
+            raise
+        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything, which crashes its actor alone
+            inbox.call_soon(partial(self.crash, error))
+        finally:
+            inbox.give_back(call)
+        return True
+
     def _execute(self, call: Call[Any]) -> None:
         deadline_s = call.deadline_s or 0.0
         if call.stops:  # a late stop is still a stop
@@ -285,7 +274,7 @@ class ResourceActor(ActivityActor):
             if self._reports_readiness and not call.stops and (reason := self._check_readiness()) is not None:
                 raise NotReadyError(reason)  # a function for this would cost every call
             result = self._methods[call.method](*call.arguments)
-            if type(result) is _PendingResult:
+            if type(result) is PendingResult:
                 self.begin(call, *result)
             elif not call._finish(result, None):
                 self._undo(call)
@@ -364,21 +353,21 @@ class ResourceActor(ActivityActor):
             if self._motion is not None or self._scheduled.call is not None:
                 self._check_command(cmd, data)  # nor must an invalid command
             self._preempt_motions(f"a newer command took over: {cmd!r}")
-        return _convert(self.opened.send_cmd(cmd, data), status_of)
+        return converted(self.opened.send_cmd(cmd, data), status_of)
 
     def _set_value(self, data: EALData) -> Any:
         if "set_value" in self._info.methods:  # otherwise it raises UnsupportedError and must not stop a motion
             self._check_new_value(data)
             self._preempt_motions("a newer set_value took over")
-        return _convert(self.opened.set_value(data), status_of)
+        return converted(self.opened.set_value(data), status_of)
 
     def _send_req(self, req: str) -> Any:
         returns = self._info.parse_request(req)[0].returns if self._info.requests else None
-        return _convert(self.opened.send_req(req), lambda result: data_of(result, returns))
+        return converted(self.opened.send_req(req), lambda result: data_of(result, returns))
 
     def _get_config(self, key: str) -> Any:
         value = self._info.config(key).value if self._info.configs else None
-        return _convert(self.opened.get_config(key), lambda result: data_of(result, value))
+        return converted(self.opened.get_config(key), lambda result: data_of(result, value))
 
     def _halt(self) -> int:
         self._preempt_motions("halted")
