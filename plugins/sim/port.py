@@ -14,7 +14,8 @@ from urllib.parse import urlsplit
 from eal_actors.plugin import PluginContext, PluginError, UnavailableError
 
 from .models import MAKES
-from .robot import SimBattery, SimRobot, SimTurret
+from .parts import SimBattery, SimTurret
+from .robot import SimRobot
 from .sensors import dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
 from .world import SimWorld, world_of
 

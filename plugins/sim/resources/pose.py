@@ -10,7 +10,6 @@ from typing_extensions import override
 from eal_actors.plugin import ArgumentError, DataType, EALData, ResourceType, ValueInfo, request
 
 from ..arena import Pose2D
-from ..motion import WheelOdometer
 from ..robot import SimRobot, wrapped_rad
 from ..world import SimWorld
 from .robot_resource import RobotResource
@@ -53,14 +52,12 @@ class Odometry(RobotResource):
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         super().__init__(world, robot)
         with world.caught_up():
-            if robot.odometer is None:
-                robot.odometer = WheelOdometer(robot.make.track_m, robot.travel_m)
-            self._odometer = robot.odometer
+            robot.begin_odometry()
 
     def get_value(self) -> EALData:
         """Return [x_m, y_m, yaw_rad], yaw in (-pi, pi]."""
         with self._world.caught_up() as now_s:
-            pose = self._odometer.pose
+            pose = self._robot.odometry
         return _pose_data(pose, f"{self._robot.name}/odom", now_s)
 
     @override
@@ -75,7 +72,7 @@ class Odometry(RobotResource):
         """
         pose = _checked_pose(data)
         with self._world.caught_up():
-            self._odometer.pose = pose
+            self._robot.odometry = pose
 
     @request("travel", ValueInfo(DataType.DOUBLE, "m", shape=(2,)))
     def travel(self) -> EALData:
