@@ -19,6 +19,10 @@ from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.differential_base import DifferentialBase, Drivetrain, WheelCalibration
 from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
 from eal_actors.device.link import FaultyLink as Link
+from eal_actors.device.localization.localizer import Localizer
+from eal_actors.device.localization.odometry_noise import OdometryNoise
+from eal_actors.device.localization.pose_estimate import PoseEstimate, wrapped_rad
+from eal_actors.device.localization.pose_resource import PoseResource, finite_pose
 from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
 from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
@@ -54,10 +58,14 @@ __all__ = [
     "Field",
     "FleetServices",
     "Link",
+    "Localizer",
     "NotReadyError",
+    "OdometryNoise",
     "PluginContext",
     "PluginError",
     "PluginSettingsModel",
+    "PoseEstimate",
+    "PoseResource",
     "ReopeningDevice",
     "ReopeningPort",
     "Resource",
@@ -73,8 +81,10 @@ __all__ = [
     "command",
     "config",
     "config_setter",
+    "finite_pose",
     "get_logger",
     "open_serial",
     "open_tcp",
     "request",
+    "wrapped_rad",
 ]

@@ -24,7 +24,7 @@ from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.security.certificates import certificate_file, key_file, list_certificates
+from eal_actors.wire.security.certificates import certificate_file, key_file, list_certificates
 
 if TYPE_CHECKING:
     from eal_actors.operate.dashboard import Dashboard

@@ -15,7 +15,7 @@ from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import OperatorRole
-from eal_actors.net.security.certificates import AUTHORITY, certificate_file, make_certificate
+from eal_actors.wire.security.certificates import AUTHORITY, certificate_file, make_certificate
 
 DASHBOARD: Final = "dashboard"
 """Name of the dashboard's certificate. It has no role, so it grants nothing on robots."""

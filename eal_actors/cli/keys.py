@@ -24,7 +24,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_loader import load_fleet
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, parse_endpoint
-from eal_actors.net.security.certificates import (
+from eal_actors.wire.security.certificates import (
     AUTHORITY,
     VALID,
     Certificate,
@@ -34,8 +34,8 @@ from eal_actors.net.security.certificates import (
     make_authority,
     make_certificate,
 )
-from eal_actors.net.security.expiry import expires_soon, time_left
-from eal_actors.net.security.revocation import REVOKED, require_not_revoked, revoked_names
+from eal_actors.wire.security.expiry import expires_soon, time_left
+from eal_actors.wire.security.revocation import REVOKED, require_not_revoked, revoked_names
 
 app = typer.Typer(
     cls=EalCommandGroup, help="Make the certificates that secure a fleet's network.", no_args_is_help=True

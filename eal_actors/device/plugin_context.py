@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Self, TypeAlias, TypeVar
 
 from eal_actors.device.link import FaultyLink
+from eal_actors.device.localization.localizer import Localizer
 from eal_actors.device.ports import BytePort
 from eal_actors.device.proximity import ProximityObserver
 from eal_actors.device.resource import Resource
@@ -103,6 +104,10 @@ class FleetServices:
                 self._links[robot] = FaultyLink(robot, self.seed)
             return self._links[robot]
 
+    def localizer(self, robot: str) -> Localizer:
+        """Return the pose estimate of a robot; it outlives restarts of the robot's plugins. Thread: any."""
+        return self.shared(("localizer", robot), lambda: Localizer(robot))
+
     def shared(self, key: Hashable, make: Callable[[], _T]) -> _T:
         """Return the fleet's single object under the key; the first caller makes it. Thread: any."""
         with self._lock:
@@ -134,6 +139,11 @@ class PluginContext:
     def clock(self) -> Clock:
         """The fleet's clock."""
         return self.services.clock
+
+    @property
+    def localizer(self) -> Localizer:
+        """The robot's pose estimate: the driver of its wheels feeds it, and closed-loop motion reads it."""
+        return self.services.localizer(self.robot)
 
     def simulated_port(self, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
         """Open a port to an emulator whose body is a robot of a simulated world.

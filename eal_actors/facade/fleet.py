@@ -14,12 +14,14 @@ from eal_actors.actors.handles import CLOSE_TIMEOUT_S, RobotHandle, close_robots
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.device.info import unknown_name
 from eal_actors.device.plugin_context import FleetServices
+from eal_actors.device.world import NamedPlace
 from eal_actors.facade.fleet_calls import FleetCalls
 from eal_actors.facade.robot_starter import RobotStarter
 from eal_actors.facade.shutdown import close_on_exit, forget
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     EALError,
+    PlaceNotFoundError,
     RobotFailedError,
     RobotNotFoundError,
     UnavailableError,
@@ -271,6 +273,16 @@ class Fleet(FleetCalls):
         """
         chosen = EALConfigManager(self.config).select(names, tags=tags, types=types)
         return [self[robot.name] for robot in chosen]
+
+    def place(self, name: str) -> NamedPlace:
+        """Return a place of the fleet's world by its name: `fleet.place("dock").x_m`.
+
+        Raises:
+            PlaceNotFoundError: the world has no such place, or the fleet file names no world.
+        """
+        if self.config.world is None:
+            raise PlaceNotFoundError(f"no place {name!r}: fleet {self.name!r} has no world; give its file a `world`")
+        return self.config.world.place(name)
 
     @property
     def problems(self) -> list[EALError]:

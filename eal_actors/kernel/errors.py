@@ -28,6 +28,9 @@
     │   ├── AccessDeniedError   (PermissionError)   the robot does not grant this to this controller
     │   ├── ProtocolError       (ConnectionError)   the other end speaks another version, or sends invalid data
     │   └── RemoteError         (ConnectionError)   not possible through a network connection
+    ├── NavigationError
+    │   ├── PlaceNotFoundError  (KeyError)          the world has no place of that name
+    │   └── NoPathError         (RuntimeError)      no path leads to the goal, or none was found in time
     └── ScenarioError           (RuntimeError)      a scenario cannot run on this fleet
 
 Every error has a stable `code`, its name on the wire and in records. Errors of a resource carry `robot` and
@@ -281,6 +284,24 @@ class RemoteError(RobotError, ConnectionError):
     """The operation is not possible through a network connection (Source: thesis §4.5)."""
 
     code = "remote"
+
+
+class NavigationError(EALError):
+    """An error of a map, a path or a place."""
+
+    code = "navigation"
+
+
+class PlaceNotFoundError(NavigationError, KeyError):
+    """The world has no place of that name."""
+
+    code = "place_not_found"
+
+
+class NoPathError(NavigationError, RuntimeError):
+    """No path leads from the start to the goal, or the planner reached its bound before it found one."""
+
+    code = "no_path"
 
 
 class ScenarioError(EALError, RuntimeError):

@@ -1,9 +1,12 @@
 """Robots that drive freely, together: their state in one array with a column for each.
 
-The path of a robot that touches nothing follows from its wheels alone. Here numpy computes the next ticks of many robots
-at once. Operations and their order are those of `SimRobot.predict`, and sines come from the math module, because
+The path of a robot that touches nothing follows from its wheels alone. Here numpy computes the next ticks of many
+robots at once. Operations and their order are those of `SimRobot.predict`, and sines come from the math module, because
 numpy's differ in the last bit. So a path is the same to the bit in the array and outside, and a robot may enter and
 leave at any tick.
+
+The pose estimate hears of the odometry less often than that of a robot by itself: in steps as large as those in which
+it merges old odometry anyway.
 
 Thread: every member is for the holder of the world's lock.
 """
@@ -12,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Final, Generic, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -24,7 +27,9 @@ if TYPE_CHECKING:
 
     from .robot import SimRobot
 
-    _Array: TypeAlias = NDArray[np.float64]
+
+_Array: TypeAlias = "NDArray[np.float64]"
+_Number = TypeVar("_Number")
 
 MOST_TICKS: Final = NORMALS_BLOCK // 2
 """The most ticks at once: a robot needs two random numbers in each."""
@@ -32,65 +37,78 @@ MOST_TICKS: Final = NORMALS_BLOCK // 2
 _LEAST_WORK: Final = 60
 """Robots times ticks from which the array is faster than the robots one by one."""
 
+_REPORT_M: Final = 0.1
+_REPORT_RAD: Final = 0.3
+_REPORT_TICKS: Final = 25
+"""The most that the odometry advances, and the ticks, until the pose estimate hears of it."""
+
 _FEWEST: Final = 16  # columns of the array at first
 
 
-class FreeState(NamedTuple):
+class FreeState(NamedTuple, Generic[_Number]):
     """The state of a robot, one number each; or that of all robots, one row each.
 
     The last two poses and the travel of the last tick come after the pose; then the wheels, the odometer, the battery,
-    and the motion as `WheelMotion.regular` describes it.
+    the motion as `WheelMotion.regular` describes it, and the odometry that the pose estimate knows.
     """
 
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    last_x_m: float
-    last_y_m: float
-    last_yaw_rad: float
-    earlier_x_m: float
-    earlier_y_m: float
-    earlier_yaw_rad: float
-    command_left_m: float
-    command_right_m: float
-    ahead_m: float
-    turn_rad: float
-    left_m: float
-    right_m: float
-    turned_m: float
-    share_left: float
-    share_right: float
-    k_left: float
-    k_right: float
-    scatter_m: float
-    effective_track_m: float
-    step_m: float
-    noise_rad_m: float
-    odometer_x_m: float
-    odometer_y_m: float
-    odometer_yaw_rad: float
-    counted_left_m: float
-    counted_right_m: float
-    factor_left: float
-    factor_right: float
-    track_factor: float
-    half_track_m: float
-    drawn_before_as: float
-    idle_a: float
-    drive_as_m: float
-    capacity_as: float
-    most_m: float
-    regular_ticks: float
-    is_move: float
-    motion_left: float
-    motion_right: float
-    length_m: float
-    acceleration_m_s2: float
-    peak_m_s: float
-    ramp_s: float
-    duration_s: float
-    motion_tick: float
-    travelled_m: float
+    x_m: _Number
+    y_m: _Number
+    yaw_rad: _Number
+    last_x_m: _Number
+    last_y_m: _Number
+    last_yaw_rad: _Number
+    earlier_x_m: _Number
+    earlier_y_m: _Number
+    earlier_yaw_rad: _Number
+    command_left_m: _Number
+    command_right_m: _Number
+    ahead_m: _Number
+    turn_rad: _Number
+    left_m: _Number
+    right_m: _Number
+    turned_m: _Number
+    share_left: _Number
+    share_right: _Number
+    k_left: _Number
+    k_right: _Number
+    scatter_m: _Number
+    effective_track_m: _Number
+    step_m: _Number
+    noise_rad_m: _Number
+    odometer_x_m: _Number
+    odometer_y_m: _Number
+    odometer_yaw_rad: _Number
+    counted_left_m: _Number
+    counted_right_m: _Number
+    factor_left: _Number
+    factor_right: _Number
+    track_factor: _Number
+    half_track_m: _Number
+    drawn_before_as: _Number
+    idle_a: _Number
+    drive_as_m: _Number
+    capacity_as: _Number
+    most_m: _Number
+    regular_ticks: _Number
+    is_move: _Number
+    motion_left: _Number
+    motion_right: _Number
+    length_m: _Number
+    acceleration_m_s2: _Number
+    peak_m_s: _Number
+    ramp_s: _Number
+    duration_s: _Number
+    motion_tick: _Number
+    travelled_m: _Number
+    reported_x_m: _Number
+    reported_y_m: _Number
+    reported_yaw_rad: _Number
+    reported_tick: _Number
+
+
+_ODOMETER: Final = slice(FreeState._fields.index("odometer_x_m"), FreeState._fields.index("counted_left_m"))
+_REPORTED: Final = slice(FreeState._fields.index("reported_x_m"), len(FreeState._fields))
 
 
 class FreeRobots:
@@ -129,6 +147,7 @@ class FreeRobots:
         if self._robots:
             self._advance(FreeState._make(self._state[:, : len(self._robots)]), ticks)
             self._tick += ticks
+            self._report()
         return others
 
     def places(self) -> _Array:
@@ -178,7 +197,9 @@ class FreeRobots:
         self._robots.append(robot)
         self._updated_at.append(self._tick)
         self._state[:, column] = state._replace(
-            regular_ticks=state.regular_ticks + self._tick, motion_tick=state.motion_tick - self._tick
+            regular_ticks=state.regular_ticks + self._tick,
+            motion_tick=state.motion_tick - self._tick,
+            reported_tick=self._tick,
         )
         numbers = robot.normals.take_all(more_than=NORMALS_BLOCK)
         self._next_normal[column] = first = 2 * NORMALS_BLOCK - len(numbers)
@@ -187,7 +208,7 @@ class FreeRobots:
 
     def _dismiss(self, ticks: int) -> None:
         """Remove the robots whose motions end within some ticks, or whose batteries may."""
-        state = FreeState._make(self._state[:, : len(self._robots)])
+        state: FreeState[_Array] = FreeState._make(self._state[:, : len(self._robots)])
         end = self._tick + ticks
         drawn_as = state.drawn_before_as + state.idle_a * (end * self._tick_s)
         drawn_as += state.drive_as_m * (state.turned_m + (ticks + 1) * state.most_m)
@@ -195,15 +216,15 @@ class FreeRobots:
         for robot in [self._robots[column] for column in np.flatnonzero(ends).tolist()]:
             robot.leave()
 
-    def _advance(self, state: FreeState, ticks: int) -> None:
+    def _advance(self, state: FreeState[_Array], ticks: int) -> None:
         """Advance all columns. The arrays of what happens have a row for each tick."""
         command = self._commands(state, ticks)
-        state.command_left_m[:], state.command_right_m[:] = command[0][-1], command[1][-1]  # type: ignore[index]
+        state.command_left_m[:], state.command_right_m[:] = command[0][-1], command[1][-1]
         turned_m = _sums(state.turned_m, (np.abs(command[0]) + np.abs(command[1])) / 2)
         left_m, right_m = command[0] * state.share_left, command[1] * state.share_right
         totals = _sums(state.left_m, left_m), _sums(state.right_m, right_m)
         left, right = left_m * state.k_left, right_m * state.k_right
-        scatters = np.asarray(state.scatter_m) != 0.0
+        scatters = state.scatter_m != 0.0
         if scatters.any():
             normals = self._draw(scatters, ticks)
             for wheel, wheel_m, numbers in ((left, left_m, normals[0::2]), (right, right_m, normals[1::2])):
@@ -216,14 +237,26 @@ class FreeRobots:
         poses = (x_m[-1], y_m[-1], yaw_rad[-1], x_m[-2], y_m[-2], yaw_rad[-2])
         self._state[6:9, : len(self._robots)] = earlier
         self._state[0:6, : len(self._robots)] = poses
-        state.ahead_m[:], state.turn_rad[:] = ahead_m[-1], turn_rad[-1]  # type: ignore[index]
-        state.left_m[:], state.right_m[:], state.turned_m[:] = totals[0][-1], totals[1][-1], turned_m[-1]  # type: ignore[index]
+        state.ahead_m[:], state.turn_rad[:] = ahead_m[-1], turn_rad[-1]
+        state.left_m[:], state.right_m[:], state.turned_m[:] = totals[0][-1], totals[1][-1], turned_m[-1]
 
-    def _commands(self, state: FreeState, ticks: int) -> tuple[_Array, _Array]:
+    def _report(self) -> None:
+        """Tell pose estimates the odometry that has advanced."""
+        now = self._state[_ODOMETER, : len(self._robots)]
+        reported = self._state[_REPORTED, : len(self._robots)]
+        change = np.abs(now - reported[:3])
+        far = (change[0] + change[1] > _REPORT_M) | (change[2] > _REPORT_RAD)
+        columns = np.flatnonzero(far | (self._tick - reported[3] >= _REPORT_TICKS))
+        if columns.size:
+            reported[:3, columns], reported[3, columns] = now[:, columns], self._tick
+            for column, pose in zip(columns.tolist(), zip(*now[:, columns].tolist(), strict=True), strict=True):
+                self._robots[column].report(pose, self._tick * self._tick_s)
+
+    def _commands(self, state: FreeState[_Array], ticks: int) -> tuple[_Array, _Array]:
         """Return the commanded travel of the left and the right wheels."""
         shape = ticks, len(self._robots)
         left, right = np.broadcast_to(state.motion_left, shape), np.broadcast_to(state.motion_right, shape)
-        moves = np.asarray(state.is_move) != 0.0
+        moves = state.is_move != 0.0
         if not moves.any():
             return left, right
         time_s = (state.motion_tick + np.arange(self._tick + 1, self._tick + ticks + 1)[:, np.newaxis]) * self._tick_s
@@ -238,8 +271,8 @@ class FreeRobots:
             ),
         )
         travelled_m = np.where(left_s <= 0, state.length_m, travelled_m)
-        steps_m = np.diff(travelled_m, axis=0, prepend=np.asarray(state.travelled_m)[np.newaxis])
-        state.travelled_m[:] = travelled_m[-1]  # type: ignore[index]
+        steps_m = np.diff(travelled_m, axis=0, prepend=state.travelled_m[np.newaxis])
+        state.travelled_m[:] = travelled_m[-1]
         return np.where(moves, left * steps_m, left), np.where(moves, right * steps_m, right)
 
     def _draw(self, scatters: NDArray[np.bool_], ticks: int) -> _Array:
@@ -247,7 +280,7 @@ class FreeRobots:
         count = len(self._robots)
         first = self._next_normal[:count]
         columns = first[:, np.newaxis] + np.arange(2 * ticks)
-        numbers = self._normals[np.arange(count)[:, np.newaxis], columns].T
+        numbers: _Array = self._normals[np.arange(count)[:, np.newaxis], columns].T
         first += 2 * ticks * scatters
         for column in np.flatnonzero(first >= NORMALS_BLOCK).tolist():
             first[column] -= NORMALS_BLOCK
@@ -255,30 +288,33 @@ class FreeRobots:
             self._normals[column, NORMALS_BLOCK:] = self._robots[column].normals.block()
         return numbers
 
-    def _count(self, state: FreeState, totals: tuple[_Array, _Array]) -> None:
+    def _count(self, state: FreeState[_Array], totals: tuple[_Array, _Array]) -> None:
         """Advance the odometers by the counts of the encoders."""
         counts = []
         for total_m, before_m in zip(totals, (state.counted_left_m, state.counted_right_m), strict=True):
             counted_m = np.floor(total_m / state.step_m + ODOMETER_ROUNDING) * state.step_m
             counted_m[0] = before_m
             counts.append(np.diff(counted_m, axis=0))
-            before_m[:] = counted_m[-1]  # type: ignore[index]
+            before_m[:] = counted_m[-1]
         left_m, right_m = counts[0] * state.factor_left, counts[1] * state.factor_right
         arc_m = (right_m - left_m) / 2 / state.track_factor
-        odometer = state.odometer_x_m, state.odometer_y_m, state.odometer_yaw_rad
-        for row, path in zip(
-            odometer, _moved(*odometer, (left_m + right_m) / 2, arc_m / state.half_track_m), strict=True
-        ):
-            row[:] = path[-1]  # type: ignore[index]
+        odometer = self._state[_ODOMETER, : len(self._robots)]
+        odometer[:] = [
+            path[-1]
+            for path in _moved(
+                odometer[0], odometer[1], odometer[2], (left_m + right_m) / 2, arc_m / state.half_track_m
+            )
+        ]
 
 
-def _sums(first: _Array | float, parts: _Array) -> _Array:
+def _sums(first: _Array, parts: _Array) -> _Array:
     """Return the running sums from `first` on; the first row is `first` itself."""
-    return np.add.accumulate(np.concatenate([np.asarray(first)[np.newaxis], parts]), axis=0)
+    sums: _Array = np.add.accumulate(np.concatenate([first[np.newaxis], parts]), axis=0)
+    return sums
 
 
 def _moved(
-    x_m: _Array | float, y_m: _Array | float, yaw_rad: _Array | float, ahead_m: _Array, turn_rad: _Array
+    x_m: _Array, y_m: _Array, yaw_rad: _Array, ahead_m: _Array, turn_rad: _Array
 ) -> tuple[_Array, _Array, _Array]:
     """Return the poses along arcs, the first row before the first arc; compare `motion.moved`."""
     half_rad = turn_rad / 2

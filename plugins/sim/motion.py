@@ -376,7 +376,7 @@ class NormalNumbers:
 
     def block(self) -> list[float]:
         """Return the block after everything drawn so far."""
-        return self._generator.standard_normal(NORMALS_BLOCK).tolist()
+        return list(self._generator.standard_normal(NORMALS_BLOCK).tolist())
 
     def take_all(self, more_than: int) -> list[float]:
         """Take the numbers that are drawn; draw more until they are more than a count."""

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import pymunk
 
-from eal_actors.plugin import Activity, UnavailableError, WheelCalibration
+from eal_actors.plugin import Activity, Localizer, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace
 from .faults import HEALTHY, FaultSet
@@ -20,6 +20,8 @@ from .models import Make
 from .motion import NormalNumbers, SimWheels, VelocityDrive, WheelMotion, WheelOdometer, moved
 from .parts import SimBattery, SimTurret
 
+REPORT_TICKS: Final = 2
+"""A driven robot tells its pose estimate the odometry every so many ticks, and whenever somebody reads it."""
 _REVIVAL_POLL_S: Final = 60.0
 """Poll interval of an interrupted activity of a dead robot, until the robot is alive again."""
 
@@ -42,6 +44,7 @@ class SimRobot:
         clear_until_tick: it cannot touch anything before this tick of the world.
         free: the robots with which it drives freely, in one array that has its state; None if it has its own.
         tick_s: length of a physics tick.
+        localizer: its pose estimate, once a Pose resource exists.
         turret: its turret, if it has one.
         sensor_generator: the noise source of all its sensors.
 
@@ -70,6 +73,7 @@ class SimRobot:
         self.free: FreeRobots | None = None
         self._odometer: WheelOdometer | None = None
         self._calibration = WheelCalibration()
+        self.localizer: Localizer | None = None
         self.turret = SimTurret(make.turret, now_s) if make.turret else None
         self._seeds = seed, zlib.crc32(name.encode())
         motion_generator, self.sensor_generator = (np.random.default_rng([*self._seeds, use]) for use in range(2))
@@ -140,6 +144,11 @@ class SimRobot:
     def calibration(self, calibration: WheelCalibration) -> None:
         self.leave()
         self._calibration = calibration
+
+    @property
+    def has_place(self) -> bool:
+        """Whether it has a place in the world."""
+        return self._pose is not None
 
     @property
     def recent_poses(self) -> tuple[Pose2D, Pose2D, Pose2D]:
@@ -235,6 +244,7 @@ class SimRobot:
             raise UnavailableError(f"battery is empty: robot {self.name!r} cannot drive")
         if self._motion is None:
             self._last_pose = self._pose_before_last = self._pose
+            self.report_odometry(self._now_s())
         if not (isinstance(self._motion, VelocityDrive) and isinstance(motion, VelocityDrive)):
             self._wheels.start(motion)
         self._motion = motion
@@ -261,8 +271,21 @@ class SimRobot:
         for after in range(tick + 1, tick + ticks + 1):
             self.predict()
             self.arrive(self.next_pose)
+            if after % REPORT_TICKS == 0:
+                self.report_odometry(after * self.tick_s)
             if self.is_done(after * self.tick_s):
                 return
+
+    def report_odometry(self, now_s: float) -> None:
+        """Tell the pose estimate the pose by odometry."""
+        self._update()
+        if self._odometer is not None:
+            self.report(self._odometer.pose, now_s)
+
+    def report(self, odometry: Pose2D, now_s: float) -> None:
+        """Tell the pose estimate a pose by odometry."""
+        if self.localizer is not None:
+            self.localizer.odometry(*odometry, now_s)
 
     def is_done(self, now_s: float) -> bool:
         """Return whether its motion is over, or its battery empty, at the world's time `now_s`."""
@@ -279,7 +302,7 @@ class SimRobot:
             self._gone = math.hypot(pose[0] - x_m, pose[1] - y_m), pose[2] - yaw_rad
         self._pose_before_last, self._last_pose, self._pose = self._last_pose, self._pose or pose, pose
 
-    def join(self, free: FreeRobots, ticks: int) -> FreeState | None:
+    def join(self, free: FreeRobots, ticks: int) -> FreeState[float] | None:
         """Give its state to an array, if its next ticks are regular; return the state, or None.
 
         Args:
@@ -292,17 +315,21 @@ class SimRobot:
         wheels = self._wheels.state()
         odometer = (self._odometer or WheelOdometer(self.make.track_m, (0.0, 0.0))).state(self._calibration)
         self.free = free
-        return FreeState(
-            *self._pose,
-            *self._last_pose,
-            *self._pose_before_last,
-            *self._command_m,
-            *self._wanted,
-            *wheels,
-            *odometer,
-            *self._battery.limits,
-            self.make.max_speed_m_s * self.tick_s,
-            *regular,
+        return FreeState._make(
+            (
+                *self._pose,
+                *self._last_pose,
+                *self._pose_before_last,
+                *self._command_m,
+                *self._wanted,
+                *wheels,
+                *odometer,
+                *self._battery.limits,
+                self.make.max_speed_m_s * self.tick_s,
+                *regular,
+                *odometer[0:3],
+                0.0,
+            )
         )
 
     def leave(self) -> None:
@@ -310,13 +337,14 @@ class SimRobot:
         free, self.free = self.free, None
         if free is not None:
             free.remove(self)
+            self.report_odometry(self._now_s())
 
     def _update(self) -> None:
         """Copy its state from the array, if one has it."""
         if self.free is not None:
             self.free.update(self)
 
-    def adopt(self, state: FreeState, ticks: int) -> None:
+    def adopt(self, state: FreeState[float], ticks: int) -> None:
         """Copy its state from an array.
 
         Args:

@@ -22,7 +22,7 @@ from .free_robots import MOST_TICKS, FreeRobots
 from .models import Make
 from .motion import NOMINAL, VelocityDrive, WheelMotion
 from .physics import ContactEngine, ContactSearch, ProximityReporter, SimBox
-from .robot import SimRobot
+from .robot import REPORT_TICKS, SimRobot
 
 __all__ = ["EMPTY_ROOM", "SimBox", "SimWorld", "world_of"]
 
@@ -297,6 +297,8 @@ class SimWorld:
         stopped = self._engine.run_tick(pushing)
         for robot in robots:
             robot.arrive(stopped.get(robot, robot.next_pose) if stopped else robot.next_pose)
+            if self._tick % REPORT_TICKS == 0:
+                robot.report_odometry(self._now_s())
         if self._proximity is not None:
             self._proximity.report(self._placed, self._tick)
 

@@ -97,7 +97,7 @@ def crowd(folder: Path, robots: int, duration_s: float, *, rays: bool, at_least:
     The fastest of three turns counts, for ours and for the bare engine: it is what a busy machine disturbs least.
     """
     with Fleet.load(fleet_file(folder, robots)) as fleet:
-        looked, sensor = (list(fleet), "Range") if rays else (list(fleet)[:1], "Pose")
+        looked, sensor = (list(fleet), "Range") if rays else (list(fleet)[:1], "TruePose")
         driving = fleet.send(fleet, "Base", "f50", timeout_s=2000)
 
         def look() -> None:

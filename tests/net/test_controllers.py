@@ -25,7 +25,7 @@ from eal_actors.kernel.errors import (
     StoppedError,
     UnavailableError,
 )
-from eal_actors.net.server.host import RobotHost
+from eal_actors.wire.rpc.server.host import RobotHost
 from tests.net.links import eventually
 from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, becomes, failure, ready
 

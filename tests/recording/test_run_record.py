@@ -35,7 +35,7 @@ def test_the_poses_of_the_record_are_those_of_the_trajectory(run: Path) -> None:
     wanted = poses(run, "roomba-1")
     assert len(wanted) > 20
     for time_s, *pose in wanted:
-        value = recorded.value_at("roomba-1", "Pose", time_s + 0.001)
+        value = recorded.value_at("roomba-1", "TruePose", time_s + 0.001)
         assert value is not None
         assert value.value == pytest.approx(pose, abs=1e-5)
 
@@ -54,7 +54,7 @@ def test_the_record_has_transforms_scans_frames_calls_and_the_arena(run: Path) -
     assert schema_of["/tf"] == "foxglove.FrameTransforms"
     assert schema_of["/arena"] == "foxglove.SceneUpdate"
     assert schema_of["/log"] == "foxglove.Log"
-    assert schema_of["/roomba-1/Pose"] == "foxglove.PoseInFrame"
+    assert schema_of["/roomba-1/Pose"] == schema_of["/roomba-1/TruePose"] == "foxglove.PoseInFrame"
     assert schema_of["/roomba-1/Range"] == "foxglove.LaserScan"
     assert schema_of["/roomba-1/Camera"] == "foxglove.CompressedImage"
     assert schema_of["/roomba-1/Bump"] == "eal.Value"

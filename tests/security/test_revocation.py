@@ -20,22 +20,22 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import AccessDeniedError, ConfigError
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.security import expiry
-from eal_actors.net.security.certificates import (
+from eal_actors.operate.doctor import diagnose_fleet
+from eal_actors.operate.top.call_statistics import RecentCalls
+from eal_actors.operate.top.robot_row import robot_row
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import ACCEPTED
+from eal_actors.wire.security import expiry
+from eal_actors.wire.security.certificates import (
     certificate_file,
     key_file,
     list_certificates,
     make_certificate,
     renew_certificate,
 )
-from eal_actors.net.security.revocation import REVOKED, revoked_names
-from eal_actors.net.session import controller_config, open_session, router_config
-from eal_actors.net.session_keeper import SessionKeeper, router_session
-from eal_actors.net.wire import keys
-from eal_actors.net.wire.messages import ACCEPTED
-from eal_actors.operate.doctor import diagnose_fleet
-from eal_actors.operate.top.call_statistics import RecentCalls
-from eal_actors.operate.top.robot_row import robot_row
+from eal_actors.wire.security.revocation import REVOKED, revoked_names
+from eal_actors.wire.session import controller_config, open_session, router_config
+from eal_actors.wire.session_keeper import SessionKeeper, router_session
 from tests.net.links import ask, eventually, free_port
 from tests.net.rig import Rig, ready
 from tests.operate.dashboard.rig import open_dashboard, page_of

@@ -7,6 +7,7 @@ import contextlib
 import socket
 import ssl
 import threading
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -99,6 +100,7 @@ class _Server(uvicorn.Server):
     async def _accept(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
+            await asyncio.sleep(0)  # requests are read between two newcomers, before a burst of these takes their place
             try:
                 opened, address = await loop.sock_accept(self._listener)
             except OSError as error:  # such as: no descriptors are left
@@ -112,6 +114,7 @@ class _Server(uvicorn.Server):
             task = asyncio.create_task(self._open(opened, place))
             self._opening.add(task)
             task.add_done_callback(self._opening.discard)
+            task.add_done_callback(partial(_close_unopened, opened))
 
     async def _open(self, opened: socket.socket, place: Place) -> None:
         """Hand a connection over to its protocol, which gives the place to the application with each request."""
@@ -143,6 +146,11 @@ class _Server(uvicorn.Server):
         for connection in list(self.server_state.connections):
             if connection.transport is not None:
                 connection.transport.abort()
+
+
+def _close_unopened(opened: socket.socket, task: asyncio.Task[None]) -> None:
+    if task.cancelled():  # the server ended before the task began
+        opened.close()
 
 
 class WebServer:

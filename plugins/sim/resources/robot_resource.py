@@ -11,7 +11,7 @@ from eal_actors.plugin import EALData, Resource, ResourceType, UnavailableError
 from ..robot import SimRobot
 from ..world import SimWorld
 
-_R = TypeVar("_R", bound="RobotResource")
+_R = TypeVar("_R", bound=Resource)
 
 
 class RobotResource(Resource):
