@@ -37,12 +37,15 @@ def data_of(result: Any, value: ValueInfo | None = None) -> EALData:
 
     An int is converted where a float or double is declared, so that 60 and 60.0 are the same answer.
     """
-    if type(result) is int and value is not None and value.type in _FLOATS and not value.shape:
-        result = float(result)
-    try:
-        data = EALData.of(result)
-    except EALError as error:
-        raise ReturnTypeError(f"returned what no EALData can hold: {error}") from error
+    if type(result) is EALData:
+        data = result
+    else:
+        if type(result) is int and value is not None and value.type in _FLOATS and not value.shape:
+            result = float(result)
+        try:
+            data = EALData.of(result)
+        except EALError as error:
+            raise ReturnTypeError(f"returned what no EALData can hold: {error}") from error
     if value is not None and (problem := value.problem(data)):
         raise ReturnTypeError(f"returned a value that {problem}")
     return data

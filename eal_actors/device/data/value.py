@@ -372,6 +372,8 @@ class ValueInfo:
         shape = data.shape
         if shape is None:
             shape = (len(value),) if isinstance(value := data.value, list | tuple) else ()
+        if shape == self.shape:
+            return None
         fits = len(shape) == len(self.shape) and all(
             want is None or want == have for want, have in zip(self.shape, shape, strict=True)
         )

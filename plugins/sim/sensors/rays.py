@@ -32,25 +32,6 @@ _MARGIN: Final = 1e-6  # of a ray's pitch: rounding must not skip a ray
 _EARLY_S: Final = 1e-6  # times are counted in ticks, so that this is only rounding
 
 
-def ranges_m(world: SimWorld, robot: SimRobot, now_s: float) -> Array:
-    """Return the distance from the robot's centre to the first hit of each ray, MAX_RANGE_M for no hit.
-
-    Args:
-        world: the robot's world.
-        robot: the robot; its rays ignore its own disc.
-        now_s: the world's time.
-
-    Returns:
-        Shape (RAYS,); read-only.
-
-    Raises:
-        UnavailableError: the robot has no place in the world.
-
-    Thread: inside `caught_up`.
-    """
-    return shared(world, RayCaster).ranges_m(world, robot, now_s)
-
-
 class RayCaster:
     """Casts the rays of all robots of one world. Thread: inside `caught_up`."""
 
@@ -62,7 +43,19 @@ class RayCaster:
         self._due_s: dict[str, float] = {}
 
     def ranges_m(self, world: SimWorld, robot: SimRobot, now_s: float) -> Array:
-        """Return the ranges of a robot; see the function `ranges_m`."""
+        """Return the distance from a robot's centre to the first hit of each ray, MAX_RANGE_M for no hit.
+
+        Args:
+            world: the robot's world.
+            robot: the robot; its rays ignore its own disc.
+            now_s: the world's time.
+
+        Returns:
+            Shape (RAYS,); read-only.
+
+        Raises:
+            UnavailableError: the robot has no place in the world.
+        """
         arrays = self._arrays = self._arrays or shared(world, WorldArrays)
         arrays.update(world)
         if arrays.version != self._found_in:
