@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import contextvars
-import functools
 import math
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from typing_extensions import override
 
-from eal_actors.actors.activities import ActivityActor, ScheduledCommand
+from eal_actors.actors.activities import ScheduledCommand
 from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
-from eal_actors.actors.results import PendingResult, converted, data_of, status_of
+from eal_actors.actors.readiness import ReadinessActor
 from eal_actors.actors.robot_view import RunningCommand, command_of, process_name
-from eal_actors.device.data import EALData
+from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.info import ResourceInfo
 from eal_actors.device.plugin_context import ResourceFactory
-from eal_actors.device.resource import Resource
+from eal_actors.device.resource import Activity, Resource
 from eal_actors.kernel import log
 from eal_actors.kernel.errors import (
     DeadlineError,
@@ -34,8 +33,45 @@ from eal_actors.kernel.errors import (
     error_text,
 )
 
-READINESS_PERIOD_S: Final = 0.5
-"""Fleet time between two readiness checks while nobody calls the resource."""
+_FLOATS: Final = (DataType.FLOAT, DataType.DOUBLE)
+
+
+class PendingResult(NamedTuple):
+    """A result that an activity will return, and the function that makes the answer of it."""
+
+    activity: Activity
+    convert: Callable[[Any], Any]
+
+
+def converted(result: Any, convert: Callable[[Any], Any]) -> Any:
+    """Make the answer of a result; an activity gives its result later."""
+    return PendingResult(result, convert) if type(result) is types.GeneratorType else convert(result)
+
+
+def status_of(result: Any) -> int:
+    """Return a status int, where None counts as 1, the thesis's success; or raise ReturnTypeError."""
+    if not isinstance(result, int | None):
+        raise ReturnTypeError(f"returned {result!r} where a status int is wanted")
+    return 1 if result is None else int(result)
+
+
+def data_of(result: Any, value: ValueInfo | None = None) -> EALData:
+    """Return the result as EALData, checked against the resource's information, or raise ReturnTypeError.
+
+    An int is converted where a float or double is declared, so that 60 and 60.0 are the same answer.
+    """
+    if type(result) is EALData:
+        data = result
+    else:
+        if type(result) is int and value is not None and value.type in _FLOATS and not value.shape:
+            result = float(result)
+        try:
+            data = EALData.of(result)
+        except EALError as error:
+            raise ReturnTypeError(f"returned what no EALData can hold: {error}") from error
+    if value is not None and (problem := value.problem(data)):
+        raise ReturnTypeError(f"returned a value that {problem}")
+    return data
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +91,7 @@ class ResourceCallbacks:
     watch: Callable[[ResourceActor, float], None]
 
 
-class ResourceActor(ActivityActor):
+class ResourceActor(ReadinessActor):
     """Owns one resource: every access to it happens in this actor's thread.
 
     Args:
@@ -77,8 +113,6 @@ class ResourceActor(ActivityActor):
         self._callbacks = callbacks
         self._is_open = False
         self._current: Call[Any] | None = None
-        self._reports_readiness = False
-        self._not_ready: str | None = None
         self._scheduled = ScheduledCommand(self.actor_inbox, self._execute)
 
     # Life.
@@ -166,6 +200,10 @@ class ResourceActor(ActivityActor):
         """Halt and close the resource, now that the stuck code is unwound. Thread: the actor's own."""
         self._release("the resource was stuck and has been abandoned")
 
+    @override
+    def on_readiness(self, reason: str | None) -> None:
+        self._callbacks.ready(self, reason)
+
     def _release(self, reason: str) -> None:
         self._scheduled.preempt(reason)
         self.close_activities(reason)
@@ -183,50 +221,6 @@ class ResourceActor(ActivityActor):
         if until_s < self.watched_until_s:
             self.watched_until_s = until_s
             self._callbacks.watch(self, until_s)
-
-    # Readiness.
-
-    def _watch_readiness(self) -> None:
-        """Check the readiness now and periodically."""
-        self._check_readiness()
-        self.actor_inbox.call_later(READINESS_PERIOD_S, self._watch_readiness)
-
-    def _check_readiness(self) -> str | None:
-        """Return why the device is not ready, or None; log and report a change once. Carry out a halt that is due."""
-        before, reason = self._not_ready, self.opened.not_ready()
-        self._not_ready = reason
-        if reason is None and self.cell.owes_halt:
-            self._log.info("halting now, as requested while it was not ready")
-            self.cell.owes_halt = False
-            self.cell.owes_halt = not self.guarded(self.opened.halt) or self.cell.owes_halt
-        if reason is not None and before is None:
-            self._log.warning("not ready", reason=reason)
-        elif reason is None and before is not None:
-            self._log.info("ready again")
-        if reason != before:
-            self._callbacks.ready(self, reason)
-        return reason
-
-    def _owe_halt(self, error: NotReadyError) -> bool:
-        """Note that the resource must be halted once its device is back; return False if nobody will know of that."""
-        if not self._reports_readiness or self.resource is None:
-            return False
-        if not self.cell.owes_halt:
-            self._log.warning("it is halted as soon as it is ready", reason=error.message)
-        self.cell.owes_halt = True
-        return True
-
-    @override
-    def guarded(self, step: Callable[[], object]) -> bool:
-        @functools.wraps(step)
-        def with_halt_owed() -> None:
-            try:
-                step()
-            except NotReadyError as error:  # a motion that lost its device could not halt it
-                if not self._owe_halt(error):
-                    raise
-
-        return super().guarded(with_halt_owed)
 
     # Calls.
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from eal_actors.actors.call import Call, ResourceCell
 from eal_actors.actors.feeds import Encoding, Feed, Sink, StreamSpec
-from eal_actors.actors.results import data_of
+from eal_actors.actors.resource_actor import data_of
 from eal_actors.actors.robot_view import MailboxLoad, mailbox_load
 from eal_actors.actors.streams import PolledFeed, Stream
 from eal_actors.device.data import EALData

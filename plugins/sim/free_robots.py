@@ -14,7 +14,7 @@ Thread: every member is for the holder of the world's lock.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Final, Generic, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -34,7 +34,7 @@ _Number = TypeVar("_Number")
 MOST_TICKS: Final = NORMALS_BLOCK // 2
 """The most ticks at once: a robot needs two random numbers in each."""
 
-_LEAST_WORK: Final = 60
+LEAST_WORK: Final = 60
 """Robots times ticks from which the array is faster than the robots one by one."""
 
 _REPORT_M: Final = 0.1
@@ -116,19 +116,22 @@ class FreeRobots:
 
     Args:
         tick_s: length of a physics tick.
+
+    Attributes:
+        robots: the robots, in the order of the columns.
     """
 
     def __init__(self, tick_s: float) -> None:
         self._tick_s = tick_s
         self._tick = 0
-        self._robots: list[SimRobot] = []
+        self.robots: list[SimRobot] = []
         self._columns: dict[SimRobot, int] = {}
         self._updated_at: list[int] = []
         self._state: _Array = np.zeros((len(FreeState._fields), _FEWEST))
         self._normals: _Array = np.zeros((_FEWEST, 2 * NORMALS_BLOCK))
         self._next_normal = np.zeros(_FEWEST, dtype=np.intp)
 
-    def drive(self, robots: Iterable[SimRobot], tick: int, ticks: int) -> list[SimRobot]:
+    def drive(self, robots: Sequence[SimRobot], tick: int, ticks: int) -> list[SimRobot]:
         """Drive robots for some ticks, as far as their motions are regular; return those that drive by themselves.
 
         Args:
@@ -136,23 +139,18 @@ class FreeRobots:
             tick: the world's tick.
             ticks: at most MOST_TICKS.
         """
-        robots = list(robots)
-        if len(robots) * ticks < _LEAST_WORK:
-            for robot in self._robots.copy():
-                robot.leave()
-            return robots
         self._tick = tick
         self._dismiss(ticks)
         others = [robot for robot in robots if robot.free is None and not self._add(robot, ticks)]
-        if self._robots:
-            self._advance(FreeState._make(self._state[:, : len(self._robots)]), ticks)
+        if self.robots:
+            self._advance(FreeState._make(self._state[:, : len(self.robots)]), ticks)
             self._tick += ticks
             self._report()
         return others
 
     def places(self) -> _Array:
         """Return where the robots are, shape (n, 2)."""
-        return self._state[:2, : len(self._robots)].T
+        return self._state[:2, : len(self.robots)].T
 
     def column_of(self, robot: SimRobot) -> int:
         """Return the row of a robot in `places`."""
@@ -174,11 +172,11 @@ class FreeRobots:
     def remove(self, robot: SimRobot) -> None:
         """Give a robot its state back; the last column takes its place."""
         self.update(robot)
-        column, last = self._columns.pop(robot), len(self._robots) - 1
+        column, last = self._columns.pop(robot), len(self.robots) - 1
         robot.normals.put_back(self._normals[column, self._next_normal[column] :].tolist())
-        moved, updated_at = self._robots.pop(), self._updated_at.pop()
+        moved, updated_at = self.robots.pop(), self._updated_at.pop()
         if column != last:
-            self._robots[column], self._updated_at[column], self._columns[moved] = moved, updated_at, column
+            self.robots[column], self._updated_at[column], self._columns[moved] = moved, updated_at, column
             self._state[:, column] = self._state[:, last]
             self._normals[column] = self._normals[last]
             self._next_normal[column] = self._next_normal[last]
@@ -188,13 +186,13 @@ class FreeRobots:
         state = robot.join(self, ticks)
         if state is None:
             return False
-        column = len(self._robots)
+        column = len(self.robots)
         if column == self._state.shape[1]:
             self._state = np.concatenate([self._state, np.zeros_like(self._state)], axis=1)
             self._normals = np.concatenate([self._normals, np.zeros_like(self._normals)])
             self._next_normal = np.concatenate([self._next_normal, np.zeros_like(self._next_normal)])
         self._columns[robot] = column
-        self._robots.append(robot)
+        self.robots.append(robot)
         self._updated_at.append(self._tick)
         self._state[:, column] = state._replace(
             regular_ticks=state.regular_ticks + self._tick,
@@ -208,12 +206,12 @@ class FreeRobots:
 
     def _dismiss(self, ticks: int) -> None:
         """Remove the robots whose motions end within some ticks, or whose batteries may."""
-        state: FreeState[_Array] = FreeState._make(self._state[:, : len(self._robots)])
+        state: FreeState[_Array] = FreeState._make(self._state[:, : len(self.robots)])
         end = self._tick + ticks
         drawn_as = state.drawn_before_as + state.idle_a * (end * self._tick_s)
         drawn_as += state.drive_as_m * (state.turned_m + (ticks + 1) * state.most_m)
         ends = (state.regular_ticks < end) | (drawn_as >= state.capacity_as)
-        for robot in [self._robots[column] for column in np.flatnonzero(ends).tolist()]:
+        for robot in [self.robots[column] for column in np.flatnonzero(ends).tolist()]:
             robot.leave()
 
     def _advance(self, state: FreeState[_Array], ticks: int) -> None:
@@ -235,26 +233,26 @@ class FreeRobots:
         earlier = (x_m[-3], y_m[-3], yaw_rad[-3]) if ticks > 1 else (state.last_x_m, state.last_y_m, state.last_yaw_rad)
         self._count(state, totals)
         poses = (x_m[-1], y_m[-1], yaw_rad[-1], x_m[-2], y_m[-2], yaw_rad[-2])
-        self._state[6:9, : len(self._robots)] = earlier
-        self._state[0:6, : len(self._robots)] = poses
+        self._state[6:9, : len(self.robots)] = earlier
+        self._state[0:6, : len(self.robots)] = poses
         state.ahead_m[:], state.turn_rad[:] = ahead_m[-1], turn_rad[-1]
         state.left_m[:], state.right_m[:], state.turned_m[:] = totals[0][-1], totals[1][-1], turned_m[-1]
 
     def _report(self) -> None:
         """Tell pose estimates the odometry that has advanced."""
-        now = self._state[_ODOMETER, : len(self._robots)]
-        reported = self._state[_REPORTED, : len(self._robots)]
+        now = self._state[_ODOMETER, : len(self.robots)]
+        reported = self._state[_REPORTED, : len(self.robots)]
         change = np.abs(now - reported[:3])
         far = (change[0] + change[1] > _REPORT_M) | (change[2] > _REPORT_RAD)
         columns = np.flatnonzero(far | (self._tick - reported[3] >= _REPORT_TICKS))
         if columns.size:
             reported[:3, columns], reported[3, columns] = now[:, columns], self._tick
             for column, pose in zip(columns.tolist(), zip(*now[:, columns].tolist(), strict=True), strict=True):
-                self._robots[column].report(pose, self._tick * self._tick_s)
+                self.robots[column].report(pose, self._tick * self._tick_s)
 
     def _commands(self, state: FreeState[_Array], ticks: int) -> tuple[_Array, _Array]:
         """Return the commanded travel of the left and the right wheels."""
-        shape = ticks, len(self._robots)
+        shape = ticks, len(self.robots)
         left, right = np.broadcast_to(state.motion_left, shape), np.broadcast_to(state.motion_right, shape)
         moves = state.is_move != 0.0
         if not moves.any():
@@ -277,7 +275,7 @@ class FreeRobots:
 
     def _draw(self, scatters: NDArray[np.bool_], ticks: int) -> _Array:
         """Return the next random numbers of each robot, two rows for each tick."""
-        count = len(self._robots)
+        count = len(self.robots)
         first = self._next_normal[:count]
         columns = first[:, np.newaxis] + np.arange(2 * ticks)
         numbers: _Array = self._normals[np.arange(count)[:, np.newaxis], columns].T
@@ -285,7 +283,7 @@ class FreeRobots:
         for column in np.flatnonzero(first >= NORMALS_BLOCK).tolist():
             first[column] -= NORMALS_BLOCK
             self._normals[column, :NORMALS_BLOCK] = self._normals[column, NORMALS_BLOCK:]
-            self._normals[column, NORMALS_BLOCK:] = self._robots[column].normals.block()
+            self._normals[column, NORMALS_BLOCK:] = self.robots[column].normals.block()
         return numbers
 
     def _count(self, state: FreeState[_Array], totals: tuple[_Array, _Array]) -> None:
@@ -298,7 +296,7 @@ class FreeRobots:
             before_m[:] = counted_m[-1]
         left_m, right_m = counts[0] * state.factor_left, counts[1] * state.factor_right
         arc_m = (right_m - left_m) / 2 / state.track_factor
-        odometer = self._state[_ODOMETER, : len(self._robots)]
+        odometer = self._state[_ODOMETER, : len(self.robots)]
         odometer[:] = [
             path[-1]
             for path in _moved(

@@ -216,8 +216,10 @@ class ContactSearch:
             alone = [robot for robot in driven if robot.free is None]
             numbers = {robot: number for number, robot in enumerate(alone)}
             places = np.array([robot.pose[:2] for robot in alone]).reshape(-1, 2)
+            if together.robots:
+                places = np.concatenate([places, together.places()])
             rows = [numbers[robot] if robot.free is None else len(alone) + together.column_of(robot) for robot in due]
-            between_m = _nearest_m(np.concatenate([places, together.places()]), rows)
+            between_m = _nearest_m(places, rows)
             for robot, middle_m in zip(due, between_m, strict=True):
                 self._note(robot, robot.pose, middle_m, tick)
 
@@ -244,7 +246,7 @@ class ContactSearch:
         if not due:
             return []
         places = np.array([robot.next_pose[:2] for robot in driven] + [robot.pose[:2] for robot in alone])
-        if together is not None:
+        if together is not None and together.robots:
             places = np.concatenate([places, together.places()])
         between_m = _nearest_m(places, due)
         near = []

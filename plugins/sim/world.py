@@ -18,7 +18,7 @@ from eal_actors.device.world import WorldModel
 from eal_actors.plugin import ArgumentError, Clock, FleetServices, PluginError, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace, is_on_floor, places
-from .free_robots import MOST_TICKS, FreeRobots
+from .free_robots import LEAST_WORK, MOST_TICKS, FreeRobots
 from .models import Make
 from .motion import NOMINAL, VelocityDrive, WheelMotion
 from .physics import ContactEngine, ContactSearch, ProximityReporter, SimBox
@@ -280,7 +280,12 @@ class SimWorld:
         others = [robot for robot in self._driven if robot.clear_until_tick < end]
         for robot in others:
             robot.leave()
-        alone = self._free.drive(free, self._tick, ticks)
+        alone = free
+        if len(free) * ticks >= LEAST_WORK:
+            alone = self._free.drive(free, self._tick, ticks)
+        else:
+            for robot in self._free.robots.copy():
+                robot.leave()
         for robot in alone:
             robot.drive_on(self._tick, ticks)
         while self._tick < end:

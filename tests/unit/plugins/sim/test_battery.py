@@ -6,7 +6,7 @@ import pytest
 
 from eal_actors.kernel.errors import UnavailableError
 from plugins.sim.models import MAKES, Make
-from plugins.sim.parts import SimBattery
+from plugins.sim.robot import SimBattery
 from plugins.sim.world import SimWorld
 from tests.manual_clock import ManualClock
 from tests.unit.plugins.sim.rig import Fleet, arena
