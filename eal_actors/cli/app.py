@@ -20,6 +20,7 @@ from eal_actors.cli import (
     doctor,
     keys_lifetime,
     lab,
+    maps,
     ping,
     plugin,
     ports,
@@ -98,6 +99,7 @@ app.command("replay", cls=EalCommand)(records.replay_run)
 app.command("check", cls=EalCommand)(check.check_files)
 app.command("schema", cls=EalCommand)(check.print_schema)
 app.command("world", cls=EalCommand)(world.show_world)
+app.command("map", cls=EalCommand)(maps.show_map)
 app.command("resources", cls=EalCommand)(resources.list_resources)
 app.command("call", cls=EalCommand, context_settings={"ignore_unknown_options": True})(
     call.call_method

@@ -15,6 +15,7 @@ from eal_actors.actors.robot_view import RobotState
 from eal_actors.device.info import unknown_name
 from eal_actors.device.plugin_context import FleetServices
 from eal_actors.device.world import NamedPlace
+from eal_actors.facade.fix_forwarding import FixForwarder
 from eal_actors.facade.fleet_calls import FleetCalls
 from eal_actors.facade.robot_starter import RobotStarter
 from eal_actors.facade.shutdown import close_on_exit, forget
@@ -57,6 +58,7 @@ class Fleet(FleetCalls):
         self._starter = RobotStarter(config, self.clock)
         self.services: FleetServices = self._starter.services
         self._robots: dict[str, RobotHandle] = {}
+        self._forwarder = FixForwarder(self.clock)
         self._environment: Mapping[str, str] | None = None
         self._start_lock = threading.Lock()
         self._reload_lock = threading.Lock()
@@ -106,6 +108,8 @@ class Fleet(FleetCalls):
                     if robot.name not in self._robots:
                         self._robots = {**self._robots, robot.name: self._start(robot)}
             self._wait_started([robot.name for robot in wanted], self.clock.now() + self.clock.of_real(timeout_s))
+            with self._start_lock:
+                self._forwarder.follow(self.config, self._robots)
         except BaseException:
             self.close()
             raise
@@ -160,6 +164,8 @@ class Fleet(FleetCalls):
                 [name for name in (*changes.added, *changes.restarted) if name in self._robots],
                 self.clock.now() + self.clock.of_real(timeout_s),
             )
+            with self._start_lock:
+                self._forwarder.follow(self.config, self._robots)
         get_logger(fleet=self.name).info("fleet file reloaded", changes=str(changes))
         return changes
 
@@ -205,6 +211,7 @@ class Fleet(FleetCalls):
         """
         with self._start_lock:
             robots = dict(self._robots)
+            self._forwarder.close()
         close_robots(list(robots.values()), timeout_s)  # they stay known until then, in case of Ctrl-C
         with self._start_lock:
             self._robots = {name: robot for name, robot in self._robots.items() if robots.get(name) is not robot}

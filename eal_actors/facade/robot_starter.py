@@ -39,7 +39,9 @@ class RobotStarter:
         self.config = config
         self._clock = clock
         self._plugins = EALPluginManager(config.plugin_dirs)
-        self.services = FleetServices(clock, config.seed, config.world, self._plugins.open_port)
+        self.services = FleetServices(
+            clock, config.seed, config.world, self._plugins.open_port, self._plugins.open_camera
+        )
         self._started: dict[str, RobotConfig] = {}  # the latest configuration of each robot of this process
         self._controllers: dict[str, Controller] = {}  # by robot
 
@@ -68,7 +70,7 @@ class RobotStarter:
     def take_over(self, former: RobotStarter) -> None:
         """Continue with the shared objects and the sessions of the fleet's former starter."""
         self.services, self._started, self._controllers = former.services, former._started, former._controllers
-        self.services.open_port = self._plugins.open_port
+        self.services.open_port, self.services.open_camera = self._plugins.open_port, self._plugins.open_camera
 
     def start(self, robot: RobotConfig) -> tuple[RobotConnection, RobotView]:
         """Start a robot's actor. Does not block."""

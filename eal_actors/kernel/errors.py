@@ -10,6 +10,8 @@
     │   ├── ArgumentError       (ValueError)        unknown command, or an argument outside its type or range
     │   ├── ReturnTypeError     (TypeError)         the resource returned an invalid type
     │   ├── ResourceFaultError  (RuntimeError)      the resource's own code raised
+    │   ├── BlockedError        (RuntimeError)      the robot does not come nearer to its goal
+    │   ├── LocalizationError   (RuntimeError)      the robot's pose is too old or too uncertain to drive by
     │   └── ResourceInUseError  (RuntimeError)      resources are still checked out
     ├── CallError
     │   ├── DeadlineError       (TimeoutError)      no answer before the call's deadline
@@ -176,6 +178,18 @@ class ResourceFaultError(ResourceError, RuntimeError):
     """The resource's own code raised; the original exception is the `__cause__`."""
 
     code = "resource_fault"
+
+
+class BlockedError(ResourceError, RuntimeError):
+    """The robot was halted because it does not come nearer to its goal; the message says what is in the way."""
+
+    code = "blocked"
+
+
+class LocalizationError(ResourceError, RuntimeError):
+    """The robot was halted because its pose is unknown, too old or too uncertain to drive by."""
+
+    code = "localization"
 
 
 class ResourceInUseError(ResourceError, RuntimeError):

@@ -79,7 +79,7 @@ def disconnect(plugin: EvBotPlugin) -> None:
 
 def create_Base(context: PluginContext) -> Base:
     """Create the base."""
-    return Base(context.plugin.session, context.plugin.odometer, context.plugin.drivetrain)
+    return Base(context.plugin.session, context.plugin.odometer, context.plugin.drivetrain, context)
 
 
 def create_Odometry(context: PluginContext) -> Odometry:

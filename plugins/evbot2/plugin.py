@@ -13,7 +13,9 @@ from .emulator import TRACKS, simulated_evbot2
 from .messages import OrderChannel
 from .protocol import BAUD_RATE, MODEL, HostLineCodec
 
-DRIVETRAIN: Final = Drivetrain("evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0)
+DRIVETRAIN: Final = Drivetrain(
+    "evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0, TRACKS.acceleration_m_s2
+)
 """The EvBot II."""
 
 NOISE: Final = OdometryNoise(DRIVETRAIN.track_m, 0.004, 0.006, scale_share=0.01, drift_rad_m=0.05, turn_share=0.15)

@@ -15,10 +15,12 @@ from ..evbot2 import connecting
 from ..evbot2.messages import OrderChannel
 from .emulator import WHEELS, simulated_evbot3
 from .protocol import MODEL, HostFrameCodec
-from .sensors import Battery, Bump
+from .sensors import Battery, Bump, BumperBase
 from .turret import Turret
 
-DRIVETRAIN: Final = Drivetrain("evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_m_s, 90.0, 150.0)
+DRIVETRAIN: Final = Drivetrain(
+    "evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_m_s, 90.0, 150.0, WHEELS.acceleration_m_s2
+)
 """The EvBot III."""
 
 NOISE: Final = OdometryNoise(DRIVETRAIN.track_m, 0.001, 0.003, scale_share=0.005, drift_rad_m=0.015, turn_share=0.015)
@@ -78,6 +80,11 @@ def connect(context: PluginContext) -> connecting.EvBotPlugin:
     )
 
 
+def create_Base(context: PluginContext) -> BumperBase:
+    """Create the base."""
+    return BumperBase(context.plugin.session, context.plugin.odometer, context.plugin.drivetrain, context)
+
+
 def create_Turret(context: PluginContext) -> Turret:
     """Create the turret."""
     return Turret(context.plugin.session)
@@ -93,6 +100,6 @@ def create_Battery(context: PluginContext) -> Battery:
     return Battery(context.plugin.session)
 
 
-disconnect, create_Base, create_Odometry = connecting.disconnect, connecting.create_Base, connecting.create_Odometry
+disconnect, create_Odometry = connecting.disconnect, connecting.create_Odometry
 create_Pose = connecting.create_Pose
 destroy_Base = destroy_Odometry = destroy_Pose = destroy_Turret = destroy_Bump = destroy_Battery = connecting.destroy

@@ -1,6 +1,6 @@
 """The roomba plugin: iRobot's Roombas and the Create 2 over a serial interface (Source: thesis §6.1.3)."""
 
-# ruff: noqa: N816  # create_Base and its like are names of the plugin API
+# ruff: noqa: N802, N816  # create_Base and its like are names of the plugin API
 
 from __future__ import annotations
 
@@ -123,6 +123,11 @@ def _creator(sci_kind: ResourceKind, oi_kind: ResourceKind | None = None) -> Cal
     return create
 
 
+def create_Base(context: PluginContext) -> RoombaBase:
+    """Create the base."""
+    return RoombaBase(context.plugin.roomba, context)
+
+
 def _create_pose(context: PluginContext) -> PoseResource:
     """Create the pose estimate."""
     return PoseResource(context.localizer, context.clock)
@@ -132,7 +137,7 @@ def destroy(resource: Resource) -> None:
     """Do nothing: the Roomba belongs to the plugin."""
 
 
-create_Base, destroy_Base = _creator(RoombaBase), destroy
+destroy_Base = destroy
 create_Bump, destroy_Bump = _creator(RoombaBump), destroy
 create_Cliff, destroy_Cliff = _creator(RoombaCliff), destroy
 create_WheelDrop, destroy_WheelDrop = _creator(SciWheelDrop, OiWheelDrop), destroy

@@ -15,6 +15,7 @@ from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsMod
 from . import resources
 from .faults import SENSORS, FaultPlan, PlannedFault
 from .models import MAKES, MakeName
+from .overhead import open_camera
 from .port import open_port
 from .resources.depth_camera import DepthCameraSettings
 from .resources.imu import ImuSettings
@@ -25,7 +26,7 @@ from .world import SimWorld, world_of
 
 _R = TypeVar("_R", bound=RobotResource)
 
-__all__ = ["Settings", "SimPlugin", "connect", "disconnect", "open_port"]
+__all__ = ["Settings", "SimPlugin", "connect", "disconnect", "open_camera", "open_port"]
 
 _ALL_MAKES = (
     "Base",
@@ -146,6 +147,12 @@ def _creator(kind: type[_R]) -> Callable[[PluginContext], _R]:
         return apply_faults(kind(context.plugin.world, robot, *own), robot)
 
     return create
+
+
+def create_Base(context: PluginContext) -> resources.Base:
+    """Create the base."""
+    robot = context.plugin.robot
+    return apply_faults(resources.Base(context.plugin.world, robot, context), robot)
 
 
 def create_Pose(context: PluginContext) -> resources.Pose:

@@ -23,7 +23,7 @@ from tests.security.forging import as_seen_by, make_keys, secure_rig
 BOARD_KB = 128 * 1024
 """Memory of the board."""
 UNUSED_KB = 64 * 1024
-"""What numpy's BLAS reserves and never touches; the kernel's limit counts it."""
+"""Memory that numpy's BLAS reserves and never touches; the kernel's limit counts it."""
 STACK_KB = 512
 """Stack of a thread. The kernel's limit counts whole stacks, of which a thread uses a fraction."""
 HUGE_BYTES = 150 * 1024**2

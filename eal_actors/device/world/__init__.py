@@ -28,6 +28,7 @@ from eal_actors.device.world.model import (
     WorldModel,
     formation_poses,
 )
+from eal_actors.device.world.overhead import FloorMarker, OverheadCamera, WorldMarkers
 
 __all__ = [
     "AnyObstacle",
@@ -36,18 +37,21 @@ __all__ = [
     "CircleObstacle",
     "Colour",
     "Drop",
+    "FloorMarker",
     "Formation",
     "KeepOutZone",
     "Lamp",
     "Lighting",
     "MovableBox",
     "NamedPlace",
+    "OverheadCamera",
     "Partition",
     "Physics",
     "Poster",
     "StartPose",
     "SurfaceTexture",
     "Surfaces",
+    "WorldMarkers",
     "WorldModel",
     "formation_poses",
     "load_world",

@@ -9,6 +9,7 @@ from typing import Final, TypeAlias
 
 from pydantic import ValidationError
 
+from eal_actors.device.markers import FAMILIES
 from eal_actors.device.world.geometry import area_m2, corners, covers, crossing_edges, encloses, overlap
 from eal_actors.device.world.model import (
     Beacon,
@@ -43,6 +44,8 @@ def validate(world: WorldModel) -> Iterator[WorldProblem]:
     yield from _misplaced_boxes(world)
     yield from _hidden_beacons(world)
     yield from _bad_starts(world)
+    yield from _bad_markers(world)
+    yield from _misplaced_cameras(world)
     yield from _bad_zones(world)
     yield from _bad_places(world)
 
@@ -219,6 +222,27 @@ def _position_problem(world: WorldModel, pose: StartPose | NamedPlace) -> str | 
             if covers(thing, pose.x_m, pose.y_m):
                 return f"{verb} {kind}[{number}]"
     return None
+
+
+def _bad_markers(world: WorldModel) -> Iterator[WorldProblem]:
+    family = FAMILIES[world.markers.family]
+    first: dict[int, int] = {}
+    for number, marker in enumerate(world.markers.floor):
+        path: YamlPath = ("markers", "floor", number)
+        if marker.id >= family.count:
+            yield (*path, "id"), f"the family {world.markers.family} has the markers 0 to {family.count - 1}"
+        if first.setdefault(marker.id, number) != number:
+            yield (*path, "id"), f"markers.floor[{first[marker.id]}] is marker {marker.id} already"
+        if _is_outside(world, marker.x_m, marker.y_m):
+            yield path, f"its middle is outside {_room(world)}"
+
+
+def _misplaced_cameras(world: WorldModel) -> Iterator[WorldProblem]:
+    for name, camera in world.cameras.items():
+        if camera.z_m > world.height_m:
+            yield ("cameras", name, "z_m"), f"with {camera.z_m:g} m it is above {_ceiling(world)}"
+        if _is_outside(world, camera.x_m, camera.y_m):
+            yield ("cameras", name), f"it is outside {_room(world)}"
 
 
 def load_world(path: str | Path) -> WorldModel:

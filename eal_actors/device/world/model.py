@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Field, NonNegativeFloat, PositiveFloat, Tag, model_validator
 
+from eal_actors.device.world.overhead import OverheadCamera, WorldMarkers
 from eal_actors.kernel.errors import PlaceNotFoundError
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
 
@@ -331,6 +332,9 @@ class WorldModel(StrictModel):
     lighting: Lighting = Lighting()
     starts: Starts = ()
     """Start poses of the robots that name none themselves, in the order of the robots' names."""
+    markers: WorldMarkers = WorldMarkers()
+    cameras: dict[Name, OverheadCamera] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    """Cameras above the floor, for the plugin `tracker`."""
     physics: Physics = Physics()
 
     @property

@@ -7,6 +7,7 @@ import contextlib
 import socket
 import ssl
 import threading
+from collections.abc import Callable, Coroutine
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -79,14 +80,20 @@ class _Server(uvicorn.Server):
     """Gives each connection a place, attaches the notifier to its loop, and waits for no browser at its end."""
 
     def __init__(
-        self, config: uvicorn.Config, listener: socket.socket, notifier: Notifier, tls: ssl.SSLContext | None
+        self,
+        config: uvicorn.Config,
+        listener: socket.socket,
+        notifier: Notifier,
+        tls: ssl.SSLContext | None,
+        follow_credentials: Callable[[], Coroutine[None, None, None]],
     ) -> None:
         super().__init__(config)
         self._tls = tls
+        self._follow_credentials = follow_credentials
         self._listener = listener
         self._notifier = notifier
         self._places = Places()
-        self._accepting: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
         self._opening: set[asyncio.Task[None]] = set()
         self.is_up = threading.Event()
 
@@ -94,7 +101,7 @@ class _Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup([])  # its own way to accept would neither bound connections nor end handshakes soon
         self._notifier.attach(asyncio.get_running_loop())
-        self._accepting = asyncio.create_task(self._accept())
+        self._tasks = [asyncio.create_task(self._accept()), asyncio.create_task(self._follow_credentials())]
         self.is_up.set()
 
     async def _accept(self) -> None:
@@ -136,9 +143,8 @@ class _Server(uvicorn.Server):
     @override
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         self._notifier.attach(None)
-        for task in (self._accepting, *self._opening):
-            if task is not None:
-                task.cancel()
+        for task in (*self._tasks, *self._opening):
+            task.cancel()
         asyncio.get_running_loop().call_later(_GRACE_S, self._abort_rest)
         await super().shutdown(sockets)
 
@@ -157,7 +163,12 @@ class WebServer:
     """Serves an application between `start` and `close`, which closes the listening socket."""
 
     def __init__(
-        self, app: ASGIApp, listener: socket.socket, notifier: Notifier, tls: ssl.SSLContext | None = None
+        self,
+        app: ASGIApp,
+        listener: socket.socket,
+        notifier: Notifier,
+        tls: ssl.SSLContext | None,
+        follow_credentials: Callable[[], Coroutine[None, None, None]],
     ) -> None:
         self._listener = listener
         config = uvicorn.Config(
@@ -177,7 +188,7 @@ class WebServer:
             h11_max_incomplete_event_size=_HEADER_BYTES,
             timeout_graceful_shutdown=2,
         )
-        self._server = _Server(config, listener, notifier, tls)
+        self._server = _Server(config, listener, notifier, tls, follow_credentials)
         self._thread = threading.Thread(target=self._serve, name="dashboard web server", daemon=True)
 
     def start(self) -> None:

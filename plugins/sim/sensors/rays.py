@@ -32,6 +32,49 @@ _MARGIN: Final = 1e-6  # of a ray's pitch: rounding must not skip a ray
 _EARLY_S: Final = 1e-6  # times are counted in ticks, so that this is only rounding
 
 
+def ranges_m(world: SimWorld, robot: SimRobot, now_s: float) -> Array:
+    """Return the distance from the robot's centre to the first hit of each ray, MAX_RANGE_M for no hit.
+
+    Args:
+        world: the robot's world.
+        robot: the robot; its rays ignore its own disc.
+        now_s: the world's time.
+
+    Returns:
+        Shape (RAYS,); read-only.
+
+    Raises:
+        UnavailableError: the robot has no place in the world.
+
+    Thread: inside `caught_up`.
+    """
+    return shared(world, RayCaster).ranges_m(world, robot, now_s)
+
+
+def free_way_m(world: SimWorld, robot: SimRobot, now_s: float, *, forward: bool) -> float:
+    """Return the free distance from the robot's outline along its way, by its rays; infinity if they see nothing there.
+
+    Args:
+        world: the robot's world.
+        robot: the robot.
+        now_s: the world's time.
+        forward: whether it drives forward; else back.
+
+    Raises:
+        UnavailableError: the robot has no place in the world.
+
+    Thread: inside `caught_up`.
+    """
+    found_m, radius_m = ranges_m(world, robot, now_s), robot.make.radius_m
+    ahead_m = found_m * _COS if forward else -found_m * _COS
+    beside_m = np.abs(found_m * _SIN)
+    in_way = (found_m < MAX_RANGE_M) & (ahead_m > 0.0) & (beside_m < radius_m)
+    if not in_way.any():
+        return math.inf
+    gaps_m = ahead_m[in_way] - np.sqrt(radius_m * radius_m - beside_m[in_way] ** 2)
+    return max(float(gaps_m.min()), 0.0)
+
+
 class RayCaster:
     """Casts the rays of all robots of one world. Thread: inside `caught_up`."""
 
@@ -43,19 +86,7 @@ class RayCaster:
         self._due_s: dict[str, float] = {}
 
     def ranges_m(self, world: SimWorld, robot: SimRobot, now_s: float) -> Array:
-        """Return the distance from a robot's centre to the first hit of each ray, MAX_RANGE_M for no hit.
-
-        Args:
-            world: the robot's world.
-            robot: the robot; its rays ignore its own disc.
-            now_s: the world's time.
-
-        Returns:
-            Shape (RAYS,); read-only.
-
-        Raises:
-            UnavailableError: the robot has no place in the world.
-        """
+        """Return the ranges of a robot; see the function `ranges_m`."""
         arrays = self._arrays = self._arrays or shared(world, WorldArrays)
         arrays.update(world)
         if arrays.version != self._found_in:
