@@ -53,6 +53,7 @@ class Fleet(FleetCalls):
     """
 
     def __init__(self, config: FleetConfig, clock: Clock | None = None) -> None:
+        super().__init__()
         self.config = config
         self.clock = clock if clock is not None else clock_of(config.rate)
         self._starter = RobotStarter(config, self.clock)
@@ -212,6 +213,7 @@ class Fleet(FleetCalls):
         with self._start_lock:
             robots = dict(self._robots)
             self._forwarder.close()
+        self._end_traffic(timeout_s)
         close_robots(list(robots.values()), timeout_s)  # they stay known until then, in case of Ctrl-C
         with self._start_lock:
             self._robots = {name: robot for name, robot in self._robots.items() if robots.get(name) is not robot}

@@ -12,13 +12,14 @@ from eal_actors.actors.many import by_robot, read_many, send_many
 from eal_actors.device.data import EALData
 from eal_actors.facade.synchronized_start import Command, SynchronizedCommands, send_synchronized
 from eal_actors.facade.tasks import TaskGroup
+from eal_actors.facade.traffic.travelling import TravellingRobots
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import ArgumentError
 
 R = TypeVar("R")
 
 
-class FleetCalls(Mapping[str, RobotHandle]):
+class FleetCalls(TravellingRobots, Mapping[str, RobotHandle]):
     """The calls of a fleet that concern many robots.
 
     Attributes:
@@ -146,6 +147,7 @@ class FleetCalls(Mapping[str, RobotHandle]):
 
     def halt(self, *, timeout_s: float | None = None) -> Future[list[list[int]]]:
         """Stop all motion of every robot at once. Thread: any; does not block."""
+        self._cancel_trips()
         return gather([robot.halt(timeout_s=timeout_s) for robot in self.values()])
 
     def together(
@@ -178,6 +180,7 @@ class FleetCalls(Mapping[str, RobotHandle]):
 
         Thread: any; does not block.
         """
+        self._cancel_trips()
         return gather([robot.stop(reason) for robot in self.values()])
 
     def resume(self) -> Future[list[None]]:

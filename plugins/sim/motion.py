@@ -230,7 +230,8 @@ class VelocityDrive(WheelMotion):
     def remaining_s(self) -> float:
         if self._targets_m_s == (0.0, 0.0):
             fastest_m_s = max(abs(self._left_m_s), abs(self._right_m_s))
-            return math.ceil(fastest_m_s / (self._acceleration * self._tick_s) - 1e-9) * self._tick_s
+            ticks = math.ceil(fastest_m_s / (self._acceleration * self._tick_s) - 1e-9)
+            return max(ticks, 1 if fastest_m_s else 0) * self._tick_s  # a rounding error of a speed takes a tick too
         return self._hold_ticks * self._tick_s
 
     @property
