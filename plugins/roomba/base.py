@@ -45,7 +45,7 @@ class RoombaBase(DifferentialBase):
     """Drives the robot; get_status: 0 stands, 1 moves, 2 is driven but blocked."""
 
     def __init__(self, roomba: RoombaDriver, context: PluginContext | None = None) -> None:
-        limits = 0.3, MAX_SPEED_MM_S / 1000, 90.0, MAX_TURN_RATE_DEG_S, BRAKE_M_S2
+        limits = 0.3, MAX_SPEED_MM_S / 1000, 90.0, MAX_TURN_RATE_DEG_S, BRAKE_M_S2, 0.17
         super().__init__(Drivetrain("roomba", roomba.wheelbase_m, *limits), context)
         self._roomba = roomba
         self._in_motion = False
