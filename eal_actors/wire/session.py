@@ -43,7 +43,10 @@ _RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_
 _MAX_HANDSHAKES: Final = 2048
 """Simultaneous transport handshakes; fewer strangers that never finish theirs cannot keep others out."""
 _HANDSHAKE_MS: Final = 2000
-"""Time-out of a TLS handshake, and of the transport handshake after it; enough for a slow link."""
+"""Time-out of the transport handshake; enough for a slow link."""
+_TLS_HANDSHAKE_MS: Final = 20_000
+"""Time-out of a TLS handshake. It is long, because the listener sleeps 0.1 s after each that fails: while strangers
+fail faster than that, nobody's handshake is finished in a shorter time."""
 _MAX_CALL_BYTES: Final = MAX_CALL_BYTES + 2 * MAX_ENVELOPE_BYTES
 """Largest message that a robot puts together of fragments; zenoh's own limit is 1 GiB."""
 _MAX_MESSAGE_BYTES: Final = MAX_PAYLOAD_BYTES + 2 * MAX_ENVELOPE_BYTES
@@ -156,7 +159,7 @@ def endpoints_of(config: dict[str, Any]) -> tuple[str, ...]:
 
 def _listening(endpoint: str) -> str:
     """Return an endpoint to listen at, with the time-out of its TLS handshakes."""
-    return f"{endpoint}#tls_handshake_timeout_ms={_HANDSHAKE_MS}" if endpoint.startswith("tls/") else endpoint
+    return f"{endpoint}#tls_handshake_timeout_ms={_TLS_HANDSHAKE_MS}" if endpoint.startswith("tls/") else endpoint
 
 
 def _config(

@@ -44,7 +44,7 @@ ROUTER_STRANGERS: Final = 256
 """The same of a router, to which a whole fleet may connect at once."""
 _SPARE: Final = 64
 _SHARE: Final = 4
-"""A known address does not pass while it has this part of the bound's strangers."""
+"""Part of the bound from which a known address does not pass, and below which all addresses pass again."""
 _LOOK_S: Final = 0.25
 _BUSY_LOOK_S: Final = 0.005
 _WARN_EACH_S: Final = 10.0
@@ -196,11 +196,12 @@ class AcceptGuard:
     def _is_crowded(self, linked: list[str]) -> bool:
         try:
             files = _count_files()
-            if files <= self._usual_files + self._most:  # the usual case, which costs little
+            most = self._most if self._passing is None else self._most // _SHARE  # so that it opens seldom
+            if files <= self._usual_files + most:  # the usual case, which costs little
                 return False
             self._strangers = self._connected()
             self._strangers.subtract(linked)
-            return files > self._most_files or self._strangers.total() > self._most
+            return files > self._most_files or self._strangers.total() > most
         except OSError:  # no descriptor is free
             return True
 
@@ -217,6 +218,11 @@ class AcceptGuard:
             self._passing = passing
         if self._has_waiting:
             self._refuse_waiting()
+        now_s = REAL_TIME.now()
+        if now_s >= self._warn_at_s:
+            self._warn_at_s = now_s + _WARN_EACH_S
+            message = "too many connections: new ones are refused until others end"
+            get_logger().warning(message, strangers=self._strangers.total(), passing=sorted(passing))
 
     def _open(self) -> None:
         """Let new connections pass again."""
@@ -232,7 +238,7 @@ class AcceptGuard:
 
     def _refuse_waiting(self) -> None:
         """Close the connections that wait to be accepted: they came before the filter."""
-        refused, self._has_waiting = self.refused, False
+        self._has_waiting = False
         for listener in self._listeners:
             try:
                 while not self._ends:
@@ -242,8 +248,3 @@ class AcceptGuard:
                 pass
             except OSError:  # the engine has taken the last descriptor
                 self._has_waiting = True
-        now_s = REAL_TIME.now()
-        if self.refused > refused and now_s >= self._warn_at_s:
-            self._warn_at_s = now_s + _WARN_EACH_S
-            message = "too many connections: new ones are closed until others end"
-            get_logger().warning(message, refused=self.refused)
