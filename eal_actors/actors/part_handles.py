@@ -15,7 +15,6 @@ from eal_actors.actors.future import Future
 from eal_actors.actors.resource_handle import ResourceHandle
 from eal_actors.device.data import EALData
 from eal_actors.device.localization.pose_estimate import PoseEstimate
-from eal_actors.kernel.errors import ArgumentError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -213,13 +212,7 @@ class RobotParts:
 
 
 def _command(forward: str, back: str, amount: float) -> str:
-    """Return a command with an amount in its text, by the amount's sign.
-
-    Raises:
-        ArgumentError: it is not finite.
-    """
-    if not math.isfinite(amount):
-        raise ArgumentError(f"a distance or angle must be finite, not {amount!r}")
+    """Return a command with an amount in its text, by the amount's sign."""
     return f"{back if amount < 0 else forward}{abs(amount):.6f}".rstrip("0").rstrip(".")
 
 

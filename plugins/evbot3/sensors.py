@@ -18,7 +18,10 @@ _LEFT, _RIGHT = 1, 2
 
 
 class BumperBase(Base):
-    """Drives the robot; get_status: 0 stands, 1 moves, 2 is driven but blocked. A pressed bumper is in its way."""
+    """Drives the robot; get_status: 0 stands, 1 moves, 2 is driven but blocked.
+
+    A pressed bumper stops motions to a place.
+    """
 
     @override
     def clearance_m(self, *, forward: bool) -> float:

@@ -89,6 +89,13 @@ class CameraTracker:
         """The camera's pose; None before enough floor markers were seen."""
         return self._estimator.mounting
 
+    @property
+    def floor_corners(self) -> dict[int, Floats]:
+        """Where the floor markers are in the picture, (4, 2), by id; without those that are not at their places."""
+        mounting = self.mounting
+        used = () if mounting is None else mounting.markers
+        return {one: self._lens.pixels(self._floor[one], mounting.turn, mounting.shift_m) for one in used}  # type: ignore[union-attr]
+
     def process(self, picture: Image, stamp_s: float) -> None:
         """Find the markers in a picture. One that is not newer than the last one is ignored."""
         if self.stamp_s is not None and stamp_s <= self.stamp_s:

@@ -25,19 +25,24 @@ def draw(camera: CameraTracker) -> Image:
     if camera.picture is None:
         raise ValueError(f"camera {camera.name} has no picture yet")
     image = camera.picture.copy()
-    floor = () if camera.mounting is None else camera.mounting.markers
+    floor = camera.floor_corners
+    for number, corners in floor.items():
+        _outline(image, number, corners, _YELLOW)
     for one in camera.detections:
-        fixed = one.number in camera.sightings
-        colour = _GREEN if fixed else _YELLOW if one.number in floor else _RED
-        corners = np.rint(one.corners * 2**_SHIFT).astype(np.int32)
-        cv2.polylines(image, [corners], isClosed=True, color=colour, thickness=2, lineType=cv2.LINE_AA, shift=_SHIFT)
-        cv2.line(image, corners[1], corners[2], colour, 5, cv2.LINE_AA, _SHIFT)
-        _write(image, str(one.number), one.corners.max(axis=0), colour)
+        if one.number not in floor:
+            _outline(image, one.number, one.corners, _GREEN if one.number in camera.sightings else _RED)
     fixes = len(camera.sightings)
     stamp = "" if camera.stamp_s is None else f"  {camera.stamp_s:.2f} s"
     pose = "" if camera.mounting is None else f"  floor {len(floor)} markers, {camera.mounting.error_px:.2f} px"
     _write(image, f"{camera.name}  {fixes} robots{pose}{stamp}", np.array([8.0, image.shape[0] - 10.0]), _WHITE)
     return image
+
+
+def _outline(image: Image, number: int, corners: Floats, colour: tuple[int, ...]) -> None:
+    fixed = np.rint(corners * 2**_SHIFT).astype(np.int32)
+    cv2.polylines(image, [fixed], isClosed=True, color=colour, thickness=2, lineType=cv2.LINE_AA, shift=_SHIFT)
+    cv2.line(image, fixed[1], fixed[2], colour, 5, cv2.LINE_AA, _SHIFT)
+    _write(image, str(number), corners.max(axis=0), colour)
 
 
 def _write(image: Image, text: str, place: Floats, colour: tuple[int, ...]) -> None:

@@ -1,4 +1,4 @@
-"""What a tracker reports besides poses: markers and cameras that are not as the settings say."""
+"""The problems that a tracker reports: markers and cameras that differ from the settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a camera has seen of a marker, its prediction, and the fusion of several cameras."""
+"""A sight of a marker by one camera, its prediction, and the fusion of several cameras."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ class Tracker:
             self._update()
             cameras = {name: _camera_as_json(camera) for name, camera in self.cameras.items()}
             seen = {
-                str(number): {"seen_s": round(stamp_s, 6), "age_s": round(now_s - stamp_s, 6)}
+                str(number): {"seen_s": round(stamp_s, 6), "age_s": round(max(now_s - stamp_s, 0.0), 6)}
                 for number, stamp_s in sorted(self._seen_s.items())
             }
             problems = [one.as_json() for one in self._problems.present]

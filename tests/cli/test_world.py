@@ -51,7 +51,7 @@ def test_it_shows_what_is_where(eal: Any, write: Any) -> None:
     ("name", "expected"),
     [
         ("empty", "6 x 4 m, empty"),
-        ("lab", "8 x 6 m, 5 obstacles, 1 box, 1 beacon, 8 posters, 2 lamps"),
+        ("lab", "8 x 6 m, 5 obstacles, 1 box, 1 beacon, 8 posters, 2 lamps, 3 places"),
         ("field", "24 x 24 m, 6 obstacles, 4 beacons, 100 start poses"),
     ],
 )

@@ -118,8 +118,7 @@ def test_a_part_that_a_robot_lacks_is_said(simulation: Simulation) -> None:
 
 def test_what_is_no_number_is_refused(simulation: Simulation) -> None:
     for amount in (math.nan, math.inf):
-        with pytest.raises(ArgumentError, match="finite"):
-            simulation["a"].base.drive(amount)
+        assert isinstance(simulation["a"].base.drive(amount).exception(), ArgumentError)
         assert isinstance(simulation["a"].base.go_to(amount, 0).exception(), ArgumentError)
 
 

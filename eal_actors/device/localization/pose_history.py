@@ -20,10 +20,9 @@ from eal_actors.device.localization.pose_filter import FilterState, Pose, betwee
 
 HISTORY_S: Final = 3.0
 """How long odometry is kept; a fix that is older cannot be applied."""
-_SPACING_S: Final = 0.04
-_MOST_ENTRIES: Final = 256
-_STEP_M: Final = 0.1
-_STEP_RAD: Final = 0.3
+_SPACING_S: Final = 0.019
+_MOST_ENTRIES: Final = 512
+_STEP_S: Final = 0.25
 _SAME_S: Final = 1e-9
 
 
@@ -188,11 +187,11 @@ class PoseHistory:
 
     def _merged(self, keep: int) -> FilterState:
         """Return the state at an entry, by few steps from the first one."""
-        entries = self._entries
-        state, begun = entries[0].state or self._begin(), entries[0].odometry
-        for place in range(1, keep + 1):
-            ahead_m, left_m, turn_rad = between(begun, entries[min(place + 1, keep)].odometry)
-            if place == keep or abs(ahead_m) + abs(left_m) > _STEP_M or abs(turn_rad) > _STEP_RAD:
-                state = predict(state, between(begun, entries[place].odometry), self.noise)
-                begun = entries[place].odometry
-        return state
+        begun, former = self._entries[0], self._entries[0]
+        state = begun.state or self._begin()
+        for entry in self._entries[1 : keep + 1]:
+            if entry.stamp_s - begun.stamp_s > _STEP_S and former is not begun:
+                state = predict(state, between(begun.odometry, former.odometry), self.noise)
+                begun = former
+            former = entry
+        return predict(state, between(begun.odometry, former.odometry), self.noise)

@@ -70,6 +70,7 @@ def plan_path(grid: OccupancyGrid, start: Point, goal: Point, *, most_cells: int
         NoPathError: the start or the goal is outside the map, in an obstacle or in unknown floor; the goal is too near
             to an obstacle; nothing leads from one to the other; or the search reached `most_cells`.
     """
+    start, goal = (float(start[0]), float(start[1])), (float(goal[0]), float(goal[1]))
     start_cell, goal_cell = _cell_of(grid, start, "start"), _cell_of(grid, goal, "goal")
     if grid.blocked[goal_cell]:
         raise NoPathError(f"{_reason(grid, goal_cell, goal, 'goal')}{_nearest_free(grid, goal)}")

@@ -28,52 +28,57 @@ class ScanMap:
     """A map that grows by scans.
 
     Args:
-        max_range_m: a ray that reaches this far met nothing.
         resolution_m: length of a cell's side.
 
     Raises:
-        ArgumentError: a length is not positive.
+        ArgumentError: the length is not positive.
 
     Thread: one at a time.
     """
 
-    def __init__(self, max_range_m: float, resolution_m: float = RESOLUTION_M) -> None:
-        if not (0 < resolution_m < max_range_m < math.inf):
-            lengths = f"{resolution_m!r} and {max_range_m!r} m"
-            raise ArgumentError(f"a map of scans needs 0 < resolution < greatest range, not {lengths}")
-        self._max_range_m = max_range_m
+    def __init__(self, resolution_m: float = RESOLUTION_M) -> None:
+        if not (0 < resolution_m < math.inf):
+            raise ArgumentError(f"the resolution of a grid must be over 0 m, not {resolution_m!r}")
         self._resolution_m = resolution_m
         self._low = np.zeros(2, np.int64)  # row and column of the array's first cell, in cells from the map's origin
         self._odds: NDArray[np.float32] = np.zeros((0, 0), np.float32)
         self._is_seen: NDArray[np.bool_] = np.zeros((0, 0), np.bool_)
 
-    def add(self, pose: tuple[float, float, float], ranges_m: ArrayLike, angles_rad: ArrayLike) -> None:
+    def add(
+        self,
+        pose: tuple[float, float, float],
+        ranges_m: ArrayLike,
+        angles_rad: ArrayLike,
+        max_range_m: float,
+    ) -> None:
         """Add a scan.
 
         Args:
             pose: x and y in m and yaw in rad of the sensor in the map frame, at the time of the scan.
             ranges_m: the distances along its rays, shape (n,). NaN and negative ones are skipped.
             angles_rad: the angles of its rays from straight ahead, counter-clockwise, shape (n,).
+            max_range_m: greatest range of the sensor; a ray that reaches this far met nothing.
 
         Raises:
-            ArgumentError: the shapes differ, the pose is not finite, or the map would be too large.
+            ArgumentError: the shapes differ, the pose or the greatest range is not finite, or the map would be too
+                large.
         """
         ranges, angles = np.asarray(ranges_m, np.float64), np.asarray(angles_rad, np.float64)
-        if ranges.shape != angles.shape or ranges.ndim != 1 or not np.isfinite(pose).all():
+        if ranges.shape != angles.shape or ranges.ndim != 1 or not np.isfinite((*pose, max_range_m)).all():
             shapes = f"{ranges.shape} and {angles.shape}"
             raise ArgumentError(f"a scan needs a finite pose and an angle for each range, not {pose}, {shapes}")
         with np.errstate(invalid="ignore"):
             valid = ranges >= 0
         if not valid.any():
             return
-        reach = np.minimum(ranges[valid], self._max_range_m)
+        reach = np.minimum(ranges[valid], max_range_m)
         yaw = pose[2] + angles[valid]
         directions = np.stack((np.sin(yaw), np.cos(yaw)))  # rows go up, columns go right
         middle = np.array([[pose[1]], [pose[0]]])
         steps = np.arange(0.0, reach.max(), self._resolution_m / 2)
         step, ray = np.nonzero(steps[:, None] <= reach)
         missed = self._cells(middle + steps[step] * directions[:, ray])
-        is_hit = reach < self._max_range_m
+        is_hit = reach < max_range_m
         hit = self._cells(middle + reach[is_hit] * directions[:, is_hit])
         touched = np.concatenate((missed, hit), axis=1)
         low, high = touched.min(axis=1), touched.max(axis=1) + 1

@@ -24,9 +24,9 @@ def room_scan(x_m: float, y_m: float, yaw_rad: float, half_m: float, reach_m: fl
 
 
 def scanned(*poses: tuple[float, float, float], half_m: float = 2.02, reach_m: float = 8.0) -> OccupancyGrid:
-    scan_map = ScanMap(reach_m)
+    scan_map = ScanMap()
     for pose in poses:
-        scan_map.add(pose, room_scan(*pose, half_m, reach_m), ANGLES)
+        scan_map.add(pose, room_scan(*pose, half_m, reach_m), ANGLES, reach_m)
     return scan_map.grid()
 
 
@@ -47,12 +47,12 @@ def test_what_no_ray_met_is_unknown_and_the_greatest_range_is_no_wall() -> None:
 
 
 def test_a_thing_that_went_away_is_forgotten() -> None:
-    scan_map = ScanMap(5.0)
+    scan_map = ScanMap()
     for _ in range(10):
-        scan_map.add((0, 0, 0), np.full(720, 1.0), ANGLES)
+        scan_map.add((0, 0, 0), np.full(720, 1.0), ANGLES, 5.0)
     assert not scan_map.grid().is_free(1.0, 0.0)
     for _ in range(15):
-        scan_map.add((0, 0, 0), np.full(720, 3.0), ANGLES)
+        scan_map.add((0, 0, 0), np.full(720, 3.0), ANGLES, 5.0)
     assert scan_map.grid().is_free(1.0, 0.0)
 
 
@@ -64,8 +64,8 @@ def test_a_map_grows_with_the_floor_it_has_seen() -> None:
 
 
 def test_invalid_ranges_are_skipped_and_infinite_ones_meet_nothing() -> None:
-    scan_map = ScanMap(2.0)
-    scan_map.add((0, 0, 0), [math.nan, -1.0, math.inf, 1.0], [0.0, math.pi / 2, math.pi, -math.pi / 2])
+    scan_map = ScanMap()
+    scan_map.add((0, 0, 0), [math.nan, -1.0, math.inf, 1.0], [0.0, math.pi / 2, math.pi, -math.pi / 2], 2.0)
     grid = scan_map.grid()
     assert grid.is_free(-1.9, 0)
     assert not grid.is_free(0.5, 0)
@@ -79,19 +79,19 @@ def test_invalid_ranges_are_skipped_and_infinite_ones_meet_nothing() -> None:
 )
 def test_a_scan_must_fit(pose: tuple[float, float, float], ranges: object, angles: object) -> None:
     with pytest.raises(ArgumentError, match="a scan needs a finite pose and an angle for each range"):
-        ScanMap(5.0).add(pose, ranges, angles)  # type: ignore[arg-type]
+        ScanMap().add(pose, ranges, angles, 5.0)  # type: ignore[arg-type]
 
 
 def test_a_pose_far_away_does_not_take_the_memory() -> None:
-    scan_map = ScanMap(5.0)
-    scan_map.add((0, 0, 0), [1.0], [0.0])
+    scan_map = ScanMap()
+    scan_map.add((0, 0, 0), [1.0], [0.0], 5.0)
     with pytest.raises(ArgumentError, match="is too large"):
-        scan_map.add((1e6, 1e6, 0), [1.0], [0.0])
+        scan_map.add((1e6, 1e6, 0), [1.0], [0.0], 5.0)
     assert scan_map.grid().is_free(0.5, 0)
 
 
 def test_a_map_without_a_scan_is_an_error() -> None:
     with pytest.raises(ArgumentError, match="has no scan yet"):
-        ScanMap(5.0).grid()
-    with pytest.raises(ArgumentError, match="resolution < greatest range, not"):
+        ScanMap().grid()
+    with pytest.raises(ArgumentError, match="must be over 0 m, not 0"):
         ScanMap(0)

@@ -18,6 +18,7 @@ from plugins.sim.plugin import open_camera
 from plugins.sim.robot import SimRobot
 from plugins.sim.world import SimWorld, world_of
 from plugins.tracker import plugin as tracker_plugin
+from plugins.tracker.feeds import PictureFeed
 from plugins.tracker.tracker import Fix, Fixes, Tracker
 from tests.manual_clock import ManualClock
 
@@ -95,6 +96,10 @@ class Arena:
         y_m = ((number // columns) - (rows - 1) / 2) * 2.6 / rows
         start = x_m, y_m, self.random.uniform(-math.pi, math.pi)
         return self.world.join(f"robot-{number}", make_of(number), noise=True, start=start)
+
+    def camera(self, name: str) -> PictureFeed:
+        """Return where the pictures of a camera come from."""
+        return self.tracker._feeds[name]
 
     def drive(self) -> None:
         """Drive every robot on a small circle."""

@@ -1,4 +1,4 @@
-"""What one camera finds in pictures that OpenCV draws."""
+"""The poses and problems that a tracker finds in pictures that OpenCV draws."""
 
 from __future__ import annotations
 
