@@ -9,6 +9,7 @@ Thread: any; nothing here keeps state.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, TypeAlias, final
@@ -42,6 +43,12 @@ from eal_actors.wire.format.packing import (
 
 _STATUS, _DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
 _NO_PAYLOAD: Final = b""
+_NO_ECHO: Final = "", 0.0, 0.0
+_NONE: Final = type(None)
+_READING: Final = int, bytes, int, int, float, float, _NONE, list, _NONE, *[_NONE] * 5
+_COMMAND: Final = *_READING[:9], str, float, float, _NONE, _NONE
+_USUAL_CALLS: Final = frozenset({_READING, _COMMAND, (*_COMMAND[:12], bool, _NONE)})
+"""Types of the fields of the usual calls, whose fields need no further check than that of their numbers."""
 
 
 class CallId(NamedTuple):
@@ -175,15 +182,13 @@ def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes,
     Raises:
         DataError: the payload is larger than MAX_CALL_BYTES, or a field cannot be packed.
     """
-    client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, *echo, has_more, traceparent = header
+    client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, era, echo_s, held_s, has_more, traceparent = header
     about = None if data is None else data_header(data)
     row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, ttl_s, deadline_s, start_s, arguments, about]
-    if traceparent:
-        row += (*echo, has_more, traceparent)
-    elif has_more:
-        row += (*echo, True)
-    elif any(echo):
-        row += echo
+    if era or echo_s or held_s or has_more or traceparent:
+        row += era, echo_s, held_s
+        if has_more or traceparent:
+            row += (has_more, traceparent) if traceparent else (True,)
     return pack(row, "call"), _NO_PAYLOAD if data is None else payload_of(data, MAX_CALL_BYTES)
 
 
@@ -191,21 +196,37 @@ def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHe
     """Return the header and the value of a call; ProtocolError if the bytes are no call of this version."""
     row = unpack_row(envelope, "call", 9, 5)
     _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo, has_more, traceparent = row
-    if type(arguments) is not list or any(type(item) not in (str, int) for item in arguments):
-        raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
-    header = CallHeader(
-        checked_client(client, "call"),
-        checked_count(epoch, "call: epoch"),
-        checked_count(sequence, "call: sequence"),
-        checked_seconds(ttl_s, "call: ttl_s"),
-        checked_seconds(deadline_s, "call: deadline_s"),
-        None if start_s is None else checked_time(start_s, "call: start_s"),
-        tuple(arguments),
-        *(("", 0.0, 0.0) if echo[0] is None else _echo_from(*echo)),
-        has_more is not None and checked_flag(has_more, "call: has_more"),
-        "" if traceparent is None else checked_text(traceparent, "call: traceparent"),
+    if tuple(map(type, row)) not in _USUAL_CALLS or not _are_finite(ttl_s, deadline_s, echo[1] or 0.0, echo[2] or 0.0):
+        checked_seconds(ttl_s, "call: ttl_s")
+        checked_seconds(deadline_s, "call: deadline_s")
+        if start_s is not None:
+            checked_time(start_s, "call: start_s")
+        if type(arguments) is not list:
+            raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
+        if echo[0] is not None:
+            _check_echo(*echo)
+        if has_more is not None:
+            checked_flag(has_more, "call: has_more")
+        if traceparent is not None:
+            checked_text(traceparent, "call: traceparent")
+    for item in arguments:
+        if type(item) is not str and type(item) is not int:
+            raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
+    header = CallHeader._make(
+        (
+            checked_client(client, "call"),
+            checked_count(epoch, "call: epoch"),
+            checked_count(sequence, "call: sequence"),
+            float(ttl_s),
+            float(deadline_s),
+            None if start_s is None else float(start_s),
+            tuple(arguments),
+            *(_NO_ECHO if echo[0] is None else (echo[0], float(echo[1]), float(echo[2]))),
+            has_more or False,
+            traceparent or "",
+        )
     )
-    return header, optional_data_from(about, payload, "call")
+    return header, None if about is None and not payload else optional_data_from(about, payload, "call")
 
 
 def encode_reply(reply: CallReply) -> tuple[bytes, Payload]:
@@ -222,12 +243,12 @@ def encode_reply(reply: CallReply) -> tuple[bytes, Payload]:
 
 def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> CallReply:
     """Return a reply, whose answer may be an error; ProtocolError if the bytes are no reply of this version."""
-    _, sequence, *answer, era, time_s, began_s = unpack_row(envelope, "answer", 4, 3)
+    _, sequence, kind, body, era, time_s, began_s = unpack_row(envelope, "answer", 4, 3)
     time = None
     if era is not None:
         began_s = None if began_s is None else checked_time(began_s, "answer: began_s")
         time = RobotTime(checked_text(era, "answer: era"), checked_time(time_s, "answer: time_s"), began_s)
-    return CallReply(checked_count(sequence, "answer: sequence"), _answer_from(answer, payload, "answer"), time)
+    return CallReply(checked_count(sequence, "answer: sequence"), _answer_from(kind, body, payload, "answer"), time)
 
 
 def encode_event(event: RobotEvent) -> tuple[bytes, Payload]:
@@ -257,11 +278,13 @@ def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> RobotEvent:
         raise ProtocolError(f"event: fields {short_repr(more)} are no map")
     if answer is None:
         optional_data_from(None, payload, "event")
+    else:
+        answer = _answer_from(*checked_row(answer, "event: answer", 2), payload, "event: answer")
     return RobotEvent(
         checked_text(fields.get("kind"), "event: kind"),
         checked_time(fields.get("stamp_s"), "event: stamp_s"),
         None if call is None else _call_id_from(call),
-        None if answer is None else _answer_from(checked_row(answer, "event: answer", 2), payload, "event: answer"),
+        answer,
         more,
     )
 
@@ -281,23 +304,23 @@ def decode_heartbeat(envelope: Buffer) -> Heartbeat:
 
 
 def _answer_parts(answer: Answer) -> tuple[int, Any, Payload]:
+    if isinstance(answer, int):
+        return _STATUS, int(answer), _NO_PAYLOAD  # True is a status too
     if isinstance(answer, EALData):
         return _DATA, data_header(answer), payload_of(answer)
     if isinstance(answer, EALError):
         return _ERROR, error_body(answer), _NO_PAYLOAD
     if isinstance(answer, dict):
         return _FIELDS, answer, _NO_PAYLOAD
-    if isinstance(answer, Accepted):
-        return _ACCEPTED, None, _NO_PAYLOAD
-    return _STATUS, int(answer), _NO_PAYLOAD  # True is a status too
+    return _ACCEPTED, None, _NO_PAYLOAD
 
 
-def _answer_from(row: list[Any], payload: Buffer, what: str) -> Answer:
-    kind, body = row
-    if kind == _DATA and type(kind) is int:
-        return data_from(body, checked_payload(payload, what), what)
-    optional_data_from(None, payload, what)
+def _answer_from(kind: object, body: Any, payload: Buffer, what: str) -> Answer:
     if type(kind) is int:
+        if kind == _DATA:
+            return data_from(body, checked_payload(payload, what), what)
+        if payload:
+            optional_data_from(None, payload, what)
         if kind == _STATUS and type(body) is int:
             return body
         if kind == _ERROR:
@@ -311,8 +334,14 @@ def _answer_from(row: list[Any], payload: Buffer, what: str) -> Answer:
     )
 
 
-def _echo_from(era: object, echo_s: object, held_s: object) -> tuple[str, float, float]:
-    return (checked_text(era, "call: era"), checked_time(echo_s, "call: echo_s"), checked_time(held_s, "call: held_s"))
+def _are_finite(*numbers: float) -> bool:
+    return math.isfinite(sum(numbers))
+
+
+def _check_echo(era: object, echo_s: object, held_s: object) -> None:
+    checked_text(era, "call: era")
+    checked_time(echo_s, "call: echo_s")
+    checked_time(held_s, "call: held_s")
 
 
 def _call_id_from(row: object) -> CallId:

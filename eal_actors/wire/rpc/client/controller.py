@@ -32,6 +32,7 @@ from eal_actors.wire.rpc.sender import InFlightWindow, Sender, UrgentMessage
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.expiry import certificate_warnings
 from eal_actors.wire.session import controller_config, open_session
+from eal_actors.wire.transport import Transport
 
 if TYPE_CHECKING:
     import zenoh
@@ -100,7 +101,7 @@ class Controller(EALActor):
         self._malformed = ThrottledLog(fleet=config.name)
         self._listeners: dict[str, RobotListener] = {}
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
-        self._session: zenoh.Session | None = None
+        self._transport: Transport | None = None
         self._stack = ExitStack()
         self.window: Final = InFlightWindow()
         self.sender: Final = Sender(f"{config.name} sender", self.window)
@@ -153,32 +154,21 @@ class Controller(EALActor):
                 listener.on_gone(f"cannot be reached: {error.message}")
             self.actor_inbox.call_later(self.clock.of_real(1.0), self._open)
             return
-        self._session = session
-        callback = zenoh.handlers.Callback
+        self._transport = transport = Transport(session)
         answers = keys.answer_keys(self.fleet, self._caller, self._secret)
-        session.declare_subscriber(answers, callback(self._on_answer, indirect=False))
+        transport.receive(answers, f"{self.fleet} answers", self._on_answer)
+        transport.receive(keys.event_key(self.fleet, None), f"{self.fleet} events", self._on_event)
         session.liveliness().declare_subscriber(
-            keys.alive_keys(self.fleet), callback(self._on_liveliness, indirect=False), history=True
+            keys.alive_keys(self.fleet), zenoh.handlers.Callback(self._on_liveliness, indirect=False), history=True
         )
-        session.declare_subscriber(keys.event_key(self.fleet, None), callback(self._on_event, indirect=False))
         self._beat()
         self._tick()
 
     def _beat(self) -> None:
-        if self._session is not None:
-            import zenoh
-
+        if self._transport is not None:
+            key = keys.heartbeat_key(self.fleet, self._caller, self._secret)
             beat = encode_heartbeat(Heartbeat(self.client, self.display_name))
-            try:
-                self._session.put(
-                    keys.heartbeat_key(self.fleet, self._caller, self._secret),
-                    beat,
-                    priority=zenoh.Priority.REAL_TIME,
-                    congestion_control=zenoh.CongestionControl.DROP,
-                    express=True,
-                )
-            except zenoh.ZError as error:
-                get_logger(fleet=self.fleet).debug("a heartbeat could not be sent", reason=error_text(error))
+            self._transport.put(key, None, beat, is_urgent=True, is_vital=False)
         period_s = self.dead_man_s / _BEATS
         self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
 
@@ -199,7 +189,7 @@ class Controller(EALActor):
 
     @override
     def on_stop(self) -> None:
-        self._session = None
+        self._transport = None
         for actor in (self.sender, self._urgent_sender, self._callbacks):
             actor.end_soon()
         self._stack.close()
@@ -245,13 +235,14 @@ class Controller(EALActor):
         Returns:
             A function that ends the subscription; None if the network is not open.
         """
-        session = self._session
-        if session is None:
+        if self._transport is None:
             return None
         import zenoh
 
         try:
-            subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(on_sample, indirect=False))
+            subscriber = self._transport.session.declare_subscriber(
+                key, zenoh.handlers.Callback(on_sample, indirect=False)
+            )
         except zenoh.ZError as error:
             get_logger(fleet=self.fleet).debug("a subscription failed", key=key, reason=error_text(error))
             return None
@@ -281,22 +272,8 @@ class Controller(EALActor):
 
         Thread: any that may wait; blocks only while a link is full, at most until the engine closes that link.
         """
-        session = self._session
-        if session is None:
-            return False
-        import zenoh
-
-        try:
-            session.put(
-                key,
-                payload if type(payload) is bytes else bytes(payload),
-                priority=zenoh.Priority.REAL_TIME if is_urgent else zenoh.Priority.DATA,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                express=is_last,
-                attachment=envelope,
-            )
-        except zenoh.ZError as error:
-            get_logger(fleet=self.fleet).debug("a call could not be sent", key=key, reason=error_text(error))
+        transport = self._transport
+        if transport is None or not transport.put(key, envelope, payload, is_urgent=is_urgent, is_last=is_last):
             return False
         return self.is_alive(robot)  # it may have gone before the call was pending
 

@@ -11,18 +11,14 @@ from __future__ import annotations
 
 import threading
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 from typing_extensions import override
 
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import error_text
-from eal_actors.kernel.log import get_logger
 from eal_actors.wire.rpc.sender import Message, Sender
-
-if TYPE_CHECKING:
-    import zenoh
+from eal_actors.wire.transport import Transport
 
 _BATCH_S: Final = 0.003
 """Real seconds that a reply waits for others at most."""
@@ -40,10 +36,10 @@ class Outbox(Sender):
     Thread: an actor.
     """
 
-    def __init__(self, name: str, session: zenoh.Session) -> None:
+    def __init__(self, name: str, transport: Transport) -> None:
         super().__init__(name)
         self.urgent: Final = Sender(f"{name} for stops")
-        self._session = session
+        self._transport = transport
         self._backlog_bytes = 0
         self._put_lock = threading.Lock()
         self._lock = threading.Lock()
@@ -52,7 +48,6 @@ class Outbox(Sender):
         self._is_gathering = False
         self._batch_complete = new_waiter()
         self._left_in_batch = 0
-        self._log = get_logger()
 
     @override
     def launch(self) -> Self:
@@ -68,9 +63,9 @@ class Outbox(Sender):
         """Whether so many bytes wait that no further value may be queued. Thread: any."""
         return self._backlog_bytes >= MAX_BACKLOG_BYTES
 
-    def move_to(self, session: zenoh.Session) -> None:
+    def move_to(self, transport: Transport) -> None:
         """Send on another session from now on. Thread: any."""
-        self._session = session
+        self._transport = transport
 
     def expect(self, replies: int, *, has_more: bool | None = None) -> None:
         """Change the number of expected replies.
@@ -143,21 +138,14 @@ class Outbox(Sender):
         self._count(-memoryview(message.payload).nbytes)
 
     def _put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
-        import zenoh
-
-        payload = message.payload
-        congestion = zenoh.CongestionControl
-        try:
-            self._session.put(
-                message.key,
-                payload if type(payload) is bytes else bytes(payload),
-                attachment=message.envelope,
-                priority=zenoh.Priority.REAL_TIME if message.is_urgent else zenoh.Priority.DATA,
-                congestion_control=congestion.BLOCK if message.is_vital else congestion.DROP,
-                express=is_last,
-            )
-        except Exception as error:  # noqa: BLE001  # zenoh's own: the link broke, or the session is being closed
-            self._log.debug("a message could not be sent", key=message.key, reason=error_text(error))
+        self._transport.put(
+            message.key,
+            message.envelope,
+            message.payload,
+            is_urgent=message.is_urgent,
+            is_last=is_last,
+            is_vital=message.is_vital,
+        )
 
 
 @dataclass(slots=True, eq=False)
