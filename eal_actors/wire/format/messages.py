@@ -279,7 +279,8 @@ def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> RobotEvent:
     if answer is None:
         optional_data_from(None, payload, "event")
     else:
-        answer = _answer_from(*checked_row(answer, "event: answer", 2), payload, "event: answer")
+        kind, body = checked_row(answer, "event: answer", 2)
+        answer = _answer_from(kind, body, payload, "event: answer")
     return RobotEvent(
         checked_text(fields.get("kind"), "event: kind"),
         checked_time(fields.get("stamp_s"), "event: stamp_s"),

@@ -230,28 +230,21 @@ class Controller(EALActor):
         return self._versions.get(robot) == PROTOCOL_VERSION
 
     def subscribe(self, key: str, on_sample: Callable[[zenoh.Sample], None]) -> Callable[[], None] | None:
-        """Subscribe to a key; the callback runs in zenoh's threads.
+        """Subscribe to a key; the callback runs in a thread of the subscription.
 
         Returns:
             A function that ends the subscription; None if the network is not open.
         """
-        if self._transport is None:
+        transport = self._transport
+        if transport is None:
             return None
         import zenoh
 
         try:
-            subscriber = self._transport.session.declare_subscriber(
-                key, zenoh.handlers.Callback(on_sample, indirect=False)
-            )
+            return transport.receive(key, f"{self.fleet} stream", on_sample)
         except zenoh.ZError as error:
             get_logger(fleet=self.fleet).debug("a subscription failed", key=key, reason=error_text(error))
             return None
-
-        def end() -> None:
-            with contextlib.suppress(zenoh.ZError):  # the session is closed
-                subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
-
-        return end
 
     def call_key(self, robot: str, resource: str, method: str) -> str:
         """Return the key of this controller's calls of a method."""
