@@ -177,14 +177,14 @@ class RobotHost(EALActor):
 
     def _on_call(self, sample: zenoh.Sample) -> None:
         try:
-            call = keys.parse_call(str(sample.key_expr))
+            route = keys.parse_route(str(sample.key_expr))
         except ProtocolError as error:
             self._malformed.warn(keys.sender_of(str(sample.key_expr)), "a call is malformed", error.message)
             return
-        server = self._servers.get(call.robot)
-        if server is not None and call.caller not in self._revoked:  # else another process serves the robot
+        server = self._servers.get(route.call.robot)
+        if server is not None and route.call.caller not in self._revoked:  # else another process serves the robot
             attachment = sample.attachment
-            server.receive(call, attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+            server.receive(route, attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
 
     def _on_heartbeat(self, sample: zenoh.Sample) -> None:
         try:

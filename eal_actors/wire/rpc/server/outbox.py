@@ -9,6 +9,7 @@ Confirmations of stops have a sender of their own, since hundreds of images may 
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import KW_ONLY, dataclass
 from typing import Final, Self
@@ -22,6 +23,10 @@ from eal_actors.wire.transport import Transport
 
 _BATCH_S: Final = 0.003
 """Real seconds that a reply waits for others at most."""
+
+_LARGE_BYTES: Final = 32 * 1024
+_QUIET_S: Final = 2.0
+"""Real seconds after a large payload in which the link may still be full of it."""
 
 MAX_BACKLOG_BYTES: Final = 64 * 1024 * 1024
 """Bytes of values that may wait to be sent; while more wait, further values are refused."""
@@ -41,6 +46,7 @@ class Outbox(Sender):
         self.urgent: Final = Sender(f"{name} for stops")
         self._transport = transport
         self._backlog_bytes = 0
+        self._last_large_s = -math.inf
         self._put_lock = threading.Lock()
         self._lock = threading.Lock()
         self._expected = 0
@@ -104,6 +110,23 @@ class Outbox(Sender):
         else:
             self._queue(message)
 
+    def publish_briefly(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
+        """Send the outcome of a command in this thread if that takes no time, else queue it.
+
+        The thread is an actuator's, which no controller may block. So a full link drops the message after 1 ms,
+        and the controller asks again; where that is likely, or other outcomes are expected for a batch, it is queued.
+        """
+        message = _OutgoingMessage(self, key, envelope, payload, is_vital=False, is_urgent=is_urgent)
+        is_quiet = self.is_idle and not is_urgent and not self._has_more and self._expected <= 1
+        if is_quiet and REAL_TIME.now() - self._last_large_s > _QUIET_S and self._put_lock.acquire(blocking=False):
+            try:
+                self._put(message, is_last=True)
+            finally:
+                self._put_lock.release()
+        else:
+            message.is_vital = True
+            self._queue(message)
+
     def _queue(self, message: _OutgoingMessage) -> None:
         if message.is_urgent:
             self.urgent.submit(message)
@@ -138,6 +161,8 @@ class Outbox(Sender):
         self._count(-memoryview(message.payload).nbytes)
 
     def _put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
+        if len(message.payload) > _LARGE_BYTES:
+            self._last_large_s = REAL_TIME.now()
         self._transport.put(
             message.key,
             message.envelope,
