@@ -191,9 +191,9 @@ class EALData:
         """
         if unit is None and frame_id is None and stamp_s is None:
             return self
-        copy = EALData.__new__(EALData)
-        return EALData._fill(
-            copy,
+        stamp_s = _checked_meta(unit, frame_id, stamp_s)
+        return EALData._store(
+            EALData.__new__(EALData),
             self._c_type,
             (self._value, self._payload, self._length, self._shape),
             self._unit if unit is None else unit,
@@ -206,6 +206,11 @@ class EALData:
     ) -> EALData:
         if unit is not None or frame_id is not None or stamp_s is not None:
             stamp_s = _checked_meta(unit, frame_id, stamp_s)
+        return self._store(c_type, stored, unit, frame_id, stamp_s)
+
+    def _store(
+        self, c_type: CType, stored: Stored, unit: str | None, frame_id: str | None, stamp_s: float | None
+    ) -> EALData:
         self._c_type = c_type
         self._value, self._payload, self._length, self._shape = stored
         self._unit = unit

@@ -34,21 +34,21 @@ from eal_actors.wire.format.packing import (
     error_body,
     error_from,
     optional_data_from,
+    optional_row,
     pack,
     packed_client,
     payload_of,
+    unpack,
     unpack_map,
-    unpack_row,
 )
 
 _STATUS, _DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
 _NO_PAYLOAD: Final = b""
-_NO_ECHO: Final = "", 0.0, 0.0
 _NONE: Final = type(None)
-_READING: Final = int, bytes, int, int, float, float, _NONE, list, _NONE, *[_NONE] * 5
-_COMMAND: Final = *_READING[:9], str, float, float, _NONE, _NONE
-_USUAL_CALLS: Final = frozenset({_READING, _COMMAND, (*_COMMAND[:12], bool, _NONE)})
-"""Types of the fields of the usual calls, whose fields need no further check than that of their numbers."""
+_READING: Final = int, bytes, int, int, float, float, _NONE, list, _NONE
+_COMMAND: Final = *_READING, str, float, float
+_USUAL_CALLS: Final = frozenset({_READING, _COMMAND, (*_COMMAND, bool)})
+"""Types of the fields of the usual calls; only their numbers and arguments need a further check."""
 
 
 class CallId(NamedTuple):
@@ -194,39 +194,44 @@ def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes,
 
 def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHeader, EALData | None]:
     """Return the header and the value of a call; ProtocolError if the bytes are no call of this version."""
-    row = unpack_row(envelope, "call", 9, 5)
-    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo, has_more, traceparent = row
-    if tuple(map(type, row)) not in _USUAL_CALLS or not _are_finite(ttl_s, deadline_s, echo[1] or 0.0, echo[2] or 0.0):
-        checked_seconds(ttl_s, "call: ttl_s")
-        checked_seconds(deadline_s, "call: deadline_s")
-        if start_s is not None:
-            checked_time(start_s, "call: start_s")
-        if type(arguments) is not list:
-            raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
-        if echo[0] is not None:
-            _check_echo(*echo)
-        if has_more is not None:
-            checked_flag(has_more, "call: has_more")
-        if traceparent is not None:
-            checked_text(traceparent, "call: traceparent")
+    row = unpack(envelope, "call")
+    if type(row) is not list or tuple(map(type, row)) not in _USUAL_CALLS:
+        row = _checked_call(row)
+    version, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo = row
+    is_plain = math.isfinite(sum(echo[1:3], ttl_s + deadline_s))
+    if version != PROTOCOL_VERSION or epoch < 0 or sequence < 0 or not is_plain:
+        _checked_call(row)
     for item in arguments:
         if type(item) is not str and type(item) is not int:
             raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
-    header = CallHeader._make(
-        (
-            checked_client(client, "call"),
-            checked_count(epoch, "call: epoch"),
-            checked_count(sequence, "call: sequence"),
-            float(ttl_s),
-            float(deadline_s),
-            None if start_s is None else float(start_s),
-            tuple(arguments),
-            *(_NO_ECHO if echo[0] is None else (echo[0], float(echo[1]), float(echo[2]))),
-            has_more or False,
-            traceparent or "",
-        )
-    )
+    about_call = checked_client(client, "call"), epoch, sequence, ttl_s, deadline_s, start_s, tuple(arguments), *echo
+    header = CallHeader(*about_call)
     return header, None if about is None and not payload else optional_data_from(about, payload, "call")
+
+
+def _checked_call(row: object) -> list[Any]:
+    """Return the fields of a call, those that are missing at the end left out; ProtocolError if one is invalid."""
+    row = optional_row(row, "call", 9, 5)
+    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, era, echo_s, held_s, more, parent = row
+    if type(arguments) is not list:
+        raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
+    checked_client(client, "call")
+    return [
+        PROTOCOL_VERSION,
+        client,
+        checked_count(epoch, "call: epoch"),
+        checked_count(sequence, "call: sequence"),
+        checked_seconds(ttl_s, "call: ttl_s"),
+        checked_seconds(deadline_s, "call: deadline_s"),
+        None if start_s is None else checked_time(start_s, "call: start_s"),
+        arguments,
+        about,
+        "" if era is None else checked_text(era, "call: era"),
+        0.0 if era is None else checked_time(echo_s, "call: echo_s"),
+        0.0 if era is None else checked_time(held_s, "call: held_s"),
+        more is not None and checked_flag(more, "call: has_more"),
+        "" if parent is None else checked_text(parent, "call: traceparent"),
+    ]
 
 
 def encode_reply(reply: CallReply) -> tuple[bytes, Payload]:
@@ -243,7 +248,7 @@ def encode_reply(reply: CallReply) -> tuple[bytes, Payload]:
 
 def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> CallReply:
     """Return a reply, whose answer may be an error; ProtocolError if the bytes are no reply of this version."""
-    _, sequence, kind, body, era, time_s, began_s = unpack_row(envelope, "answer", 4, 3)
+    _, sequence, kind, body, era, time_s, began_s = optional_row(unpack(envelope, "answer"), "answer", 4, 3)
     time = None
     if era is not None:
         began_s = None if began_s is None else checked_time(began_s, "answer: began_s")
@@ -333,16 +338,6 @@ def _answer_from(kind: object, body: Any, payload: Buffer, what: str) -> Answer:
     raise ProtocolError(
         f"{what}: {short_repr(body)} is not an answer of kind {short_repr(kind)}, which is 0 to {_ACCEPTED}"
     )
-
-
-def _are_finite(*numbers: float) -> bool:
-    return math.isfinite(sum(numbers))
-
-
-def _check_echo(era: object, echo_s: object, held_s: object) -> None:
-    checked_text(era, "call: era")
-    checked_time(echo_s, "call: echo_s")
-    checked_time(held_s, "call: held_s")
 
 
 def _call_id_from(row: object) -> CallId:

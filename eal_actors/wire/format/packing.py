@@ -53,19 +53,23 @@ def pack(fields: object, what: str) -> bytes:
     return packed
 
 
-def unpack_row(packed: Buffer, what: str, size: int, optional: int = 0) -> list[Any]:
-    """Return the first `size` fields of an envelope that is a list, then `optional` further ones or None.
+def unpack_row(packed: Buffer, what: str, size: int) -> list[Any]:
+    """Return the first `size` fields of an envelope that is a list.
 
     Raises:
         ProtocolError: the bytes are no such envelope, or its first field is another version.
     """
-    row = _unpack(packed, what)
+    return optional_row(unpack(packed, what), what, size, 0)
+
+
+def optional_row(row: object, what: str, size: int, optional: int) -> list[Any]:
+    """Return the first `size` fields of an unpacked list, then `optional` further ones or None; raises the same."""
     if type(row) is not list or not row:
         raise ProtocolError(f"{what}: the envelope is {short_repr(row)}, not a list that begins with the version")
     check_version(row[0], what)
     missing = size + optional - len(row)
     if 0 < missing <= optional:
-        row += [None] * missing
+        row = [*row, *[None] * missing]
     return checked_row(row, what, size + optional)
 
 
@@ -75,7 +79,7 @@ def unpack_map(packed: Buffer, what: str) -> dict[str, Any]:
     Raises:
         ProtocolError: the bytes are no such envelope, or its `version` is another one.
     """
-    fields = _unpack(packed, what)
+    fields = unpack(packed, what)
     if type(fields) is not dict:
         raise ProtocolError(f"{what}: the envelope is {short_repr(fields)}, not a map")
     check_version(fields.get("version"), what)
@@ -91,7 +95,8 @@ def check_version(version: object, what: str) -> None:
         )
 
 
-def _unpack(packed: Buffer, what: str) -> Any:
+def unpack(packed: Buffer, what: str) -> Any:
+    """Return the content of an envelope; ProtocolError if it is too large or no msgpack."""
     size = packed.nbytes if type(packed) is memoryview else len(packed)
     if size > MAX_ENVELOPE_BYTES:
         raise ProtocolError(f"{what}: an envelope of {size} bytes, more than {MAX_ENVELOPE_BYTES}")

@@ -228,7 +228,8 @@ class RobotServer:
             reply_to = ReplyTo(route.answer_key, header.sequence)
             if header.client != route.client:
                 raise ProtocolError(f"a controller named {call.caller} calls in the name of another one")
-            self._admission.names.note(route.client, call.caller)
+            if header.era:  # a command, whose caller is named to others
+                self._admission.names.note(route.client, call.caller)
             if data is not None and data.stamp_s is not None:
                 data = data.with_meta(stamp_s=fleet_time_of(self._clock, data.stamp_s))
             if header.traceparent:
