@@ -97,7 +97,8 @@ class CallQueue(UrgentMessage):
         with self._lock:
             self._admit(envelope)
             self._unanswered.add(envelope)
-            is_next = not (self._normal or self._urgent) and self.window.has_room_at_once and _is_small(envelope)
+            is_next = self._controller.sender.is_idle and not (self._normal or self._urgent)
+            is_next = is_next and self.window.has_room_at_once and _is_small(envelope)
             if not is_next:
                 self._normal.append(envelope)
         if is_next and self._sending.acquire(timeout=_PATIENCE_S):
