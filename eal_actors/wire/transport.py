@@ -110,11 +110,20 @@ class Transport:
         subscriber = self.session.declare_subscriber(key, zenoh.handlers.FifoChannel(_CAPACITY))
 
         def read() -> None:
-            for sample in subscriber:
-                try:
-                    handle(sample)
-                except Exception as error:  # noqa: BLE001  # one bad message must not end the thread
-                    get_logger().exception("a message was not handled", key=key, error=error_text(error))
+            with contextlib.suppress(zenoh.ZError):  # it has ended
+                while True:
+                    sample = subscriber.recv()
+                    while (
+                        sample is not None
+                    ):  # `try_recv` keeps the interpreter's lock, which busy threads give up late
+                        handle_safely(sample)
+                        sample = subscriber.try_recv()
+
+        def handle_safely(sample: zenoh.Sample) -> None:
+            try:
+                handle(sample)
+            except Exception as error:  # noqa: BLE001  # one bad message must not end the thread
+                get_logger().exception("a message was not handled", key=key, error=error_text(error))
 
         def end() -> None:
             with contextlib.suppress(zenoh.ZError):  # the session is closed
