@@ -111,13 +111,10 @@ class Transport:
 
         def read() -> None:
             with contextlib.suppress(zenoh.ZError):  # it has ended
+                sample: zenoh.Sample | None = None
                 while True:
-                    sample = subscriber.recv()
-                    while (
-                        sample is not None
-                    ):  # `try_recv` keeps the interpreter's lock, which busy threads give up late
-                        handle_safely(sample)
-                        sample = subscriber.try_recv()
+                    handle_safely(subscriber.recv() if sample is None else sample)
+                    sample = subscriber.try_recv()  # keeps the interpreter's lock, which busy threads give up late
 
         def handle_safely(sample: zenoh.Sample) -> None:
             try:
