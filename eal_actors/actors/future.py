@@ -324,6 +324,15 @@ class Future(pykka.Future[T]):
         super().set_get_hook(func)
 
 
+def get_or_cancel(future: Future[T]) -> T:
+    """Return a future's result; Ctrl-C cancels it, which stops what it moves. Thread: blocks the caller."""
+    try:
+        return future.get()
+    except KeyboardInterrupt:
+        future.cancel()
+        raise
+
+
 class _MappedFuture(Future[T]):
     """The result of `Future.map`: cancelled and expired together with its source."""
 

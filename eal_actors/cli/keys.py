@@ -26,9 +26,11 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, parse_endpoint
 from eal_actors.wire.security.certificates import (
     AUTHORITY,
+    DEFAULT_FOLDER,
     VALID,
     Certificate,
     certificate_file,
+    folder_of,
     key_file,
     list_certificates,
     make_authority,
@@ -42,7 +44,6 @@ app = typer.Typer(
 )
 
 _LIFETIME_UNITS: Final = {"h": timedelta(hours=1), "d": timedelta(days=1)}
-DEFAULT_FOLDER: Final = "keys"
 _SECTION: Final = """\
 network:
   security:
@@ -272,12 +273,6 @@ def _keep_out_of_git(folder: Path) -> None:
     ignore = folder / ".gitignore"
     if not ignore.exists():
         ignore.write_text("*.key\n", encoding="utf-8")
-
-
-def folder_of(fleet: FleetConfig) -> Path:
-    """Return the folder of a fleet's keys."""
-    security = fleet.network.security
-    return fleet.source.parent / DEFAULT_FOLDER if security is None else security.keys
 
 
 def _robot_hosts(fleet: FleetConfig, name: str) -> Sequence[str]:

@@ -2,13 +2,11 @@
 
 zenoh reads certificates and access control when a session opens. A renewed certificate or a longer list of revoked ones
 takes effect by a new session: its predecessor's links end, and all controllers whose certificates still count connect
-again. Only a complete change is followed: the files must be unchanged for one period, and the certificate must fit its
-key.
+again.
 """
 
 from __future__ import annotations
 
-import ssl
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -25,15 +23,12 @@ from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import DEFAULT_NETWORK, NetworkConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import decode_call
-from eal_actors.wire.security.certificates import AUTHORITY, certificate_file, key_file
-from eal_actors.wire.security.revocation import REVOKED, revoke
+from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
+from eal_actors.wire.security.revocation import revoke
 from eal_actors.wire.session import open_session
 
 if TYPE_CHECKING:
     import zenoh
-
-_PERIOD_S: Final = 0.5
-"""Real seconds between two looks at the files."""
 
 _JOIN_S: Final = 3.0
 
@@ -52,12 +47,7 @@ class SessionKeeper(EALActor):
     def __init__(self, name: str, network: NetworkConfig, configure: Callable[[], dict[str, Any]]) -> None:
         super().__init__(f"{name} session", REAL_TIME)
         self._configure = configure
-        self._files: tuple[Path, ...] = ()
-        if (security := network.security) is not None:
-            folder = security.keys
-            self._pair = certificate_file(folder, name), key_file(folder, name)
-            self._files = (certificate_file(folder, AUTHORITY), *self._pair, folder / REVOKED)
-        self._used = self._seen = self._versions()
+        self._keys = KeyWatch(None if network.security is None else network.security.keys, name)
         self._on_session: Callable[[zenoh.Session], None] = lambda _: None
         self._stack = ExitStack()
 
@@ -72,7 +62,7 @@ class SessionKeeper(EALActor):
             on_session: called with each later session, after its predecessor was closed. Thread: the keeper's.
         """
         self._on_session = on_session
-        if self._files:
+        if self._keys:
             self.launch()
 
     def close(self) -> None:
@@ -97,42 +87,22 @@ class SessionKeeper(EALActor):
         self._stack.close()
 
     def _tick(self) -> None:
-        versions = self._versions()
-        is_stable, self._seen = versions == self._seen, versions
-        if is_stable and versions != self._used and self._fits():
-            self._reopen(versions)
-        self.actor_inbox.call_later(_PERIOD_S, self._tick)
+        if self._keys.has_changed():
+            self._reopen()
+        self.actor_inbox.call_later(WATCH_PERIOD_S, self._tick)
 
-    def _versions(self) -> tuple[int, ...]:
-        return tuple(map(_version, self._files))
-
-    def _fits(self) -> bool:
-        """Return whether the certificate and its key can be used, so that no link is closed in vain."""
-        try:
-            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(*self._pair)
-        except (OSError, ssl.SSLError):
-            return False
-        return True
-
-    def _reopen(self, versions: tuple[int, ...]) -> None:
+    def _reopen(self) -> None:
         import zenoh
 
-        log = get_logger(certificate=self._pair[0].stem)
+        log = get_logger(actor=self.name)
         self._stack.close()
         try:
             self._on_session(self._stack.enter_context(open_session(self._configure())))
         except (EALError, zenoh.ZError) as error:  # tried again with the next tick
             log.error("the network cannot be opened with the changed keys; it is tried again", reason=error_text(error))
             return
-        self._used = versions
+        self._keys.accept()
         log.info("the keys have changed: the network was opened again")
-
-
-def _version(file: Path) -> int:
-    try:
-        return file.stat().st_mtime_ns
-    except OSError:
-        return 0
 
 
 @contextmanager

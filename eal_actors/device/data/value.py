@@ -360,7 +360,7 @@ class ValueInfo:
         minimum: the least valid value, in the unit; None for no limit.
         maximum: the greatest valid value, in the unit; None for no limit.
         choices: the valid values, if they are few; empty for no such limit.
-        shape: the array's shape, with None for any size; () for a single value.
+        shape: the array's shape, with None for any size; () for a single value. A list fills rows.
         description: one line for people.
     """
 
@@ -400,6 +400,11 @@ class ValueInfo:
         shape = data.shape
         if shape is None:
             shape = (len(value),) if isinstance(value := data.value, list | tuple) else ()
+            match self.shape:  # a C array has no rows
+                case (None, int() as row) if shape and shape[0] % row == 0:
+                    shape = shape[0] // row, row
+        if shape == self.shape:
+            return None
         fits = len(shape) == len(self.shape) and all(
             want is None or want == have for want, have in zip(self.shape, shape, strict=True)
         )

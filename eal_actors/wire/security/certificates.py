@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Final
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import NAME_PATTERN
+from eal_actors.managers.fleet_model import FleetConfig
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -26,6 +27,11 @@ if TYPE_CHECKING:
 
 AUTHORITY: Final = "ca"
 """Name of the authority's files."""
+
+DASHBOARD: Final = "dashboard"
+"""Name of the dashboard's files. Its certificate has no role, so it grants nothing on robots."""
+DEFAULT_FOLDER: Final = "keys"
+"""Folder of a fleet's keys, beside its file, where the fleet names no other."""
 
 _AUTHORITY_VALID: Final = timedelta(days=3650)
 VALID: Final = timedelta(days=825)
@@ -64,6 +70,12 @@ class Certificate:
     def days_left(self) -> int:
         """Whole days until it expires; negative once it has."""
         return (self.expires - wall_time()).days
+
+
+def folder_of(fleet: FleetConfig) -> Path:
+    """Return the folder of a fleet's keys."""
+    security = fleet.network.security
+    return fleet.source.parent / DEFAULT_FOLDER if security is None else security.keys
 
 
 def certificate_file(folder: Path, name: str) -> Path:

@@ -56,10 +56,14 @@ class RemoteFeeds:
         for subscription in list(self._subscriptions.values()):
             self._renew(subscription)
 
-    def close(self) -> None:
-        """End every subscription."""
+    def suspend(self) -> None:
+        """End every subscription until the next renewal: the robot is lost, and its session may be another one then."""
         for subscription in self._subscriptions.values():
             subscription.end()
+
+    def close(self) -> None:
+        """End every subscription."""
+        self.suspend()
         self._subscriptions.clear()
 
     def _join(self, feed: _RemoteFeed) -> None:

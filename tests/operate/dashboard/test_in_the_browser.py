@@ -121,7 +121,7 @@ def test_the_view_links_to_the_report_of_a_run(open_page: OpenPage, fleet: Fleet
 def poses_after(fleet: Fleet, robot: str, start_s: float) -> set[tuple[float, ...]]:
     """Return the different poses of a robot in the second after a time of the fleet's clock."""
     places = set()
-    with fleet[robot]["Pose"].stream(rate_hz=50) as poses:
+    with fleet[robot]["TruePose"].stream(rate_hz=50) as poses:
         for pose in poses:
             assert pose.stamp_s is not None
             if pose.stamp_s >= start_s:

@@ -31,6 +31,7 @@ from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.rpc.sender import InFlightWindow, Sender, UrgentMessage
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.expiry import certificate_warnings
+from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
 from eal_actors.wire.session import controller_config, open_session
 from eal_actors.wire.transport import Transport
 
@@ -96,7 +97,9 @@ class Controller(EALActor):
         self.dead_man_s: Final = config.network.dead_man_s
         self.display_name: Final = process_name(self.certificate)
         self._config = config
-        self._network = controller_config(config, robots)
+        self._robots = None if robots is None else tuple(robots)
+        self._keys = KeyWatch(None if security is None else security.keys, self._caller)
+        self._network = controller_config(config, self._robots)
         self._lock = threading.Lock()
         self._malformed = ThrottledLog(fleet=config.name)
         self._listeners: dict[str, RobotListener] = {}
@@ -141,6 +144,10 @@ class Controller(EALActor):
     @override
     def on_start(self) -> None:
         self._open()
+        self._beat()
+        self._tick()
+        if self._keys:
+            self._follow_keys()
 
     def _open(self) -> None:
         """Open the session; may take seconds if a router does not answer."""
@@ -150,8 +157,7 @@ class Controller(EALActor):
             session = self._stack.enter_context(open_session(self._network))
         except EALError as error:
             get_logger(fleet=self.fleet).error("the network cannot be opened", reason=error.message)
-            for listener in self._all_listeners():
-                listener.on_gone(f"cannot be reached: {error.message}")
+            self._lose_robots(f"cannot be reached: {error.message}")
             self.actor_inbox.call_later(self.clock.of_real(1.0), self._open)
             return
         self._transport = transport = Transport(session)
@@ -161,16 +167,46 @@ class Controller(EALActor):
         session.liveliness().declare_subscriber(
             keys.alive_keys(self.fleet), zenoh.handlers.Callback(self._on_liveliness, indirect=False), history=True
         )
-        self._beat()
-        self._tick()
+        self._send_heartbeat(transport)
+
+    def _follow_keys(self) -> None:
+        if self._keys.has_changed():
+            self._keys.accept()
+            self._use_changed_keys()
+        self.actor_inbox.call_later(self.clock.of_real(WATCH_PERIOD_S), self._follow_keys)
+
+    def _use_changed_keys(self) -> None:
+        """Open the session again with a renewed certificate or a longer list of revoked names; commands continue."""
+        log = get_logger(fleet=self.fleet)
+        try:
+            self._network = controller_config(self._config, self._robots)
+        except EALError as error:
+            log.error("the changed keys cannot be used; the former ones stay in use", reason=error.message)
+            return
+        if self._transport is None:  # it is being opened, with the changed keys from now on
+            return
+        self._transport = None
+        self._stack.close()
+        with self._lock:
+            self._versions.clear()
+        self._lose_robots("is disconnected: the keys have changed")
+        log.info("the keys have changed: the network is opened again")
+        self._open()
+
+    def _lose_robots(self, reason: str) -> None:
+        for listener in self._all_listeners():
+            listener.on_gone(reason)
 
     def _beat(self) -> None:
         if self._transport is not None:
-            key = keys.heartbeat_key(self.fleet, self._caller, self._secret)
-            beat = encode_heartbeat(Heartbeat(self.client, self.display_name))
-            self._transport.put(key, None, beat, is_urgent=True, is_vital=False)
+            self._send_heartbeat(self._transport)
         period_s = self.dead_man_s / _BEATS
         self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
+
+    def _send_heartbeat(self, transport: Transport) -> None:
+        key = keys.heartbeat_key(self.fleet, self._caller, self._secret)
+        beat = encode_heartbeat(Heartbeat(self.client, self.display_name))
+        transport.put(key, None, beat, is_urgent=True, is_vital=False)
 
     def _tick(self) -> None:
         now_s = REAL_TIME.now()

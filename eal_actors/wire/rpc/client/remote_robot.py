@@ -233,6 +233,7 @@ class RemoteRobot(EALActor):
         for cell in self.view.cells.values():
             cell.error = UnavailableError(f"the robot {reason}")
             cell.actor = None
+        self._feeds.suspend()
         self.view.state = RobotState.LOST
 
     # Methods of RobotConnection, which describes them.
