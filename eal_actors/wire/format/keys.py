@@ -91,7 +91,7 @@ class CallKey(NamedTuple):
     client: str
 
 
-class Route(NamedTuple):
+class CallRoute(NamedTuple):
     """Where a received call goes and where its reply goes.
 
     Attributes:
@@ -218,10 +218,10 @@ def parse_heartbeat(key: str) -> tuple[str, str]:
 
 
 @lru_cache(maxsize=4096)
-def parse_route(key: str) -> Route:
+def parse_route(key: str) -> CallRoute:
     """Return the route of a call by its key; ProtocolError if it is no such key."""
     call = parse_call(key)
-    return Route(call, answer_key(call), client_id(call.caller, call.client))
+    return CallRoute(call, answer_key(call), client_id(call.caller, call.client))
 
 
 def parse_call(key: str) -> CallKey:

@@ -219,7 +219,7 @@ class RobotServer:
 
     # Calls of controllers, in zenoh's threads.
 
-    def receive(self, route: keys.Route, envelope: bytes, payload: bytes) -> None:
+    def receive(self, route: keys.CallRoute, envelope: bytes, payload: bytes) -> None:
         """Serve a call. Thread: the reader's; does not block."""
         call = route.call
         reply_to = ReplyTo(route.answer_key, 0)
