@@ -108,13 +108,14 @@ class Transport:
         import zenoh
 
         subscriber = self.session.declare_subscriber(key, zenoh.handlers.FifoChannel(_CAPACITY))
+        channel = subscriber.handler  # a subscriber that is being read itself cannot be undeclared
 
         def read() -> None:
             with contextlib.suppress(zenoh.ZError):  # it has ended
                 sample: zenoh.Sample | None = None
                 while True:
-                    handle_safely(subscriber.recv() if sample is None else sample)
-                    sample = subscriber.try_recv()  # keeps the interpreter's lock, which busy threads give up late
+                    handle_safely(channel.recv() if sample is None else sample)
+                    sample = channel.try_recv()  # keeps the interpreter's lock, which busy threads give up late
 
         def handle_safely(sample: zenoh.Sample) -> None:
             try:
