@@ -45,6 +45,7 @@ class Transport:
         self.session: Final = session
         self._priorities = zenoh.Priority.DATA, zenoh.Priority.REAL_TIME
         self._congestion = zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK
+        self._subscribers: list[zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]] = []
         self._keys: dict[str, zenoh.KeyExpr | int] = {}
 
     def put(
@@ -109,6 +110,7 @@ class Transport:
 
         subscriber = self.session.declare_subscriber(key, zenoh.handlers.FifoChannel(_CAPACITY))
         channel = subscriber.handler  # a subscriber that is being read itself cannot be undeclared
+        self._subscribers.append(subscriber)  # it ends when it is forgotten
 
         def read() -> None:
             with contextlib.suppress(zenoh.ZError):  # it has ended
@@ -124,7 +126,8 @@ class Transport:
                 get_logger().exception("a message was not handled", key=key, error=error_text(error))
 
         def end() -> None:
-            with contextlib.suppress(zenoh.ZError):  # the session is closed
+            with contextlib.suppress(zenoh.ZError, ValueError):  # the session is closed, or it has ended
+                self._subscribers.remove(subscriber)
                 subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
 
         threading.Thread(target=read, name=name, daemon=True).start()
