@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from eal_actors.device.world import WorldModel
 from eal_actors.recording.arena import draw_arena, new_figure
 from eal_actors.testing import Simulation
 
@@ -25,8 +26,8 @@ _SIDE_M: Final = 6.0
 Pose = tuple[float, float, float]
 
 
-def drive_swap() -> tuple[dict[str, str], list[dict[str, Pose]], Simulation]:
-    """Let the robots swap sides; return their models, and their true poses every `FIX_S`."""
+def drive_swap() -> tuple[dict[str, str], list[dict[str, Pose]], WorldModel]:
+    """Let the robots swap sides; return their models, their true poses every `FIX_S`, and the world."""
     models, robots, goals = {}, {}, {}
     for number in range(20):
         name, model = f"r{number:02}", list(RADII_M)[number % 3]
@@ -36,9 +37,9 @@ def drive_swap() -> tuple[dict[str, str], list[dict[str, Pose]], Simulation]:
         robots[name] = {"model": model, "start": (side * (2.45 - 0.8 * column), row - 2.0, 90.0)}
         goals[name] = (-side * (2.45 - 0.8 * column), 2.0 - row)
     pillars = [{"kind": "circle", "x_m": x_m, "y_m": y_m, "radius_m": 0.15} for x_m, y_m in PILLARS]
-    world = {"version": 1, "name": "swap", "size_m": [_SIDE_M, _SIDE_M], "obstacles": pillars}
+    room = {"version": 1, "name": "swap", "size_m": [_SIDE_M, _SIDE_M], "obstacles": pillars}
     trail = []
-    with Simulation(robots, world, seed=7) as simulation:
+    with Simulation(robots, room, seed=7) as simulation:
         journey = simulation.fleet.go_to(goals)
         while not journey.done():
             poses = {name: simulation.pose(name) for name in robots}
@@ -47,16 +48,18 @@ def drive_swap() -> tuple[dict[str, str], list[dict[str, Pose]], Simulation]:
             trail.append({name: (*pose,) for name, pose in poses.items()})
             simulation.advance(FIX_S)
         journey.get()
-    return models, trail, simulation
+        world = simulation.fleet.config.world
+    if world is None:
+        raise RuntimeError("the simulation has no world")
+    return models, trail, world
 
 
 def draw_swap(folder: Path) -> None:
     """Draw `swap.png` and `swap.gif`."""
-    models, trail, simulation = drive_swap()
+    models, trail, world = drive_swap()
     colours = {name: colorsys.hsv_to_rgb(number / len(models), 0.75, 0.8) for number, name in enumerate(models)}
     figure = new_figure(6.4, 6.6)
-    world = simulation._config.world
-    if figure is None or world is None:
+    if figure is None:
         raise RuntimeError("matplotlib is missing")
     axes = figure.subplots()
     draw_arena(axes, world)
