@@ -31,6 +31,7 @@ _SPEED: Final = ValueInfo(DataType.DOUBLE, "m/s", 0.01)  # the greatest is the d
 _TURN_RATE: Final = ValueInfo(DataType.DOUBLE, "deg/s", 1)
 _STEP: Final = ValueInfo(DataType.DOUBLE, "m", 0.01, 10)
 _TWIST_TIMEOUT: Final = ValueInfo(DataType.DOUBLE, "s", 0.1, 60)
+_RADIUS: Final = ValueInfo(DataType.DOUBLE, "m", 0, 10)
 _TRACK: Final = ValueInfo(DataType.DOUBLE, "m", 0, 10)
 _TRACK_FACTOR: Final = ValueInfo(DataType.DOUBLE, None, 0.5, 2, description="a factor; 1 is nominal")
 _WHEEL_RATIO: Final = ValueInfo(DataType.DOUBLE, None, 0.9, 1.1, description="a ratio; 1 is nominal")
@@ -92,6 +93,7 @@ class Drivetrain:
         turn_rate_deg_s: default turn rate.
         max_turn_rate_deg_s: greatest turn rate.
         acceleration_m_s2: of each wheel, in motions to a place.
+        radius_m: of the smallest disc about the robot's centre that it fits in.
     """
 
     name: str
@@ -101,6 +103,7 @@ class Drivetrain:
     turn_rate_deg_s: float
     max_turn_rate_deg_s: float
     acceleration_m_s2: float = 0.4
+    radius_m: float = 0.2
 
 
 class DifferentialBase(MapMotions):
@@ -270,6 +273,11 @@ class DifferentialBase(MapMotions):
     def set_twist_timeout_s(self, twist_timeout_s: float) -> None:
         """Set the time-out of later twists."""
         self._twist_timeout_s = float(twist_timeout_s)
+
+    @config("radius_m", _RADIUS)
+    def radius_m(self) -> float:
+        """Radius of the robot about its centre."""
+        return self.drivetrain.radius_m
 
     @config("wheelbase_m", _TRACK)
     def wheelbase_m(self) -> float:

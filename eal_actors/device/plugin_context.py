@@ -116,9 +116,9 @@ class FleetServices:
                 self._links[robot] = FaultyLink(robot, self.seed)
             return self._links[robot]
 
-    def localizer(self, robot: str) -> Localizer:
-        """Return the pose estimate of a robot; it outlives restarts of the robot's plugins. Thread: any."""
-        return self.shared(("localizer", robot), lambda: Localizer(robot))
+    def localizer(self, robot: str, instance: str) -> Localizer:
+        """Return the pose estimate of a driver; it outlives restarts of the robot and its plugins. Thread: any."""
+        return self.shared(("localizer", robot, instance), lambda: Localizer(robot))
 
     def shared(self, key: Hashable, make: Callable[[], _T]) -> _T:
         """Return the fleet's single object under the key; the first caller makes it. Thread: any."""
@@ -154,8 +154,8 @@ class PluginContext:
 
     @property
     def localizer(self) -> Localizer:
-        """The robot's pose estimate: the driver of its wheels feeds it, and closed-loop motion reads it."""
-        return self.services.localizer(self.robot)
+        """The pose estimate of the robot whose wheels this plugin drives; closed-loop motion reads it."""
+        return self.services.localizer(self.robot, self.instance)
 
     def simulated_port(self, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
         """Open a port to an emulator whose body is a robot of a simulated world.

@@ -192,12 +192,12 @@ class EALPluginManager:
 
         Thread: the robot's actor; a plugin may block.
         """
-        _begin_pose(robot, services)
         errors: list[EALError] = []
         connected: list[tuple[str, ModuleType, EALPlugin]] = []
         offers: list[tuple[str, str, PluginResource]] = []
         try:
             for settings in robot.plugins.values():
+                _begin_pose(robot, settings.instance, services)
                 try:
                     self._connect_one(robot.name, settings, services, connected, offers)
                 except EALError as error:
@@ -294,9 +294,9 @@ class EALPluginManager:
         return unknown_name("plugin", name, self.manifests) + unread
 
 
-def _begin_pose(robot: RobotConfig, services: FleetServices) -> None:
-    """Set where a robot's pose estimate begins, as far as the fleet file tells."""
-    start, localizer = robot.pose.start, services.localizer(robot.name)
+def _begin_pose(robot: RobotConfig, instance: str, services: FleetServices) -> None:
+    """Set where the pose estimate of a driver begins, as far as the fleet file tells."""
+    start, localizer = robot.pose.start, services.localizer(robot.name, instance)
     if start is not None:
         yaw_rad = math.radians(start.yaw_deg)
         localizer.begin_at(float(start.x_m), float(start.y_m), yaw_rad, BY_HAND, is_given=True)

@@ -14,7 +14,7 @@ from .messages import OrderChannel
 from .protocol import BAUD_RATE, MODEL, HostLineCodec
 
 DRIVETRAIN: Final = Drivetrain(
-    "evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0, TRACKS.acceleration_m_s2
+    "evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0, TRACKS.acceleration_m_s2, 0.18
 )
 """The EvBot II."""
 

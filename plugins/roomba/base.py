@@ -45,7 +45,7 @@ class RoombaBase(DifferentialBase):
     """Drives the robot; get_status: 0 stands, 1 moves, 2 is driven but blocked."""
 
     def __init__(self, roomba: RoombaDriver, context: PluginContext | None = None) -> None:
-        limits = 0.3, MAX_SPEED_MM_S / 1000, 90.0, MAX_TURN_RATE_DEG_S, BRAKE_M_S2
+        limits = 0.3, MAX_SPEED_MM_S / 1000, 90.0, MAX_TURN_RATE_DEG_S, BRAKE_M_S2, 0.17
         super().__init__(Drivetrain("roomba", roomba.wheelbase_m, *limits), context)
         self._roomba = roomba
         self._in_motion = False
@@ -87,6 +87,11 @@ class RoombaBase(DifferentialBase):
     def clearance_m(self, *, forward: bool) -> float:
         contacts = self._roomba.latest().contacts
         return 0.0 if forward and (contacts.bump_left or contacts.bump_right) else math.inf
+
+    @override
+    def is_held(self) -> bool:
+        contacts = self._roomba.latest().contacts  # not the bumper: it stays pressed while the robot turns away
+        return contacts.overcurrent_drive_left or contacts.overcurrent_drive_right
 
     @property
     @override

@@ -375,6 +375,8 @@ class ValueInfo:
             match self.shape:  # a C array has no rows
                 case (None, int() as row) if shape and shape[0] % row == 0:
                     shape = shape[0] // row, row
+        if shape == self.shape:
+            return None
         fits = len(shape) == len(self.shape) and all(
             want is None or want == have for want, have in zip(self.shape, shape, strict=True)
         )

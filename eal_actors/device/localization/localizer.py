@@ -45,7 +45,7 @@ def _nothing() -> None:
 
 
 class Localizer:
-    """The pose estimate of one robot, shared by its plugins.
+    """The pose estimate of one robot, by the odometry of one driver.
 
     Args:
         robot: the robot's name, for messages.

@@ -27,6 +27,10 @@ _SIZE: Final = 6
 _WANDER: Final = 0.02
 """The constant errors change by this share of their standard deviations per metre or radian: floors differ."""
 
+_GRAIN_M: Final = 0.00005
+_GRAIN_RAD: Final = 0.0003
+"""Added after each fix: encoders count whole steps, and a camera repeats its own error while a robot stands."""
+
 
 @dataclass(frozen=True, slots=True)
 class FilterState:
@@ -146,6 +150,8 @@ def update(state: FilterState, fix: PoseEstimate) -> FilterState:
         for column in range(row, _SIZE):  # P - K H P, symmetric by construction
             value = prior[row][column] - sum(gain[row][inner] * prior[inner][column] for inner in range(3))
             posterior[row][column] = posterior[column][row] = value
+    for place, std in enumerate((_GRAIN_M, _GRAIN_M, _GRAIN_RAD)):
+        posterior[place][place] += std**2
     x_m, y_m, yaw_rad, scale, drift, turns = mean
     return FilterState((x_m, y_m, yaw_rad, scale, drift, turns), posterior)
 

@@ -20,8 +20,8 @@ from eal_actors.device.localization.pose_filter import FilterState, Pose, betwee
 
 HISTORY_S: Final = 3.0
 """How long odometry is kept; a fix that is older cannot be applied."""
-_SPACING_S: Final = 0.04
-_MOST_ENTRIES: Final = 256
+_SPACING_S: Final = 0.019
+_MOST_ENTRIES: Final = 512
 _STEP_S: Final = 0.25
 _SAME_S: Final = 1e-9
 

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.many import read_many
 from eal_actors.device.world.model import Formation, formation_poses
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.choreography.assigning import Point
@@ -114,7 +115,7 @@ def _rule(**wanted: object) -> Formation:
 
 def _positions(robots: Mapping[str, RobotHandle]) -> dict[str, Point]:
     """Return the position of every robot, read from all at once."""
-    poses = gather([robot["TruePose"].get_value() for robot in robots.values()]).get()
+    poses = gather(read_many([robot["TruePose"] for robot in robots.values()])).get()
     return {name: (float(pose.value[0]), float(pose.value[1])) for name, pose in zip(robots, poses, strict=True)}
 
 

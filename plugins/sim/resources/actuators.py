@@ -48,7 +48,7 @@ class Base(DifferentialBase, RobotResource):
         make = robot.make
         speeds = make.speed_m_s, make.max_speed_m_s
         turn_rates = make.turn_rate_deg_s, make.max_turn_rate_deg_s
-        limits = *speeds, *turn_rates, make.acceleration_m_s2
+        limits = *speeds, *turn_rates, make.acceleration_m_s2, make.radius_m
         DifferentialBase.__init__(self, Drivetrain(make.name, make.track_m, *limits), context)
         self._checks_ground = make.name == "roomba" and bool(world.model.drops)
 

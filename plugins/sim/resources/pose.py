@@ -101,12 +101,12 @@ class Odometry(RobotResource):
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         super().__init__(world, robot)
         with world.caught_up():
-            self._odometer = robot.begin_odometry()
+            robot.begin_odometry()
 
     def get_value(self) -> EALData:
         """Return [x_m, y_m, yaw_rad], yaw in (-pi, pi]."""
         with self._world.caught_up() as now_s:
-            pose = self._odometer.pose
+            pose = self._robot.odometry
         return _pose_data(pose, f"{self._robot.name}/odom", now_s)
 
     @override
@@ -121,7 +121,7 @@ class Odometry(RobotResource):
         """
         pose = finite_pose(data)
         with self._world.caught_up() as now_s:
-            self._odometer.pose = pose
+            self._robot.odometry = pose
             if self._robot.localizer is not None:
                 self._robot.localizer.restart_odometry(*pose, now_s)
 

@@ -27,6 +27,7 @@ class RobotResource(Resource):
     """
 
     settings_key: ClassVar[str | None] = None
+    any_thread = True
 
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         self._world = world

@@ -6,7 +6,7 @@ from .arrays import WorldArrays, shared
 from .contact import Cliffs, DroppedWheels, dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
 from .field import compass_rad, light_lux, seen_beacons
 from .geometry import Array, disc_span_m
-from .rays import MAX_RANGE_M, RAY_ANGLES_RAD, RAYS, free_way_m, ranges_m
+from .rays import MAX_RANGE_M, RAY_ANGLES_RAD, RAYS, RayCaster, free_way_m
 
 __all__ = [
     "MAX_RANGE_M",
@@ -15,6 +15,7 @@ __all__ = [
     "Array",
     "Cliffs",
     "DroppedWheels",
+    "RayCaster",
     "WorldArrays",
     "compass_rad",
     "disc_span_m",
@@ -23,7 +24,6 @@ __all__ = [
     "is_wall_near",
     "light_lux",
     "pressed_bumpers",
-    "ranges_m",
     "seen_beacons",
     "seen_cliffs",
     "shared",
