@@ -10,6 +10,7 @@ A session must not be used on both sides of a fork: start processes with `spawn`
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import threading
@@ -26,6 +27,7 @@ from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, Ne
 from eal_actors.wire.format.packing import MAX_CALL_BYTES, MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
 from eal_actors.wire.security.access import controller_access, robot_access, router_access, tls_config
+from eal_actors.wire.security.packet_filter import plain_address
 from eal_actors.wire.security.revocation import revoked_names, without_revoked
 
 if TYPE_CHECKING:
@@ -45,7 +47,10 @@ _TLS_RETRY: Final = {"period_init_ms": 100, "period_max_ms": _MAX_DIAL_MS, "peri
 _MAX_HANDSHAKES: Final = 2048
 """Simultaneous transport handshakes; fewer strangers that never finish theirs cannot keep others out."""
 _HANDSHAKE_MS: Final = 2000
-"""Time-out of a TLS handshake, and of the transport handshake after it; enough for a slow link."""
+"""Time-out of the transport handshake; enough for a slow link."""
+_TLS_HANDSHAKE_MS: Final = 20_000
+"""Time-out of a TLS handshake. It is long, because the listener sleeps 0.1 s after each that fails: while strangers
+fail faster than that, nobody's handshake is finished in a shorter time."""
 _MAX_CALL_BYTES: Final = MAX_CALL_BYTES + 2 * MAX_ENVELOPE_BYTES
 """Largest message that a robot puts together of fragments; zenoh's own limit is 1 GiB."""
 _MAX_MESSAGE_BYTES: Final = MAX_PAYLOAD_BYTES + 2 * MAX_ENVELOPE_BYTES
@@ -158,7 +163,7 @@ def endpoints_of(config: dict[str, Any]) -> tuple[str, ...]:
 
 def _listening(endpoint: str) -> str:
     """Return an endpoint to listen at, with the time-out of its TLS handshakes."""
-    return f"{endpoint}#tls_handshake_timeout_ms={_HANDSHAKE_MS}" if endpoint.startswith("tls/") else endpoint
+    return f"{endpoint}#tls_handshake_timeout_ms={_TLS_HANDSHAKE_MS}" if endpoint.startswith("tls/") else endpoint
 
 
 def _retry(ends: int, protocols: Sequence[str]) -> dict[str, Any]:
@@ -244,10 +249,19 @@ def open_session(config: dict[str, Any], timeout_s: float = 5.0) -> Iterator[zen
     try:
         listening = (parse_endpoint(text) for text in endpoints_of(config)[: len(config["listen"]["endpoints"])])
         most = ROUTER_STRANGERS if config["mode"] == "router" else ROBOT_STRANGERS
-        with guarding((endpoint.port for endpoint in listening), most, lambda: len(session.info.links())):
+        ports = frozenset(endpoint.port for endpoint in listening)
+        with guarding(ports, most, lambda: list(_linked_addresses(session, ports))):
             yield session
     finally:
         _close(session, config)
+
+
+def _linked_addresses(session: zenoh.Session, ports: frozenset[int]) -> Iterator[str]:
+    """Yield the IP address of the other end of each link that was accepted at one of the ports."""
+    for link in session.info.links():
+        with contextlib.suppress(ValueError):
+            if parse_endpoint(str(link.src)).port in ports:
+                yield plain_address(parse_endpoint(str(link.dst)).host)
 
 
 def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> zenoh.Session:

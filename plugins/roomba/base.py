@@ -88,6 +88,11 @@ class RoombaBase(DifferentialBase):
         contacts = self._roomba.latest().contacts
         return 0.0 if forward and (contacts.bump_left or contacts.bump_right) else math.inf
 
+    @override
+    def is_held(self) -> bool:
+        contacts = self._roomba.latest().contacts  # not the bumper: it stays pressed while the robot turns away
+        return contacts.overcurrent_drive_left or contacts.overcurrent_drive_right
+
     @property
     @override
     def calibration(self) -> WheelCalibration:

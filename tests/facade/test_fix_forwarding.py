@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,11 @@ from eal_actors import Fleet
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.managers.config import EALConfigManager
+from eal_actors.managers.fleet_model import FleetConfig, PoseSection, RobotConfig
 from tests.facade.tracking import tracked_fleet
 
 MAKES = ("evbot2", "evbot3", "roomba")
+SOURCES = ["odometry", "eye"]
 
 
 def sim(model: str, x_m: float = 0.0, y_m: float = 0.0, yaw_deg: float = 0.0, **more: Any) -> dict[str, Any]:
@@ -120,6 +123,23 @@ def test_a_robot_that_is_carried_is_found_again(tmp_path: Path, capsys: pytest.C
         fleet.clock.sleep(2.0)
         assert errors_of(robot)[0] < 0.01
     assert "localised again from fixes" in "".join(capsys.readouterr())
+
+
+def _with(config: FleetConfig, name: str, robot: RobotConfig) -> FleetConfig:
+    return replace(config, robots={**config.robots, name: robot})
+
+
+def test_a_reload_begins_and_ends_the_forwarding(tmp_path: Path) -> None:
+    with tracked_fleet(tmp_path, {"roomba": {**sim("roomba"), "pose": {}}}, markers={"roomba": 1}) as fleet:
+        robot, without = fleet["roomba"], fleet.config
+        tracked = replace(without.robots["roomba"], pose=PoseSection.model_validate({"from": SOURCES, "marker": 1}))
+        for config, follows in ((without, False), (_with(without, "roomba", tracked), True), (without, False)):
+            if config is not fleet.config:
+                fleet.reload(config)
+            x_m, y_m, yaw_rad = true_pose(robot)
+            robot["TruePose"].set_value([x_m + 0.6, y_m, yaw_rad]).get()
+            fleet.clock.sleep(1.5)
+            assert (errors_of(robot)[0] < 0.01) is follows
 
 
 def test_without_fixes_the_uncertainty_grows_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

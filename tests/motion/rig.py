@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.data import EALData
 from eal_actors.testing import Simulation
 
 DRIVERS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
@@ -47,11 +48,13 @@ class TrackedRobot:
         return x_m, y_m, yaw_rad
 
     def fix(self) -> None:
-        """Give the robot its true pose, with noise."""
+        """Give the robot a fix: its true pose, with noise and a covariance, as a tracker does."""
         x_m, y_m, yaw_rad = self.true_pose()
         gauss = self._random.gauss
-        yaw_deg = math.degrees(yaw_rad + gauss(0, FIX_RAD))
-        self.robot.pose.set(x_m + gauss(0, FIX_M), y_m + gauss(0, FIX_M), yaw_deg).get()
+        pose = [x_m + gauss(0, FIX_M), y_m + gauss(0, FIX_M), yaw_rad + gauss(0, FIX_RAD)]
+        covariance = [FIX_M**2, 0.0, 0.0, 0.0, FIX_M**2, 0.0, 0.0, 0.0, FIX_RAD**2]
+        data = EALData.of(pose + covariance, frame_id="map", stamp_s=self.simulation.now_s)
+        self.robot["Pose"].send_cmd("fix", data).get()
 
     def until_done(self, motion: Future[Any], most_s: float = 120.0) -> BaseException | None:
         """Advance time, with fixes, until a motion ends; return its failure."""

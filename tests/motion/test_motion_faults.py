@@ -101,7 +101,7 @@ def test_a_robot_that_is_carried_away_comes_back() -> None:
         it.robot["Base"].halt().get()
         assert isinstance(motion.exception(), PreemptedError)
         it.body["TruePose"].set_value([-1.0, 1.0, 2.0]).get()
-        it.fix()
+        it.robot.pose.set(-1.0, 1.0, math.degrees(2.0)).get()
         assert it.until_done(it.robot.base.go_to(1.0, 0.0)) is None
         assert it.errors(1.0, 0.0, None)[0] < 0.01
 

@@ -29,7 +29,7 @@ _WANDER: Final = 0.02
 
 _GRAIN_M: Final = 0.00005
 _GRAIN_RAD: Final = 0.0003
-"""What each fix leaves open: encoders count whole steps, and a camera repeats its own error while a robot stands."""
+"""Added after each fix: encoders count whole steps, and a camera repeats its own error while a robot stands."""
 
 
 @dataclass(frozen=True, slots=True)

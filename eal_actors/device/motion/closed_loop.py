@@ -37,6 +37,9 @@ _REST_S: Final = 0.25  # at the goal, before the motion is done
 _MARGIN_M: Final = 0.05  # to an obstacle
 _NEARER_M: Final = 0.005
 _NEARER_RAD: Final = math.radians(1)
+_PUSH_S: Final = 0.3  # a robot that is held for so long pauses: its wheels spin, and its odometry counts that
+_PAUSE_S: Final = 1.0
+_MOST_PAUSES: Final = 3
 _MOST_TURNS_RAD: Final = 3 * math.pi  # that count as coming nearer without any travel
 _JUMP_M: Final = 0.2  # of the distance to go, from one pose to the next
 _MOST_JUMPS: Final = 5
@@ -51,7 +54,7 @@ class MotionDevice:
         estimate: returns the estimated pose at a time.
         hold: drives at a twist until a time-out, see DifferentialBase.follow.
         clearance_m: returns the free distance ahead (True) or behind (False), see DifferentialBase.clearance_m.
-        is_blocked: whether the wheels are driven, but something holds the robot.
+        is_held: whether the wheels are driven, but something holds the robot.
         halt: stops at once.
         report: reports the progress.
     """
@@ -60,7 +63,7 @@ class MotionDevice:
     estimate: Callable[[float], PoseEstimate]
     hold: Callable[[float, float, float], Activity]
     clearance_m: Callable[[bool], float]
-    is_blocked: Callable[[], bool]
+    is_held: Callable[[], bool]
     halt: Callable[[], None]
     report: Callable[[float], None]
 
@@ -107,6 +110,37 @@ class ProgressWatch:
         return now_s - self._nearer_s
 
 
+class HoldWatch:
+    """Pauses a robot that is held: its wheels may spin, and its odometry counts that.
+
+    Args:
+        now_s: the time at the start.
+
+    Attributes:
+        gives_up: whether it was held again after each of some pauses.
+    """
+
+    def __init__(self, now_s: float) -> None:
+        self.gives_up = False
+        self._free_s = now_s
+        self._paused_until_s = -math.inf
+        self._pauses = 0
+
+    def must_pause(self, now_s: float, *, is_held: bool) -> bool:
+        """Return whether the robot must stand now."""
+        if now_s < self._paused_until_s:
+            self._free_s = now_s
+        elif not is_held:
+            self._free_s = now_s
+            if now_s > self._paused_until_s + _PAUSE_S:
+                self._pauses = 0
+        elif now_s - self._free_s > _PUSH_S:
+            self._pauses += 1
+            self._paused_until_s = now_s + _PAUSE_S
+            self.gives_up = self._pauses > _MOST_PAUSES
+        return now_s < self._paused_until_s
+
+
 class ClosedLoop:
     """One motion of a base to the end of a route.
 
@@ -124,6 +158,7 @@ class ClosedLoop:
         self._most_m = most_m
         self._twist = STANDSTILL
         self._obstacle = ""
+        self._holds = HoldWatch(device.clock.now())
 
     def run(self) -> Activity:
         """Drive to the goal, and return 1 at rest there; any other end stops the motors.
@@ -143,7 +178,8 @@ class ClosedLoop:
                 rest_s = rest_s + now_s - stepped_s if self._controller.is_at_goal else 0.0
                 stepped_s, left_m = now_s, self._controller.left_m(pose)
                 turn_rad = self._controller.turn_left_rad
-                if watch.update(left_m, turn_rad, now_s) > PATIENCE_S and not self._controller.is_at_goal:
+                stalled_s = 0.0 if self._controller.is_at_goal else watch.update(left_m, turn_rad, now_s)
+                if stalled_s > PATIENCE_S or self._holds.gives_up:
                     raise self._blocked(left_m)
                 self._device.report(1 - left_m / whole_m)
                 yield from self._hold(self._twist)
@@ -153,8 +189,11 @@ class ClosedLoop:
 
     def _next_twist(self, pose: PlanarPose, duration_s: float) -> PlanarTwist:
         """Return the twist for a pose; slower, down to a standstill, before something that sensors see."""
-        twist = self._controller.step(pose, duration_s)
-        self._obstacle = "its wheels are driven, but something holds it" if self._device.is_blocked() else ""
+        twist, now_s = self._controller.step(pose, duration_s), self._device.clock.now()
+        self._obstacle = ""
+        if self._holds.must_pause(now_s, is_held=self._device.is_held()):
+            self._obstacle = "its wheels are driven, but something holds it"
+            return self._controller.pause()
         if twist.speed_m_s:
             clear_m = self._device.clearance_m(twist.speed_m_s > 0)
             if clear_m <= _MARGIN_M:
@@ -169,7 +208,7 @@ class ClosedLoop:
 
     def _blocked(self, left_m: float) -> BlockedError:
         why = self._obstacle or "see whether the goal is reachable, its wheels turn, and its pose is right"
-        return BlockedError(f"halted {left_m:.2f} m from its goal: it has not come nearer for {PATIENCE_S:g} s: {why}")
+        return BlockedError(f"halted {left_m:.2f} m from its goal: for {PATIENCE_S:g} s it has not come nearer: {why}")
 
     def _pose(self, now_s: float) -> PlanarPose:
         """Return the pose now: the estimate, and what the last twist has added since.

@@ -64,6 +64,10 @@ class MapMotions(Resource, ABC):
         """
         return math.inf
 
+    def is_held(self) -> bool:
+        """Return whether the wheels are driven, but something holds the robot. The default reads the status."""
+        return self.get_status() == BLOCKED
+
     @command("goto", _GOAL)
     def go_to(self, goal: Any) -> Activity:
         """Drive to a place in the map frame; with a third number, turn to that heading there.
@@ -112,7 +116,7 @@ class MapMotions(Resource, ABC):
             estimate=localizer.estimate,
             hold=self.follow,
             clearance_m=lambda forward: self.clearance_m(forward=forward),
-            is_blocked=lambda: self.get_status() == BLOCKED,
+            is_held=self.is_held,
             halt=self.halt,
             report=self.progress,
         )

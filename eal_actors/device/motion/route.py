@@ -35,6 +35,7 @@ class Route:
         self._starts_m = [0.0, *itertools.accumulate(ways_m)]
         self._corners_m = [self._starts_m[place] for place in range(1, len(ways_m)) if self._is_corner(place)]
         self._corners_m.append(self._starts_m[-1])
+        self._passed = 0
         self.length_m = self._starts_m[-1]
         self.travelled_m = 0.0
 
@@ -51,7 +52,7 @@ class Route:
     @property
     def corner_m(self) -> float:
         """The distance along the route of the next corner, which the end is too."""
-        return self._corners_m[min(bisect.bisect_right(self._corners_m, self.travelled_m), len(self._corners_m) - 1)]
+        return self._corners_m[self._passed]
 
     def advance(self, x_m: float, y_m: float) -> None:
         """Update `travelled_m` from the robot's place, at most to the next corner."""
@@ -69,6 +70,7 @@ class Route:
     def pass_corner(self) -> None:
         """Count the next corner as reached."""
         self.travelled_m = self.corner_m
+        self._passed = min(self._passed + 1, len(self._corners_m) - 1)
 
     def point_at(self, along_m: float) -> Point:
         """Return the point at a distance along the route, from 0 to its length."""

@@ -136,6 +136,11 @@ class RouteController:
         )
         return self._twist
 
+    def pause(self) -> PlanarTwist:
+        """Stand for a step; return the twist."""
+        self._twist = STANDSTILL
+        return STANDSTILL
+
     def slow_down(self, speed_m_s: float) -> PlanarTwist:
         """Drive the same curve no faster than this, because something is in the way; return the twist."""
         before = self._twist

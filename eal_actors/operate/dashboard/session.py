@@ -213,7 +213,7 @@ class BrowserSession:
             refused = self._refusal(message)
             if refused is not None:
                 self._refuse(message, refused)
-            elif self._app_state.dispatcher.reads_files(message):
+            elif self._app_state.dispatcher.may_block(message):
                 self._execute_in_thread(message)
             else:
                 self._app_state.dispatcher.execute(message, self.name, self._reply_to(message))
