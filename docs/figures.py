@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
+from swap_figure import draw_swap
 
 from eal_actors import Fleet, RobotHandle, gather
 from eal_actors.device.world import load_world
@@ -225,6 +226,7 @@ def main() -> None:
     draw_shipped("relay", "relay: two laps with three batteries", IMAGES / "relay.png")
     draw_world(load_world(ROOT / "fleets/worlds/lab.yaml"), IMAGES / "lab.png")
     draw_world(load_world(ROOT / "fleets/worlds/maze.yaml"), IMAGES / "maze.png")
+    draw_swap(IMAGES)
     draw_dashboard(IMAGES)
 
 

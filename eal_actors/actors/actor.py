@@ -111,7 +111,8 @@ class Inbox:
             if len(self._normal) >= self.capacity:
                 raise BusyError(f"its mailbox is full ({self.capacity} calls wait)")
             self._normal.append((next(self._order), envelope))
-            self._wake_reader()
+            if self._reader_waits:
+                self._wake_reader()
 
     def put_urgent(
         self, envelope: Envelope, *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None

@@ -52,6 +52,7 @@ class McapFile:
     Attributes:
         counts: the number of messages of each topic.
         newest_s: the time of the newest message of each topic, in seconds since the run's start.
+        attached: the JSON documents by name.
 
     Raises:
         UnsupportedError: the library is not installed.
@@ -70,6 +71,7 @@ class McapFile:
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._names: set[str] = set()
+        self.attached: dict[str, Any] = {}
         self.counts: dict[str, int] = {}
         self.newest_s: dict[str, float] = {}
 
@@ -131,7 +133,16 @@ class McapFile:
         if name in self._names:
             return
         self._names.add(name)
+        self.attached[name] = content
         self._writer.add_attachment(0, 0, name, _JSON, _as_json(content))
+
+    def flush(self) -> None:
+        """Write what was attached so far to the disk, so that a crash does not lose it.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        self._stream.flush()
 
     def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
         """Add texts by their keys, unless metadata of this name exists."""

@@ -18,6 +18,7 @@ from eal_actors.recording.mcap_file import (
     write_path,
 )
 from eal_actors.recording.poses import POSE_RESOURCES, path_resource
+from eal_actors.recording.recorded_run import INFOS
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.scenario.report.journal import cut_half_line
 
@@ -85,8 +86,7 @@ def _restore_lost(file: McapFile, run: RunFolder) -> None:
     for event in run.events[file.counts.get(EVENTS_TOPIC, 0) :]:
         write_event(file, event)
     for robot, path in run.paths.items():
-        known = [name for name in POSE_RESOURCES if pose_topic(robot, name) in file.newest_s]
-        resource = path_resource(known) or POSE_RESOURCES[-1]
+        resource = path_resource(file.attached.get(INFOS, {}).get(robot, ())) or POSE_RESOURCES[-1]
         last_s = file.newest_s.get(pose_topic(robot, resource), -1.0) + _ROUNDING_S
         for sample in path:
             if sample.time_s > last_s:

@@ -111,6 +111,7 @@ class RunRecorder:
         file.add_metadata(RUN, {"fleet": config.name, "seed": str(config.seed)})
         infos = {robot: {name: info.to_dict() for name, info in found.items()} for robot, found in self._infos.items()}
         file.attach(INFOS, infos)
+        file.flush()
         if config.world is not None:
             file.write(ARENA_TOPIC, schemas.SCENE, 0.0, messages.scene_message(config.world))
 

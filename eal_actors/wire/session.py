@@ -10,6 +10,8 @@ A session must not be used on both sides of a fork: start processes with `spawn`
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import json
 import re
 import threading
@@ -26,6 +28,7 @@ from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, Ne
 from eal_actors.wire.format.packing import MAX_CALL_BYTES, MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
 from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
 from eal_actors.wire.security.access import controller_access, robot_access, router_access, tls_config
+from eal_actors.wire.security.packet_filter import plain_address
 from eal_actors.wire.security.revocation import revoked_names, without_revoked
 
 if TYPE_CHECKING:
@@ -37,11 +40,18 @@ CLOSE_TIMEOUT_S: Final = 1.0
 """Real seconds after which a session that does not close is abandoned."""
 
 _RETRY_S: Final = 0.1
-_RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+_DIAL_MS: Final = 20
+"""Time between two dials of an absent end, in a fleet without TLS."""
+_MAX_DIAL_MS: Final = 1000
+_TLS_RETRY: Final = {"period_init_ms": 100, "period_max_ms": _MAX_DIAL_MS, "period_increase_factor": 2}
+"""With TLS a refused certificate occupies the other end's listener for 0.1 s, so the dials become rare."""
 _MAX_HANDSHAKES: Final = 2048
 """Simultaneous transport handshakes; fewer strangers that never finish theirs cannot keep others out."""
 _HANDSHAKE_MS: Final = 2000
-"""Time-out of a TLS handshake, and of the transport handshake after it; enough for a slow link."""
+"""Time-out of the transport handshake; enough for a slow link."""
+_TLS_HANDSHAKE_MS: Final = 20_000
+"""Time-out of a TLS handshake. It is long, because the listener sleeps 0.1 s after each that fails: while strangers
+fail faster than that, nobody's handshake is finished in a shorter time."""
 _MAX_CALL_BYTES: Final = MAX_CALL_BYTES + 2 * MAX_ENVELOPE_BYTES
 """Largest message that a robot puts together of fragments; zenoh's own limit is 1 GiB."""
 _MAX_MESSAGE_BYTES: Final = MAX_PAYLOAD_BYTES + 2 * MAX_ENVELOPE_BYTES
@@ -53,6 +63,10 @@ _BATCHES: Final = 16
 """Batches of 64 kB of one priority that may wait for a link. With zenoh's default of two, the sender of an image sleeps
 between its pieces, and the image takes twice as long. Streams, which are dropped rather than queued, keep two."""
 _QUEUE: Final = {"size": {"data": _BATCHES}, "congestion_control": {"block": {"wait_before_close": _STALLED_US}}}
+_M_MMAP_THRESHOLD: Final = -3
+_LARGE_BYTES: Final = 2**20
+"""Size from which glibc returns a buffer to the system when it is freed. Its own size grows with the largest buffer
+freed; eight refused messages of 900 MiB then left a robot 30 MB larger, and 1 MB with this."""
 _SOURCE_PLACE: Final = re.compile(r" at /\S+")
 """Position in zenoh's source, which its errors contain."""
 
@@ -154,7 +168,18 @@ def endpoints_of(config: dict[str, Any]) -> tuple[str, ...]:
 
 def _listening(endpoint: str) -> str:
     """Return an endpoint to listen at, with the time-out of its TLS handshakes."""
-    return f"{endpoint}#tls_handshake_timeout_ms={_HANDSHAKE_MS}" if endpoint.startswith("tls/") else endpoint
+    return f"{endpoint}#tls_handshake_timeout_ms={_TLS_HANDSHAKE_MS}" if endpoint.startswith("tls/") else endpoint
+
+
+def _retry(ends: int, protocols: Sequence[str]) -> dict[str, Any]:
+    """Return how often absent ends are dialled: at a constant rate, so that a restarted robot is back at once.
+
+    All of them together are dialled at most 500 times a second, or once a second each.
+    """
+    if not {"tls", "quic"}.isdisjoint(protocols):
+        return _TLS_RETRY
+    period_ms = min(max(_DIAL_MS, 2 * ends), _MAX_DIAL_MS)
+    return {"period_init_ms": period_ms, "period_max_ms": period_ms, "period_increase_factor": 1}
 
 
 def _config(
@@ -181,7 +206,7 @@ def _config(
             # Peers and routers open at once and dial in the background. Both dial again when a link breaks.
             "timeout_ms": 0 if mode == "client" else -1,
             "exit_on_failure": False,
-            "retry": _RETRY,
+            "retry": _retry(len(connect), protocols),
         },
         "transport": {
             "shared_memory": {"enabled": False},  # a killed process would leak its segments
@@ -225,14 +250,25 @@ def open_session(config: dict[str, Any], timeout_s: float = 5.0) -> Iterator[zen
         raise ProtocolError(f"zenoh does not take the configuration: {_reason(error)}") from error
     if config["listen"]["endpoints"]:
         raise_file_limit()
+        with contextlib.suppress(AttributeError):  # another C library
+            ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
     session = _open(checked, config, timeout_s)
     try:
         listening = (parse_endpoint(text) for text in endpoints_of(config)[: len(config["listen"]["endpoints"])])
         most = ROUTER_STRANGERS if config["mode"] == "router" else ROBOT_STRANGERS
-        with guarding((endpoint.port for endpoint in listening), most, lambda: len(session.info.links())):
+        ports = frozenset(endpoint.port for endpoint in listening)
+        with guarding(ports, most, lambda: list(_linked_addresses(session, ports))):
             yield session
     finally:
         _close(session, config)
+
+
+def _linked_addresses(session: zenoh.Session, ports: frozenset[int]) -> Iterator[str]:
+    """Yield the IP address of the other end of each link that was accepted at one of the ports."""
+    for link in session.info.links():
+        with contextlib.suppress(ValueError):
+            if parse_endpoint(str(link.src)).port in ports:
+                yield plain_address(parse_endpoint(str(link.dst)).host)
 
 
 def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> zenoh.Session:

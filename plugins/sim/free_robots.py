@@ -140,8 +140,11 @@ class FreeRobots:
             ticks: at most MOST_TICKS.
         """
         self._tick = tick
+        for robot in robots:
+            if robot.free is None:
+                self._add(robot, ticks)
         self._dismiss(ticks)
-        others = [robot for robot in robots if robot.free is None and not self._add(robot, ticks)]
+        others = [robot for robot in robots if robot.free is None]
         if self.robots:
             self._advance(FreeState._make(self._state[:, : len(self.robots)]), ticks)
             self._tick += ticks
@@ -181,11 +184,11 @@ class FreeRobots:
             self._normals[column] = self._normals[last]
             self._next_normal[column] = self._next_normal[last]
 
-    def _add(self, robot: SimRobot, ticks: int) -> bool:
+    def _add(self, robot: SimRobot, ticks: int) -> None:
         """Take a robot's state, if its motion is regular for some ticks."""
         state = robot.join(self, ticks)
         if state is None:
-            return False
+            return
         column = len(self.robots)
         if column == self._state.shape[1]:
             self._state = np.concatenate([self._state, np.zeros_like(self._state)], axis=1)
@@ -202,7 +205,6 @@ class FreeRobots:
         numbers = robot.normals.take_all(more_than=NORMALS_BLOCK)
         self._next_normal[column] = first = 2 * NORMALS_BLOCK - len(numbers)
         self._normals[column, first:] = numbers
-        return True
 
     def _dismiss(self, ticks: int) -> None:
         """Remove the robots whose motions end within some ticks, or whose batteries may."""

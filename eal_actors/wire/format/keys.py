@@ -91,6 +91,20 @@ class CallKey(NamedTuple):
     client: str
 
 
+class CallRoute(NamedTuple):
+    """Where a received call goes and where its reply goes.
+
+    Attributes:
+        call: parts of the call's key.
+        answer_key: key of the reply.
+        client: identifier of the calling process; see client_id.
+    """
+
+    call: CallKey
+    answer_key: str
+    client: str
+
+
 def fleet_key(fleet: str) -> str:
     """Return the common prefix of a fleet's keys; ProtocolError if the name is empty."""
     return f"{ROOT}/{_encode(fleet)}"
@@ -112,7 +126,6 @@ def revoke_keys(fleet: str) -> str:
     return f"{fleet_key(fleet)}/*/{ROBOT}/{REVOKE}/{AUTHORITY_CALLER}/*"
 
 
-@lru_cache(maxsize=4096)
 def answer_key(call: CallKey) -> str:
     """Return the key of the reply to a call."""
     return _branch_key(call.fleet, ANSWERS, call.caller, call.client, call.robot)
@@ -205,6 +218,12 @@ def parse_heartbeat(key: str) -> tuple[str, str]:
 
 
 @lru_cache(maxsize=4096)
+def parse_route(key: str) -> CallRoute:
+    """Return the route of a call by its key; ProtocolError if it is no such key."""
+    call = parse_call(key)
+    return CallRoute(call, answer_key(call), client_id(call.caller, call.client))
+
+
 def parse_call(key: str) -> CallKey:
     """Return the parts of the key of a call; ProtocolError if it is no such key."""
     root, *chunks = _split(key)

@@ -9,6 +9,7 @@ Thread: any; nothing here keeps state.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, TypeAlias, final
@@ -33,15 +34,21 @@ from eal_actors.wire.format.packing import (
     error_body,
     error_from,
     optional_data_from,
+    optional_row,
     pack,
     packed_client,
     payload_of,
+    unpack,
     unpack_map,
-    unpack_row,
 )
 
 _STATUS, _DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
 _NO_PAYLOAD: Final = b""
+_NONE: Final = type(None)
+_READING: Final = int, bytes, int, int, float, float, _NONE, list, _NONE
+_COMMAND: Final = *_READING, str, float, float
+_USUAL_CALLS: Final = frozenset({_READING, _COMMAND, (*_COMMAND, bool)})
+"""Types of the fields of the usual calls; only their numbers and arguments need a further check."""
 
 
 class CallId(NamedTuple):
@@ -175,37 +182,56 @@ def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes,
     Raises:
         DataError: the payload is larger than MAX_CALL_BYTES, or a field cannot be packed.
     """
-    client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, *echo, has_more, traceparent = header
+    client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, era, echo_s, held_s, has_more, traceparent = header
     about = None if data is None else data_header(data)
     row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, ttl_s, deadline_s, start_s, arguments, about]
-    if traceparent:
-        row += (*echo, has_more, traceparent)
-    elif has_more:
-        row += (*echo, True)
-    elif any(echo):
-        row += echo
+    if era or echo_s or held_s or has_more or traceparent:
+        row += era, echo_s, held_s
+        if has_more or traceparent:
+            row += (has_more, traceparent) if traceparent else (True,)
     return pack(row, "call"), _NO_PAYLOAD if data is None else payload_of(data, MAX_CALL_BYTES)
 
 
 def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHeader, EALData | None]:
     """Return the header and the value of a call; ProtocolError if the bytes are no call of this version."""
-    row = unpack_row(envelope, "call", 9, 5)
-    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo, has_more, traceparent = row
-    if type(arguments) is not list or any(type(item) not in (str, int) for item in arguments):
+    row = unpack(envelope, "call")
+    if type(row) is not list or tuple(map(type, row)) not in _USUAL_CALLS:
+        row = _checked_call(row)
+    version, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo = row
+    is_plain = math.isfinite(sum(echo[1:3], ttl_s + deadline_s))
+    if version != PROTOCOL_VERSION or epoch < 0 or sequence < 0 or not is_plain:
+        _checked_call(row)
+    for item in arguments:
+        if type(item) is not str and type(item) is not int:
+            raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
+    about_call = checked_client(client, "call"), epoch, sequence, ttl_s, deadline_s, start_s, tuple(arguments), *echo
+    header = CallHeader(*about_call)
+    return header, None if about is None and not payload else optional_data_from(about, payload, "call")
+
+
+def _checked_call(row: object) -> list[Any]:
+    """Return the fields of a call, those that are missing at the end left out; ProtocolError if one is invalid."""
+    row = optional_row(row, "call", 9, 5)
+    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, era, echo_s, held_s, more, parent = row
+    if type(arguments) is not list:
         raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
-    header = CallHeader(
-        checked_client(client, "call"),
+    checked_client(client, "call")
+    return [
+        PROTOCOL_VERSION,
+        client,
         checked_count(epoch, "call: epoch"),
         checked_count(sequence, "call: sequence"),
         checked_seconds(ttl_s, "call: ttl_s"),
         checked_seconds(deadline_s, "call: deadline_s"),
         None if start_s is None else checked_time(start_s, "call: start_s"),
-        tuple(arguments),
-        *(("", 0.0, 0.0) if echo[0] is None else _echo_from(*echo)),
-        has_more is not None and checked_flag(has_more, "call: has_more"),
-        "" if traceparent is None else checked_text(traceparent, "call: traceparent"),
-    )
-    return header, optional_data_from(about, payload, "call")
+        arguments,
+        about,
+        "" if era is None else checked_text(era, "call: era"),
+        0.0 if era is None else checked_time(echo_s, "call: echo_s"),
+        0.0 if era is None else checked_time(held_s, "call: held_s"),
+        more is not None and checked_flag(more, "call: has_more"),
+        "" if parent is None else checked_text(parent, "call: traceparent"),
+    ]
 
 
 def encode_reply(reply: CallReply) -> tuple[bytes, Payload]:
@@ -222,12 +248,12 @@ def encode_reply(reply: CallReply) -> tuple[bytes, Payload]:
 
 def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> CallReply:
     """Return a reply, whose answer may be an error; ProtocolError if the bytes are no reply of this version."""
-    _, sequence, *answer, era, time_s, began_s = unpack_row(envelope, "answer", 4, 3)
+    _, sequence, kind, body, era, time_s, began_s = optional_row(unpack(envelope, "answer"), "answer", 4, 3)
     time = None
     if era is not None:
         began_s = None if began_s is None else checked_time(began_s, "answer: began_s")
         time = RobotTime(checked_text(era, "answer: era"), checked_time(time_s, "answer: time_s"), began_s)
-    return CallReply(checked_count(sequence, "answer: sequence"), _answer_from(answer, payload, "answer"), time)
+    return CallReply(checked_count(sequence, "answer: sequence"), _answer_from(kind, body, payload, "answer"), time)
 
 
 def encode_event(event: RobotEvent) -> tuple[bytes, Payload]:
@@ -257,11 +283,14 @@ def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> RobotEvent:
         raise ProtocolError(f"event: fields {short_repr(more)} are no map")
     if answer is None:
         optional_data_from(None, payload, "event")
+    else:
+        kind, body = checked_row(answer, "event: answer", 2)
+        answer = _answer_from(kind, body, payload, "event: answer")
     return RobotEvent(
         checked_text(fields.get("kind"), "event: kind"),
         checked_time(fields.get("stamp_s"), "event: stamp_s"),
         None if call is None else _call_id_from(call),
-        None if answer is None else _answer_from(checked_row(answer, "event: answer", 2), payload, "event: answer"),
+        answer,
         more,
     )
 
@@ -281,23 +310,23 @@ def decode_heartbeat(envelope: Buffer) -> Heartbeat:
 
 
 def _answer_parts(answer: Answer) -> tuple[int, Any, Payload]:
+    if isinstance(answer, int):
+        return _STATUS, int(answer), _NO_PAYLOAD  # True is a status too
     if isinstance(answer, EALData):
         return _DATA, data_header(answer), payload_of(answer)
     if isinstance(answer, EALError):
         return _ERROR, error_body(answer), _NO_PAYLOAD
     if isinstance(answer, dict):
         return _FIELDS, answer, _NO_PAYLOAD
-    if isinstance(answer, Accepted):
-        return _ACCEPTED, None, _NO_PAYLOAD
-    return _STATUS, int(answer), _NO_PAYLOAD  # True is a status too
+    return _ACCEPTED, None, _NO_PAYLOAD
 
 
-def _answer_from(row: list[Any], payload: Buffer, what: str) -> Answer:
-    kind, body = row
-    if kind == _DATA and type(kind) is int:
-        return data_from(body, checked_payload(payload, what), what)
-    optional_data_from(None, payload, what)
+def _answer_from(kind: object, body: Any, payload: Buffer, what: str) -> Answer:
     if type(kind) is int:
+        if kind == _DATA:
+            return data_from(body, checked_payload(payload, what), what)
+        if payload:
+            optional_data_from(None, payload, what)
         if kind == _STATUS and type(body) is int:
             return body
         if kind == _ERROR:
@@ -309,10 +338,6 @@ def _answer_from(row: list[Any], payload: Buffer, what: str) -> Answer:
     raise ProtocolError(
         f"{what}: {short_repr(body)} is not an answer of kind {short_repr(kind)}, which is 0 to {_ACCEPTED}"
     )
-
-
-def _echo_from(era: object, echo_s: object, held_s: object) -> tuple[str, float, float]:
-    return (checked_text(era, "call: era"), checked_time(echo_s, "call: echo_s"), checked_time(held_s, "call: held_s"))
 
 
 def _call_id_from(row: object) -> CallId:

@@ -12,7 +12,7 @@ from typing import Any, Final
 import msgpack
 
 from eal_actors.device.data import EALData, Payload
-from eal_actors.device.data.c_types import C_TYPES, CType, short_repr
+from eal_actors.device.data.c_types import C_TYPES, short_repr
 from eal_actors.device.data.storage import as_bytes
 from eal_actors.kernel import errors
 from eal_actors.kernel.errors import ConfigError, DataError, EALError, ProtocolError
@@ -32,8 +32,7 @@ _CLIENT_BYTES: Final = 16
 
 Buffer = bytes | bytearray | memoryview
 
-_C_NAMES: Final = {key: form.name + "[]" * form.is_ptr for key, form in C_TYPES.items()}
-_FORM_BY_C_NAME: Final[dict[str, CType]] = {_C_NAMES[key]: form for key, form in C_TYPES.items()}
+_FORM_BY_C_NAME: Final = {form.full_name: form for form in C_TYPES.values()}
 _ERROR_BY_CODE: Final[dict[str, type[EALError]]] = {
     member.code: member for member in vars(errors).values() if isinstance(member, type) and issubclass(member, EALError)
 }
@@ -54,18 +53,23 @@ def pack(fields: object, what: str) -> bytes:
     return packed
 
 
-def unpack_row(packed: Buffer, what: str, size: int, optional: int = 0) -> list[Any]:
-    """Return the first `size` fields of an envelope that is a list, then `optional` further ones or None.
+def unpack_row(packed: Buffer, what: str, size: int) -> list[Any]:
+    """Return the first `size` fields of an envelope that is a list.
 
     Raises:
         ProtocolError: the bytes are no such envelope, or its first field is another version.
     """
-    row = _unpack(packed, what)
+    return optional_row(unpack(packed, what), what, size, 0)
+
+
+def optional_row(row: object, what: str, size: int, optional: int) -> list[Any]:
+    """Return the first `size` fields of an unpacked list, then `optional` further ones or None; raises the same."""
     if type(row) is not list or not row:
         raise ProtocolError(f"{what}: the envelope is {short_repr(row)}, not a list that begins with the version")
     check_version(row[0], what)
-    if optional and len(row) >= size:
-        row = [*row, *[None] * optional]
+    missing = size + optional - len(row)
+    if 0 < missing <= optional:
+        row = [*row, *[None] * missing]
     return checked_row(row, what, size + optional)
 
 
@@ -75,7 +79,7 @@ def unpack_map(packed: Buffer, what: str) -> dict[str, Any]:
     Raises:
         ProtocolError: the bytes are no such envelope, or its `version` is another one.
     """
-    fields = _unpack(packed, what)
+    fields = unpack(packed, what)
     if type(fields) is not dict:
         raise ProtocolError(f"{what}: the envelope is {short_repr(fields)}, not a map")
     check_version(fields.get("version"), what)
@@ -91,8 +95,9 @@ def check_version(version: object, what: str) -> None:
         )
 
 
-def _unpack(packed: Buffer, what: str) -> Any:
-    size = packed.nbytes if isinstance(packed, memoryview) else len(packed)
+def unpack(packed: Buffer, what: str) -> Any:
+    """Return the content of an envelope; ProtocolError if it is too large or no msgpack."""
+    size = packed.nbytes if type(packed) is memoryview else len(packed)
     if size > MAX_ENVELOPE_BYTES:
         raise ProtocolError(f"{what}: an envelope of {size} bytes, more than {MAX_ENVELOPE_BYTES}")
     try:
@@ -115,8 +120,7 @@ def _text_keys(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
 
 def data_header(data: EALData) -> tuple[Any, ...]:
     """Return the type header of a value: C type, shape, unit, frame and time."""
-    name = _C_NAMES[data.type, data.is_ptr, data.is_unsigned, data.is_short, data.is_long]
-    return name, data.shape, data.unit, data.frame_id, data.stamp_s
+    return data.c_type.full_name, data.shape, data.unit, data.frame_id, data.stamp_s
 
 
 def data_from(header: object, payload: Buffer, what: str) -> EALData:
@@ -130,18 +134,8 @@ def data_from(header: object, payload: Buffer, what: str) -> EALData:
     if form is None:
         raise ProtocolError(f"{what}: there is no type {short_repr(name)}, only {', '.join(_FORM_BY_C_NAME)}")
     try:
-        return EALData.from_payload(
-            form.type,
-            payload,
-            is_ptr=form.is_ptr,
-            is_unsigned=form.is_unsigned,
-            is_short=form.is_short,
-            is_long=form.is_long,
-            shape=shape,
-            dtype=None if shape is None else form.dtype,
-            unit=unit,
-            frame_id=frame_id,
-            stamp_s=stamp_s,
+        return EALData.from_c_type(
+            form, payload, shape, None if shape is None else form.dtype, unit=unit, frame_id=frame_id, stamp_s=stamp_s
         )
     except DataError as error:
         raise ProtocolError(f"{what}: {error.message}") from error
@@ -215,7 +209,7 @@ def checked_row(row: object, what: str, size: int) -> list[Any]:
 def checked_payload(payload: Buffer, what: str) -> Payload:
     """Return a payload as bytes of at most MAX_PAYLOAD_BYTES."""
     try:
-        view = as_bytes(payload)
+        view = payload if type(payload) is bytes else as_bytes(payload)
     except DataError as error:
         raise ProtocolError(f"{what}: {error.message}") from error
     if len(view) > MAX_PAYLOAD_BYTES:

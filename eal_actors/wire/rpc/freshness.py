@@ -224,17 +224,20 @@ class CommandHistory(Generic[T]):
         Raises:
             StaleCommandError: it is too old, was overtaken, or was accepted before. Nothing changes.
         """
-        self._check_age(stamp, resource, now_s)
+        sent_s = stamp.sent_s
+        self._check_age(stamp, resource, now_s - sent_s)
         client, epoch, sequence = stamp.call
         history = self._clients.get(client)
         if history is None:
             history = _ClientHistory[T](self._sent_after_s, epoch, number=sequence)
-        _check_order(history, stamp, resource)
-        _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
-        _check_advance("sequence", history.number, sequence, now_s - history.heard_s)
-        self._note(history, client, epoch, max(now_s, stamp.sent_s))
+        _check_order(history, stamp, resource, sent_s)
+        if epoch > history.epoch:
+            _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
+        if sequence > history.number:
+            _check_advance("sequence", history.number, sequence, now_s - history.heard_s)
+            history.number = sequence
+        self._note(history, client, epoch, max(now_s, sent_s))
         history.latest[resource] = sequence
-        history.number = max(history.number, sequence)
         history.running.add(stamp.call)
 
     def finish(self, call: CallId, outcome: T) -> None:
@@ -256,10 +259,9 @@ class CommandHistory(Generic[T]):
             return CommandRecord(False)
         return CommandRecord(True, history.outcomes[call]) if call in history.outcomes else None
 
-    def _check_age(self, stamp: Stamp, resource: str, now_s: float) -> None:
+    def _check_age(self, stamp: Stamp, resource: str, age_s: float) -> None:
         if stamp.era != self.era:
             raise _stale(stamp, resource, f"was meant for run {stamp.era} of the robot's server; this is {self.era}")
-        age_s = now_s - stamp.sent_s
         if age_s < -_ROUNDING_S:
             raise _stale(
                 stamp,
@@ -291,9 +293,9 @@ class CommandHistory(Generic[T]):
         self._sent_after_s = max(self._sent_after_s, self._clients.pop(name).heard_s)
 
 
-def _check_order(history: _ClientHistory[T], stamp: Stamp, resource: str) -> None:
+def _check_order(history: _ClientHistory[T], stamp: Stamp, resource: str, sent_s: float) -> None:
     _, epoch, sequence = stamp.call
-    if stamp.sent_s <= history.sent_after_s:
+    if sent_s <= history.sent_after_s:
         raise _stale(stamp, resource, "was sent at a time of which the robot has forgotten whom it heard")
     if epoch < history.epoch:
         raise _stale(stamp, resource, f"was sent before the controller's reconnect number {history.epoch}")

@@ -25,6 +25,9 @@ from eal_actors.kernel.log import get_logger
 WINDOW: Final = 256
 """Unanswered calls at which the sender waits."""
 
+AT_ONCE: Final = 8
+"""Unanswered calls up to which a caller sends by itself; half as many as a link's queue has batches."""
+
 _RESUME_AT: Final = 128
 """Unanswered calls at which it continues: sending many together costs less than one by one."""
 
@@ -43,9 +46,9 @@ class InFlightWindow:
         self._waiter = new_waiter()
 
     @property
-    def is_idle(self) -> bool:
-        """Whether every call is answered, so that no call waits for a link either."""
-        return self._in_flight == 0
+    def has_room_at_once(self) -> bool:
+        """Whether so few calls are unanswered that all of them fit into the queue of one link."""
+        return self._in_flight < AT_ONCE
 
     def sent(self) -> None:
         """Count a call that is about to be sent."""
@@ -56,7 +59,8 @@ class InFlightWindow:
         """Count a call that is answered or has failed."""
         with self._lock:
             self._in_flight -= 1
-            self._slow = min(self._slow, self._in_flight)
+            if self._slow > self._in_flight:
+                self._slow = self._in_flight
             has_room = self._is_waiting and self._in_flight - self._slow <= _RESUME_AT
         if has_room:
             REAL_TIME.wake(self._waiter)

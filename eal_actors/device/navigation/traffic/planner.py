@@ -20,7 +20,7 @@ MARGIN_M: Final = 0.1
 MAX_TRAVELLERS: Final = 500
 SEARCH_WORK: Final = 400_000
 """Travellers that the search may place in all: some seconds of processor time."""
-REFINE_WORK_EACH: Final = 600
+REFINE_WORK_EACH: Final = 750
 """Places and steps for each traveller that the refinement may look at: about 1 s of processor time for 200."""
 
 

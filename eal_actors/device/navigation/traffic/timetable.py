@@ -46,16 +46,21 @@ class Timetable:
     def add(self, number: int, path: Path) -> None:
         """Enter a traveller's path."""
         self.paths[number] = path
-        for step in range(self.end + 1):
-            self._at[step][self.place_of(number, step)] = number
+        self._mark(path, number)
         self._closed.update(self._closures(path))
 
     def remove(self, number: int) -> None:
         """Take a traveller out."""
         path = self.paths[number]
-        for step in range(self.end + 1):
-            self._at[step][self.place_of(number, step)] = NOBODY
+        self._mark(path, NOBODY)
         self._closed.subtract(self._closures(path))
+
+    def _mark(self, path: Path, number: int) -> None:
+        for row, place in zip(self._at, path, strict=False):
+            row[place] = number
+        goal = path[-1]
+        for row in self._at[len(path) :]:
+            row[goal] = number
 
     def _closures(self, path: Path) -> Iterator[tuple[int, int]]:
         blocks, is_between = self._problem.blocks, self._problem.is_between

@@ -1,9 +1,10 @@
 """CallQueue: the outgoing calls to one remote robot, from their callers to the robot's replies.
 
 Calls wait here in the order of submission until the fleet's sender gives the queue its turn. They are stamped when
-they are sent, so that waiting does not make them stale. A call is sent at once, in the caller's thread, if no other
-call is pending. A stop overtakes all waiting calls, and no other robot's stalled link can delay it: after a moment the
-thread of the robot's own connection sends it. Replies are handled in zenoh's threads, which resolve futures and leave
+they are sent, so that waiting does not make them stale. A small call is sent at once, in the caller's thread, while so
+few calls are in flight that they fit into the queue of any link: then it waits for no link and overtakes no other call.
+A stop overtakes all waiting calls, and no other robot's stalled link can delay it: after a moment the thread of the
+robot's own connection sends it. Replies are handled in the thread that reads them, which resolves futures and leaves
 callbacks to the controller.
 """
 
@@ -43,6 +44,8 @@ from eal_actors.wire.rpc.sender import UrgentMessage
 TTL_S: Final = 1.0
 """Time to live of a command: its greatest age when the robot begins it, in real seconds."""
 
+_PATIENCE_S: Final = 0.001
+"""Real seconds that a caller waits while another one sends; then the call is queued."""
 _RETRY_S: Final = 0.05
 _RECONNECT_S: Final = 1.0
 """Real seconds within which a lost robot may come back and be asked again."""
@@ -70,6 +73,7 @@ class CallQueue(UrgentMessage):
         self._urgent: deque[Call[Any]] = deque()
         self._normal: deque[Call[Any]] = deque()
         self._unanswered = UnansweredCalls(capacity)
+        self._keys: dict[tuple[str, str], str] = {}  # of calls, by resource and method
         self._end: EALError | None = None
         self._sending = threading.Lock()
         self._echo: tuple[RobotTime, float] | None = None
@@ -93,15 +97,20 @@ class CallQueue(UrgentMessage):
         with self._lock:
             self._admit(envelope)
             self._unanswered.add(envelope)
-            self._normal.append(envelope)
-        is_alone = self.window.is_idle and self._controller.sender.is_idle  # it waits for no link, overtakes nothing
-        if is_alone and _is_small(envelope) and self._sending.acquire(blocking=False):
+            is_next = self._controller.sender.is_idle and not (self._normal or self._urgent)
+            is_next = is_next and self.window.has_room_at_once and _is_small(envelope)
+            if not is_next:
+                self._normal.append(envelope)
+        if is_next and self._sending.acquire(timeout=_PATIENCE_S):
             try:
-                self._send_next(is_last=True)
+                self._send(envelope, is_last=True)
             finally:
                 self._sending.release()
-        else:
-            self._controller.sender.submit(self)
+            return
+        if is_next:
+            with self._lock:
+                self._normal.append(envelope)
+        self._controller.sender.submit(self)
 
     def put_urgent(
         self, envelope: Call[Any], *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
@@ -175,29 +184,33 @@ class CallQueue(UrgentMessage):
                 self._send(self._urgent.popleft(), is_last=True)
 
     def _send(self, call: Call[Any], *, is_last: bool) -> None:
-        channel = self._channel
+        channel, name = self._channel, call.cell.name
+        left_s = self._left_s(call)
         if not call.stops:
             if call.done():
                 self._unanswered.discard(call)
                 return
-            if self._left_s(call) <= 0:
+            if left_s <= 0:
                 self.expire(call)
                 return
         try:
-            header, data = self._header(call, has_more=not is_last)
+            header, data = self._header(call, left_s, has_more=not is_last)
             envelope, payload = encode_call(header, data)
         except EALError as error:
             self._unanswered.discard(call)
-            call.settle(None, error.at(channel.name, call.cell.name), self._controller.run_later)
+            call.settle(None, error.at(channel.name, name), self._controller.run_later)
             return
-        if call.method not in keys.RETRYABLE_METHODS and call.method != keys.HALT:
-            self.tracker.commands[header.call_id] = call
+        call_id = header.call_id if header.era and call.method != keys.HALT else None
+        if call_id is not None:
+            self.tracker.commands[call_id] = call
         if call.span is not None:
             call.span.note("sent")
         end_s = REAL_TIME.now() + header.deadline_s
-        channel.pending.add(header.sequence, _SentCall(self, call, header.call_id, end_s))
+        channel.pending.add(header.sequence, _SentCall(self, call, call_id, end_s))
         self.window.sent()
-        key = self._controller.call_key(channel.name, call.cell.name, call.method)
+        key = self._keys.get((name, call.method))
+        if key is None:
+            key = self._keys[name, call.method] = self._controller.call_key(channel.name, name, call.method)
         if not self._controller.put(channel.name, key, envelope, payload, is_urgent=call.stops, is_last=is_last):
             channel.pending.lose_all()
 
@@ -207,17 +220,14 @@ class CallQueue(UrgentMessage):
         left_s = (call.deadline_s or 0.0) - clock.now()
         return (max(left_s, call.cell.timeout_s) if call.stops else left_s) / clock.of_real(1.0)
 
-    def _header(self, call: Call[Any], *, has_more: bool) -> tuple[CallHeader, EALData | None]:
+    def _header(self, call: Call[Any], left_s: float, *, has_more: bool) -> tuple[CallHeader, EALData | None]:
         """Return the header and the value of a call; commands and stops have a stamp that proves their age."""
         plain, data = _split_arguments(call)
         stamper = self._channel.stamper
         traceparent = "" if call.span is None else call.span.traceparent
         if call.method in keys.RETRYABLE_METHODS:
-            number, left_s = stamper.number(), self._left_s(call)
-            head = CallHeader(
-                stamper.client, stamper.epoch, number, left_s, left_s, None, plain, traceparent=traceparent
-            )
-            return head, data
+            head = stamper.client, stamper.epoch, stamper.number(), left_s, left_s, None, plain
+            return CallHeader(*head, traceparent=traceparent), data
         start_s = None if call.start_s is None else self._robot_time(call.start_s)
         if data is not None and data.stamp_s is not None:
             data = data.with_meta(stamp_s=self._robot_time(data.stamp_s))
@@ -259,7 +269,7 @@ class CallQueue(UrgentMessage):
         if call is not None:
             call.note_progress(progress, self._controller.run_later)
 
-    def conclude(self, call: Call[Any], call_id: CallId, answer: Answer, time: RobotTime | None) -> None:
+    def conclude(self, call: Call[Any], call_id: CallId | None, answer: Answer, time: RobotTime | None) -> None:
         """Resolve a call, unless the robot has only accepted it."""
         self._unanswered.discard(call)
         if answer is ACCEPTED:
@@ -267,9 +277,10 @@ class CallQueue(UrgentMessage):
                 self.tracker.restart_backoff()
                 return
             answer = ProtocolError("the robot has accepted a call that cannot take long")
-        self.tracker.commands.pop(call_id, None)
-        clocks, clock = self._channel.clock_tracker, self._channel.clock
+        if call_id is not None:
+            self.tracker.commands.pop(call_id, None)
         if time is not None:
+            clocks, clock = self._channel.clock_tracker, self._channel.clock
             if time.began_s is not None and call.start_s is not None:
                 offset = clocks.offset(REAL_TIME.now())
                 call.began_s = fleet_time_of(clock, time.began_s - offset.offset_s)
@@ -284,7 +295,7 @@ class CallQueue(UrgentMessage):
 
     # Failures. Thread: any.
 
-    def lose(self, call: Call[Any], call_id: CallId) -> None:
+    def lose(self, call: Call[Any], call_id: CallId | None) -> None:
         """Retry a call whose robot is unreachable if it changes nothing; a command is never sent twice."""
         clock = self._channel.clock
         retry_until_s = clock.now() + clock.of_real(_RECONNECT_S)
@@ -295,11 +306,12 @@ class CallQueue(UrgentMessage):
         self._unanswered.discard(call)
         self._controller.run_later(call.expire)
 
-    def _retry(self, call: Call[Any], call_id: CallId, retry_until_s: float) -> None:
+    def _retry(self, call: Call[Any], call_id: CallId | None, retry_until_s: float) -> None:
         channel, now_s = self._channel, self._channel.clock.now()
         if call.done():
             self._unanswered.discard(call)
-            self.tracker.commands.pop(call_id, None)
+            if call_id is not None:
+                self.tracker.commands.pop(call_id, None)
         elif call_id in self.tracker.commands:  # the robot is asked for its outcome after the reconnect
             self._unanswered.discard(call)
         elif now_s >= (call.deadline_s or 0.0):
@@ -343,11 +355,11 @@ class CallQueue(UrgentMessage):
 
 
 class _SentCall(PendingCall):
-    """Call of a resource's method that was sent."""
+    """Call of a resource's method that was sent; commands have an identifier."""
 
     __slots__ = ("_call", "_call_id", "_queue", "end_s")
 
-    def __init__(self, queue: CallQueue, call: Call[Any], call_id: CallId, end_s: float) -> None:
+    def __init__(self, queue: CallQueue, call: Call[Any], call_id: CallId | None, end_s: float) -> None:
         self._queue = queue
         self._call = call
         self._call_id = call_id
@@ -371,6 +383,8 @@ class _SentCall(PendingCall):
 
 def _split_arguments(call: Call[Any]) -> tuple[tuple[str | int, ...], EALData | None]:
     """Return a call's arguments as its header and its payload carry them."""
+    if not call.arguments:
+        return (), None
     plain: list[str | int] = []
     data = None
     for argument in call.arguments:
@@ -381,9 +395,9 @@ def _split_arguments(call: Call[Any]) -> tuple[tuple[str | int, ...], EALData | 
     return tuple(plain), data
 
 
-_BATCH_BYTES: Final = 32 * 1024
+_SMALL_BYTES: Final = 32 * 1024
 
 
 def _is_small(call: Call[Any]) -> bool:
-    """Return whether a call fits into one batch of a link, so that sending it is quick."""
-    return all(item.length <= _BATCH_BYTES for item in call.arguments if isinstance(item, EALData))
+    """Return whether a call fits into one batch of a link."""
+    return not any(type(item) is EALData and item.length > _SMALL_BYTES for item in call.arguments)

@@ -77,13 +77,11 @@ class PendingCalls:
         Returns:
             Whether any call waited for it.
         """
-        is_due = False
-        for number in (reply.sequence,) if reply.sequence else list(self._pending):
-            call = self._pending.pop(number, None)
-            if call is not None:
-                is_due = True
-                call.answered(reply.answer, reply.time)
-        return is_due
+        numbers = (reply.sequence,) if reply.sequence else list(self._pending)
+        calls = [call for number in numbers if (call := self._pending.pop(number, None)) is not None]
+        for call in calls:
+            call.answered(reply.answer, reply.time)
+        return bool(calls)
 
     def lose_all(self) -> None:
         """Report all as lost: the robot is unreachable."""

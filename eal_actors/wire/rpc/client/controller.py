@@ -33,6 +33,7 @@ from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.expiry import certificate_warnings
 from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
 from eal_actors.wire.session import controller_config, open_session
+from eal_actors.wire.transport import Transport
 
 if TYPE_CHECKING:
     import zenoh
@@ -103,7 +104,7 @@ class Controller(EALActor):
         self._malformed = ThrottledLog(fleet=config.name)
         self._listeners: dict[str, RobotListener] = {}
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
-        self._session: zenoh.Session | None = None
+        self._transport: Transport | None = None
         self._stack = ExitStack()
         self.window: Final = InFlightWindow()
         self.sender: Final = Sender(f"{config.name} sender", self.window)
@@ -159,15 +160,14 @@ class Controller(EALActor):
             self._lose_robots(f"cannot be reached: {error.message}")
             self.actor_inbox.call_later(self.clock.of_real(1.0), self._open)
             return
-        self._session = session
-        callback = zenoh.handlers.Callback
+        self._transport = transport = Transport(session)
         answers = keys.answer_keys(self.fleet, self._caller, self._secret)
-        session.declare_subscriber(answers, callback(self._on_answer, indirect=False))
+        transport.receive(answers, f"{self.fleet} answers", self._on_answer)
+        transport.receive(keys.event_key(self.fleet, None), f"{self.fleet} events", self._on_event)
         session.liveliness().declare_subscriber(
-            keys.alive_keys(self.fleet), callback(self._on_liveliness, indirect=False), history=True
+            keys.alive_keys(self.fleet), zenoh.handlers.Callback(self._on_liveliness, indirect=False), history=True
         )
-        session.declare_subscriber(keys.event_key(self.fleet, None), callback(self._on_event, indirect=False))
-        self._send_heartbeat(session)
+        self._send_heartbeat(transport)
 
     def _follow_keys(self) -> None:
         if self._keys.has_changed():
@@ -183,9 +183,9 @@ class Controller(EALActor):
         except EALError as error:
             log.error("the changed keys cannot be used; the former ones stay in use", reason=error.message)
             return
-        if self._session is None:  # it is being opened, with the changed keys from now on
+        if self._transport is None:  # it is being opened, with the changed keys from now on
             return
-        self._session = None
+        self._transport = None
         self._stack.close()
         with self._lock:
             self._versions.clear()
@@ -198,24 +198,15 @@ class Controller(EALActor):
             listener.on_gone(reason)
 
     def _beat(self) -> None:
-        if self._session is not None:
-            self._send_heartbeat(self._session)
+        if self._transport is not None:
+            self._send_heartbeat(self._transport)
         period_s = self.dead_man_s / _BEATS
         self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
 
-    def _send_heartbeat(self, session: zenoh.Session) -> None:
-        import zenoh
-
-        try:
-            session.put(
-                keys.heartbeat_key(self.fleet, self._caller, self._secret),
-                encode_heartbeat(Heartbeat(self.client, self.display_name)),
-                priority=zenoh.Priority.REAL_TIME,
-                congestion_control=zenoh.CongestionControl.DROP,
-                express=True,
-            )
-        except zenoh.ZError as error:
-            get_logger(fleet=self.fleet).debug("a heartbeat could not be sent", reason=error_text(error))
+    def _send_heartbeat(self, transport: Transport) -> None:
+        key = keys.heartbeat_key(self.fleet, self._caller, self._secret)
+        beat = encode_heartbeat(Heartbeat(self.client, self.display_name))
+        transport.put(key, None, beat, is_urgent=True, is_vital=False)
 
     def _tick(self) -> None:
         now_s = REAL_TIME.now()
@@ -234,7 +225,7 @@ class Controller(EALActor):
 
     @override
     def on_stop(self) -> None:
-        self._session = None
+        self._transport = None
         for actor in (self.sender, self._urgent_sender, self._callbacks):
             actor.end_soon()
         self._stack.close()
@@ -275,27 +266,21 @@ class Controller(EALActor):
         return self._versions.get(robot) == PROTOCOL_VERSION
 
     def subscribe(self, key: str, on_sample: Callable[[zenoh.Sample], None]) -> Callable[[], None] | None:
-        """Subscribe to a key; the callback runs in zenoh's threads.
+        """Subscribe to a key; the callback runs in a thread of the subscription.
 
         Returns:
             A function that ends the subscription; None if the network is not open.
         """
-        session = self._session
-        if session is None:
+        transport = self._transport
+        if transport is None:
             return None
         import zenoh
 
         try:
-            subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(on_sample, indirect=False))
+            return transport.receive(key, f"{self.fleet} stream", on_sample)
         except zenoh.ZError as error:
             get_logger(fleet=self.fleet).debug("a subscription failed", key=key, reason=error_text(error))
             return None
-
-        def end() -> None:
-            with contextlib.suppress(zenoh.ZError):  # the session is closed
-                subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
-
-        return end
 
     def call_key(self, robot: str, resource: str, method: str) -> str:
         """Return the key of this controller's calls of a method."""
@@ -316,22 +301,8 @@ class Controller(EALActor):
 
         Thread: any that may wait; blocks only while a link is full, at most until the engine closes that link.
         """
-        session = self._session
-        if session is None:
-            return False
-        import zenoh
-
-        try:
-            session.put(
-                key,
-                payload if type(payload) is bytes else bytes(payload),
-                priority=zenoh.Priority.REAL_TIME if is_urgent else zenoh.Priority.DATA,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                express=is_last,
-                attachment=envelope,
-            )
-        except zenoh.ZError as error:
-            get_logger(fleet=self.fleet).debug("a call could not be sent", key=key, reason=error_text(error))
+        transport = self._transport
+        if transport is None or not transport.put(key, envelope, payload, is_urgent=is_urgent, is_last=is_last):
             return False
         return self.is_alive(robot)  # it may have gone before the call was pending
 

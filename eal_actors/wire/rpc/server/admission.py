@@ -109,7 +109,6 @@ class Admission:
         with self._guard:
             now_s = self._clock.now()
             self._history.accept(stamp, resource, now_s)
-            self._dead_man.heard(header.client, now_s)  # a refused command proves life too
             left_s = stamp.sent_s + header.deadline_s - _RESERVE_S - now_s
             try:
                 if left_s <= 0:
@@ -118,9 +117,12 @@ class Admission:
                     self._leases.claim(header.client, resource, now_s)
             except EALError as error:
                 self._history.finish(stamp.call, error)
+                self._dead_man.heard(header.client, now_s)  # a refused command proves life too
                 raise
             if method in MOTION_METHODS:
                 self._dead_man.commanded(header.client, resource, now_s)
+            else:
+                self._dead_man.heard(header.client, now_s)
         return stamp.begin_by_s - now_s, left_s
 
     def note_stop(self, header: CallHeader, resource: str) -> None:

@@ -20,6 +20,7 @@ from eal_actors.wire.rpc.server.outbox import Outbox
 from eal_actors.wire.rpc.server.robot_server import RobotServer
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.revocation import revoke, revoked_names
+from eal_actors.wire.transport import Transport
 
 if TYPE_CHECKING:
     import zenoh
@@ -50,9 +51,10 @@ class RobotHost(EALActor):
         self._lock = threading.Lock()
         self._servers: dict[str, RobotServer] = {}
         self._malformed = ThrottledLog(fleet=fleet)
-        self._subscribers: list[zenoh.Subscriber[None]] = []
+        self._unsubscribe: list[Callable[[], None]] = []
         self._revoked = self._read_revoked()
-        self._outbox = Outbox(f"{robot or fleet} outbox", session)
+        self._transport = Transport(session)
+        self._outbox = Outbox(f"{robot or fleet} outbox", self._transport)
 
     def _read_revoked(self) -> frozenset[str]:
         security = self._network.security
@@ -65,21 +67,19 @@ class RobotHost(EALActor):
         return super().launch()
 
     def _subscribe(self) -> None:
-        import zenoh
-
-        self._subscribers = []
-        for key, receive in (  # before any token: a robot that is found can be called
-            (keys.call_keys(self._fleet, self._robot), self._on_call),
-            (keys.heartbeat_key(self._fleet, None, None), self._on_heartbeat),
-        ):
-            callback = zenoh.handlers.Callback(receive, indirect=False)
-            self._subscribers.append(self._session.declare_subscriber(key, callback))
+        calls = keys.call_keys(self._fleet, self._robot)
+        beats = keys.heartbeat_key(self._fleet, None, None)
+        self._unsubscribe = [  # before any token: a robot that is found can be called
+            self._transport.receive(calls, f"{self.name} calls", self._on_call),
+            self._transport.receive(beats, f"{self.name} heartbeats", self._on_heartbeat),
+        ]
 
     def move_to(self, session: zenoh.Session) -> None:
         """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
         self._session = session
         self._revoked = self._read_revoked()
-        self._outbox.move_to(session)
+        self._transport = Transport(session)
+        self._outbox.move_to(self._transport)
         self._subscribe()
         for server in self._servers.values():
             server.move_to(session)
@@ -157,8 +157,8 @@ class RobotHost(EALActor):
 
     @override
     def on_stop(self) -> None:
-        for subscriber in () if self._session.is_closed() else self._subscribers:
-            subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
+        for unsubscribe in self._unsubscribe:
+            unsubscribe()
         self._outbox.end_soon()
 
     @override
@@ -177,14 +177,14 @@ class RobotHost(EALActor):
 
     def _on_call(self, sample: zenoh.Sample) -> None:
         try:
-            call = keys.parse_call(str(sample.key_expr))
+            route = keys.parse_route(str(sample.key_expr))
         except ProtocolError as error:
             self._malformed.warn(keys.sender_of(str(sample.key_expr)), "a call is malformed", error.message)
             return
-        server = self._servers.get(call.robot)
-        if server is not None and call.caller not in self._revoked:  # else another process serves the robot
+        server = self._servers.get(route.call.robot)
+        if server is not None and route.call.caller not in self._revoked:  # else another process serves the robot
             attachment = sample.attachment
-            server.receive(call, attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+            server.receive(route, attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
 
     def _on_heartbeat(self, sample: zenoh.Sample) -> None:
         try:

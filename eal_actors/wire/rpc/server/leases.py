@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from eal_actors.kernel.errors import ArgumentError, ResourceBusyError
 
@@ -123,8 +123,7 @@ class Leases:
         return lease
 
 
-@dataclass(frozen=True, slots=True)
-class SilentController:
+class SilentController(NamedTuple):
     """Resource whose responsible client fell silent.
 
     Attributes:
@@ -191,9 +190,9 @@ class DeadManSwitch:
 
     def due(self, now_s: float) -> tuple[SilentController, ...]:
         """Return the resources to halt now, sorted, and forget them: each silence is returned once."""
-        if not any(now_s >= self._end_s(last) for last in self._watched.values()):  # the usual case
+        due = [last for last in self._watched.values() if now_s >= last.heard_s + self.dead_man_s]
+        if not due:  # the usual case
             return ()
-        due = [last for last in self._watched.values() if now_s >= self._end_s(last)]
         for silent in due:
             del self._watched[silent.resource]
         return tuple(sorted(due, key=lambda silent: silent.resource))

@@ -9,23 +9,24 @@ Confirmations of stops have a sender of their own, since hundreds of images may 
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 from typing_extensions import override
 
 from eal_actors.device.data import Payload
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
-from eal_actors.kernel.errors import error_text
-from eal_actors.kernel.log import get_logger
 from eal_actors.wire.rpc.sender import Message, Sender
-
-if TYPE_CHECKING:
-    import zenoh
+from eal_actors.wire.transport import Transport
 
 _BATCH_S: Final = 0.003
 """Real seconds that a reply waits for others at most."""
+
+_LARGE_BYTES: Final = 32 * 1024
+_QUIET_S: Final = 2.0
+"""Real seconds after a large payload in which the link may still be full of it."""
 
 MAX_BACKLOG_BYTES: Final = 64 * 1024 * 1024
 """Bytes of values that may wait to be sent; while more wait, further values are refused."""
@@ -40,11 +41,12 @@ class Outbox(Sender):
     Thread: an actor.
     """
 
-    def __init__(self, name: str, session: zenoh.Session) -> None:
+    def __init__(self, name: str, transport: Transport) -> None:
         super().__init__(name)
         self.urgent: Final = Sender(f"{name} for stops")
-        self._session = session
+        self._transport = transport
         self._backlog_bytes = 0
+        self._last_large_s = -math.inf
         self._put_lock = threading.Lock()
         self._lock = threading.Lock()
         self._expected = 0
@@ -52,7 +54,6 @@ class Outbox(Sender):
         self._is_gathering = False
         self._batch_complete = new_waiter()
         self._left_in_batch = 0
-        self._log = get_logger()
 
     @override
     def launch(self) -> Self:
@@ -68,9 +69,9 @@ class Outbox(Sender):
         """Whether so many bytes wait that no further value may be queued. Thread: any."""
         return self._backlog_bytes >= MAX_BACKLOG_BYTES
 
-    def move_to(self, session: zenoh.Session) -> None:
+    def move_to(self, transport: Transport) -> None:
         """Send on another session from now on. Thread: any."""
-        self._session = session
+        self._transport = transport
 
     def expect(self, replies: int, *, has_more: bool | None = None) -> None:
         """Change the number of expected replies.
@@ -109,6 +110,23 @@ class Outbox(Sender):
         else:
             self._queue(message)
 
+    def publish_briefly(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
+        """Send the outcome of a command in this thread if that takes no time, else queue it.
+
+        The thread is an actuator's, which no controller may block. So a full link drops the message after 1 ms,
+        and the controller asks again; where that is likely, or other outcomes are expected for a batch, it is queued.
+        """
+        message = _OutgoingMessage(self, key, envelope, payload, is_vital=False, is_urgent=is_urgent)
+        is_quiet = self.is_idle and not is_urgent and not self._has_more and self._expected <= 1
+        if is_quiet and REAL_TIME.now() - self._last_large_s > _QUIET_S and self._put_lock.acquire(blocking=False):
+            try:
+                self._put(message, is_last=True)
+            finally:
+                self._put_lock.release()
+        else:
+            message.is_vital = True
+            self._queue(message)
+
     def _queue(self, message: _OutgoingMessage) -> None:
         if message.is_urgent:
             self.urgent.submit(message)
@@ -143,21 +161,16 @@ class Outbox(Sender):
         self._count(-memoryview(message.payload).nbytes)
 
     def _put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
-        import zenoh
-
-        payload = message.payload
-        congestion = zenoh.CongestionControl
-        try:
-            self._session.put(
-                message.key,
-                payload if type(payload) is bytes else bytes(payload),
-                attachment=message.envelope,
-                priority=zenoh.Priority.REAL_TIME if message.is_urgent else zenoh.Priority.DATA,
-                congestion_control=congestion.BLOCK if message.is_vital else congestion.DROP,
-                express=is_last,
-            )
-        except Exception as error:  # noqa: BLE001  # zenoh's own: the link broke, or the session is being closed
-            self._log.debug("a message could not be sent", key=message.key, reason=error_text(error))
+        if len(message.payload) > _LARGE_BYTES:
+            self._last_large_s = REAL_TIME.now()
+        self._transport.put(
+            message.key,
+            message.envelope,
+            message.payload,
+            is_urgent=message.is_urgent,
+            is_last=is_last,
+            is_vital=message.is_vital,
+        )
 
 
 @dataclass(slots=True, eq=False)

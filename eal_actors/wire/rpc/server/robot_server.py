@@ -219,39 +219,40 @@ class RobotServer:
 
     # Calls of controllers, in zenoh's threads.
 
-    def receive(self, call: keys.CallKey, envelope: bytes, payload: bytes) -> None:
-        """Serve a call. Thread: zenoh's; does not block."""
-        reply_to = ReplyTo(keys.answer_key(call), 0)
+    def receive(self, route: keys.CallRoute, envelope: bytes, payload: bytes) -> None:
+        """Serve a call. Thread: the reader's; does not block."""
+        call = route.call
+        reply_to = ReplyTo(route.answer_key, 0)
         try:
             header, data = decode_call(envelope, payload)
-            reply_to = ReplyTo(reply_to.key, header.sequence)
-            if header.client != keys.client_id(call.caller, call.client):
+            reply_to = ReplyTo(route.answer_key, header.sequence)
+            if header.client != route.client:
                 raise ProtocolError(f"a controller named {call.caller} calls in the name of another one")
-            self._admission.names.note(header.client, call.caller)
+            if header.era:  # a command, whose caller is named to others
+                self._admission.names.note(route.client, call.caller)
             if data is not None and data.stamp_s is not None:
                 data = data.with_meta(stamp_s=fleet_time_of(self._clock, data.stamp_s))
-            with spans.within(header.traceparent):
-                if call.resource == keys.ROBOT:
-                    self._serve_robot(call, reply_to, header)
-                else:
-                    self._serve(self._robot[call.resource], call.method, reply_to, header, data)
+            if header.traceparent:
+                with spans.within(header.traceparent):
+                    self._dispatch(call, reply_to, header, data)
+            else:
+                self._dispatch(call, reply_to, header, data)
         except EALError as error:
             self._answer(reply_to, error.at(self._robot.name))
         except Exception as error:  # noqa: BLE001  # else the caller would get no reply at all
             self._log.exception("a call failed", method=call.method, resource=call.resource)
             self._answer(reply_to, ResourceFaultError(f"the server raised {error_text(error)}"))
 
+    def _dispatch(self, call: keys.CallKey, reply_to: ReplyTo, header: CallHeader, data: EALData | None) -> None:
+        if call.resource == keys.ROBOT:
+            self._serve_robot(call, reply_to, header)
+        else:
+            self._serve(self._robot[call.resource], call.method, reply_to, header, data)
+
     def _serve(
         self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
     ) -> None:
-        if method == keys.INFO:
-            self._answer(reply_to, handle.info.to_dict())
-            return
-        if method == keys.STREAM:
-            self._publisher.serve(handle, header)
-            self._answer(reply_to, 1)
-            return
-        if header.deadline_s <= 0:
+        if header.deadline_s <= 0 and method not in (keys.INFO, keys.STREAM):
             raise DeadlineError(f"{method} came after its deadline; it was not executed")
         timeout_s = self._clock.of_real(header.deadline_s)
         if method in keys.RETRYABLE_METHODS:
@@ -261,6 +262,11 @@ class RobotServer:
             self._admission.note_stop(header, handle.name)
             call = _start_call(handle, method, header, data, timeout_s)
             call.link(lambda done, _: self._answer(reply_to._replace(is_urgent=True), self._outcome(done)))
+        elif method == keys.INFO:
+            self._answer(reply_to, handle.info.to_dict())
+        elif method == keys.STREAM:
+            self._publisher.serve(handle, header)
+            self._answer(reply_to, 1)
         else:
             self._serve_command(handle, method, reply_to, header, data)
 
@@ -352,7 +358,7 @@ class RobotServer:
         (send or self._outbox.publish)(reply_to.key, envelope, payload, is_urgent=reply_to.is_urgent)
 
     def _answer_expected(self, reply_to: ReplyTo, answer: Answer, began_s: float | None = None) -> None:
-        self._answer(reply_to, answer, began_s=began_s)
+        self._answer(reply_to, answer, began_s=began_s, send=self._outbox.publish_briefly)
         self._outbox.expect(-1)
 
     def _publish(self, event: RobotEvent, *, is_vital: bool = True) -> None:
