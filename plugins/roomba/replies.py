@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import enum
 from collections import deque
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from .groups import GROUP_BYTES
+from .groups import GROUP_BYTES, is_group
 
 QUIET_S: Final = 0.003
 """Silence after a whole reply; a byte more means that one was inserted."""
@@ -21,6 +22,7 @@ _UNUSUAL_S: Final = 0.005
 _DELAYS: Final = 4  # time limit of a reply, in usual delays
 _GROWTH: Final = 1.5
 _LONGEST_S: Final = 1.0
+_MOST_REQUESTS: Final = 16
 
 
 class ReplyState(enum.Enum):
@@ -57,6 +59,32 @@ class Reply(NamedTuple):
     jitter_s: float
 
 
+def _match_oldest(requests: Sequence[Request], data: bytes) -> list[Request] | None:
+    """Return the oldest requests that bytes answer, in order; None if there are none."""
+    if not data:
+        return []
+    for place, request in enumerate(requests):
+        size = GROUP_BYTES[request.group]
+        if is_group(request.group, data[:size]):
+            others = _match_oldest(requests[place + 1 :], data[size:])
+            if others is not None:
+                return [request, *others]
+    return None
+
+
+def _match_latest(requests: Sequence[Request], data: bytes) -> list[Request] | None:
+    """Return the latest requests that bytes answer, in order; None if there are none."""
+    if not data:
+        return []
+    for place in range(len(requests) - 1, -1, -1):
+        request, start = requests[place], len(data) - GROUP_BYTES[requests[place].group]
+        if start >= 0 and is_group(request.group, data[start:]):
+            others = _match_latest(requests[:place], data[:start])
+            if others is not None:
+                return [*others, request]
+    return None
+
+
 class ReplyReader:
     """Collects the replies to requests of sensor groups.
 
@@ -77,7 +105,7 @@ class ReplyReader:
         self._limit_s = most_s
         self._held = bytearray()
         self._byte_s = 0.0
-        self._unanswered: deque[Request] = deque(maxlen=32)
+        self._unanswered: deque[Request] = deque(maxlen=_MOST_REQUESTS)
         self.latest = Request(0, 0.0)
         self._others_until_s = 0.0
 
@@ -116,18 +144,10 @@ class ReplyReader:
         return ReplyState.WHOLE if is_whole else ReplyState.DAMAGED
 
     def _answered(self) -> list[Request]:
-        """Return the requests that the bytes answer, oldest first; none if their number does not fit."""
-        held, latest = len(self._held), self.latest
-        is_usual = self._is_measured and self._byte_s - latest.asked_s <= _USUAL * self.delay_s + _UNUSUAL_S
-        if held == GROUP_BYTES[latest.group] and (is_usual or not self._unanswered):
-            return [latest]
-        answered, size = [], 0
-        for request in self._unanswered:
-            answered.append(request)
-            size += GROUP_BYTES[request.group]
-            if size >= held:
-                break
-        return answered if size == held else []
+        """Return the requests that the bytes answer, oldest first; none if the bytes do not fit."""
+        held, requests = bytes(self._held), [*self._unanswered] or [self.latest]
+        is_usual = self._is_measured and self._byte_s - self.latest.asked_s <= _USUAL * self.delay_s + _UNUSUAL_S
+        return (_match_latest if is_usual else _match_oldest)(requests, held) or []
 
     def give_up(self, state: ReplyState) -> None:
         """End the wait for a reply that is LOST or DAMAGED."""

@@ -71,6 +71,7 @@ class TravelJudge:
         self.model = PredictedWheels(delay_s)
         self.doubt = NOTHING
         self._counted_s = -math.inf
+        self._late_s = 0.0
         self._requests: deque[tuple[float, bool]] = deque(maxlen=_MOST_REQUESTS)
         self._suspect: _Suspect | None = None
         self._gauge = AccelerationGauge()
@@ -120,7 +121,7 @@ class TravelJudge:
             self._gauge.add(counted, asked_s, self.model)
         else:
             self._gauge.cancel()
-        self._accept(asked_s, self._speeds_m_s(best.travel, self._counted_s, asked_s))
+        self._accept(asked_s, self._speeds_m_s(best.travel, self._counted_s, asked_s), jitter_s)
         return Judgement(best.travel)
 
     def _speeds_m_s(self, travel: Travel, since_s: float, until_s: float) -> tuple[float, float]:
@@ -151,7 +152,7 @@ class TravelJudge:
             whole = self.model.predict(self._counted_s, asked_s, factor, late_s)
             before = self.model.predict(self._counted_s, start_s, factor, late_s)
             since = whole.plus(before, -1.0)
-            tolerance = self._tolerance(since, asked_s, 0.0)
+            tolerance = self._tolerance(since, asked_s)
             if all(abs(since[place] - counted[place]) < tolerance[place] for place in (0, 1)):
                 likely.append(before)
         least, most = (Travel(*map(choose, zip(*likely, strict=True))) for choose in (min, max))
@@ -167,14 +168,20 @@ class TravelJudge:
 
     def _misfit(self, counted: Travel, start_s: float, asked_s: float, jitter_s: float) -> float:
         predicted, unknown = self.model.predict(start_s, asked_s), self.model.unknown(start_s, asked_s)
-        tolerance = self._tolerance(predicted, asked_s, jitter_s).plus(unknown, _UNKNOWN)
-        return max(abs(counted[place] - predicted[place]) / tolerance[place] for place in (0, 1))
+        tolerance = self._tolerance(predicted, asked_s).plus(unknown, _UNKNOWN)
+        late_s = self._late_s if start_s <= self._counted_s else 0.0
+        least, most = self.model.predict(start_s + late_s, asked_s), self.model.predict(start_s, asked_s + jitter_s)
+        return max(
+            max(min(least[place], most[place]) - counted[place], counted[place] - max(least[place], most[place]))
+            / tolerance[place]
+            for place in (0, 1)
+        )
 
-    def _tolerance(self, predicted: Travel, asked_s: float, jitter_s: float) -> Travel:
+    def _tolerance(self, predicted: Travel, asked_s: float) -> Travel:
         """Return by how much a count may differ from a prediction whose acceleration is right."""
         speed = Travel.of_wheels(*self.model.speeds_m_s(asked_s))
         ahead_m, arc_m = (
-            ROUNDING_M + _UNCERTAIN * abs(predicted[place]) + abs(speed[place]) * (_JITTER_S + jitter_s)
+            ROUNDING_M + _UNCERTAIN * abs(predicted[place]) + abs(speed[place]) * _JITTER_S
             for place in (0, 1)
         )
         return Travel(ahead_m, arc_m)
@@ -231,8 +238,8 @@ class TravelJudge:
         self._accept(asked_s, self.model.speeds_m_s(asked_s))
         return Judgement(travel, is_false=True)
 
-    def _accept(self, asked_s: float, speeds_m_s: tuple[float, float]) -> None:
-        self._counted_s, self._suspect = asked_s, None
+    def _accept(self, asked_s: float, speeds_m_s: tuple[float, float], jitter_s: float = 0.0) -> None:
+        self._counted_s, self._late_s, self._suspect = asked_s, jitter_s, None
         self.model.restart(asked_s, speeds_m_s)
         self._requests = deque((request for request in self._requests if request[0] > asked_s), _MOST_REQUESTS)
 
