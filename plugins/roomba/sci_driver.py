@@ -28,6 +28,8 @@ _LOSSY_LIMITS_S: Final = (0.1, 0.06, 0.1)
 _DELAY_S: Final = 0.02  # of a command
 _LOSSY_DELAY_S: Final = 0.06
 _PERIOD_IN_MOTION_S: Final = 0.04
+_LOSSY_PERIOD_IN_MOTION_S: Final = 0.1  # so that counts tell which requests were lost
+_EARLY: Final = 0.9  # share of the period after which a poll counts as due
 _REREAD_S: Final = 0.05  # until a reading in doubt is repeated; the wheels have turned measurably by then
 _ALL, _CONTACTS, _CONTROLS = 0, 1, 2  # sensor groups
 _MANY_BYTES: Final = 20  # a damaged request was one of all sensors, which resets the counts
@@ -51,6 +53,7 @@ class SciDriver(RoombaDriver):
     def __init__(self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str) -> None:
         super().__init__(link, clock, mode, poll_hz, name, WHEELBASE_M)
         limits_s, delay_s = (_LOSSY_LIMITS_S, _LOSSY_DELAY_S) if link.repeats > 1 else (_LIMITS_S, _DELAY_S)
+        self._motion_period_s = _LOSSY_PERIOD_IN_MOTION_S if link.repeats > 1 else _PERIOD_IN_MOTION_S
         self._replies = ReplyReader(*limits_s)
         self._judge = TravelJudge(delay_s)
         self._fault: str | None = None
@@ -95,7 +98,7 @@ class SciDriver(RoombaDriver):
     @override
     def _longest_period_s(self) -> float:
         """A lost reply loses its travel, so replies must be frequent while the wheels turn."""
-        return _PERIOD_IN_MOTION_S if any(self._commanded_m_s) or self._must_stand else math.inf
+        return self._motion_period_s if any(self._commanded_m_s) or self._must_stand else math.inf
 
     @override
     def _note_wheels(self, left_m_s: float, right_m_s: float) -> None:
@@ -111,7 +114,7 @@ class SciDriver(RoombaDriver):
         if self._longest_period_s == math.inf or self._reading is None or self.delay_s > _PROMPT_S:
             return (yield from self._exchange(_ALL))
         is_good = yield from self._exchange(_CONTACTS)
-        if self.is_due(self._travel_s + 0.9 * _PERIOD_IN_MOTION_S):
+        if self.is_due(self._travel_s + _EARLY * self._motion_period_s):
             is_good = yield from self._exchange(_CONTROLS)
         return is_good
 

@@ -17,6 +17,7 @@ from typing import Final
 from .predicted_wheels import NOTHING, ROUNDING_M, AccelerationGauge, PredictedWheels, Travel
 
 _MAX_SPEED_M_S: Final = 0.6
+_MOST_ACCELERATION_M_S2: Final = 2.0  # of the wheels of any Roomba, with a margin
 _JITTER_S: Final = 0.02  # a Roomba counts every 15 ms, a simulated one every 20 ms
 _UNCERTAIN: Final = 0.03  # share of a predicted travel
 _UNSURE: Final = 0.02  # the same where nothing was counted
@@ -193,8 +194,7 @@ class TravelJudge:
             return []
         starts = self._starts(suspect.asked_s, asked_s)
         for first_s in self._starts(self._counted_s, suspect.asked_s):
-            reach_m = _MAX_SPEED_M_S * (suspect.asked_s - first_s + _JITTER_S)
-            if max(map(abs, suspect.counted.wheels_m)) > reach_m:
+            if not self._is_within_reach(suspect.counted, suspect.asked_s - first_s + suspect.jitter_s):
                 continue
             missing = self.model.predict(self._counted_s, first_s)
             unknown = Travel(*map(abs, missing))  # it may have disobeyed before, too
@@ -211,6 +211,16 @@ class TravelJudge:
                     travel = missing.plus(suspect.counted).plus(fit.travel)
                     fits.append(Explanation(fit.misfit, travel, fit.doubt.plus(unknown)))
         return fits
+
+    def _is_within_reach(self, travel: Travel, duration_s: float) -> bool:
+        """Return whether the wheels can have travelled so since the latest accepted count, whatever they obey."""
+        duration_s += _JITTER_S
+        gained_m = _MOST_ACCELERATION_M_S2 * duration_s**2 / 2
+        speeds_m_s = self.model.speeds_m_s(self._counted_s)
+        return all(
+            abs(wheel_m) <= min(abs(speed_m_s) * duration_s + gained_m, _MAX_SPEED_M_S * duration_s) + ROUNDING_M
+            for wheel_m, speed_m_s in zip(travel.wheels_m, speeds_m_s, strict=True)
+        )
 
     def _disobeying(self, suspect: _Suspect, first_s: float) -> Iterator[TravelJudge]:
         """Return judges of wheels that had turned as a suspect says, and obey, go on or stop since then."""
@@ -232,7 +242,7 @@ class TravelJudge:
             return Judgement(NOTHING, is_suspect=True)
         both, duration_s = self._suspect.counted.plus(counted), asked_s - self._counted_s
         predicted = self.model.predict(self._counted_s, asked_s)
-        is_possible = max(map(abs, both.wheels_m)) <= _MAX_SPEED_M_S * duration_s
+        is_possible = self._is_within_reach(both, duration_s)
         travel = both if is_possible else predicted
         self._add_doubt(both.plus(predicted, -1.0) if is_possible else predicted)
         self._accept(asked_s, self.model.speeds_m_s(asked_s))
