@@ -1,8 +1,9 @@
 """The replies to requests on a line that may lose, damage and delay them: which bytes are one, and whose they are.
 
-Replies have the sizes of the requested groups and come in the order of their requests, without a number. Where more than
-one request may be unanswered, a reply belongs to the latest if it comes after the usual delay. Otherwise it belongs to
-the oldest, and nothing more is asked until the others have had the same time: a wrong pairing would go on forever.
+Replies have the sizes of the requested groups and come in the order of their requests, without a number. If more than
+one request may be unanswered, a reply belongs to the latest one that it can answer if it comes after the usual delay.
+Otherwise it belongs to the oldest such one, and nothing more is asked until the others have had the same time: a wrong
+pairing would go on forever.
 """
 
 from __future__ import annotations

@@ -31,7 +31,9 @@ _PERIOD_IN_MOTION_S: Final = 0.04
 _LOSSY_PERIOD_IN_MOTION_S: Final = 0.1  # so that counts tell which requests were lost
 _EARLY: Final = 0.9  # share of the period after which a poll counts as due
 _REREAD_S: Final = 0.05  # until a reading in doubt is repeated; the wheels have turned measurably by then
-_ALL, _CONTACTS, _CONTROLS = 0, 1, 2  # sensor groups
+_ALL, _CONTACTS, _CONTROLS, _POWER = 0, 1, 2, 3  # sensor groups
+_TRAVEL: Final = (_ALL, _CONTROLS)  # groups whose reply resets the counts
+_POWER_PERIOD_S: Final = 2.0
 _MANY_BYTES: Final = 20  # a damaged request was one of all sensors, which resets the counts
 _PROMPT_S: Final = 0.04  # a line with a longer delay is asked for all sensors at once
 
@@ -61,7 +63,7 @@ class SciDriver(RoombaDriver):
         self._unusual: PowerGroup | None = None
         self._lost_count = 0
         self._contacts, self._contacts_s = Contacts(), -math.inf
-        self._travel_s = -math.inf
+        self._travel_s = self._power_s = -math.inf
 
     @override
     def wheels(self, left_mm_s: int, right_mm_s: int) -> WheelCommand:
@@ -110,9 +112,13 @@ class SciDriver(RoombaDriver):
         self._fault = None
 
     def _poll_once(self) -> Generator[float, None, bool]:
-        """Take a reading. A short reply is lost less often, so while the wheels turn, their travel is asked for alone."""
-        if self._longest_period_s == math.inf or self._reading is None or self.delay_s > _PROMPT_S:
+        """Take a reading; while the wheels turn, their travel alone, because a short reply is lost less often."""
+        now_s, reading = self.clock.now(), self._reading
+        stands, is_slow = self._longest_period_s == math.inf, self.delay_s > _PROMPT_S
+        if stands or is_slow or reading is None or now_s - reading.stamp_s > self._lasts_s:
             return (yield from self._exchange(_ALL))
+        if now_s - self._power_s > _POWER_PERIOD_S:
+            yield from self._exchange(_POWER)
         is_good = yield from self._exchange(_CONTACTS)
         if self.is_due(self._travel_s + _EARLY * self._motion_period_s):
             is_good = yield from self._exchange(_CONTROLS)
@@ -145,7 +151,7 @@ class SciDriver(RoombaDriver):
             self._take_bytes(self._link.receive())  # a late reply contains travel too
             self._link.ask(sci.ask_sensors(group))
             self._replies.ask(group, now_s)
-            if group != _CONTACTS:
+            if group in _TRAVEL:
                 self._travel_s = now_s
                 self._judge.ask(now_s)
             return None
@@ -164,14 +170,14 @@ class SciDriver(RoombaDriver):
         self._replies.give_up(state)
         if state is ReplyState.DAMAGED:
             self._log.debug("a reply is dropped", reason="bytes are missing, or too many")
-            if group != _CONTACTS:
+            if group in _TRAVEL:
                 self._judge.lose()
             elif size > _MANY_BYTES:
                 self._judge.ask(self._replies.latest.asked_s)
             return
         self._lost_count += 1
         self._must_repeat |= self._lost_count > 1
-        if self._link.repeats == 1 and group != _CONTACTS:  # a cable does not lose whole replies: it was not asked
+        if self._link.repeats == 1 and group in _TRAVEL:  # a cable does not lose whole replies: it was not asked
             self._judge.withdraw()
 
     def _take_replies(self) -> bool:
@@ -182,7 +188,7 @@ class SciDriver(RoombaDriver):
                 is_good = self._take_reply(reply)
             except DataError as error:  # noise on the line
                 self._log.debug("a reply is dropped", reason=error.message)
-                if reply.group != _CONTACTS:
+                if reply.group in _TRAVEL:
                     self._judge.lose()
                 is_good = False
         if not is_good:
@@ -200,15 +206,26 @@ class SciDriver(RoombaDriver):
             return True
         if reply.group == _CONTROLS:
             return self._take_controls(Controls.decode(reply.data), reply)
+        if reply.group == _POWER:
+            self._take_power(PowerGroup.decode(reply.data), reply)
+            return True
         sensors = Sensors.decode(reply.data)
-        sensors.power.check()
-        if not sensors.power.follows(self._power or sensors.power):
-            before, self._unusual = self._unusual, sensors.power
-            if before is None or not sensors.power.follows(before):
-                raise DataError("SCI: the battery cannot have changed so")
-        self._unusual, self._power = None, sensors.power
+        self._take_power(sensors.power, reply)
         self._contacts, self._contacts_s = sensors.contacts, reply.asked_s
         return self._take_controls(sensors.controls, reply)
+
+    def _take_power(self, power: PowerGroup, reply: Reply) -> None:
+        """Take what a reply says of the battery; a sudden change must be said twice.
+
+        Raises:
+            DataError: no battery of a Roomba is so, or changes so.
+        """
+        power.check()
+        if self._power is not None and not power.follows(self._power):
+            before, self._unusual = self._unusual, power
+            if before is None or not power.follows(before):
+                raise DataError("SCI: the battery cannot have changed so")
+        self._power, self._power_s, self._unusual = power, reply.asked_s, None
 
     def _take_controls(self, controls: Controls, reply: Reply) -> bool:
         """Take buttons and travel if they are plausible; return whether they are."""

@@ -182,8 +182,7 @@ class TravelJudge:
         """Return by how much a count may differ from a prediction whose acceleration is right."""
         speed = Travel.of_wheels(*self.model.speeds_m_s(asked_s))
         ahead_m, arc_m = (
-            ROUNDING_M + _UNCERTAIN * abs(predicted[place]) + abs(speed[place]) * _JITTER_S
-            for place in (0, 1)
+            ROUNDING_M + _UNCERTAIN * abs(predicted[place]) + abs(speed[place]) * _JITTER_S for place in (0, 1)
         )
         return Travel(ahead_m, arc_m)
 
