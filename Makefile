@@ -17,7 +17,7 @@ EVBOTOS_TOOLS := apt bc binutils bison device-tree-compiler dosfstools dpkg e2fs
 	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: lock locked sbom demo demo-network lab test test-slow check docs bench bench-peers bench-scale soak fuzz fuzz-motions figures format evbotos-setup test-evbotos clean help
+.PHONY: lock locked sbom demo demo-network lab test test-slow check docs bench bench-peers bench-scale bench-go soak fuzz fuzz-motions figures format evbotos-setup test-evbotos clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -87,6 +87,9 @@ bench-peers: $(STAMP)  ## measure against others that call robots, as ratios to 
 
 bench-scale: $(STAMP)  ## measure what a robot costs among 10, 100 and 1,000; writes its figures into docs/scaling.md
 	$(BIN)/python -m tests.benchmarks.scale
+
+bench-go: $(STAMP)  ## measure robots that go where they are sent, 20 seeds each, judged by the true pose
+	$(BIN)/python -m tests.benchmarks.go
 
 soak: $(STAMP)  ## twenty robots under kills, freezes, cuts, floods and garbage for twenty minutes; writes docs/soak.md
 	$(BIN)/python -m tests.soak --page docs/soak.md

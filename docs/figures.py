@@ -13,8 +13,9 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
+from swap_figure import draw_swap
 
-from eal_actors import Fleet, RobotHandle
+from eal_actors import Fleet, RobotHandle, gather
 from eal_actors.device.world import load_world
 from eal_actors.lab.calibration.drive import GroundTruth, calibrate_base, drive_squares, wheelbase_of
 from eal_actors.lab.calibration.fit import fit_squares
@@ -199,12 +200,22 @@ def draw_sweep(out: Path) -> None:
         shutil.copyfile(swept / "table.png", out)
 
 
+def draw_arena(out: Path) -> None:
+    """Draw what the camera above the arena sees, after some robots have turned."""
+    with Fleet.load(ROOT / "fleets/arena.yaml") as fleet:
+        gather([fleet[name]["Base"].send_cmd("l30") for name in fleet if name != "cameras-1"]).get()
+        picture = fleet["cameras-1"]["Picture"].get_value().get().value
+    small = cv2.resize(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), (880, 660), interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(out), small, [cv2.IMWRITE_JPEG_QUALITY, 85])
+
+
 def main() -> None:
     """Make every picture."""
     IMAGES.mkdir(exist_ok=True)
     draw_square(IMAGES / "square.png")
     draw_dance(IMAGES / "dance.png")
     draw_view(IMAGES / "lab-view.png")
+    draw_arena(IMAGES / "arena.jpg")
     draw_panorama(IMAGES / "panorama.png")
     draw_survey(IMAGES / "survey.png")
     draw_calibration(IMAGES / "calibration.png")
@@ -215,6 +226,7 @@ def main() -> None:
     draw_shipped("relay", "relay: two laps with three batteries", IMAGES / "relay.png")
     draw_world(load_world(ROOT / "fleets/worlds/lab.yaml"), IMAGES / "lab.png")
     draw_world(load_world(ROOT / "fleets/worlds/maze.yaml"), IMAGES / "maze.png")
+    draw_swap(IMAGES)
     draw_dashboard(IMAGES)
 
 

@@ -14,19 +14,23 @@ if TYPE_CHECKING:
     from eal_actors.actors.handles import ResourceHandle, RobotHandle
     from eal_actors.device.data import DataType, EALData
     from eal_actors.device.info import ResourceInfo, ResourceType
+    from eal_actors.device.localization.pose_estimate import PoseEstimate
     from eal_actors.facade.eal import EAL, connect
     from eal_actors.facade.fleet import Fleet
-    from eal_actors.kernel.errors import EALError
+    from eal_actors.kernel.errors import BlockedError, EALError, LocalizationError
 
 __version__ = "0.1.0"
 
 __all__ = [
     "EAL",
+    "BlockedError",
     "DataType",
     "EALData",
     "EALError",
     "Fleet",
     "Future",
+    "LocalizationError",
+    "PoseEstimate",
     "ResourceHandle",
     "ResourceInfo",
     "ResourceType",
@@ -38,12 +42,15 @@ __all__ = [
 ]
 
 _HOMES: Final = {
+    "BlockedError": "eal_actors.kernel.errors",
     "DataType": "eal_actors.device.data",
     "EAL": "eal_actors.facade.eal",
     "EALData": "eal_actors.device.data",
     "EALError": "eal_actors.kernel.errors",
     "Fleet": "eal_actors.facade.fleet",
     "Future": "eal_actors.actors.future",
+    "LocalizationError": "eal_actors.kernel.errors",
+    "PoseEstimate": "eal_actors.device.localization.pose_estimate",
     "ResourceHandle": "eal_actors.actors.handles",
     "ResourceInfo": "eal_actors.device.info",
     "ResourceType": "eal_actors.device.info",

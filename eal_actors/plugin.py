@@ -19,16 +19,24 @@ from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.differential_base import DifferentialBase, Drivetrain, WheelCalibration
 from eal_actors.device.info import CommandInfo, ConfigInfo, ResourceInfo, ResourceType
 from eal_actors.device.link import FaultyLink as Link
+from eal_actors.device.localization.localizer import Localizer
+from eal_actors.device.localization.odometry_noise import OdometryNoise
+from eal_actors.device.localization.pose_estimate import PoseEstimate, wrapped_rad
+from eal_actors.device.localization.pose_resource import PoseResource, finite_pose
+from eal_actors.device.markers import FAMILIES, FamilyName
 from eal_actors.device.plugin_context import EALPlugin, FleetServices, PluginContext, PluginSettingsModel
 from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
 from eal_actors.device.resource import Activity, Resource, command, config, config_setter, request
 from eal_actors.device.serial_ports import open_serial
 from eal_actors.device.sockets import TcpPort, UdpPort, open_tcp
+from eal_actors.device.world import FloorMarker
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
     ArgumentError,
+    BlockedError,
     DataError,
     EALError,
+    LocalizationError,
     NotReadyError,
     PluginError,
     ResourceFaultError,
@@ -38,8 +46,10 @@ from eal_actors.kernel.errors import (
 from eal_actors.kernel.log import get_logger
 
 __all__ = [
+    "FAMILIES",
     "Activity",
     "ArgumentError",
+    "BlockedError",
     "BytePort",
     "Clock",
     "CommandInfo",
@@ -51,13 +61,20 @@ __all__ = [
     "EALData",
     "EALError",
     "EALPlugin",
+    "FamilyName",
     "Field",
     "FleetServices",
+    "FloorMarker",
     "Link",
+    "LocalizationError",
+    "Localizer",
     "NotReadyError",
+    "OdometryNoise",
     "PluginContext",
     "PluginError",
     "PluginSettingsModel",
+    "PoseEstimate",
+    "PoseResource",
     "ReopeningDevice",
     "ReopeningPort",
     "Resource",
@@ -73,8 +90,10 @@ __all__ = [
     "command",
     "config",
     "config_setter",
+    "finite_pose",
     "get_logger",
     "open_serial",
     "open_tcp",
     "request",
+    "wrapped_rad",
 ]

@@ -19,11 +19,11 @@ def form(fleet: Fleet, shape: str, spacing_m: float, radius_m: float = 0.2) -> f
 
     def face(robot: RobotHandle) -> float:
         x_m, y_m, heading_deg = plan["places"][robot.name]
-        yaw_rad = robot["Pose"].get_value().get().value[2]
+        yaw_rad = robot["TruePose"].get_value().get().value[2]
         robot["Base"].send_cmd(turn_command(yaw_rad, math.radians(heading_deg))).get()
-        return math.dist(robot["Pose"].get_value().get().value[:2], (x_m, y_m))
+        return math.dist(robot["TruePose"].get_value().get().value[:2], (x_m, y_m))
 
-    poses = fleet.each(fleet, lambda robot: robot["Pose"].get_value().get().value)
+    poses = fleet.each(fleet, lambda robot: robot["TruePose"].get_value().get().value)
     starts = {name: (float(pose[0]), float(pose[1])) for name, pose in poses.items()}
     rule = Formation.model_validate({"shape": shape, "count": len(fleet), "spacing_m": spacing_m})
     plan = plan_shape(starts, rule, clearance_m(radius_m, margin_m=0.1))

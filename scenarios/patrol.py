@@ -23,7 +23,7 @@ def patrol(fleet: Fleet, laps: int = 3, rest_s: float = 5.0) -> list[tuple[str, 
                 x_m, y_m, heading_deg = PLACES[place]
                 drive_to(guard, (x_m, y_m), near_m=0.02, most_legs=100)
                 for _ in range(2):  # the second turn corrects the error of the first
-                    yaw_rad = guard["Pose"].get_value().get().value[2]
+                    yaw_rad = guard["TruePose"].get_value().get().value[2]
                     guard["Base"].send_cmd(turn_command(yaw_rad, math.radians(heading_deg))).get()
                 picture = guard["Camera"].get_value(timeout_s=3600).get().value  # the fleet's clock may run fast
                 if place in before and find_changes(before[place], picture).boxes:

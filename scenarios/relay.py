@@ -13,7 +13,7 @@ LOW, NEAR_M = 0.2, 0.05
 
 def run_from(robot: RobotHandle, done: int, total: int) -> int:
     """Drive from mark to mark until the battery is low, then home; return the number of marks done by then."""
-    home_x_m, home_y_m, _ = robot["Pose"].get_value().get().value
+    home_x_m, home_y_m, _ = robot["TruePose"].get_value().get().value
     with robot["Battery"].stream(rate_hz=2) as charge:
         while done < total and next(charge).value > LOW:
             angle_rad = 2 * math.pi * done / MARKS - math.pi / 2

@@ -21,7 +21,7 @@ def search(fleet: Fleet, beacon: int = 0) -> tuple[str, float, float] | None:
                 while not drive.done():
                     bearing_rad, range_m = map(float, robot["Beacons"].get_value().get().value[beacon])
                     if not math.isnan(range_m):
-                        x_m, y_m, yaw_rad = map(float, robot["Pose"].get_value().get().value)
+                        x_m, y_m, yaw_rad = map(float, robot["TruePose"].get_value().get().value)
                         angle_rad = yaw_rad + bearing_rad
                         return robot.name, x_m + range_m * math.cos(angle_rad), y_m + range_m * math.sin(angle_rad)
                     fleet.clock.sleep(0.1)

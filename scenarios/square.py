@@ -26,9 +26,9 @@ def main() -> None:
     arguments = parser.parse_args()
     with Fleet.load(arguments.fleet) as fleet:
         robot = fleet[arguments.robot or next(iter(fleet))]
-        before = robot["Pose"].get_value().get().value
+        before = robot["TruePose"].get_value().get().value
         drive_square(robot)
-        after = robot["Pose"].get_value().get().value
+        after = robot["TruePose"].get_value().get().value
         off_m = ((after[0] - before[0]) ** 2 + (after[1] - before[1]) ** 2) ** 0.5
         print(f"{robot.name} came back to {off_m * 1000:.0f} mm from where it started")
 

@@ -233,7 +233,7 @@ class ActivityActor(EALActor):
         if not self._is_running(run):
             return
         call, now_s = run.call, self.clock.now()
-        if call is not None and now_s >= run.deadline_s:
+        if call is not None and now_s >= run.deadline_s - ROUNDING_S:  # timers may be early by that
             call.expire()
             self.stop_activity(call)
             return

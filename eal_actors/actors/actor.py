@@ -74,6 +74,7 @@ class Inbox:
         self._wakeup = new_waiter()
         self._reader_waits = False
         self._wakes_at_s = math.inf
+        self._borrower: object = None
         self._urgent: deque[Envelope] = deque()
         self._normal: deque[tuple[int, Envelope]] = deque()
         self._timers: TimerHeap[Action] = TimerHeap()
@@ -110,7 +111,8 @@ class Inbox:
             if len(self._normal) >= self.capacity:
                 raise BusyError(f"its mailbox is full ({self.capacity} calls wait)")
             self._normal.append((next(self._order), envelope))
-            self._wake_reader()
+            if self._reader_waits:
+                self._wake_reader()
 
     def put_urgent(
         self, envelope: Envelope, *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
@@ -176,20 +178,44 @@ class Inbox:
         """Wait for the next envelope. Thread: the one reader; blocks it."""
         while True:
             with self._lock:
-                if self._urgent:
-                    return self._urgent.popleft()
-                timer, timeout_s = self._timers.first(), None
-                if timer is not None:
-                    timeout_s = timer.time_s - self.clock.now()
-                    if timeout_s <= ROUNDING_S and not (self._normal and self._normal[0][0] < timer.order):
-                        self._timers.pop()
-                        return timer
-                if self._normal:
-                    return self._normal.popleft()[1]
+                self._reader_waits = False
+                timer, timeout_s = None, None
+                if self._borrower is None:
+                    if self._urgent:
+                        return self._urgent.popleft()
+                    timer = self._timers.first()
+                    if timer is not None:
+                        timeout_s = timer.time_s - self.clock.now()
+                        if timeout_s <= ROUNDING_S and not (self._normal and self._normal[0][0] < timer.order):
+                            self._timers.pop()
+                            return timer
+                    if self._normal:
+                        return self._normal.popleft()[1]
                 self._reader_waits = True
                 self._wakes_at_s = math.inf if timer is None else timer.time_s
             self.clock.wait(self._wakeup, timeout_s)
-            # After a time-out a writer may still believe that we wait: its release only makes one wait too short.
+
+    def borrow(self, borrower: object) -> bool:
+        """Take the reader's place while it waits and nothing else does; return whether the caller has it now.
+
+        The reader returns no envelope until `give_back`. Thread: any; never blocks.
+        """
+        with self._lock:
+            if not self._reader_waits or self._borrower is not None or self._urgent or self._normal:
+                return False
+            if self._wakes_at_s - self.clock.now() <= ROUNDING_S:  # a timer is due
+                return False
+            self._borrower = borrower
+        return True
+
+    def give_back(self, borrower: object) -> None:
+        """End `borrow`, if that borrower has the reader's place. Thread: the one that borrowed it; never blocks."""
+        with self._lock:
+            if self._borrower is borrower:
+                self._borrower = None
+                timer = self._timers.first()
+                if self._urgent or self._normal or (timer is not None and timer.time_s < self._wakes_at_s):
+                    self._wake_reader()
 
     def close(self, error: EALError) -> list[Envelope]:
         """Refuse all further envelopes with the error, the first one given; return those that waited. Thread: any."""

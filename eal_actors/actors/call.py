@@ -253,6 +253,8 @@ class ResourceCell:
         link: the link that calls pass; a faultless one of its own if None is given.
         latch: the robot's emergency stop.
         owes_halt: whether a halt was accepted while the device was absent, and is still to be carried out.
+        serve_now: runs a call in the caller's thread and returns True, if its actor is idle; None if the resource must
+            have its own thread, or is in another process.
         open_feed: opens a feed of a remote resource; None where streams poll in this process.
     """
 
@@ -277,6 +279,7 @@ class ResourceCell:
         self.info: ResourceInfo | None = None
         self.error: EALError = UnavailableError("it has not started yet")
         self.owes_halt = False
+        self.serve_now: Callable[[Call[Any]], bool] | None = None
         self.open_feed: OpenFeed | None = None
         self._close_callbacks: set[Callable[[EALError], None]] = set()
         self._is_closed = False
@@ -284,7 +287,7 @@ class ResourceCell:
     def close(self, error: EALError) -> None:
         """Close the slot for good and end the streams. Thread: its robot's actor."""
         self.error = error.copy()
-        self.actor = None
+        self.actor = self.serve_now = None
         self._is_closed = True
         for callback in list(self._close_callbacks):
             callback(error)
@@ -299,11 +302,18 @@ class ResourceCell:
         """Remove a callback; harmless if it is not there. Thread: any."""
         self._close_callbacks.discard(callback)
 
-    def submit(self, call: Call[Any]) -> None:
-        """Put a call in the normal lane; a refusal becomes the call's outcome. Thread: any; never blocks."""
+    def submit(self, call: Call[Any], *, among_many: bool = False) -> None:
+        """Put a call in the normal lane, or run it at once; a refusal becomes the call's outcome.
+
+        Args:
+            call: the call.
+            among_many: it is one of many calls; see `Clock.spares_turn`.
+
+        Thread: any; never blocks.
+        """
         if self.link.is_faulty:
             self.carry(lambda: self._submit(call))
-        else:
+        elif self.serve_now is None or not self.clock.spares_turn(among_many=among_many) or not self.serve_now(call):
             self._submit(call)
 
     def _submit(self, call: Call[Any]) -> None:

@@ -61,17 +61,17 @@ class Future(pykka.Future[T]):
         self.deadline_s = deadline_s
         self.timekeeper = timekeeper
         self._lock = threading.Lock()
-        self._done = False
-        self._value: Any = None
-        self._error: BaseException | None = None
-        self._traceback: TracebackType | None = None
-        self._waiters: list[threading.Lock] | None = None
-        self._callbacks: list[Callable[[Future[T]], None]] | None = None
-        self._relays: list[Relay] | None = None
-        self._timer: Timer | None = None
 
-    _get_hook: Callable[[float | None], T] | None = None
-    # Pykka sets it in __init__, which would cost every call; ours waits until set_get_hook.
+    # Set on the class, not by each call: most calls keep them.
+    _done = False
+    _value: Any = None
+    _error: BaseException | None = None
+    _traceback: TracebackType | None = None
+    _waiters: list[threading.Lock] | None = None
+    _callbacks: list[Callable[[Future[T]], None]] | None = None
+    _relays: list[Relay] | None = None
+    _timer: Timer | None = None
+    _get_hook: Callable[[float | None], T] | None = None  # Pykka sets it in __init__; ours waits until set_get_hook
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.describe()}: {'done' if self._done else 'pending'}>"
@@ -322,6 +322,15 @@ class Future(pykka.Future[T]):
         """Set Pykka's hook, which ActorRef.stop() needs. Hooked futures answer `get` alone; make others with `map`."""
         pykka.Future.__init__(self)
         super().set_get_hook(func)
+
+
+def get_or_cancel(future: Future[T]) -> T:
+    """Return a future's result; Ctrl-C cancels it, which stops what it moves. Thread: blocks the caller."""
+    try:
+        return future.get()
+    except KeyboardInterrupt:
+        future.cancel()
+        raise
 
 
 class _MappedFuture(Future[T]):

@@ -10,6 +10,7 @@ from typing_extensions import override
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.future import Future
+from eal_actors.actors.part_handles import RobotParts
 from eal_actors.actors.resource_handle import ResourceHandle
 from eal_actors.actors.robot_view import Ping, RobotConnection, RobotState, RobotView, RunningCommand, StateFuture
 from eal_actors.device.info import unknown_name
@@ -29,8 +30,8 @@ CLOSE_TIMEOUT_S: Final = 5.0
 """Real time that a robot has to stop by itself before its stuck threads are abandoned."""
 
 
-class RobotHandle(Mapping[str, ResourceHandle]):
-    """One robot of a fleet: its resources by name.
+class RobotHandle(RobotParts, Mapping[str, ResourceHandle]):
+    """One robot of a fleet: its resources by name, and its usual parts as typed handles.
 
     Attributes:
         name: the robot's name.

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-import functools
+import contextvars
 import math
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 from typing_extensions import override
 
-from eal_actors.actors.activities import ActivityActor, ScheduledCommand
+from eal_actors.actors.activities import ScheduledCommand
 from eal_actors.actors.actor import AbandonedThread
 from eal_actors.actors.call import MOTION_METHODS, Call, ResourceCell
+from eal_actors.actors.readiness import ReadinessActor
 from eal_actors.actors.robot_view import RunningCommand, command_of, process_name
 from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.info import ResourceInfo
@@ -31,21 +33,19 @@ from eal_actors.kernel.errors import (
     error_text,
 )
 
-READINESS_PERIOD_S: Final = 0.5
-"""Fleet time between two readiness checks while nobody calls the resource."""
 _FLOATS: Final = (DataType.FLOAT, DataType.DOUBLE)
 
 
-class _PendingResult(NamedTuple):
+class PendingResult(NamedTuple):
     """A result that an activity will return, and the function that makes the answer of it."""
 
     activity: Activity
     convert: Callable[[Any], Any]
 
 
-def _convert(result: Any, convert: Callable[[Any], Any]) -> Any:
+def converted(result: Any, convert: Callable[[Any], Any]) -> Any:
     """Make the answer of a result; an activity gives its result later."""
-    return _PendingResult(result, convert) if type(result) is types.GeneratorType else convert(result)
+    return PendingResult(result, convert) if type(result) is types.GeneratorType else convert(result)
 
 
 def status_of(result: Any) -> int:
@@ -60,12 +60,15 @@ def data_of(result: Any, value: ValueInfo | None = None) -> EALData:
 
     An int is converted where a float or double is declared, so that 60 and 60.0 are the same answer.
     """
-    if type(result) is int and value is not None and value.type in _FLOATS and not value.shape:
-        result = float(result)
-    try:
-        data = EALData.of(result)
-    except EALError as error:
-        raise ReturnTypeError(f"returned what no EALData can hold: {error}") from error
+    if type(result) is EALData:
+        data = result
+    else:
+        if type(result) is int and value is not None and value.type in _FLOATS and not value.shape:
+            result = float(result)
+        try:
+            data = EALData.of(result)
+        except EALError as error:
+            raise ReturnTypeError(f"returned what no EALData can hold: {error}") from error
     if value is not None and (problem := value.problem(data)):
         raise ReturnTypeError(f"returned a value that {problem}")
     return data
@@ -88,7 +91,7 @@ class ResourceCallbacks:
     watch: Callable[[ResourceActor, float], None]
 
 
-class ResourceActor(ActivityActor):
+class ResourceActor(ReadinessActor):
     """Owns one resource: every access to it happens in this actor's thread.
 
     Args:
@@ -110,8 +113,6 @@ class ResourceActor(ActivityActor):
         self._callbacks = callbacks
         self._is_open = False
         self._current: Call[Any] | None = None
-        self._reports_readiness = False
-        self._not_ready: str | None = None
         self._scheduled = ScheduledCommand(self.actor_inbox, self._execute)
 
     # Life.
@@ -120,6 +121,7 @@ class ResourceActor(ActivityActor):
     def on_start(self) -> None:
         """Make and open the resource. Thread: the actor's own."""
         log.bind_resource(self.cell.robot, self.cell.name)
+        self._context = contextvars.copy_context()
         self.busy(self.clock.now() + self.cell.timeout_s)
         try:
             self.resource = resource = self._factory.create()
@@ -149,14 +151,14 @@ class ResourceActor(ActivityActor):
         """Return for each method the function that runs it and converts its result."""
         return {
             "get_status": lambda: status_of(resource.get_status()),
-            "get_value": lambda: _convert(resource.get_value(), lambda result: data_of(result, info.value)),
+            "get_value": lambda: converted(resource.get_value(), lambda result: data_of(result, info.value)),
             "set_value": self._set_value,
             "send_req": self._send_req,
             "send_cmd": self._send_cmd,
-            "read_comm": lambda length: _convert(resource.read_comm(length), data_of),
-            "write_comm": lambda data, length: _convert(resource.write_comm(data, length), status_of),
+            "read_comm": lambda length: converted(resource.read_comm(length), data_of),
+            "write_comm": lambda data, length: converted(resource.write_comm(data, length), status_of),
             "get_config": self._get_config,
-            "set_config": lambda key, data: _convert(resource.set_config(key, data), status_of),
+            "set_config": lambda key, data: converted(resource.set_config(key, data), status_of),
             "halt": self._halt,
         }
 
@@ -198,6 +200,10 @@ class ResourceActor(ActivityActor):
         """Halt and close the resource, now that the stuck code is unwound. Thread: the actor's own."""
         self._release("the resource was stuck and has been abandoned")
 
+    @override
+    def on_readiness(self, reason: str | None) -> None:
+        self._callbacks.ready(self, reason)
+
     def _release(self, reason: str) -> None:
         self._scheduled.preempt(reason)
         self.close_activities(reason)
@@ -216,50 +222,6 @@ class ResourceActor(ActivityActor):
             self.watched_until_s = until_s
             self._callbacks.watch(self, until_s)
 
-    # Readiness.
-
-    def _watch_readiness(self) -> None:
-        """Check the readiness now and periodically."""
-        self._check_readiness()
-        self.actor_inbox.call_later(READINESS_PERIOD_S, self._watch_readiness)
-
-    def _check_readiness(self) -> str | None:
-        """Return why the device is not ready, or None; log and report a change once. Carry out a halt that is due."""
-        before, reason = self._not_ready, self.opened.not_ready()
-        self._not_ready = reason
-        if reason is None and self.cell.owes_halt:
-            self._log.info("halting now, as requested while it was not ready")
-            self.cell.owes_halt = False
-            self.cell.owes_halt = not self.guarded(self.opened.halt) or self.cell.owes_halt
-        if reason is not None and before is None:
-            self._log.warning("not ready", reason=reason)
-        elif reason is None and before is not None:
-            self._log.info("ready again")
-        if reason != before:
-            self._callbacks.ready(self, reason)
-        return reason
-
-    def _owe_halt(self, error: NotReadyError) -> bool:
-        """Note that the resource must be halted once its device is back; return False if nobody will know of that."""
-        if not self._reports_readiness or self.resource is None:
-            return False
-        if not self.cell.owes_halt:
-            self._log.warning("it is halted as soon as it is ready", reason=error.message)
-        self.cell.owes_halt = True
-        return True
-
-    @override
-    def guarded(self, step: Callable[[], object]) -> bool:
-        @functools.wraps(step)
-        def with_halt_owed() -> None:
-            try:
-                step()
-            except NotReadyError as error:  # a motion that lost its device could not halt it
-                if not self._owe_halt(error):
-                    raise
-
-        return super().guarded(with_halt_owed)
-
     # Calls.
 
     @override
@@ -269,6 +231,27 @@ class ResourceActor(ActivityActor):
             self._execute(message)
             return None
         return super().on_receive(message)
+
+    def serve_now(self, call: Call[Any]) -> bool:
+        """Run a call in the caller's thread, in this actor's place, if the actor is idle; else return False.
+
+        The mailbox's order holds: the actor is idle when nothing waits and no timer is due, and handles nothing else
+        until the call has run.
+
+        Thread: any.
+        """
+        inbox = self.actor_inbox
+        try:
+            if not inbox.borrow(call):
+                return False
+            self._context.run(self._execute, call)
+        except KeyboardInterrupt:  # it is the caller's
+            raise
+        except BaseException as error:  # noqa: BLE001  # a plugin may raise anything, which crashes its actor alone
+            inbox.call_soon(partial(self.crash, error))
+        finally:
+            inbox.give_back(call)
+        return True
 
     def _execute(self, call: Call[Any]) -> None:
         deadline_s = call.deadline_s or 0.0
@@ -285,7 +268,7 @@ class ResourceActor(ActivityActor):
             if self._reports_readiness and not call.stops and (reason := self._check_readiness()) is not None:
                 raise NotReadyError(reason)  # a function for this would cost every call
             result = self._methods[call.method](*call.arguments)
-            if type(result) is _PendingResult:
+            if type(result) is PendingResult:
                 self.begin(call, *result)
             elif not call._finish(result, None):
                 self._undo(call)
@@ -364,21 +347,21 @@ class ResourceActor(ActivityActor):
             if self._motion is not None or self._scheduled.call is not None:
                 self._check_command(cmd, data)  # nor must an invalid command
             self._preempt_motions(f"a newer command took over: {cmd!r}")
-        return _convert(self.opened.send_cmd(cmd, data), status_of)
+        return converted(self.opened.send_cmd(cmd, data), status_of)
 
     def _set_value(self, data: EALData) -> Any:
         if "set_value" in self._info.methods:  # otherwise it raises UnsupportedError and must not stop a motion
             self._check_new_value(data)
             self._preempt_motions("a newer set_value took over")
-        return _convert(self.opened.set_value(data), status_of)
+        return converted(self.opened.set_value(data), status_of)
 
     def _send_req(self, req: str) -> Any:
         returns = self._info.parse_request(req)[0].returns if self._info.requests else None
-        return _convert(self.opened.send_req(req), lambda result: data_of(result, returns))
+        return converted(self.opened.send_req(req), lambda result: data_of(result, returns))
 
     def _get_config(self, key: str) -> Any:
         value = self._info.config(key).value if self._info.configs else None
-        return _convert(self.opened.get_config(key), lambda result: data_of(result, value))
+        return converted(self.opened.get_config(key), lambda result: data_of(result, value))
 
     def _halt(self) -> int:
         self._preempt_motions("halted")

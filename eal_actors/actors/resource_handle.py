@@ -118,6 +118,17 @@ class ResourceHandle:
         cell.submit(call)
         return call
 
+    def call_among_many(self, method: str, arguments: tuple[Any, ...], timeout_s: float | None) -> Call[Any]:
+        """Make one of many calls to different resources; see `eal_actors.actors.many`. Thread: any; does not block."""
+        cell = self._cell
+        call: Call[Any] = Call(cell, method, arguments, cell.timeout_s if timeout_s is None else timeout_s)
+        cell.submit(call, among_many=True)
+        return call
+
+    def is_stop(self, cmd: str) -> bool:
+        """Return whether a command stops what moves, so that it overtakes everything that waits. Thread: any."""
+        return self._cell.info is not None and cmd in self._cell.info.urgent_commands
+
     def _urgent_call(
         self, method: str, arguments: tuple[Any, ...], timeout_s: float | None, *, stops: bool
     ) -> Call[Any]:
@@ -177,8 +188,8 @@ class ResourceHandle:
                 at once. Until then the resource continues what it does, and a newer command or a stop cancels this one
                 with PreemptedError. Stops take no time: they begin at once.
         """
-        info, arguments = self._cell.info, (cmd, _as_data(data))
-        if info is not None and cmd in info.urgent_commands:
+        arguments = cmd, _as_data(data)
+        if self.is_stop(cmd):
             return self._urgent_call("send_cmd", arguments, timeout_s, stops=True)
         return self._call("send_cmd", arguments, timeout_s, at_s)
 

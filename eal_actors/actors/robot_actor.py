@@ -152,6 +152,7 @@ class RobotActor(EALActor, RobotConnection):
             return
         actor.cell.info = info
         actor.cell.actor = actor
+        actor.cell.serve_now = actor.serve_now if actor.opened.any_thread else None
         self._starting.discard(name)
         self._log.debug("resource is up", resource=name)
         self._ready_if_all_up()
@@ -166,7 +167,7 @@ class RobotActor(EALActor, RobotConnection):
         if self._children.get(name) is not actor:
             return
         del self._children[name]
-        actor.cell.actor = None
+        actor.cell.actor = actor.cell.serve_now = None
         self.view.note_readiness(name, None)  # it is worse than not ready: calls fail with the reason
         if self._stopping:
             if not self._children:

@@ -11,6 +11,7 @@ from eal_actors import __version__
 from eal_actors.cli import (
     audit,
     calibrate,
+    calibrate_camera,
     call,
     check,
     dashboard,
@@ -20,6 +21,7 @@ from eal_actors.cli import (
     doctor,
     keys_lifetime,
     lab,
+    maps,
     ping,
     plugin,
     ports,
@@ -33,6 +35,7 @@ from eal_actors.cli import (
     stop,
     sweep,
     top,
+    tracker,
     world,
 )
 from eal_actors.cli.exit_codes import EPILOG, ExitCode, report_error
@@ -91,13 +94,15 @@ def _global_options(
 app.command("run", cls=EalCommand)(run.run_scenario)
 app.command("rehearse", cls=EalCommand)(rehearse.rehearse_scenario)
 app.command("sweep", cls=EalCommand)(sweep.sweep_scenario)
-app.command("calibrate", cls=EalCommand)(calibrate.calibrate_robots)
+calibrate.app.command("camera", cls=EalCommand)(calibrate_camera.calibrate_camera)
+app.add_typer(calibrate.app, name="calibrate")
 app.command("report", cls=EalCommand)(records.report_run)
 app.command("diff", cls=EalCommand)(records.diff_runs)
 app.command("replay", cls=EalCommand)(records.replay_run)
 app.command("check", cls=EalCommand)(check.check_files)
 app.command("schema", cls=EalCommand)(check.print_schema)
 app.command("world", cls=EalCommand)(world.show_world)
+app.command("map", cls=EalCommand)(maps.show_map)
 app.command("resources", cls=EalCommand)(resources.list_resources)
 app.command("call", cls=EalCommand, context_settings={"ignore_unknown_options": True})(
     call.call_method
@@ -118,6 +123,7 @@ keys_lifetime.app.command("dashboard", cls=EalCommand)(dashboard_keys.make_dashb
 keys_lifetime.app.command("operator", cls=EalCommand)(dashboard_keys.make_operator)
 app.add_typer(keys_lifetime.app, name="keys")
 app.add_typer(plugin.app, name="plugin")
+app.add_typer(tracker.app, name="tracker")
 app.command("demo-network", cls=EalCommand, hidden=True)(demo_network.demo_network)  # for `make demo-network`
 app.command("lab", cls=EalCommand, hidden=True)(lab.run_lab)  # for `make lab`
 

@@ -17,7 +17,7 @@ from typing_extensions import override
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
-from eal_actors.cli.options import FleetOption, JsonOption
+from eal_actors.cli.options import EalCommandGroup, JsonOption, OptionalFleetOption
 from eal_actors.cli.output import counted, new_table, print_line, short_path, stderr, stdout, write_json
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.facade.fleet import Fleet
@@ -113,8 +113,13 @@ class ManualMeasurement(SquareMeasurement):
         return answer.strip()
 
 
+app = typer.Typer(cls=EalCommandGroup)
+
+
+@app.callback(invoke_without_command=True)
 def calibrate_robots(
-    fleet: FleetOption,
+    context: typer.Context,
+    fleet: OptionalFleetOption = None,
     robot: Annotated[
         list[str] | None,
         typer.Option("--robot", "-r", show_default="all of the fleet", help="Name of a robot; repeatable."),
@@ -147,6 +152,10 @@ def calibrate_robots(
 
     The exit code is 1, and nothing is written, if the second run is not better than the first.
     """
+    if context.invoked_subcommand is not None:
+        return
+    if fleet is None:
+        raise typer.BadParameter("is missing: name the fleet file", param_hint="'--fleet' / '-f'")
     config = read_fleet(fleet, seed=seed, rate=MAX if fast else None)
     if write:
         require_own(config)  # fails before a robot drives

@@ -12,10 +12,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from eal_actors.cli.dashboard_keys import DASHBOARD
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.interrupts import handle_signals
-from eal_actors.cli.keys import folder_of
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import stderr, stdout
 from eal_actors.facade.fleet import Fleet
@@ -24,7 +22,7 @@ from eal_actors.kernel.clock import REAL_TIME, new_waiter
 from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
 from eal_actors.kernel.lock_step import MAX
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.security.certificates import certificate_file, key_file, list_certificates
+from eal_actors.wire.security.certificates import DASHBOARD, certificate_file, folder_of, key_file, list_certificates
 
 if TYPE_CHECKING:
     from eal_actors.operate.dashboard import Dashboard
@@ -74,7 +72,8 @@ def show_dashboard(
         why = f"operators' tokens must not pass a network unencrypted: make a certificate with {_MAKE_CERTIFICATE}"
         raise ConfigError([Problem(f"{host}:{port}", 0, 0, "", why)])
     with Fleet(config).connect() as opened:
-        page = Dashboard(opened, access, port=port, scenarios=scenarios or _scenarios(), runs_dir=runs_dir, tls=tls)
+        folders = {"scenarios": scenarios or _scenarios(), "runs_dir": runs_dir, "keys": folder_of(config)}
+        page = Dashboard(opened, access, port=port, tls=tls, **folders)
         with page:
             out = stdout()
             try:

@@ -8,17 +8,15 @@ from typing import Annotated, Final
 
 import typer
 
-from eal_actors.cli.keys import DirOption, ForceOption, HostOption, folder_of
+from eal_actors.cli.keys import DirOption, ForceOption, HostOption
 from eal_actors.cli.options import FleetOption
 from eal_actors.cli.output import print_line, short_path, stderr, stdout
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import OperatorRole
-from eal_actors.net.security.certificates import AUTHORITY, certificate_file, make_certificate
+from eal_actors.wire.security.certificates import AUTHORITY, DASHBOARD, certificate_file, folder_of, make_certificate
 
-DASHBOARD: Final = "dashboard"
-"""Name of the dashboard's certificate. It has no role, so it grants nothing on robots."""
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 
 

@@ -10,7 +10,7 @@ from rich.text import Text
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import JsonOption
 from eal_actors.cli.output import new_table, print_line, stderr, stdout, write_json
-from eal_actors.net.controller.discovery import discover
+from eal_actors.wire.rpc.client.discovery import discover
 
 _NOTHING: Final = """\
 No robot was found. A robot or router answers only if

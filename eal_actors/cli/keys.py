@@ -24,25 +24,26 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_loader import load_fleet
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, parse_endpoint
-from eal_actors.net.security.certificates import (
+from eal_actors.wire.security.certificates import (
     AUTHORITY,
+    DEFAULT_FOLDER,
     VALID,
     Certificate,
     certificate_file,
+    folder_of,
     key_file,
     list_certificates,
     make_authority,
     make_certificate,
 )
-from eal_actors.net.security.expiry import expires_soon, time_left
-from eal_actors.net.security.revocation import REVOKED, require_not_revoked, revoked_names
+from eal_actors.wire.security.expiry import expires_soon, time_left
+from eal_actors.wire.security.revocation import REVOKED, require_not_revoked, revoked_names
 
 app = typer.Typer(
     cls=EalCommandGroup, help="Make the certificates that secure a fleet's network.", no_args_is_help=True
 )
 
 _LIFETIME_UNITS: Final = {"h": timedelta(hours=1), "d": timedelta(days=1)}
-DEFAULT_FOLDER: Final = "keys"
 _SECTION: Final = """\
 network:
   security:
@@ -272,12 +273,6 @@ def _keep_out_of_git(folder: Path) -> None:
     ignore = folder / ".gitignore"
     if not ignore.exists():
         ignore.write_text("*.key\n", encoding="utf-8")
-
-
-def folder_of(fleet: FleetConfig) -> Path:
-    """Return the folder of a fleet's keys."""
-    security = fleet.network.security
-    return fleet.source.parent / DEFAULT_FOLDER if security is None else security.keys
 
 
 def _robot_hosts(fleet: FleetConfig, name: str) -> Sequence[str]:

@@ -16,7 +16,6 @@ from eal_actors.cli.keys import (
     ValidOption,
     advise,
     advise_to_copy,
-    folder_of,
     parse_lifetime,
     print_made,
 )
@@ -28,11 +27,11 @@ from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.controller.broadcast import ask_robots
-from eal_actors.net.security.certificates import AUTHORITY, list_certificates, make_pass, renew_certificate
-from eal_actors.net.security.expiry import expires_soon
-from eal_actors.net.security.revocation import require_not_revoked, revoke, revoked_names
-from eal_actors.net.wire import keys
+from eal_actors.wire.format import keys
+from eal_actors.wire.rpc.client.broadcast import ask_robots
+from eal_actors.wire.security.certificates import AUTHORITY, folder_of, list_certificates, make_pass, renew_certificate
+from eal_actors.wire.security.expiry import expires_soon
+from eal_actors.wire.security.revocation import require_not_revoked, revoke, revoked_names
 
 app = keys_app
 

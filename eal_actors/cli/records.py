@@ -51,7 +51,7 @@ def report_run(
 
     The page is one file that needs no server and no network.
     """
-    with _reading():
+    with reading_run():
         page = render_report(RunFolder.open(run), kept_world(run))
     file = out or run / _REPORT
     _write_text(file, page)
@@ -71,7 +71,7 @@ def diff_runs(
     Two runs of a scenario with the same seed at `--rate max` are equal. Fields that begin with wall_ or host_ are not
     compared. The exit code is 1 if the runs differ.
     """
-    with _reading():
+    with reading_run():
         found = list(compare_runs(RunFolder.open(left), RunFolder.open(right), tolerance))
     if as_json:
         write_json([{"where": one.where, "left": one.left, "right": one.right} for one in found])
@@ -120,7 +120,7 @@ def replay_run(
     chosen = parse_rate(rate)
     if serve and chosen == MAX:
         raise typer.BadParameter("max is not possible with --serve: the network runs in real time", param_hint="--rate")
-    with _reading():
+    with reading_run():
         recorded = RecordedRun.open(run / RECORD_FILE)
         fleet = _replay_fleet(recorded, run, rate=chosen, loop=loop, port=port if serve else None)
         file = out or run / _REPLAY
@@ -193,7 +193,7 @@ def _serve(file: Path, robots: list[str]) -> None:
 
 
 @contextmanager
-def _reading() -> Iterator[None]:
+def reading_run() -> Iterator[None]:
     """Convert errors of reading a run.
 
     Raises:

@@ -15,8 +15,8 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import SECURE_PROTOCOLS, parse_endpoint
-from eal_actors.net.session import router_config
-from eal_actors.net.session_keeper import router_session
+from eal_actors.wire.session import router_config
+from eal_actors.wire.session_keeper import router_session
 
 DEFAULT_PORT: Final = 7447
 

@@ -13,8 +13,8 @@ from eal_actors.cli.options import FleetOption, JsonOption, RobotsArgument
 from eal_actors.cli.output import print_line, stdout, write_json
 from eal_actors.kernel.errors import EALError, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.controller.broadcast import ask_robots
-from eal_actors.net.wire import keys
+from eal_actors.wire.format import keys
+from eal_actors.wire.rpc.client.broadcast import ask_robots
 
 _LOCAL: Final = "runs in its controller's process: only that process can stop it"
 

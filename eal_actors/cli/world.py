@@ -53,6 +53,8 @@ def summarize_world(world: WorldModel) -> str:
         ("drop", "drops", world.drops),
         ("poster", "posters", world.posters),
         ("lamp", "lamps", world.lighting.lamps),
+        ("keep-out zone", "keep-out zones", world.keep_out),
+        ("place", "places", world.places),
         ("start pose", "start poses", world.start_poses),
     )
     counts = [f"{len(things)} {one if len(things) == 1 else many}" for one, many, things in kinds if things]
@@ -113,6 +115,11 @@ def _others(world: WorldModel) -> Iterator[_ObjectRow]:
     for number, lamp in enumerate(world.lighting.lamps):
         about = f"{lamp.z_m:g} m high, {lamp.lumens:g} lm"
         yield f"lighting.lamps[{number}]", _rounded(lamp.x_m), _rounded(lamp.y_m), "", about
+    for number, zone in enumerate(world.keep_out):
+        yield f"keep_out[{number}]", "", "", "", ", ".join(f"({_rounded(x)}, {_rounded(y)})" for x, y in zone)
+    for name, place in world.places.items():
+        yaw = "" if place.yaw_deg is None else _rounded(place.yaw_deg)
+        yield f"places.{name}", _rounded(place.x_m), _rounded(place.y_m), yaw, ""
 
 
 def _start_poses(world: WorldModel) -> Iterator[_ObjectRow]:

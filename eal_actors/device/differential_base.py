@@ -7,18 +7,23 @@ keys and the argument checks. So a controller finds the same `Base` on each robo
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from pydantic import Field
 from typing_extensions import override
 
 from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.info import ResourceInfo, ResourceType
-from eal_actors.device.resource import Activity, Resource, command, config, config_setter
+from eal_actors.device.motion.map_motions import MapMotions
+from eal_actors.device.motion.route_controller import MotionLimits
+from eal_actors.device.resource import Activity, command, config, config_setter
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.kernel.strict_model import StrictModel
+
+if TYPE_CHECKING:
+    from eal_actors.device.plugin_context import PluginContext
 
 _DISTANCE: Final = ValueInfo(DataType.DOUBLE, "m", 0, 100)
 _ANGLE: Final = ValueInfo(DataType.DOUBLE, "deg", 0, 3600)
@@ -26,6 +31,7 @@ _SPEED: Final = ValueInfo(DataType.DOUBLE, "m/s", 0.01)  # the greatest is the d
 _TURN_RATE: Final = ValueInfo(DataType.DOUBLE, "deg/s", 1)
 _STEP: Final = ValueInfo(DataType.DOUBLE, "m", 0.01, 10)
 _TWIST_TIMEOUT: Final = ValueInfo(DataType.DOUBLE, "s", 0.1, 60)
+_RADIUS: Final = ValueInfo(DataType.DOUBLE, "m", 0, 10)
 _TRACK: Final = ValueInfo(DataType.DOUBLE, "m", 0, 10)
 _TRACK_FACTOR: Final = ValueInfo(DataType.DOUBLE, None, 0.5, 2, description="a factor; 1 is nominal")
 _WHEEL_RATIO: Final = ValueInfo(DataType.DOUBLE, None, 0.9, 1.1, description="a ratio; 1 is nominal")
@@ -86,6 +92,8 @@ class Drivetrain:
         max_speed_m_s: greatest speed, of each wheel too.
         turn_rate_deg_s: default turn rate.
         max_turn_rate_deg_s: greatest turn rate.
+        acceleration_m_s2: of each wheel, in motions to a place.
+        radius_m: of the smallest disc about the robot's centre that it fits in.
     """
 
     name: str
@@ -94,15 +102,19 @@ class Drivetrain:
     max_speed_m_s: float
     turn_rate_deg_s: float
     max_turn_rate_deg_s: float
+    acceleration_m_s2: float = 0.4
+    radius_m: float = 0.2
 
 
-class DifferentialBase(Resource, ABC):
+class DifferentialBase(MapMotions):
     """Drives a robot with two driven wheels (Source: thesis §6.2.1, §6.2.2).
 
-    A driver implements `drive`, `turn` and `follow`, the property `calibration`, `halt` and `get_status`.
+    A driver implements `drive`, `turn` and `follow`, the property `calibration`, `halt` and `get_status`; and
+    `clearance_m`, if the robot has sensors for it.
 
     Args:
         drivetrain: the robot's drivetrain.
+        context: the plugin's, whose localizer guides motions to a place; without it they are not supported.
     """
 
     types = ResourceType.ACTUATOR
@@ -110,7 +122,8 @@ class DifferentialBase(Resource, ABC):
         DataType.DOUBLE, shape=(2,), description="a twist: speed in m/s, turn rate in rad/s, to the left if positive"
     )
 
-    def __init__(self, drivetrain: Drivetrain) -> None:
+    def __init__(self, drivetrain: Drivetrain, context: PluginContext | None = None) -> None:
+        MapMotions.__init__(self, context)  # not `super`: a driver's other bases have arguments of their own
         self.drivetrain = drivetrain
         self._speed_m_s = drivetrain.speed_m_s
         self._turn_rate_deg_s = drivetrain.turn_rate_deg_s
@@ -137,18 +150,6 @@ class DifferentialBase(Resource, ABC):
             turn_rate_rad_s: positive, within the drivetrain's.
         """
 
-    @abstractmethod
-    def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
-        """Hold a twist, which is within the drivetrain's limits, until the time-out; then stop.
-
-        Closing the activity leaves the wheels turning: a newer twist replaces it without a stop, a halt stops.
-
-        Args:
-            speed_m_s: forward positive.
-            turn_rate_rad_s: counter-clockwise positive.
-            timeout_s: how long, if no newer twist arrives.
-        """
-
     @property
     @abstractmethod
     def calibration(self) -> WheelCalibration:
@@ -168,6 +169,12 @@ class DifferentialBase(Resource, ABC):
         return left_m_s / excess, right_m_s / excess
 
     # Inherited by the driver.
+
+    @override
+    def motion_limits(self) -> MotionLimits:
+        acceleration_m_s2, arm_m = self.drivetrain.acceleration_m_s2, self.drivetrain.track_m / 2
+        turn_rate_rad_s = math.radians(self._turn_rate_deg_s)
+        return MotionLimits(self._speed_m_s, turn_rate_rad_s, acceleration_m_s2, acceleration_m_s2 / arm_m)
 
     @override
     def set_value(self, data: EALData) -> Activity:
@@ -266,6 +273,11 @@ class DifferentialBase(Resource, ABC):
     def set_twist_timeout_s(self, twist_timeout_s: float) -> None:
         """Set the time-out of later twists."""
         self._twist_timeout_s = float(twist_timeout_s)
+
+    @config("radius_m", _RADIUS)
+    def radius_m(self) -> float:
+        """Radius of the robot about its centre."""
+        return self.drivetrain.radius_m
 
     @config("wheelbase_m", _TRACK)
     def wheelbase_m(self) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Self, TypeAlias, TypeVar
 
 from eal_actors.device.link import FaultyLink
+from eal_actors.device.localization.localizer import Localizer
 from eal_actors.device.ports import BytePort
 from eal_actors.device.proximity import ProximityObserver
 from eal_actors.device.resource import Resource
@@ -70,6 +71,9 @@ class EALPlugin:
 PortMaker: TypeAlias = "Callable[[PluginContext, str, str, Callable[[Any], Any]], BytePort]"
 """Opens a simulated port: the `open_port` of a plugin such as sim; see PluginContext.simulated_port."""
 
+CameraMaker: TypeAlias = "Callable[[PluginContext, str], Any]"
+"""Opens a simulated camera: the `open_camera` of a plugin such as sim; see PluginContext.simulated_camera."""
+
 
 class FleetServices:
     """The shared objects of one fleet's plugins: its clock, its world, and single objects such as a simulation.
@@ -79,18 +83,27 @@ class FleetServices:
         seed: the fleet's seed; every random generator of a plugin must derive from it.
         world: the fleet file's world, or None.
         open_port: opens simulated ports; None if there are none.
+        open_camera: opens simulated cameras; None if there are none.
 
     Attributes:
         proximity_observer: receives the gaps around simulated robots; set it before the robots connect.
+        markers: the id of the marker that each robot carries, by the robot's name.
     """
 
     def __init__(
-        self, clock: Clock, seed: int = 0, world: WorldModel | None = None, open_port: PortMaker | None = None
+        self,
+        clock: Clock,
+        seed: int = 0,
+        world: WorldModel | None = None,
+        open_port: PortMaker | None = None,
+        open_camera: CameraMaker | None = None,
     ) -> None:
         self.clock = clock
         self.seed = seed
         self.world = world
         self.open_port = open_port
+        self.open_camera = open_camera
+        self.markers: Mapping[str, int] = {}
         self.proximity_observer: ProximityObserver | None = None
         self._lock = threading.RLock()
         self._shared: dict[Hashable, Any] = {}
@@ -102,6 +115,10 @@ class FleetServices:
             if robot not in self._links:
                 self._links[robot] = FaultyLink(robot, self.seed)
             return self._links[robot]
+
+    def localizer(self, robot: str, instance: str) -> Localizer:
+        """Return the pose estimate of a driver; it outlives restarts of the robot and its plugins. Thread: any."""
+        return self.shared(("localizer", robot, instance), lambda: Localizer(robot))
 
     def shared(self, key: Hashable, make: Callable[[], _T]) -> _T:
         """Return the fleet's single object under the key; the first caller makes it. Thread: any."""
@@ -135,6 +152,11 @@ class PluginContext:
         """The fleet's clock."""
         return self.services.clock
 
+    @property
+    def localizer(self) -> Localizer:
+        """The pose estimate of the robot whose wheels this plugin drives; closed-loop motion reads it."""
+        return self.services.localizer(self.robot, self.instance)
+
     def simulated_port(self, url: str, model: str, emulate: Callable[[Any], Any]) -> BytePort:
         """Open a port to an emulator whose body is a robot of a simulated world.
 
@@ -149,6 +171,23 @@ class PluginContext:
         if self.services.open_port is None:
             raise PluginError(f"port {url!r}: there are no simulated ports here")
         return self.services.open_port(self, url, model, emulate)
+
+    def simulated_camera(self, url: str) -> Any:
+        """Open a camera of a simulated world.
+
+        Args:
+            url: `<plugin>://world/<camera>`, where the plugin is the one that simulates, such as `sim://world/ceiling`.
+
+        Returns:
+            An object with `frame() -> (picture, stamp_s)`: blue, green and red, shape (height, width, 3), and the time
+            of its exposure. Thread: any.
+
+        Raises:
+            PluginError: there is no such plugin or camera.
+        """
+        if self.services.open_camera is None:
+            raise PluginError(f"camera {url!r}: there are no simulated cameras here")
+        return self.services.open_camera(self, url)
 
 
 class ResourceFactory(ABC):

@@ -110,14 +110,17 @@ class Resource:
         types: the types it combines; every author sets it.
         value: type, unit and range of get_value and set_value, checked on every call if it is given.
         description: one line for people; the class's docstring's first line if empty.
+        any_thread: whether its methods may run in any thread, one at a time, because they only compute. A caller that
+            finds the actor idle may then run a call itself, which spares two thread switches.
         name: the resource's name on its robot, set by the framework before `open`.
 
-    Thread: every method runs in the resource's own actor; none may block long.
+    Thread: every method runs in the resource's own actor, except with `any_thread`; none may block long.
     """
 
     types: ClassVar[ResourceType] = ResourceType.OTHER
     value: ClassVar[ValueInfo | None] = None
     description: ClassVar[str] = ""
+    any_thread: ClassVar[bool] = False
     name: str = ""
 
     _reported_progress: tuple[float | None, str] | None = None

@@ -20,7 +20,7 @@ from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError, U
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, SECURE_PROTOCOLS, Endpoint, parse_endpoint
-from eal_actors.net.controller.discovery import robots_at
+from eal_actors.wire.rpc.client.discovery import robots_at
 
 FLEET_VARIABLE: Final = "EAL_FLEET"
 """The environment variable with the default fleet file of `connect`."""

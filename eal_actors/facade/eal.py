@@ -7,13 +7,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self, TypeVar
+from typing import Any, Final, Self
 
-from eal_actors.actors.future import Future
+from typing_extensions import override
+
+from eal_actors.actors.future import get_or_cancel
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceInfo
 from eal_actors.device.resource import Resource
+from eal_actors.facade.blocking import BlockingParts
 from eal_actors.facade.connections import (
     FLEET_VARIABLE,
     acquire_fleet,
@@ -30,8 +33,6 @@ from eal_actors.kernel.bundled import bundled_path, find_file
 from eal_actors.kernel.errors import RemoteError, RobotNotFoundError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.resources import EALResourceManager
-
-T = TypeVar("T")
 
 DEFAULT_PORT: Final = 50000
 """The thesis's port (Source: thesis table 6.3)."""
@@ -87,7 +88,7 @@ def _select_robot(fleet: Fleet, host: str | None, port: int) -> RobotHandle:
     return robot
 
 
-class EAL:
+class EAL(BlockingParts):
     """A connection to one robot: the thesis's API in PEP 8 names, with typed errors in place of -1 and NULL.
 
     Each call waits for its result until its deadline: `timeout_s` in seconds of the fleet's clock, or the fleet file's
@@ -130,9 +131,14 @@ class EAL:
             remove_connection(self._robot)
             release_fleet(fleet)
 
-    def _handle(self, resource_id: int) -> ResourceHandle:
+    @override
+    def _open_robot(self) -> RobotHandle:
         if not self._is_open:
             raise UnavailableError("this connection is closed; connect again", robot=self._robot.name)
+        return self._robot
+
+    def _handle(self, resource_id: int) -> ResourceHandle:
+        self._open_robot()
         return self._manager.get(resource_id)
 
     def __enter__(self) -> Self:
@@ -169,51 +175,43 @@ class EAL:
 
     def get_status(self, resource_id: int, *, timeout_s: float | None = None) -> int:
         """Return a resource's status, whose meaning the resource defines (Source: thesis B.2.2.5)."""
-        return self._wait(self._handle(resource_id).get_status(timeout_s=timeout_s))
+        return get_or_cancel(self._handle(resource_id).get_status(timeout_s=timeout_s))
 
     # Structured resource access.
 
     def get_value(self, resource_id: int, *, timeout_s: float | None = None) -> EALData:
         """Return a resource's value (Source: thesis B.2.3.1)."""
-        return self._wait(self._handle(resource_id).get_value(timeout_s=timeout_s))
+        return get_or_cancel(self._handle(resource_id).get_value(timeout_s=timeout_s))
 
     def set_value(self, resource_id: int, value: Any, *, timeout_s: float | None = None) -> int:
         """Set a resource's value; return its status int (Source: thesis B.2.3.2)."""
-        return self._wait(self._handle(resource_id).set_value(value, timeout_s=timeout_s))
+        return get_or_cancel(self._handle(resource_id).set_value(value, timeout_s=timeout_s))
 
     def send_req(self, resource_id: int, req: str, *, timeout_s: float | None = None) -> EALData:
         """Return the answer to a request (Source: thesis B.2.3.3)."""
-        return self._wait(self._handle(resource_id).send_req(req, timeout_s=timeout_s))
+        return get_or_cancel(self._handle(resource_id).send_req(req, timeout_s=timeout_s))
 
     def send_cmd(self, resource_id: int, cmd: str, data: Any = None, *, timeout_s: float | None = None) -> int:
         """Execute a command to its end; return its status int (Source: thesis B.2.3.4)."""
-        return self._wait(self._handle(resource_id).send_cmd(cmd, data, timeout_s=timeout_s))
+        return get_or_cancel(self._handle(resource_id).send_cmd(cmd, data, timeout_s=timeout_s))
 
     def read_comm(self, resource_id: int, length: int, *, timeout_s: float | None = None) -> EALData:
         """Read up to `length` bytes (Source: thesis B.2.3.5)."""
-        return self._wait(self._handle(resource_id).read_comm(length, timeout_s=timeout_s))
+        return get_or_cancel(self._handle(resource_id).read_comm(length, timeout_s=timeout_s))
 
     def write_comm(
         self, resource_id: int, data: Any, length: int | None = None, *, timeout_s: float | None = None
     ) -> int:
         """Write the first `length` bytes; return the number written (Source: thesis B.2.3.6)."""
-        return self._wait(self._handle(resource_id).write_comm(data, length, timeout_s=timeout_s))
+        return get_or_cancel(self._handle(resource_id).write_comm(data, length, timeout_s=timeout_s))
 
     def get_config(self, resource_id: int, key: str, *, timeout_s: float | None = None) -> EALData:
         """Return a configuration value (Source: thesis B.2.3.7)."""
-        return self._wait(self._handle(resource_id).get_config(key, timeout_s=timeout_s))
+        return get_or_cancel(self._handle(resource_id).get_config(key, timeout_s=timeout_s))
 
     def set_config(self, resource_id: int, key: str, value: Any = None, *, timeout_s: float | None = None) -> int:
         """Set a configuration value; return a status int (Source: thesis B.2.3.8)."""
-        return self._wait(self._handle(resource_id).set_config(key, value, timeout_s=timeout_s))
-
-    @staticmethod
-    def _wait(future: Future[T]) -> T:
-        try:
-            return future.get()
-        except KeyboardInterrupt:
-            future.cancel()  # stop what it moves
-            raise
+        return get_or_cancel(self._handle(resource_id).set_config(key, value, timeout_s=timeout_s))
 
     # Direct resource access.
 

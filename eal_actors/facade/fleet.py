@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self, TypeVar
 
-from eal_actors.actors.combine import gather
-from eal_actors.actors.future import Future
-from eal_actors.actors.handles import CLOSE_TIMEOUT_S, ResourceHandle, RobotHandle, close_robots
+from eal_actors.actors.handles import CLOSE_TIMEOUT_S, RobotHandle, close_robots
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.device.info import unknown_name
 from eal_actors.device.plugin_context import FleetServices
+from eal_actors.device.world import NamedPlace
+from eal_actors.facade.fix_forwarding import FixForwarder
+from eal_actors.facade.fleet_calls import FleetCalls
 from eal_actors.facade.robot_starter import RobotStarter
 from eal_actors.facade.shutdown import close_on_exit, forget
-from eal_actors.facade.synchronized_start import Command, SynchronizedCommands, send_synchronized
-from eal_actors.facade.tasks import TaskGroup
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import (
-    ArgumentError,
     EALError,
+    PlaceNotFoundError,
     RobotFailedError,
     RobotNotFoundError,
     UnavailableError,
@@ -40,7 +39,7 @@ START_TIMEOUT_S: Final = 30.0
 """Real seconds that `connect` waits for the robots to start."""
 
 
-class Fleet(Mapping[str, RobotHandle]):
+class Fleet(FleetCalls):
     """The robots of one fleet file.
 
         with Fleet.load("fleets/sim.yaml") as fleet:
@@ -54,11 +53,13 @@ class Fleet(Mapping[str, RobotHandle]):
     """
 
     def __init__(self, config: FleetConfig, clock: Clock | None = None) -> None:
+        super().__init__()
         self.config = config
-        self.clock: Clock = clock if clock is not None else clock_of(config.rate)
+        self.clock = clock if clock is not None else clock_of(config.rate)
         self._starter = RobotStarter(config, self.clock)
         self.services: FleetServices = self._starter.services
         self._robots: dict[str, RobotHandle] = {}
+        self._forwarder = FixForwarder(self.clock)
         self._environment: Mapping[str, str] | None = None
         self._start_lock = threading.Lock()
         self._reload_lock = threading.Lock()
@@ -108,6 +109,8 @@ class Fleet(Mapping[str, RobotHandle]):
                     if robot.name not in self._robots:
                         self._robots = {**self._robots, robot.name: self._start(robot)}
             self._wait_started([robot.name for robot in wanted], self.clock.now() + self.clock.of_real(timeout_s))
+            with self._start_lock:
+                self._forwarder.follow(self.config, self._robots)
         except BaseException:
             self.close()
             raise
@@ -162,6 +165,8 @@ class Fleet(Mapping[str, RobotHandle]):
                 [name for name in (*changes.added, *changes.restarted) if name in self._robots],
                 self.clock.now() + self.clock.of_real(timeout_s),
             )
+            with self._start_lock:
+                self._forwarder.follow(self.config, self._robots)
         get_logger(fleet=self.name).info("fleet file reloaded", changes=str(changes))
         return changes
 
@@ -207,6 +212,8 @@ class Fleet(Mapping[str, RobotHandle]):
         """
         with self._start_lock:
             robots = dict(self._robots)
+            self._forwarder.close()
+        self._end_traffic(timeout_s)
         close_robots(list(robots.values()), timeout_s)  # they stay known until then, in case of Ctrl-C
         with self._start_lock:
             self._robots = {name: robot for name, robot in self._robots.items() if robots.get(name) is not robot}
@@ -276,94 +283,17 @@ class Fleet(Mapping[str, RobotHandle]):
         chosen = EALConfigManager(self.config).select(names, tags=tags, types=types)
         return [self[robot.name] for robot in chosen]
 
+    def place(self, name: str) -> NamedPlace:
+        """Return a place of the fleet's world by its name: `fleet.place("dock").x_m`.
+
+        Raises:
+            PlaceNotFoundError: the world has no such place, or the fleet file names no world.
+        """
+        if self.config.world is None:
+            raise PlaceNotFoundError(f"no place {name!r}: fleet {self.name!r} has no world; give its file a `world`")
+        return self.config.world.place(name)
+
     @property
     def problems(self) -> list[EALError]:
         """The errors of robots and plugins so far."""
         return [problem.at(robot.name) for robot in self._robots.values() for problem in robot.problems]
-
-    def each(
-        self,
-        robots: Iterable[RobotHandle | str],
-        function: Callable[[RobotHandle], R],
-        *,
-        timeout_s: float | None = None,
-    ) -> dict[str, R]:
-        """Run `function(robot)` for every robot at the same time; return the results by the robots' names.
-
-            def drive_home(robot: RobotHandle) -> int:
-                robot["Base"].send_cmd("r180").get()
-                return robot["Base"].send_cmd("f1").get()
-
-            statuses = fleet.each(fleet.select(tags=["indoor"]), drive_home, timeout_s=60)
-
-        Each robot's function runs in a thread of its own, on the fleet's clock, and calls block only that thread. When
-        one raises, when the time is over, and on Ctrl-C, the waits of all others raise CallCancelledError, all robots
-        given are halted, and the error is raised here once every thread has ended; see `eal_actors.facade.tasks`.
-
-        Args:
-            robots: the robots or their names, each once.
-            function: what to run. It should let CallCancelledError pass.
-            timeout_s: seconds of the fleet's clock for all of them together; None for no limit.
-
-        Raises:
-            ArgumentError: a robot is given twice.
-            RobotNotFoundError: the fleet has no robot of a name.
-            DeadlineError: the time is over.
-            Exception: the first error of a function. Errors that others raised too are its notes.
-
-        Thread: any; blocks the caller.
-        """
-        handles = [self[robot] if isinstance(robot, str) else robot for robot in robots]
-        if len(set(handles)) != len(handles):
-            raise ArgumentError(f"a robot is given twice: {', '.join(robot.name for robot in handles)}")
-        with self.tasks(timeout_s) as tasks:
-            results = {robot.name: tasks.start(function, robot) for robot in handles}
-        return {name: result.get() for name, result in results.items()}
-
-    def tasks(self, timeout_s: float | None = None) -> TaskGroup:
-        """Return a group of tasks, for a `with` block: different functions at the same time, which end together.
-
-        Args:
-            timeout_s: seconds of the fleet's clock to wait for the tasks at the end of the block; None for no limit.
-        """
-        return TaskGroup(self.clock, timeout_s)
-
-    def halt(self, *, timeout_s: float | None = None) -> Future[list[list[int]]]:
-        """Stop all motion of every robot at once. Thread: any; does not block."""
-        return gather([robot.halt(timeout_s=timeout_s) for robot in self._robots.values()])
-
-    def together(
-        self, commands: Mapping[ResourceHandle, Command], *, lead_s: float = 0.1, timeout_s: float | None = None
-    ) -> SynchronizedCommands:
-        """Send commands to many resources that begin at the same time, whatever the delay of each link.
-
-            start = fleet.together({robot["Base"]: "r45" for robot in fleet.values()})
-            print(start.record.get().skew_s)
-
-        Pings compare the clocks of robots on the network first; the start allows for the slowest link. A command that
-        arrives late begins on arrival, which the record shows. Stops do not wait.
-
-        Args:
-            commands: by resource, the command; or the command and its argument.
-            lead_s: seconds of the fleet's clock until the start, in addition to the delay of the slowest link.
-            timeout_s: seconds until the deadline of each command; None for the fleet file's default.
-
-        Raises:
-            RobotNotFoundError: a resource belongs to no robot of this fleet.
-            ArgumentError: `lead_s` is negative or not finite.
-
-        Thread: blocks the caller for a few round trips where robots are on the network, at most 0.5 s of real time.
-        """
-        robots = [self[name] for name in dict.fromkeys(handle.robot for handle in commands)]
-        return send_synchronized(commands, robots, self.clock, lead_s, timeout_s)
-
-    def stop(self, reason: str = "") -> Future[list[None]]:
-        """Stop every robot in an emergency: halt all motion and refuse new motion until `resume`; see RobotHandle.stop.
-
-        Thread: any; does not block.
-        """
-        return gather([robot.stop(reason) for robot in self._robots.values()])
-
-    def resume(self) -> Future[list[None]]:
-        """End the emergency stop of every robot. Thread: any; does not block."""
-        return gather([robot.resume() for robot in self._robots.values()])

@@ -17,8 +17,8 @@ from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_check import no_lock_step
 from eal_actors.managers.plugins import EALPluginManager
-from eal_actors.net.controller.controller import Controller
-from eal_actors.net.controller.remote_robot import RemoteRobot, RemoteSpec
+from eal_actors.wire.rpc.client.controller import Controller
+from eal_actors.wire.rpc.client.remote_robot import RemoteRobot, RemoteSpec
 
 
 class RobotStarter:
@@ -39,7 +39,10 @@ class RobotStarter:
         self.config = config
         self._clock = clock
         self._plugins = EALPluginManager(config.plugin_dirs)
-        self.services = FleetServices(clock, config.seed, config.world, self._plugins.open_port)
+        self.services = FleetServices(
+            clock, config.seed, config.world, self._plugins.open_port, self._plugins.open_camera
+        )
+        self.services.markers = _markers(config)
         self._started: dict[str, RobotConfig] = {}  # the latest configuration of each robot of this process
         self._controllers: dict[str, Controller] = {}  # by robot
 
@@ -68,7 +71,8 @@ class RobotStarter:
     def take_over(self, former: RobotStarter) -> None:
         """Continue with the shared objects and the sessions of the fleet's former starter."""
         self.services, self._started, self._controllers = former.services, former._started, former._controllers
-        self.services.open_port = self._plugins.open_port
+        self.services.open_port, self.services.open_camera = self._plugins.open_port, self._plugins.open_camera
+        self.services.markers = _markers(self.config)
 
     def start(self, robot: RobotConfig) -> tuple[RobotConnection, RobotView]:
         """Start a robot's actor. Does not block."""
@@ -114,3 +118,8 @@ class RobotStarter:
             controller.shut_down()
             if not controller.join(timeout_s):
                 get_logger(fleet=self.config.name).error("the network did not close in time and was abandoned")
+
+
+def _markers(config: FleetConfig) -> dict[str, int]:
+    """Return the ids of the markers on robots, by the robots' names."""
+    return {name: int(robot.pose.marker) for name, robot in config.robots.items() if robot.pose.marker is not None}

@@ -16,10 +16,10 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_changes import FleetChanges
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER
-from eal_actors.net.server.host import RobotHost
-from eal_actors.net.server.robot_server import RobotServer
-from eal_actors.net.session import endpoints_of, robot_config
-from eal_actors.net.session_keeper import SessionKeeper
+from eal_actors.wire.rpc.server.host import RobotHost
+from eal_actors.wire.rpc.server.robot_server import RobotServer
+from eal_actors.wire.session import endpoints_of, robot_config
+from eal_actors.wire.session_keeper import SessionKeeper
 
 _CLOSE_S: Final = 1.5
 """Real seconds for each step of closing."""

@@ -87,6 +87,14 @@ class Clock(ABC):
         """Release the waiter: wake the thread that waits on it; harmless if it was woken already. Thread: any."""
         release(waiter)
 
+    def spares_turn(self, *, among_many: bool = False) -> bool:
+        """Return whether the caller should do the work of a waiting thread itself, rather than wake it. Thread: any.
+
+        Args:
+            among_many: the caller needs many threads at once, so that waking them would cost more than their work.
+        """
+        return among_many
+
     def sleep(self, duration_s: float) -> None:
         """Block the caller for a duration in seconds of this clock.
 

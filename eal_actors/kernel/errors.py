@@ -10,6 +10,8 @@
     │   ├── ArgumentError       (ValueError)        unknown command, or an argument outside its type or range
     │   ├── ReturnTypeError     (TypeError)         the resource returned an invalid type
     │   ├── ResourceFaultError  (RuntimeError)      the resource's own code raised
+    │   ├── BlockedError        (RuntimeError)      the robot does not come nearer to its goal
+    │   ├── LocalizationError   (RuntimeError)      the robot's pose is too old or too uncertain to drive by
     │   └── ResourceInUseError  (RuntimeError)      resources are still checked out
     ├── CallError
     │   ├── DeadlineError       (TimeoutError)      no answer before the call's deadline
@@ -28,6 +30,9 @@
     │   ├── AccessDeniedError   (PermissionError)   the robot does not grant this to this controller
     │   ├── ProtocolError       (ConnectionError)   the other end speaks another version, or sends invalid data
     │   └── RemoteError         (ConnectionError)   not possible through a network connection
+    ├── NavigationError
+    │   ├── PlaceNotFoundError  (KeyError)          the world has no place of that name
+    │   └── NoPathError         (RuntimeError)      no path leads to the goal, or none was found in time
     └── ScenarioError           (RuntimeError)      a scenario cannot run on this fleet
 
 Every error has a stable `code`, its name on the wire and in records. Errors of a resource carry `robot` and
@@ -175,6 +180,18 @@ class ResourceFaultError(ResourceError, RuntimeError):
     code = "resource_fault"
 
 
+class BlockedError(ResourceError, RuntimeError):
+    """The robot was halted because it does not come nearer to its goal; the message says what is in the way."""
+
+    code = "blocked"
+
+
+class LocalizationError(ResourceError, RuntimeError):
+    """The robot was halted because its pose is unknown, too old or too uncertain to drive by."""
+
+    code = "localization"
+
+
 class ResourceInUseError(ResourceError, RuntimeError):
     """Resources are still checked out at disconnect, or returned once too often (Source: thesis B.2.4)."""
 
@@ -281,6 +298,24 @@ class RemoteError(RobotError, ConnectionError):
     """The operation is not possible through a network connection (Source: thesis §4.5)."""
 
     code = "remote"
+
+
+class NavigationError(EALError):
+    """An error of a map, a path or a place."""
+
+    code = "navigation"
+
+
+class PlaceNotFoundError(NavigationError, KeyError):
+    """The world has no place of that name."""
+
+    code = "place_not_found"
+
+
+class NoPathError(NavigationError, RuntimeError):
+    """No path leads from the start to the goal, or the planner reached its bound before it found one."""
+
+    code = "no_path"
 
 
 class ScenarioError(EALError, RuntimeError):

@@ -141,6 +141,17 @@ class LockStepClock(Clock):
             self._dispatch_if_free()
 
     @override
+    def spares_turn(self, *, among_many: bool = False) -> bool:
+        """Return whether the caller has the turn, so that the threads that it would wake could only wait for it.
+
+        Work without a turn counts as a turn: a thread that polls must not keep time from advancing.
+        """
+        if self._running is not threading.current_thread() or self._is_spinning():
+            return False
+        self._turns += 1
+        return True
+
+    @override
     def start(self, thread: threading.Thread) -> None:
         wait, run = _Wait(thread), thread.run
 

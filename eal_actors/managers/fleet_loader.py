@@ -33,6 +33,7 @@ from eal_actors.managers.fleet_model import (
 )
 from eal_actors.managers.network_check import network_problems
 from eal_actors.managers.network_model import network_config
+from eal_actors.managers.pose_check import pose_problems
 
 
 def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:
@@ -56,6 +57,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
     resolver = _Resolver(YamlTree(root), sound=reader.sound)
     merged = resolver.robots()
     resolver.check_network()
+    resolver.check_poses()
     world = resolver.world()
     plugin_dirs = resolver.plugin_dirs()
     problems = {*reader.problems, *resolver.problems}  # numbered robots may all repeat one
@@ -179,6 +181,11 @@ class _Resolver:
         """Look for contradictions between the network and the robots that `robots` returned."""
         if self._sound:
             self.problems += network_problems(self._tree, self._entries)
+
+    def check_poses(self) -> None:
+        """Look for contradictions between the sources of the pose estimates and the robots that `robots` returned."""
+        if self._sound:
+            self.problems += pose_problems(self._tree, self._entries)
 
     def world(self) -> WorldModel | None:
         """Return the world, or None if the fleet has none or it is not right."""

@@ -50,6 +50,9 @@ def _refuse_file_name(name: str) -> str:
 
 RobotTemplate = Annotated[NameTemplate, AfterValidator(_refuse_file_name)]
 """The name of a robot, or of many, with `{n}` for their number."""
+MarkerTemplate = Annotated[str, Field(pattern=r"^([0-9]+|\{n\})$")]
+ODOMETRY: Final = "odometry"
+"""The source of a pose estimate that every robot with a base has."""
 StepText = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*$")]
 
 
@@ -69,6 +72,31 @@ class PluginSection(StrictModel):
     """The plugin's name, where it is not the name of the instance."""
 
 
+class PoseStart(StrictModel):
+    """A pose in the map frame."""
+
+    x_m: float
+    y_m: float
+    yaw_deg: float = Field(default=0.0, ge=-360, le=360)
+
+
+class PoseSection(StrictModel):
+    """Where a robot's pose estimate comes from."""
+
+    sources: tuple[Text, ...] = Field(default=(ODOMETRY,), alias="from", strict=False)
+    """`odometry`, and the robots of the fleet whose resource Fixes sees this robot's marker."""
+    marker: NonNegativeInt | MarkerTemplate | None = None
+    """The number of the marker on the robot; `{n}` in numbered robots."""
+    start: PoseStart | None = None
+    """Where the odometry begins. Default: the start of a simulated robot; else unknown until the first fix, or
+    (0, 0, 0) without trackers."""
+
+    @property
+    def trackers(self) -> tuple[str, ...]:
+        """The sources that are robots."""
+        return tuple(name for name in self.sources if name != ODOMETRY)
+
+
 class Level(StrictModel):
     """The keys of defaults, types and robots. A level replaces the keys of the levels below it."""
 
@@ -86,6 +114,8 @@ class Level(StrictModel):
     """In seconds of the fleet's clock."""
     exclusive: tuple[Text, ...] | None = Field(default=None, strict=False)
     """Resources that one controller at a time may command over the network; every actuator if left out."""
+    pose: PoseSection = PoseSection()
+    """Where the pose estimate comes from."""
     plugins: dict[Name, PluginSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
     """Name of the instance to its settings."""
 
@@ -209,6 +239,7 @@ class RobotConfig:
             in the controller's process.
         listen: endpoint at which it listens, or None if that is its address.
         exclusive: names of the resources that one controller at a time may command; None for every actuator.
+        pose: where its pose estimate comes from.
     """
 
     name: str
@@ -224,6 +255,7 @@ class RobotConfig:
     address: str | None = None
     listen: str | None = None
     exclusive: tuple[str, ...] | None = None
+    pose: PoseSection = field(default_factory=PoseSection)
 
 
 @dataclass(frozen=True, slots=True)

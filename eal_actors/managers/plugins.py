@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
+import math
 import sys
 import threading
 import zlib
@@ -17,6 +18,7 @@ from pydantic import ValidationError
 from typing_extensions import override
 
 from eal_actors.device.info import unknown_name
+from eal_actors.device.localization.localizer import BY_HAND, UNKNOWN
 from eal_actors.device.plugin_context import (
     EALPlugin,
     FleetServices,
@@ -195,6 +197,7 @@ class EALPluginManager:
         offers: list[tuple[str, str, PluginResource]] = []
         try:
             for settings in robot.plugins.values():
+                _begin_pose(robot, settings.instance, services)
                 try:
                     self._connect_one(robot.name, settings, services, connected, offers)
                 except EALError as error:
@@ -240,16 +243,27 @@ class EALPluginManager:
         Raises:
             PluginError: there is no such plugin, it makes no ports, or it refuses.
         """
-        scheme = url.partition("://")[0]
+        port: BytePort = self._simulator(url, "open_port")(context, url, model, emulate)
+        return port
+
+    def open_camera(self, context: PluginContext, url: str) -> Any:
+        """Open a simulated camera of the plugin that the URL's scheme names; see PluginContext.simulated_camera.
+
+        Raises:
+            PluginError: there is no such plugin, it makes no cameras, or it refuses.
+        """
+        return self._simulator(url, "open_camera")(context, url)
+
+    def _simulator(self, url: str, function: str) -> Callable[..., Any]:
+        scheme, what = url.partition("://")[0], function.removeprefix("open_")
         found = (one for one in self.manifests.values() if (made := one.file.simulation) and made.scheme == scheme)
         manifest = next(found, self.manifests.get(scheme))
         if manifest is None:
-            raise PluginError(f"port {url!r}: {unknown_name('plugin', scheme, self.manifests)}")
-        maker = getattr(import_plugin(manifest), "open_port", None)
+            raise PluginError(f"{what} {url!r}: {unknown_name('plugin', scheme, self.manifests)}")
+        maker: Callable[..., Any] | None = getattr(import_plugin(manifest), function, None)
         if not callable(maker):
-            raise PluginError(f"port {url!r}: the plugin {manifest.name!r} makes no simulated ports")
-        port: BytePort = maker(context, url, model, emulate)
-        return port
+            raise PluginError(f"{what} {url!r}: the plugin {manifest.name!r} makes no simulated {what}s")
+        return maker
 
     def _checked_settings(self, settings: PluginSettings) -> tuple[PluginManifest, ModuleType, Any]:
         manifest = self.manifests.get(settings.plugin)
@@ -278,6 +292,16 @@ class EALPluginManager:
                 return f"the plugin {name!r} is now part of {manifest.name!r}: write {remedy}"
         unread = f" (could not be read: {'; '.join(map(str, self.errors))})" if self.errors else ""
         return unknown_name("plugin", name, self.manifests) + unread
+
+
+def _begin_pose(robot: RobotConfig, instance: str, services: FleetServices) -> None:
+    """Set where the pose estimate of a driver begins, as far as the fleet file tells."""
+    start, localizer = robot.pose.start, services.localizer(robot.name, instance)
+    if start is not None:
+        yaw_rad = math.radians(start.yaw_deg)
+        localizer.begin_at(float(start.x_m), float(start.y_m), yaw_rad, BY_HAND, is_given=True)
+    elif robot.pose.trackers:
+        localizer.begin_at(0.0, 0.0, 0.0, UNKNOWN)
 
 
 def _with_context(function: Callable[..., Any], context: PluginContext) -> Any:

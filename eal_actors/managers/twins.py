@@ -5,7 +5,7 @@ Which simulated robot replaces the robot of a driver is declared as `twin` in th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -38,8 +38,8 @@ class SimulatedFleet:
 def simulated(config: FleetConfig, needed: Iterable[str], keep: Collection[str] = ()) -> SimulatedFleet:
     """Return the fleet with simulated robots only.
 
-    A simulated robot, and a driver on a simulated port, stay as they are, without their other plugins. The robot of a
-    driver is replaced by the driver's twin. Robots with an address become local.
+    A simulated robot, a driver on a simulated port, and a plugin with simulated cameras stay as they are, without their
+    other plugins. The robot of a driver is replaced by the driver's twin. Robots with an address become local.
 
     Args:
         config: any fleet.
@@ -83,7 +83,7 @@ class _Builder:
     def simulate(self, robot: RobotConfig) -> RobotConfig | Problem:
         """Return the simulated robot, or why there is none."""
         local = replace(robot, address=None, listen=None)
-        kept = {name: one for name, one in robot.plugins.items() if one.plugin in self._keep}
+        kept = {n: one for n, one in robot.plugins.items() if one.plugin in self._keep or self._observes_world(one)}
         bodies = {name: body for name, one in robot.plugins.items() if (body := self._body_of(robot, one)) is not None}
         if not bodies:
             return self._replace(local, kept)
@@ -114,6 +114,11 @@ class _Builder:
         )
         return first.problem((), f"{_CANNOT}: {why}")
 
+    def _observes_world(self, plugin: PluginSettings) -> bool:
+        """Return whether a plugin has a part, such as one of its cameras, in the simulated world."""
+        parts = (value for value in plugin.settings.values() if not isinstance(value, str))
+        return any(text.startswith(tuple(self._worlds.values())) for part in parts for text in _texts(part))
+
     def _body_of(self, robot: RobotConfig, plugin: PluginSettings) -> str | None:
         """Return the body that a plugin drives in the simulated world; None if it is not simulated."""
         if plugin.plugin in self._worlds:
@@ -133,6 +138,18 @@ def world_urls(manifests: Mapping[str, PluginManifest]) -> dict[str, str]:
         for name, manifest in manifests.items()
         if manifest.file.simulation is not None
     }
+
+
+def _texts(value: object) -> Iterator[str]:
+    """Yield every text in nested mappings and lists."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for part in value.values():
+            yield from _texts(part)
+    elif isinstance(value, list):
+        for part in value:
+            yield from _texts(part)
 
 
 def _describe(twin: TwinSection) -> str:

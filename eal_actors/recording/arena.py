@@ -21,6 +21,14 @@ _Style: TypeAlias = dict[str, Any]
 _OBSTACLE: Final[_Style] = {"facecolor": "#d9d9d9", "edgecolor": "#7f7f7f"}
 _BOX: Final[_Style] = {"facecolor": "#f3e3c3", "edgecolor": "#8a6d3b", "linestyle": (0, (3, 1.5))}
 _DROP: Final[_Style] = {"facecolor": "white", "edgecolor": "#9a9a9a", "hatch": "////"}
+_KEEP_OUT: Final[_Style] = {"facecolor": "#f7d4d0", "edgecolor": "#b3392c", "hatch": "xx", "alpha": 0.55}
+_PLACE: Final[_Style] = {
+    "linestyle": "",
+    "marker": "P",
+    "markersize": 8,
+    "color": "#0072b2",
+    "markeredgecolor": "white",
+}
 _POSTER: Final[_Style] = {"color": "#8c7bb8", "linewidth": 6, "solid_capstyle": "butt"}
 _BEACON: Final[_Style] = {"linestyle": "", "marker": "o", "markersize": 9, "markeredgecolor": "black"}
 _LAMP_COLOURS: Final[_Style] = {"color": "#ffd75e", "markeredgecolor": "#a88600"}
@@ -81,14 +89,17 @@ def draw_arena(axes: Axes, world: WorldModel) -> None:
     """Draw the arena at its start, and fit the limits of the axes to it.
 
     Obstacles are grey; drops are hatched; boxes have dashed edges; beacons are dots of their colours; posters are
-    strips on their walls; a dot with a line is a start pose with its heading.
+    strips on their walls; keep-out zones are hatched in red; places are crosses; a dot with a line is a start pose
+    with its heading.
     """
-    from matplotlib.patches import Circle, Rectangle
+    from matplotlib.patches import Circle, Polygon, Rectangle
 
     width_m, depth_m = world.size_m
     axes.add_patch(Rectangle((-width_m / 2, -depth_m / 2), width_m, depth_m, fill=False, linewidth=2.5))
     for drop in world.drops:
         axes.add_patch(_rectangle(drop, _DROP))
+    for zone in world.keep_out:
+        axes.add_patch(Polygon(zone, **_KEEP_OUT))
     for obstacle in world.solid_obstacles:
         if isinstance(obstacle, CircleObstacle):
             axes.add_patch(Circle((obstacle.x_m, obstacle.y_m), obstacle.radius_m, **_OBSTACLE))
@@ -101,6 +112,8 @@ def draw_arena(axes: Axes, world: WorldModel) -> None:
     _draw_starts(axes, world)
     for beacon in world.beacons:
         axes.plot([beacon.x_m], [beacon.y_m], color=[channel / 255 for channel in beacon.colour], **_BEACON)
+    for place in world.places.values():
+        axes.plot([place.x_m], [place.y_m], **_PLACE)
     margin_m = 0.05 * max(width_m, depth_m)
     axes.set_xlim(-width_m / 2 - margin_m, width_m / 2 + margin_m)
     axes.set_ylim(-depth_m / 2 - margin_m, depth_m / 2 + margin_m)
@@ -141,8 +154,8 @@ def _write_names(axes: Axes, world: WorldModel) -> None:
         for number, obstacle in enumerate(world.solid_obstacles):
             axes.annotate(str(number), (obstacle.x_m, obstacle.y_m), xytext=(0, 0), **small)
     named: tuple[MovableBox | Beacon, ...] = (*world.boxes, *world.beacons)
-    for thing in named:
-        axes.annotate(thing.name, (thing.x_m, thing.y_m), xytext=(0, 13), **small)
+    for name, thing in (*((thing.name, thing) for thing in named), *world.places.items()):
+        axes.annotate(name, (thing.x_m, thing.y_m), xytext=(0, 13), **small)
     if len(world.start_poses) <= _MOST_NUMBERED:
         for number, pose in enumerate(world.start_poses):
             yaw_rad = math.radians(pose.yaw_deg)
@@ -159,8 +172,10 @@ def _legend(world: WorldModel) -> list[Artist]:
         (world.obstacles, Patch(**_OBSTACLE, label="obstacle")),
         (world.boxes, Patch(**_BOX, label="movable box")),
         (world.drops, Patch(**_DROP, label="drop")),
+        (world.keep_out, Patch(**_KEEP_OUT, label="keep-out zone")),
         (world.posters, Line2D([], [], **_POSTER, label="poster")),
         (world.beacons, Line2D([], [], **_BEACON, color="white", label="beacon")),
+        (world.places, Line2D([], [], **_PLACE, label="place")),
         (world.lighting.lamps, Line2D([], [], **_LAMP, label="lamp")),
         (world.start_poses, Line2D([], [], **_START, label="start pose")),
     )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from eal_actors.kernel.errors import ScenarioError, UnsupportedError
 from eal_actors.recording import messages, schemas
 from eal_actors.recording.messages import Message, nanoseconds
-from eal_actors.recording.poses import POSE_RESOURCE, PoseSample
+from eal_actors.recording.poses import PoseSample
 from eal_actors.recording.schemas import MessageSchema
 from eal_actors.recording.timeline import log_entry_of
 from eal_actors.scenario.report.records import as_json
@@ -52,6 +52,7 @@ class McapFile:
     Attributes:
         counts: the number of messages of each topic.
         newest_s: the time of the newest message of each topic, in seconds since the run's start.
+        attached: the JSON documents by name.
 
     Raises:
         UnsupportedError: the library is not installed.
@@ -70,6 +71,7 @@ class McapFile:
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._names: set[str] = set()
+        self.attached: dict[str, Any] = {}
         self.counts: dict[str, int] = {}
         self.newest_s: dict[str, float] = {}
 
@@ -131,7 +133,16 @@ class McapFile:
         if name in self._names:
             return
         self._names.add(name)
+        self.attached[name] = content
         self._writer.add_attachment(0, 0, name, _JSON, _as_json(content))
+
+    def flush(self) -> None:
+        """Write what was attached so far to the disk, so that a crash does not lose it.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        self._stream.flush()
 
     def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
         """Add texts by their keys, unless metadata of this name exists."""
@@ -154,18 +165,27 @@ class McapFile:
             self._stream.close()
 
 
-def pose_topic(robot: str) -> str:
-    """Return the topic of a robot's poses."""
-    return f"/{robot}/{POSE_RESOURCE}"
+def pose_topic(robot: str, resource: str) -> str:
+    """Return the topic of a robot's poses by one of its resources."""
+    return f"/{robot}/{resource}"
 
 
-def write_pose(file: McapFile, robot: str, sample: PoseSample) -> None:
-    """Write a pose twice: for programs, and as the transform that viewers need.
+def write_pose(file: McapFile, robot: str, resource: str, sample: PoseSample) -> None:
+    """Write a pose for programs.
 
     Raises:
         OSError: it cannot be written.
     """
-    file.write(pose_topic(robot), schemas.POSE, sample.time_s, messages.pose_message(sample))
+    file.write(pose_topic(robot, resource), schemas.POSE, sample.time_s, messages.pose_message(sample))
+
+
+def write_path(file: McapFile, robot: str, resource: str, sample: PoseSample) -> None:
+    """Write a pose of a robot's path twice: for programs, and as the transform that viewers need.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    write_pose(file, robot, resource, sample)
     file.write("/tf", schemas.TRANSFORMS, sample.time_s, messages.transform_message(robot, sample))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from contextlib import ExitStack
 from operator import attrgetter
 from pathlib import Path
@@ -18,8 +18,8 @@ from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.log import get_logger
 from eal_actors.recording.sampler import Sampler, SampleSpec
 
-POSE_RESOURCE: Final = "Pose"
-"""The sampled resource; its value is [x m, y m, yaw rad] in the world frame."""
+POSE_RESOURCES: Final = ("TruePose", "Pose")
+"""The sampled resources; their values are [x m, y m, yaw rad] in the map frame. A path is of the first that exists."""
 POSE_PERIOD_S: Final = 0.1
 _POSE: Final = ValueInfo(DataType.DOUBLE, shape=(3,))
 _ROUNDING_S: Final = 0.0005
@@ -27,7 +27,7 @@ _ROUNDING_S: Final = 0.0005
 
 
 class PoseSample(NamedTuple):
-    """A pose in the world frame and its time in seconds, of the fleet's clock or since a run's start."""
+    """A pose in the map frame and its time in seconds, of the fleet's clock or since a run's start."""
 
     time_s: float
     x_m: float
@@ -35,13 +35,19 @@ class PoseSample(NamedTuple):
     yaw_rad: float
 
 
-def pose_sample(robot: str, data: EALData, clock: Clock) -> PoseSample | None:
-    """Return the value of a robot's Pose as a sample of the fleet's clock; log and return None if it is no pose."""
+def path_resource(resources: Container[str]) -> str | None:
+    """Return the name of the resource whose values are the robot's path; None if it has none."""
+    return next((name for name in POSE_RESOURCES if name in resources), None)
+
+
+def pose_sample(pose: ResourceHandle, data: EALData, clock: Clock) -> PoseSample | None:
+    """Return the value of a pose resource as a sample of the fleet's clock; log and return None if it is no pose."""
     problem = _POSE.problem(data)
     if problem is None and not all(map(math.isfinite, data.value)):
         problem = f"must be finite, not {data!r}"
     if problem is not None:
-        get_logger(robot=robot).warning("the path is no longer recorded", reason=f"the value of its Pose {problem}")
+        reason = f"the value of its {pose.name} {problem}"
+        get_logger(robot=pose.robot).warning("the path is no longer recorded", reason=reason)
         return None
     return PoseSample(data.stamp_s if data.stamp_s is not None else clock.now(), *map(float, data.value))
 
@@ -64,8 +70,8 @@ def split_at_breaks(path: Sequence[PoseSample], breaks_s: Sequence[float]) -> li
 class PoseRecorder(ExitStack):
     """Samples the pose of every robot periodically inside its `with` block.
 
-    A robot that does not answer within the period is skipped until it has answered. A robot whose Pose is no pose is
-    not sampled again.
+    The pose is the true one where there is one, in simulation, else the estimate. A robot that does not answer within
+    the period is skipped until it has answered. A robot whose Pose is no pose is not sampled again.
 
     Args:
         fleet: a connected fleet.
@@ -75,7 +81,7 @@ class PoseRecorder(ExitStack):
 
     def __init__(self, fleet: Fleet, robots: Iterable[str], period_s: float = POSE_PERIOD_S) -> None:
         super().__init__()
-        poses = [fleet[name][POSE_RESOURCE] for name in robots if POSE_RESOURCE in fleet[name]]
+        poses = [fleet[name][pose] for name in robots if (pose := path_resource(fleet[name])) is not None]
         self._clock = fleet.clock
         self._paths: dict[str, list[PoseSample]] = {pose.robot: [] for pose in poses}
         self._sampler = Sampler(fleet.clock, [SampleSpec(pose, period_s) for pose in poses], self._add)
@@ -85,7 +91,7 @@ class PoseRecorder(ExitStack):
         return self
 
     def _add(self, pose: ResourceHandle, data: EALData) -> bool:
-        sample = pose_sample(pose.robot, data, self._clock)
+        sample = pose_sample(pose, data, self._clock)
         if sample is None:
             return False
         path = self._paths[pose.robot]

@@ -15,8 +15,10 @@ from eal_actors.recording.mcap_file import (
     McapFile,
     pose_topic,
     write_event,
-    write_pose,
+    write_path,
 )
+from eal_actors.recording.poses import POSE_RESOURCES, path_resource
+from eal_actors.recording.recorded_run import INFOS
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.scenario.report.journal import cut_half_line
 
@@ -84,7 +86,8 @@ def _restore_lost(file: McapFile, run: RunFolder) -> None:
     for event in run.events[file.counts.get(EVENTS_TOPIC, 0) :]:
         write_event(file, event)
     for robot, path in run.paths.items():
-        last_s = file.newest_s.get(pose_topic(robot), -1.0) + _ROUNDING_S
+        resource = path_resource(file.attached.get(INFOS, {}).get(robot, ())) or POSE_RESOURCES[-1]
+        last_s = file.newest_s.get(pose_topic(robot, resource), -1.0) + _ROUNDING_S
         for sample in path:
             if sample.time_s > last_s:
-                write_pose(file, robot, sample)
+                write_path(file, robot, resource, sample)

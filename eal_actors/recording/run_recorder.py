@@ -15,16 +15,23 @@ from eal_actors.device.info import ResourceInfo, ResourceType
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError, UnsupportedError
 from eal_actors.kernel.log import get_logger
-from eal_actors.net.wire.images import encode_image
 from eal_actors.recording import messages, schemas
-from eal_actors.recording.mcap_file import ARENA_TOPIC, RECORD_FILE, McapFile, write_event, write_pose
-from eal_actors.recording.poses import POSE_PERIOD_S, POSE_RESOURCE, PoseSample, TrajectoryTable, pose_sample
+from eal_actors.recording.mcap_file import ARENA_TOPIC, RECORD_FILE, McapFile, write_event, write_path, write_pose
+from eal_actors.recording.poses import (
+    POSE_PERIOD_S,
+    POSE_RESOURCES,
+    PoseSample,
+    TrajectoryTable,
+    path_resource,
+    pose_sample,
+)
 from eal_actors.recording.recorded_run import INFOS
 from eal_actors.recording.repair import PART_FILE, merge_record
 from eal_actors.recording.run_folder import TRAJECTORY, RunFolder
 from eal_actors.recording.sampler import Sampler, SampleSpec
 from eal_actors.scenario.report.events import RunContinued, RunEvent, RunStarted, StepEnded
 from eal_actors.scenario.report.summary import StepRecord
+from eal_actors.wire.format.images import encode_image
 
 Extent: TypeAlias = Literal["poses", "sensors", "all"]
 """The extent of a record beside events: poses; also the values of all sensors except cameras; also images."""
@@ -90,7 +97,7 @@ class RunRecorder:
         for robot, infos in self._infos.items():
             for name, info in infos.items():
                 resource = self._fleet[robot][name]
-                if name == POSE_RESOURCE:
+                if name in POSE_RESOURCES:
                     yield SampleSpec(resource, POSE_PERIOD_S)
                 elif extent == "poses" or info.value is None or ResourceType.SENSOR not in info.types:
                     continue
@@ -104,6 +111,7 @@ class RunRecorder:
         file.add_metadata(RUN, {"fleet": config.name, "seed": str(config.seed)})
         infos = {robot: {name: info.to_dict() for name, info in found.items()} for robot, found in self._infos.items()}
         file.attach(INFOS, infos)
+        file.flush()
         if config.world is not None:
             file.write(ARENA_TOPIC, schemas.SCENE, 0.0, messages.scene_message(config.world))
 
@@ -111,11 +119,11 @@ class RunRecorder:
 
     def _add(self, resource: ResourceHandle, data: EALData) -> bool:
         stamp_s = data.stamp_s if data.stamp_s is not None else self._clock.now()
-        if resource.name == POSE_RESOURCE:
-            sample = pose_sample(resource.robot, data, self._clock)
+        if resource.name in POSE_RESOURCES:
+            sample = pose_sample(resource, data, self._clock)
             if sample is None:
                 return False
-            write = partial(self._write_pose, resource.robot, sample)
+            write = partial(self._write_pose, resource, sample)
         else:
             write = partial(self._write_value, resource, data)
         with self._lock:
@@ -125,12 +133,16 @@ class RunRecorder:
                 write(self._run_s(stamp_s))
         return True
 
-    def _write_pose(self, robot: str, sample: PoseSample, time_s: float) -> None:
-        if time_s <= self._newest_s.get(robot, -1.0):
+    def _write_pose(self, resource: ResourceHandle, sample: PoseSample, time_s: float) -> None:
+        robot, name, topic = resource.robot, resource.name, _topic(resource)
+        if time_s <= self._newest_s.get(topic, -1.0):
             return
-        self._newest_s[robot] = time_s
+        self._newest_s[topic] = time_s
         sample = sample._replace(time_s=time_s)
-        self._guarded(lambda file: write_pose(file, robot, sample))
+        if name != path_resource(self._infos[robot]):
+            self._guarded(lambda file: write_pose(file, robot, name, sample))
+            return
+        self._guarded(lambda file: write_path(file, robot, name, sample))
         try:
             if self._table is not None:
                 self._table.add(robot, sample)
@@ -176,7 +188,7 @@ class RunRecorder:
     def _write_answer(self, record: StepRecord, answer: EALData) -> None:
         """Write a value that the scenario read from a sensor, in any extent; poses are sampled anyway."""
         robot, name = record.robot or "", record.resource or ""
-        if record.kind == "get_value" and name != POSE_RESOURCE and name in self._infos.get(robot, {}):
+        if record.kind == "get_value" and name not in POSE_RESOURCES and name in self._infos.get(robot, {}):
             stamp_s = self._run_s(answer.stamp_s) if answer.stamp_s is not None else record.end_s
             self._write_value(self._fleet[robot][name], answer, stamp_s)
 

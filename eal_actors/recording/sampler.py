@@ -9,6 +9,7 @@ from typing import Final, NamedTuple, Self, TypeAlias
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle
+from eal_actors.actors.many import read_many
 from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import Clock, new_waiter
 
@@ -80,9 +81,11 @@ class Sampler:
             self._collect(group, wait=True)
 
     def _request(self, group: Sequence[_SampledResource]) -> None:
-        for sampled in group:
-            if sampled.is_wanted and sampled.answer is None:
-                sampled.answer = sampled.resource.get_value(timeout_s=sampled.timeout_s)
+        due = [sampled for sampled in group if sampled.is_wanted and sampled.answer is None]
+        if due:
+            answers = read_many([sampled.resource for sampled in due], due[0].timeout_s)  # a group has one period
+            for sampled, answer in zip(due, answers, strict=True):
+                sampled.answer = answer
 
     def _collect(self, group: Sequence[_SampledResource], *, wait: bool = False) -> None:
         for sampled in group:

@@ -203,14 +203,14 @@ class Simulation:
     # Assertions.
 
     def pose(self, robot: str) -> Pose:
-        """Return the true pose of a robot, from its resource Pose.
+        """Return the true pose of a robot, from its resource TruePose.
 
         Raises:
             RobotNotFoundError: the fleet has no robot of this name.
-            ResourceNotFoundError: the robot has no resource Pose.
+            ResourceNotFoundError: the robot has no resource TruePose.
             UnavailableError: the simulation is not open.
         """
-        x_m, y_m, yaw_rad = map(float, self[robot]["Pose"].get_value().get().value)
+        x_m, y_m, yaw_rad = map(float, self[robot]["TruePose"].get_value().get().value)
         return Pose(x_m, y_m, yaw_rad)
 
     def distance_m(self, robot: str, other: str | tuple[float, float]) -> float:
@@ -222,7 +222,7 @@ class Simulation:
 
         Raises:
             RobotNotFoundError: the fleet has no robot of this name.
-            ResourceNotFoundError: the robot has no resource Pose.
+            ResourceNotFoundError: the robot has no resource TruePose.
             UnavailableError: the simulation is not open.
         """
         x_m, y_m = self.pose(other)[:2] if isinstance(other, str) else other
@@ -294,7 +294,7 @@ class Simulation:
         return run_scenario(loaded, fleet, directory=directory)
 
     def _format_poses(self) -> str:
-        places = [f"{name} is at {self.pose(name)}" for name, robot in self.fleet.items() if "Pose" in robot]
+        places = [f"{name} is at {self.pose(name)}" for name, robot in self.fleet.items() if "TruePose" in robot]
         return "; ".join([f"{self.now_s:g} s since the start", *places])
 
 

@@ -127,6 +127,18 @@ class SourceReader:
         with self._changed:
             return self._why_not_ready()
 
+    def latest(self) -> Picture:
+        """Return the newest picture, which may be as old as the source's period. Does not block.
+
+        Raises:
+            NotReadyError: the source is lost, frozen, at its end, or has delivered no picture yet.
+        """
+        with self._changed:
+            reason = self._why_not_ready()
+            if reason is None and self._frame is not None:
+                return self._frame
+        raise NotReadyError(reason or f"{self._options.name} has delivered no picture yet")
+
     def newer(self) -> Generator[float, None, Picture]:
         """Wait for a picture whose reading began after this call.
 

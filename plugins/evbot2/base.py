@@ -12,6 +12,7 @@ from eal_actors.plugin import (
     Activity,
     DifferentialBase,
     Drivetrain,
+    PluginContext,
     ResourceFaultError,
     UnavailableError,
     WheelCalibration,
@@ -33,10 +34,13 @@ class Base(DifferentialBase):
         session: the session with the base; this resource polls it.
         odometer: holds the wheel calibration.
         drivetrain: the parameters of the base.
+        context: of the plugin, for motions to a pose.
     """
 
-    def __init__(self, session: BaseSession, odometer: Odometer, drivetrain: Drivetrain) -> None:
-        super().__init__(drivetrain)
+    def __init__(
+        self, session: BaseSession, odometer: Odometer, drivetrain: Drivetrain, context: PluginContext | None = None
+    ) -> None:
+        super().__init__(drivetrain, context)
         self._session = session
         self._odometer = odometer
 

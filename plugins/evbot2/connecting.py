@@ -14,8 +14,10 @@ from eal_actors.plugin import (
     Drivetrain,
     EALPlugin,
     Field,
+    OdometryNoise,
     PluginContext,
     PluginSettingsModel,
+    PoseResource,
     ReopeningPort,
     Resource,
     WheelCalibration,
@@ -77,12 +79,17 @@ def disconnect(plugin: EvBotPlugin) -> None:
 
 def create_Base(context: PluginContext) -> Base:
     """Create the base."""
-    return Base(context.plugin.session, context.plugin.odometer, context.plugin.drivetrain)
+    return Base(context.plugin.session, context.plugin.odometer, context.plugin.drivetrain, context)
 
 
 def create_Odometry(context: PluginContext) -> Odometry:
     """Create the odometry."""
     return Odometry(context.plugin.session, context.plugin.odometer)
+
+
+def create_Pose(context: PluginContext) -> PoseResource:
+    """Create the pose estimate."""
+    return PoseResource(context.localizer, context.clock)
 
 
 def destroy(resource: Resource) -> None:
@@ -125,7 +132,7 @@ def start_session(
     *,
     model: int,
     channels: tuple[OrderChannel, ...],
-    track_m: float,
+    noise: OdometryNoise,
 ) -> tuple[BaseSession, Odometer]:
     """Greet the base; an absent base is greeted when it appears.
 
@@ -135,12 +142,12 @@ def start_session(
         codec: the wire codec.
         model: the expected model.
         channels: its channels.
-        track_m: nominal distance of its wheels.
+        noise: the errors of its odometry.
 
     Thread: the robot's; waits at most two seconds for a base that is silent.
     """
     settings: SessionSettings = context.settings
-    odometer = Odometer(track_m, settings.calibration)
+    odometer = Odometer(noise.track_m, settings.calibration, context.localizer)
     session = BaseSession(
         port,
         codec,
@@ -152,6 +159,7 @@ def start_session(
         on_reading=odometer.follow,
         name=context.robot,
     )
+    context.localizer.attach(noise, refresh=session.latest, not_ready=session.why_not_ready)
     try:
         for delay_s in session.greet(_FIRST_GREETING_S):
             context.clock.sleep(delay_s)

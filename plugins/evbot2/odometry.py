@@ -7,14 +7,16 @@ import threading
 from eal_actors.plugin import (
     DataType,
     EALData,
+    Localizer,
     Resource,
     ResourceType,
     ValueInfo,
     WheelCalibration,
+    finite_pose,
     request,
 )
 
-from ..roomba.odometry import DeadReckoning, finite_pose
+from ..roomba.odometry import DeadReckoning
 from .messages import BaseWelcome
 from .session import BaseSession
 from .session_state import StatusReading
@@ -28,6 +30,7 @@ class Odometer:
     Args:
         track_m: nominal distance of the wheels.
         calibration: the wheel calibration.
+        localizer: receives the pose at each status.
 
     Attributes:
         calibration: the wheel calibration for later counts.
@@ -35,13 +38,15 @@ class Odometer:
     Thread: any.
     """
 
-    def __init__(self, track_m: float, calibration: WheelCalibration) -> None:
+    def __init__(self, track_m: float, calibration: WheelCalibration, localizer: Localizer) -> None:
         self.calibration = calibration
+        self._localizer = localizer
         self._lock = threading.Lock()
         self._reckoning = DeadReckoning(track_m)
         self._counted: tuple[int, int] | None = None
         self._boot: int | None = None
         self._travel_m = (0.0, 0.0)
+        self._stamp_s = 0.0
 
     def follow(self, welcome: BaseWelcome, reading: StatusReading) -> None:
         """Update the pose from a status."""
@@ -52,6 +57,8 @@ class Odometer:
                     [_difference(*pair) * welcome.step_um / 1e6 for pair in zip(counted, self._counted, strict=True)]
                 )
             self._counted, self._boot = counted, welcome.boot
+            self._stamp_s = reading.stamp_s
+            self._localizer.odometry(*self._reckoning.pose, reading.stamp_s)
 
     def _add(self, gone_m: list[float]) -> None:
         left_m, right_m = gone_m
@@ -74,6 +81,7 @@ class Odometer:
         """Set the pose."""
         with self._lock:
             self._reckoning.place(x_m, y_m, yaw_rad)
+            self._localizer.restart_odometry(x_m, y_m, yaw_rad, self._stamp_s)
 
 
 def _difference(count: int, before: int) -> int:

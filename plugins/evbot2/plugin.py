@@ -6,15 +6,20 @@ from __future__ import annotations
 
 from typing import Final, Literal
 
-from eal_actors.plugin import Drivetrain, Field, PluginContext, open_serial
+from eal_actors.plugin import Drivetrain, Field, OdometryNoise, PluginContext, open_serial
 
 from . import connecting
 from .emulator import TRACKS, simulated_evbot2
 from .messages import OrderChannel
 from .protocol import BAUD_RATE, MODEL, HostLineCodec
 
-DRIVETRAIN: Final = Drivetrain("evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0)
+DRIVETRAIN: Final = Drivetrain(
+    "evbot2", TRACKS.track_m, 0.25, TRACKS.max_speed_m_s, 60.0, 120.0, TRACKS.acceleration_m_s2, 0.18
+)
 """The EvBot II."""
+
+NOISE: Final = OdometryNoise(DRIVETRAIN.track_m, 0.004, 0.006, scale_share=0.01, drift_rad_m=0.05, turn_share=0.15)
+"""Its tracks skid: they turn less than they count, by how much depends on the floor."""
 
 
 class Settings(connecting.SessionSettings):
@@ -47,10 +52,11 @@ def connect(context: PluginContext) -> connecting.EvBotPlugin:
         lambda: open_serial(settings.port, baudrate=settings.baudrate, dtr=settings.dtr, rts=settings.rts),
     )
     session, odometer = connecting.start_session(
-        context, port, HostLineCodec(), model=MODEL, channels=(OrderChannel.WHEELS,), track_m=DRIVETRAIN.track_m
+        context, port, HostLineCodec(), model=MODEL, channels=(OrderChannel.WHEELS,), noise=NOISE
     )
-    return connecting.EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry")
+    return connecting.EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry", "Pose")
 
 
 disconnect, create_Base, create_Odometry = connecting.disconnect, connecting.create_Base, connecting.create_Odometry
-destroy_Base, destroy_Odometry = connecting.destroy, connecting.destroy
+create_Pose = connecting.create_Pose
+destroy_Base = destroy_Odometry = destroy_Pose = connecting.destroy

@@ -9,17 +9,22 @@ from urllib.parse import urlsplit
 
 from pydantic import field_validator
 
-from eal_actors.plugin import BytePort, Drivetrain, Field, PluginContext, UdpPort, open_tcp
+from eal_actors.plugin import BytePort, Drivetrain, Field, OdometryNoise, PluginContext, UdpPort, open_tcp
 
 from ..evbot2 import connecting
 from ..evbot2.messages import OrderChannel
 from .emulator import WHEELS, simulated_evbot3
 from .protocol import MODEL, HostFrameCodec
-from .sensors import Battery, Bump
+from .sensors import Battery, Bump, BumperBase
 from .turret import Turret
 
-DRIVETRAIN: Final = Drivetrain("evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_m_s, 90.0, 150.0)
+DRIVETRAIN: Final = Drivetrain(
+    "evbot3", WHEELS.track_m, 0.35, WHEELS.max_speed_m_s, 90.0, 150.0, WHEELS.acceleration_m_s2
+)
 """The EvBot III."""
+
+NOISE: Final = OdometryNoise(DRIVETRAIN.track_m, 0.001, 0.003, scale_share=0.005, drift_rad_m=0.015, turn_share=0.015)
+"""The errors of its wheels before a calibration."""
 
 _CONNECT_TIMEOUT_S: Final = 2.0
 
@@ -68,9 +73,16 @@ def connect(context: PluginContext) -> connecting.EvBotPlugin:
     address = settings.address
     port = connecting.open_base_port(context, address, DRIVETRAIN.name, simulated_evbot3, lambda: _open(address))
     channels = (OrderChannel.WHEELS, OrderChannel.TURRET)
-    codec, track_m = HostFrameCodec(), DRIVETRAIN.track_m
-    session, odometer = connecting.start_session(context, port, codec, model=MODEL, channels=channels, track_m=track_m)
-    return connecting.EvBotPlugin(session, odometer, DRIVETRAIN, "Base", "Odometry", "Turret", "Bump", "Battery")
+    codec = HostFrameCodec()
+    session, odometer = connecting.start_session(context, port, codec, model=MODEL, channels=channels, noise=NOISE)
+    return connecting.EvBotPlugin(
+        session, odometer, DRIVETRAIN, "Base", "Odometry", "Pose", "Turret", "Bump", "Battery"
+    )
+
+
+def create_Base(context: PluginContext) -> BumperBase:
+    """Create the base."""
+    return BumperBase(context.plugin.session, context.plugin.odometer, context.plugin.drivetrain, context)
 
 
 def create_Turret(context: PluginContext) -> Turret:
@@ -88,5 +100,6 @@ def create_Battery(context: PluginContext) -> Battery:
     return Battery(context.plugin.session)
 
 
-disconnect, create_Base, create_Odometry = connecting.disconnect, connecting.create_Base, connecting.create_Odometry
-destroy_Base = destroy_Odometry = destroy_Turret = destroy_Bump = destroy_Battery = connecting.destroy
+disconnect, create_Odometry = connecting.disconnect, connecting.create_Odometry
+create_Pose = connecting.create_Pose
+destroy_Base = destroy_Odometry = destroy_Pose = destroy_Turret = destroy_Bump = destroy_Battery = connecting.destroy

@@ -1,16 +1,31 @@
-"""The bumpers and the battery of an EvBot III, from the latest status."""
+"""The bumpers and the battery of an EvBot III, from the latest status; and its base, which the bumpers stop."""
 
 from __future__ import annotations
 
+import math
 from typing import Final
+
+from typing_extensions import override
 
 from eal_actors.plugin import DataType, EALData, Resource, ResourceType, ValueInfo, request
 
+from ..evbot2.base import Base
 from ..evbot2.session import BaseSession
 from .status import SenseStatus, senses_of
 
 _FLAG: Final = ValueInfo(DataType.BOOL)
 _LEFT, _RIGHT = 1, 2
+
+
+class BumperBase(Base):
+    """Drives the robot; get_status: 0 stands, 1 moves, 2 is driven but blocked.
+
+    A pressed bumper stops motions to a place.
+    """
+
+    @override
+    def clearance_m(self, *, forward: bool) -> float:
+        return 0.0 if forward and senses_of(self._session.latest()).bumpers else math.inf
 
 
 class _StatusSensor(Resource):

@@ -11,6 +11,7 @@ from eal_actors.plugin import (
     Activity,
     DifferentialBase,
     Drivetrain,
+    PluginContext,
     ResourceFaultError,
     UnavailableError,
     WheelCalibration,
@@ -19,7 +20,7 @@ from eal_actors.plugin import (
 
 from .driver import RoombaDriver
 from .groups import Contacts
-from .motion import MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionGoal, MotionProgress, TimedMotion
+from .motion import BRAKE_M_S2, MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionGoal, MotionProgress, TimedMotion
 from .predicted_wheels import Travel
 
 _MOST_DOUBT_M: Final = 0.03  # of the travel, in one straight drive
@@ -43,10 +44,9 @@ _STALL_S: Final = 2.0  # without a count from driven wheels; the slowest turn co
 class RoombaBase(DifferentialBase):
     """Drives the robot; get_status: 0 stands, 1 moves, 2 is driven but blocked."""
 
-    def __init__(self, roomba: RoombaDriver) -> None:
-        super().__init__(
-            Drivetrain("roomba", roomba.wheelbase_m, 0.3, MAX_SPEED_MM_S / 1000, 90.0, MAX_TURN_RATE_DEG_S)
-        )
+    def __init__(self, roomba: RoombaDriver, context: PluginContext | None = None) -> None:
+        limits = 0.3, MAX_SPEED_MM_S / 1000, 90.0, MAX_TURN_RATE_DEG_S, BRAKE_M_S2, 0.17
+        super().__init__(Drivetrain("roomba", roomba.wheelbase_m, *limits), context)
         self._roomba = roomba
         self._in_motion = False
         self._twist_until_s: float | None = None
@@ -82,6 +82,16 @@ class RoombaBase(DifferentialBase):
         """Stop at once."""
         self._twist_until_s = None
         self._roomba.stop()
+
+    @override
+    def clearance_m(self, *, forward: bool) -> float:
+        contacts = self._roomba.latest().contacts
+        return 0.0 if forward and (contacts.bump_left or contacts.bump_right) else math.inf
+
+    @override
+    def is_held(self) -> bool:
+        contacts = self._roomba.latest().contacts  # not the bumper: it stays pressed while the robot turns away
+        return contacts.overcurrent_drive_left or contacts.overcurrent_drive_right
 
     @property
     @override

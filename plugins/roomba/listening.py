@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Final
 
-from eal_actors.plugin import Activity, Clock, NotReadyError, UnavailableError, WheelCalibration, get_logger
+from eal_actors.plugin import Activity, Clock, Localizer, NotReadyError, UnavailableError, WheelCalibration, get_logger
 
 from .groups import Contacts, PowerGroup
 from .link import RoombaLink
@@ -46,6 +46,7 @@ class Listener(ABC):
 
     Attributes:
         calibration: of its wheels.
+        localizer: receives the pose by odometry with each reading.
 
     Thread: any; one lock, which is never held during a wait.
     """
@@ -57,6 +58,7 @@ class Listener(ABC):
         self.wheelbase_m: Final = wheelbase_m
         self.calibration = WheelCalibration()
         self._link = link
+        self.localizer = Localizer(name)
         self._lock = threading.Lock()
         self._reading: RoombaReading | None = None
         self._odometry = DeadReckoning(wheelbase_m)
@@ -152,6 +154,8 @@ class Listener(ABC):
         """Set the pose."""
         with self._lock:
             self._odometry.place(x_m, y_m, yaw_rad)
+            if self._reading is not None:
+                self.localizer.restart_odometry(x_m, y_m, yaw_rad, self._reading.stamp_s)
 
     def poll(self) -> Activity:
         """Poll forever, in spite of link errors. Only one caller may do so."""
@@ -206,6 +210,7 @@ class Listener(ABC):
         """Return a reading, after its travel was added. Thread: holds the lock."""
         if self._reading is None:
             self._first_s = stamp_s
+        self.localizer.odometry(*self._odometry.pose, stamp_s)
         if has_turned:
             self._moved_s = stamp_s
         stands = stamp_s - max(self._moved_s, self._first_s) >= _STANDS_S

@@ -14,7 +14,7 @@ from .reading import RoombaReading
 MAX_SPEED_MM_S: Final = 500
 """Maximum speed of a wheel of every Roomba."""
 MAX_TURN_RATE_DEG_S: Final = 180.0
-_BRAKE_M_S2: Final = 0.3
+BRAKE_M_S2: Final = 0.3
 _CREEP_M_S: Final = 0.02  # the speed at the end of a motion; the robot rests within a millimetre
 
 
@@ -78,7 +78,7 @@ class TimedMotion:
 
     def velocity_mm_s(self, left_m: float) -> int:
         """Return the speed of each wheel for a remaining length, 1 or more."""
-        slowing_m_s = math.sqrt(_CREEP_M_S**2 + 2 * _BRAKE_M_S2 * max(left_m, 0.0))
+        slowing_m_s = math.sqrt(_CREEP_M_S**2 + 2 * BRAKE_M_S2 * max(left_m, 0.0))
         return max(1, min(MAX_SPEED_MM_S, round(min(self.speed_m_s, slowing_m_s) * 1000)))
 
 

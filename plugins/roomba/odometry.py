@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from eal_actors.plugin import ArgumentError, EALData
+from eal_actors.plugin import wrapped_rad
 
 
 class DeadReckoning:
@@ -21,7 +21,7 @@ class DeadReckoning:
     @property
     def pose(self) -> tuple[float, float, float]:
         """The pose: x in m, y in m, yaw in rad, in (-pi, pi]."""
-        return self._x_m, self._y_m, _wrapped_rad(self._yaw_rad)
+        return self._x_m, self._y_m, wrapped_rad(self._yaw_rad)
 
     def place(self, x_m: float, y_m: float, yaw_rad: float) -> None:
         """Set the pose."""
@@ -35,20 +35,3 @@ class DeadReckoning:
         self._x_m += chord_m * math.cos(heading_rad)
         self._y_m += chord_m * math.sin(heading_rad)
         self._yaw_rad += turn_rad
-
-
-def _wrapped_rad(angle_rad: float) -> float:
-    """Return the same direction in (-pi, pi]."""
-    return math.pi - (math.pi - angle_rad) % math.tau
-
-
-def finite_pose(data: EALData) -> tuple[float, float, float]:
-    """Return the pose [x_m, y_m, yaw_rad] in a value.
-
-    Raises:
-        ArgumentError: a number is not finite.
-    """
-    x_m, y_m, yaw_rad = (float(number) for number in data.value)
-    if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
-        raise ArgumentError(f"a pose must consist of finite numbers, not {x_m:g}, {y_m:g}, {yaw_rad:g}")
-    return x_m, y_m, yaw_rad

@@ -1,13 +1,13 @@
 """The roomba plugin: iRobot's Roombas and the Create 2 over a serial interface (Source: thesis §6.1.3)."""
 
-# ruff: noqa: N816  # create_Base and its like are names of the plugin API
+# ruff: noqa: N802, N816  # create_Base and its like are names of the plugin API
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
-from eal_actors.plugin import EALPlugin, PluginContext, Resource
+from eal_actors.plugin import EALPlugin, OdometryNoise, PluginContext, PoseResource, Resource
 
 from . import oi, sci
 from .base import RoombaBase
@@ -46,7 +46,18 @@ class RoombaPlugin(EALPlugin):
 
     def __init__(self, roomba: RoombaDriver) -> None:
         super().__init__(
-            "Base", "Bump", "Cliff", "WheelDrop", "Wall", "Battery", "Odometry", "Buttons", "Leds", "Song", "Power"
+            "Base",
+            "Bump",
+            "Cliff",
+            "WheelDrop",
+            "Wall",
+            "Battery",
+            "Odometry",
+            "Pose",
+            "Buttons",
+            "Leds",
+            "Song",
+            "Power",
         )
         self.roomba = roomba
 
@@ -67,7 +78,9 @@ def connect(context: PluginContext) -> RoombaPlugin:
     else:
         wheelbase_m = _SIMULATED_WHEELBASE_M if settings.is_simulated else oi.WHEELBASE_M
         roomba = OiDriver(link, context.clock, mode, settings.poll_hz, context.robot, wheelbase_m)
-    roomba.calibration = settings.calibration
+    roomba.calibration, roomba.localizer = settings.calibration, context.localizer
+    noise = OdometryNoise(roomba.wheelbase_m, 0.0008, 0.002, scale_share=0.005, drift_rad_m=0.02, turn_share=0.015)
+    roomba.localizer.attach(noise, refresh=roomba.latest, not_ready=roomba.not_ready)
     try:
         for delay_s in roomba.wake():
             roomba.clock.sleep(delay_s)
@@ -110,17 +123,28 @@ def _creator(sci_kind: ResourceKind, oi_kind: ResourceKind | None = None) -> Cal
     return create
 
 
+def create_Base(context: PluginContext) -> RoombaBase:
+    """Create the base."""
+    return RoombaBase(context.plugin.roomba, context)
+
+
+def _create_pose(context: PluginContext) -> PoseResource:
+    """Create the pose estimate."""
+    return PoseResource(context.localizer, context.clock)
+
+
 def destroy(resource: Resource) -> None:
     """Do nothing: the Roomba belongs to the plugin."""
 
 
-create_Base, destroy_Base = _creator(RoombaBase), destroy
+destroy_Base = destroy
 create_Bump, destroy_Bump = _creator(RoombaBump), destroy
 create_Cliff, destroy_Cliff = _creator(RoombaCliff), destroy
 create_WheelDrop, destroy_WheelDrop = _creator(SciWheelDrop, OiWheelDrop), destroy
 create_Wall, destroy_Wall = _creator(RoombaWall), destroy
 create_Battery, destroy_Battery = _creator(RoombaBattery), destroy
 create_Odometry, destroy_Odometry = _creator(RoombaOdometry), destroy
+create_Pose, destroy_Pose = _create_pose, destroy
 create_Buttons, destroy_Buttons = _creator(SciButtons, OiButtons), destroy
 create_Leds, destroy_Leds = _creator(SciLeds, OiLeds), destroy
 create_Song, destroy_Song = _creator(RoombaSong, OiSong), destroy

@@ -13,12 +13,12 @@ from eal_actors.plugin import (
     ResourceType,
     ValueInfo,
     command,
+    finite_pose,
     request,
 )
 
 from .driver import RoombaDriver
 from .groups import CHARGING_STATES
-from .odometry import finite_pose
 from .reading import RoombaReading
 from .sci import Mode
 

@@ -15,6 +15,7 @@ from eal_actors.plugin import Field, PluginSettingsModel
 
 SensorName = Literal[
     "Odometry",
+    "Pose",
     "Battery",
     "Bump",
     "Range",

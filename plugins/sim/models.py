@@ -10,8 +10,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final, Literal
 
+from eal_actors.plugin import OdometryNoise
+
 MakeName = Literal["evbot2", "evbot3", "roomba"]
 
+_SCALE_SHARE: Final = 0.005
 _HEAD_SHARE: Final = 0.62  # of the radius
 _BASE_SHARE: Final = 0.55  # of the height
 _POST_M: Final = 0.035
@@ -129,6 +132,19 @@ class Make:
     def has_turret(self) -> bool:
         """Whether it has a turret."""
         return self.turret is not None
+
+    @property
+    def odometry_noise(self) -> OdometryNoise:
+        """The errors of the odometry of robots of this make before a calibration, as far as the make tells."""
+        raw = self.raw_errors
+        return OdometryNoise(
+            self.track_m,
+            self.errors.scatter_m,
+            self.turn_noise_rad,
+            scale_share=_SCALE_SHARE,
+            drift_rad_m=abs(raw.k_right - raw.k_left) / self.track_m,
+            turn_share=abs(1.0 - 1.0 / raw.track_factor),
+        )
 
     def uncalibrated(self) -> Make:
         """Return the same make with the errors from before a calibration."""

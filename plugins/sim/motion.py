@@ -7,8 +7,7 @@ wall finishes its motion too. Everything here is pure and counts in physics tick
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from typing_extensions import override
@@ -21,11 +20,14 @@ from .models import Make
 NOMINAL: Final = WheelCalibration()
 """The calibration of wheels without known errors."""
 
-_BLOCK: Final = 128
+NORMALS_BLOCK: Final = 128
 """Normal numbers are drawn in blocks: drawn one by one, they cost more than the rest of a tick."""
 
-_ROUNDING: Final = 1e-6
+ODOMETER_ROUNDING: Final = 1e-6
 """In encoder steps: a sum that falls short of a step by less counts as the step."""
+
+STRAIGHT_RAD: Final = 1e-9
+"""An arc of twice this angle or less is straight."""
 
 
 class Trapezoid:
@@ -45,6 +47,11 @@ class Trapezoid:
         cruise_s = length_m / self._peak - self._ramp_s if length_m else 0.0
         self.duration_s = 2 * self._ramp_s + cruise_s
 
+    @property
+    def parts(self) -> tuple[float, float, float, float, float]:
+        """The length, acceleration, greatest speed, duration of the acceleration, and duration."""
+        return self.length_m, self._acceleration, self._peak, self._ramp_s, self.duration_s
+
     def travelled_m(self, time_s: float) -> float:
         """Return the travel at a time; exactly the length from the duration on."""
         left_s = self.duration_s - time_s
@@ -55,6 +62,36 @@ class Trapezoid:
         if left_s < self._ramp_s:
             return self.length_m - self._acceleration * left_s * left_s / 2
         return self._peak * (time_s - self._ramp_s / 2)
+
+
+class RegularMotion(NamedTuple):
+    """The next ticks of a motion, for arrays of robots: a constant command, or the middle of a `Move`.
+
+    Attributes:
+        ticks: how many ticks it covers.
+        is_move: 1 for a Move, 0 for a constant command.
+        left: the left wheel's command in each tick, or its factor of a Move.
+        right: of the right wheel.
+        length_m: of a Move, as all that follow: length of its profile.
+        acceleration_m_s2: of its profile.
+        peak_m_s: greatest speed of its profile.
+        ramp_s: duration of the acceleration.
+        duration_s: of the whole.
+        tick: ticks that are over.
+        travelled_m: travel that is over.
+    """
+
+    ticks: float
+    is_move: float
+    left: float
+    right: float
+    length_m: float = 0.0
+    acceleration_m_s2: float = 0.0
+    peak_m_s: float = 0.0
+    ramp_s: float = 0.0
+    duration_s: float = 0.0
+    tick: float = 0.0
+    travelled_m: float = 0.0
 
 
 class WheelMotion:
@@ -78,6 +115,14 @@ class WheelMotion:
 
     def step(self) -> tuple[float, float]:
         """Advance by one tick; return the commanded travel of the left and the right wheel in it, in metres."""
+        raise NotImplementedError
+
+    def regular(self) -> RegularMotion | None:
+        """Return the next ticks if they are regular, else None."""
+        raise NotImplementedError
+
+    def skip(self, ticks: int, travelled_m: float) -> None:
+        """Advance by regular ticks; the travel of a Move is then `travelled_m`."""
         raise NotImplementedError
 
 
@@ -143,6 +188,17 @@ class Move(WheelMotion):
         step_m, self._travelled_m = travelled_m - self._travelled_m, travelled_m
         return self._left * step_m, self._right * step_m
 
+    @override
+    def regular(self) -> RegularMotion | None:
+        ticks = self._ticks - self._tick - 1  # the last one ends exactly at the length
+        profile = self._profile.parts
+        return RegularMotion(ticks, 1.0, self._left, self._right, *profile, self._tick, self._travelled_m)
+
+    @override
+    def skip(self, ticks: int, travelled_m: float) -> None:
+        self._tick += ticks
+        self._travelled_m = travelled_m
+
 
 class VelocityDrive(WheelMotion):
     """The wheels follow target speeds with the make's acceleration. Targets of 0 end the motion.
@@ -174,7 +230,8 @@ class VelocityDrive(WheelMotion):
     def remaining_s(self) -> float:
         if self._targets_m_s == (0.0, 0.0):
             fastest_m_s = max(abs(self._left_m_s), abs(self._right_m_s))
-            return math.ceil(fastest_m_s / (self._acceleration * self._tick_s) - 1e-9) * self._tick_s
+            ticks = math.ceil(fastest_m_s / (self._acceleration * self._tick_s) - 1e-9)
+            return max(ticks, 1 if fastest_m_s else 0) * self._tick_s  # a rounding error of a speed takes a tick too
         return self._hold_ticks * self._tick_s
 
     @property
@@ -194,6 +251,17 @@ class VelocityDrive(WheelMotion):
         if self._hold_ticks <= 0:
             self._targets_m_s = (0.0, 0.0)
         return left_m, right_m
+
+    @override
+    def regular(self) -> RegularMotion | None:
+        left_m_s, right_m_s = self._targets_m_s
+        if self._left_m_s != left_m_s or self._right_m_s != right_m_s:
+            return None
+        return RegularMotion(self._hold_ticks - 1, 0.0, left_m_s * self._tick_s, right_m_s * self._tick_s)
+
+    @override
+    def skip(self, ticks: int, travelled_m: float) -> None:
+        self._hold_ticks -= ticks
 
     @property
     def speeds_m_s(self) -> tuple[float, float]:
@@ -226,6 +294,7 @@ class SimWheels:
 
     Attributes:
         turned_m: total commanded travel in either direction, the mean of both wheels.
+        normals: the random numbers.
         shares: the share of its command that the left and the right wheel turn: below 1 for weak motors.
     """
 
@@ -234,7 +303,7 @@ class SimWheels:
         self._turn_noise_rad = make.turn_noise_rad
         self._step_m = make.encoder_step_m
         self._track_m = make.track_m * make.errors.track_factor
-        self._normals = _normals(generator)
+        self.normals = NormalNumbers(generator)
         self._noise_rad_m = 0.0
         self._left_m = self._right_m = 0.0
         self.turned_m = 0.0
@@ -244,7 +313,7 @@ class SimWheels:
         """Begin a motion: draw the noise of a turn in place."""
         self._noise_rad_m = 0.0
         if self._turn_noise_rad and motion.noise_share:
-            self._noise_rad_m = next(self._normals) * self._turn_noise_rad * motion.noise_share
+            self._noise_rad_m = self.normals.next() * self._turn_noise_rad * motion.noise_share
 
     def travel(self, left_m: float, right_m: float) -> tuple[float, float]:
         """Count one tick's command; return the robot's travel ahead in metres and its turn in radians."""
@@ -254,8 +323,8 @@ class SimWheels:
         self._right_m += right_m
         left, right = left_m * self._errors.k_left, right_m * self._errors.k_right
         if scatter_m := self._errors.scatter_m:
-            left += scatter_m * math.sqrt(abs(left_m)) * next(self._normals)
-            right += scatter_m * math.sqrt(abs(right_m)) * next(self._normals)
+            left += scatter_m * math.sqrt(abs(left_m)) * self.normals.next()
+            right += scatter_m * math.sqrt(abs(right_m)) * self.normals.next()
         return (left + right) / 2, (right - left) / self._track_m + left_m * self._noise_rad_m
 
     @property
@@ -263,9 +332,63 @@ class SimWheels:
         """The encoder totals of the left and the right wheel, in whole steps."""
         step_m = self._step_m
         return (
-            math.floor(self._left_m / step_m + _ROUNDING) * step_m,
-            math.floor(self._right_m / step_m + _ROUNDING) * step_m,
+            math.floor(self._left_m / step_m + ODOMETER_ROUNDING) * step_m,
+            math.floor(self._right_m / step_m + ODOMETER_ROUNDING) * step_m,
         )
+
+    def state(self) -> tuple[float, ...]:
+        """Return its part of a FreeState."""
+        errors = self._errors
+        return (
+            self._left_m,
+            self._right_m,
+            self.turned_m,
+            *self.shares,
+            errors.k_left,
+            errors.k_right,
+            errors.scatter_m,
+            self._track_m,
+            self._step_m,
+            self._noise_rad_m,
+        )
+
+    def adopt(self, left_m: float, right_m: float, turned_m: float) -> None:
+        """Set the totals."""
+        self._left_m, self._right_m, self.turned_m = left_m, right_m, turned_m
+
+
+class NormalNumbers:
+    """The normal numbers of a generator, in one order however they are taken.
+
+    Args:
+        generator: used for this alone.
+    """
+
+    def __init__(self, generator: np.random.Generator) -> None:
+        self._generator = generator
+        self._left: list[float] = []
+        """The next numbers, the very next one last."""
+
+    def next(self) -> float:
+        """Return the next number."""
+        if not self._left:
+            self._left = self.block()[::-1]
+        return self._left.pop()
+
+    def block(self) -> list[float]:
+        """Return the block after everything drawn so far."""
+        return list(self._generator.standard_normal(NORMALS_BLOCK).tolist())
+
+    def take_all(self, more_than: int) -> list[float]:
+        """Take the numbers that are drawn; draw more until they are more than a count."""
+        taken, self._left = self._left[::-1], []
+        while len(taken) <= more_than:
+            taken += self.block()
+        return taken
+
+    def put_back(self, numbers: list[float]) -> None:
+        """Put numbers back before all others."""
+        self._left = self._left + numbers[::-1]
 
 
 class WheelOdometer:
@@ -291,16 +414,21 @@ class WheelOdometer:
         ahead_m, arc_m = calibration.travelled(counted_m[0] - before_m[0], counted_m[1] - before_m[1])
         self.pose = moved(self.pose, ahead_m, arc_m / (self._track_m / 2))
 
+    def state(self, calibration: WheelCalibration) -> tuple[float, ...]:
+        """Return its part of a FreeState."""
+        factors = calibration.left_factor, calibration.right_factor, calibration.track_factor
+        return *self.pose, *self._counted_m, *factors, self._track_m / 2
+
+    def adopt(self, x_m: float, y_m: float, yaw_rad: float, left_m: float, right_m: float) -> None:
+        """Set the pose, and the encoder totals that it has followed."""
+        self.pose = x_m, y_m, yaw_rad
+        self._counted_m = left_m, right_m
+
 
 def moved(pose: Pose2D, ahead_m: float, turn_rad: float) -> Pose2D:
     """Return the pose at the end of an arc of length `ahead_m` with a constant turn by `turn_rad`."""
     x_m, y_m, yaw_rad = pose
     half_rad = turn_rad / 2
-    chord_m = ahead_m * math.sin(half_rad) / half_rad if abs(half_rad) > 1e-9 else ahead_m
+    chord_m = ahead_m * math.sin(half_rad) / half_rad if abs(half_rad) > STRAIGHT_RAD else ahead_m
     heading_rad = yaw_rad + half_rad
     return x_m + chord_m * math.cos(heading_rad), y_m + chord_m * math.sin(heading_rad), yaw_rad + turn_rad
-
-
-def _normals(generator: np.random.Generator) -> Iterator[float]:
-    while True:
-        yield from generator.standard_normal(_BLOCK).tolist()

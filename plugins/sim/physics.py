@@ -20,6 +20,7 @@ from eal_actors.device.proximity import ProximityObserver
 from eal_actors.device.world import WorldModel
 
 from .arena import Pose2D, QuerySpace, add_solids, corners, distances_to_drops_m
+from .free_robots import FreeRobots
 from .models import MAKES
 from .robot import SimRobot
 
@@ -40,6 +41,7 @@ _FREE_M: Final = 1e-9  # rounding: a robot that the engine moved as predicted to
 _SEARCH_M: Final = 1.0  # search radius around a robot
 _RECEDES_M: Final = 1e-9  # an approach by less than this is no contact
 _ROWS: Final = 32  # of a table of distances, computed at once: more would not fit a processor's cache
+_WIDEST_M: Final = max(make.radius_m for make in MAKES.values())
 _FASTEST_M_S: Final = 1.2 * max(make.max_speed_m_s for make in MAKES.values())  # with wheel errors and pushed boxes
 
 
@@ -200,8 +202,34 @@ class ContactSearch:
         self._engine = engine
         self._tick_m = _FASTEST_M_S * tick_s
 
+    def search(self, driven: Sequence[SimRobot], together: FreeRobots, tick: int, end: int) -> None:
+        """Find out how long robots stay clear of everything, unless that is known up to a tick.
+
+        Args:
+            driven: all driven robots.
+            together: has some of them.
+            tick: the tick of the world.
+            end: the tick to be known.
+        """
+        due = [robot for robot in driven if robot.clear_until_tick < end]
+        if due:
+            alone = [robot for robot in driven if robot.free is None]
+            numbers = {robot: number for number, robot in enumerate(alone)}
+            places = np.array([robot.pose[:2] for robot in alone]).reshape(-1, 2)
+            if together.robots:
+                places = np.concatenate([places, together.places()])
+            rows = [numbers[robot] if robot.free is None else len(alone) + together.column_of(robot) for robot in due]
+            between_m = _nearest_m(places, rows)
+            for robot, middle_m in zip(due, between_m, strict=True):
+                self._note(robot, robot.pose, middle_m, tick)
+
     def find(
-        self, driven: Sequence[SimRobot], tick: int, free: Sequence[SimRobot] = (), ahead: int = 0
+        self,
+        driven: Sequence[SimRobot],
+        tick: int,
+        together: FreeRobots | None = None,
+        alone: Sequence[SimRobot] = (),
+        ahead: int = 0,
     ) -> list[SimRobot]:
         """Return those of some driven robots that may touch something in this tick, in their order.
 
@@ -210,30 +238,39 @@ class ContactSearch:
         Args:
             driven: the robots, with their poses predicted.
             tick: the tick of the world.
-            free: other driven robots, which touch nothing.
+            together: free robots, which touch nothing.
+            alone: other free robots.
             ahead: by how many ticks the free robots are ahead.
         """
         due = [number for number, robot in enumerate(driven) if robot.clear_until_tick < tick]
         if not due:
             return []
-        everybody = (*driven, *free)
-        ends = np.array([robot.next_pose[:2] for robot in everybody])
-        widest_m = max(robot.make.radius_m for robot in everybody) + ahead * self._tick_m
-        between_m = _nearest_m(ends, due)
+        places = np.array([robot.next_pose[:2] for robot in driven] + [robot.pose[:2] for robot in alone])
+        if together is not None and together.robots:
+            places = np.concatenate([places, together.places()])
+        between_m = _nearest_m(places, due)
         near = []
         for number, middle_m in zip(due, between_m, strict=True):
             robot = driven[number]
-            gap_m = min(middle_m - widest_m, self._nearest_other_m(robot)) - robot.make.radius_m
-            if gap_m > 2 * self._tick_m:
-                robot.clear_until_tick = tick + int(gap_m / (2 * self._tick_m)) - 1
-            else:
+            if not self._note(robot, robot.next_pose, middle_m - ahead * self._tick_m, tick):
                 near.append(robot)
         return self._among(near) if near else []
 
-    def _nearest_other_m(self, robot: SimRobot) -> float:
-        """Return the distance of the predicted centre from anything but free robots."""
-        hit = self._engine.space.point_query_nearest(robot.next_pose[:2], _SEARCH_M, robot.filter)
-        return float(hit.distance) if hit else _SEARCH_M
+    def _note(self, robot: SimRobot, pose: Pose2D, between_m: float, tick: int) -> bool:
+        """Record how long a robot stays clear; return whether it is clear in this tick.
+
+        Args:
+            robot: the robot.
+            pose: its pose at that tick.
+            between_m: distance from its centre to the nearest centre of another driven robot.
+            tick: the tick.
+        """
+        hit = self._engine.space.point_query_nearest(pose[:2], _SEARCH_M, robot.filter)
+        gap_m = min(between_m - _WIDEST_M, hit.distance if hit else _SEARCH_M) - robot.make.radius_m
+        is_clear = gap_m > 2 * self._tick_m
+        if is_clear:
+            robot.clear_until_tick = tick + int(gap_m / (2 * self._tick_m)) - 1
+        return is_clear
 
     def _among(self, near: Sequence[SimRobot]) -> list[SimRobot]:
         """Return the robots that run into something or each other, and all that are close to one of them."""

@@ -15,6 +15,7 @@ from eal_actors.plugin import EALPlugin, Field, PluginContext, PluginSettingsMod
 from . import resources
 from .faults import SENSORS, FaultPlan, PlannedFault
 from .models import MAKES, MakeName
+from .overhead import open_camera
 from .port import open_port
 from .resources.depth_camera import DepthCameraSettings
 from .resources.imu import ImuSettings
@@ -25,9 +26,22 @@ from .world import SimWorld, world_of
 
 _R = TypeVar("_R", bound=RobotResource)
 
-__all__ = ["Settings", "SimPlugin", "connect", "disconnect", "open_port"]
+__all__ = ["Settings", "SimPlugin", "connect", "disconnect", "open_camera", "open_port"]
 
-_ALL_MAKES = ("Base", "Odometry", "Battery", "Pose", "Bump", "Range", "Compass", "Light", "Beacons", "Camera", "Faults")
+_ALL_MAKES = (
+    "Base",
+    "Odometry",
+    "Battery",
+    "Pose",
+    "TruePose",
+    "Bump",
+    "Range",
+    "Compass",
+    "Light",
+    "Beacons",
+    "Camera",
+    "Faults",
+)
 _ROOMBA_ALONE = ("Cliff", "WheelDrop", "Wall", "Buttons", "Leds", "Song")
 _ADDED = (resources.Lidar, resources.Imu, resources.DepthCamera)
 
@@ -114,7 +128,7 @@ def connect(context: PluginContext) -> SimPlugin:
         charge=settings.charge,
         calibration=settings.calibration,
     )
-    beside = ("Faults", "Pose")  # link faults do not affect these: they are not part of the robot
+    beside = ("Faults", "TruePose")  # link faults do not affect these: they are not part of the robot
     context.services.link(context.robot).spare(beside + tuple(f"{context.instance}.{name}" for name in beside))
     return SimPlugin(world, robot, settings)
 
@@ -135,9 +149,23 @@ def _creator(kind: type[_R]) -> Callable[[PluginContext], _R]:
     return create
 
 
+def create_Base(context: PluginContext) -> resources.Base:
+    """Create the base."""
+    robot = context.plugin.robot
+    return apply_faults(resources.Base(context.plugin.world, robot, context), robot)
+
+
 def create_Pose(context: PluginContext) -> resources.Pose:
+    """Create the pose estimate."""
+    plugin, settings = context.plugin, context.settings
+    is_calibrated = settings.calibrated or settings.calibration != WheelCalibration()
+    pose = resources.Pose(plugin.world, plugin.robot, context.localizer, context.clock, is_calibrated=is_calibrated)
+    return apply_faults(pose, plugin.robot)
+
+
+def create_TruePose(context: PluginContext) -> resources.TruePose:
     """Create the true pose, which no fault affects."""
-    return resources.Pose(context.plugin.world, context.plugin.robot)
+    return resources.TruePose(context.plugin.world, context.plugin.robot)
 
 
 def create_Faults(context: PluginContext) -> resources.Faults:

@@ -14,8 +14,9 @@ from urllib.parse import urlsplit
 from eal_actors.plugin import PluginContext, PluginError, UnavailableError
 
 from .models import MAKES
-from .robot import SimBattery, SimRobot, SimTurret
+from .robot import SimBattery, SimRobot
 from .sensors import dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
+from .turret import SimTurret
 from .world import SimWorld, world_of
 
 _BUFFER_SIZE: Final = 65536

@@ -1,4 +1,4 @@
-"""One simulated robot: its pose, motion, encoders, battery, turret and faults."""
+"""One simulated robot: its pose, motion, encoders, battery and faults."""
 
 from __future__ import annotations
 
@@ -11,16 +11,20 @@ from typing import Any, Final
 import numpy as np
 import pymunk
 
-from eal_actors.plugin import Activity, UnavailableError, WheelCalibration
+from eal_actors.plugin import Activity, Localizer, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace
 from .faults import HEALTHY, FaultSet
-from .models import BatteryModel, Make, TurretModel
-from .motion import SimWheels, Trapezoid, VelocityDrive, WheelMotion, WheelOdometer, moved
+from .free_robots import FreeRobots, FreeState
+from .models import BatteryModel, Make
+from .motion import NormalNumbers, SimWheels, VelocityDrive, WheelMotion, WheelOdometer, moved
+from .turret import SimTurret
 
 ROOM_C: Final = 22.0
 _WARMING_C_A2: Final = 0.8
 _SECONDS_PER_HOUR: Final = 3600.0
+REPORT_TICKS: Final = 2
+"""A driven robot tells its pose estimate the odometry every so many ticks, and whenever somebody reads it."""
 _REVIVAL_POLL_S: Final = 60.0
 """Poll interval of an interrupted activity of a dead robot, until the robot is alive again."""
 
@@ -52,6 +56,11 @@ class SimBattery:
         """
         self._drawn_as = self._model.idle_a * now_s + self._model.drive_as_m * turned_m
         self._speed_m_s = speed_m_s
+
+    @property
+    def limits(self) -> tuple[float, float, float, float]:
+        """The charge drawn before it joined, the currents of `BatteryModel`, and the capacity."""
+        return self._before_as, self._model.idle_a, self._model.drive_as_m, self._capacity_as
 
     def is_empty_after(self, now_s: float, turned_m: float) -> bool:
         """Return whether it is empty at a time and a total travel: a shortcut for each tick."""
@@ -106,45 +115,6 @@ class SimBattery:
         return ROOM_C + _WARMING_C_A2 * self.current_a**2
 
 
-class SimTurret:
-    """A massless joint with limited rate and acceleration, independent of the robot's motion. Computed on access.
-
-    Args:
-        model: the turret model of the make.
-        now_s: returns the world's time, in seconds.
-
-    Thread: every member is for the holder of the world's lock.
-    """
-
-    def __init__(self, model: TurretModel, now_s: Callable[[], float]) -> None:
-        self.model = model
-        self._now_s = now_s
-        self._from_rad = 0.0
-        self._sense = 1.0
-        self._profile = Trapezoid(0.0, 1.0, 1.0)
-        self._since_s = 0.0
-
-    @property
-    def yaw_rad(self) -> float:
-        """Its angle, counter-clockwise from straight ahead, unwrapped."""
-        return self._from_rad + self._sense * self._profile.travelled_m(self._now_s() - self._since_s)
-
-    @property
-    def remaining_s(self) -> float:
-        """The time until it rests; 0 at rest."""
-        return max(0.0, self._since_s + self._profile.duration_s - self._now_s())
-
-    def turn(self, angle_rad: float, rate_rad_s: float) -> None:
-        """Begin to turn by an angle, positive to the left, in place of the running turn."""
-        self._from_rad, self._since_s = self.yaw_rad, self._now_s()
-        self._sense = math.copysign(1.0, angle_rad)
-        self._profile = Trapezoid(abs(angle_rad), rate_rad_s, math.radians(self.model.acceleration_deg_s2))
-
-    def stop(self) -> None:
-        """Stop at once."""
-        self.turn(0.0, 1.0)
-
-
 class SimRobot:
     """A disc that is driven by two wheels, or stands with its brakes on.
 
@@ -159,12 +129,11 @@ class SimRobot:
         charge: initial charge of its battery, 0..1.
 
     Attributes:
-        motion: the running motion; None while it stands.
         next_pose: its pose after the present tick, if nothing is in its way.
         clear_until_tick: it cannot touch anything before this tick of the world.
+        free: the robots with which it drives freely, in one array that has its state; None if it has its own.
         tick_s: length of a physics tick.
-        odometer: dead reckoning from its encoders, once an Odometry resource exists.
-        calibration: the wheel calibration used by its base and its odometry.
+        localizer: its pose estimate, once a Pose resource exists.
         turret: its turret, if it has one.
         sensor_generator: the noise source of all its sensors.
 
@@ -187,11 +156,13 @@ class SimRobot:
         self.make = make
         self.noise = noise
         self.filter = pymunk.ShapeFilter(group=group)
-        self.motion: WheelMotion | None = None
+        self._motion: WheelMotion | None = None
         self.next_pose: Pose2D = (0.0, 0.0, 0.0)
         self.clear_until_tick = 0
-        self.odometer: WheelOdometer | None = None
-        self.calibration = WheelCalibration()
+        self.free: FreeRobots | None = None
+        self._odometer: WheelOdometer | None = None
+        self._calibration = WheelCalibration()
+        self.localizer: Localizer | None = None
         self.turret = SimTurret(make.turret, now_s) if make.turret else None
         self._seeds = seed, zlib.crc32(name.encode())
         motion_generator, self.sensor_generator = (np.random.default_rng([*self._seeds, use]) for use in range(2))
@@ -223,9 +194,50 @@ class SimRobot:
         Raises:
             UnavailableError: it has no place in the world.
         """
+        if self.free is not None:
+            return self.free.pose_of(self)
         if self._pose is None:
             raise self._no_place()
         return self._pose
+
+    @property
+    def motion(self) -> WheelMotion | None:
+        """The running motion; None while it stands."""
+        self._update()
+        return self._motion
+
+    @property
+    def odometry(self) -> Pose2D:
+        """Its pose by dead reckoning since `begin_odometry`."""
+        self._update()
+        return self._odometer.pose if self._odometer is not None else (0.0, 0.0, 0.0)
+
+    @odometry.setter
+    def odometry(self, pose: Pose2D) -> None:
+        self.leave()
+        if self._odometer is not None:
+            self._odometer.pose = pose
+
+    def begin_odometry(self) -> None:
+        """Begin dead reckoning at (0, 0, 0), unless it has begun."""
+        self.leave()
+        if self._odometer is None:
+            self._odometer = WheelOdometer(self.make.track_m, self._wheels.counted_m)
+
+    @property
+    def calibration(self) -> WheelCalibration:
+        """The wheel calibration used by its base and its odometry."""
+        return self._calibration
+
+    @calibration.setter
+    def calibration(self, calibration: WheelCalibration) -> None:
+        self.leave()
+        self._calibration = calibration
+
+    @property
+    def has_place(self) -> bool:
+        """Whether it has a place in the world."""
+        return self._pose is not None
 
     @property
     def recent_poses(self) -> tuple[Pose2D, Pose2D, Pose2D]:
@@ -234,30 +246,39 @@ class SimRobot:
         Raises:
             UnavailableError: it has no place in the world.
         """
+        self._update()
         pose = self.pose
-        return (self._pose_before_last, self._last_pose, pose) if self.motion is not None else (pose, pose, pose)
+        return (self._pose_before_last, self._last_pose, pose) if self._motion is not None else (pose, pose, pose)
 
     def noise_source(self, sensor: str) -> np.random.Generator:
         """Return a new generator of the noise of one sensor: no other sensor can change its numbers."""
         return np.random.default_rng([*self._seeds, zlib.crc32(sensor.encode())])
 
     @property
+    def normals(self) -> NormalNumbers:
+        """The random numbers of its wheels."""
+        return self._wheels.normals
+
+    @property
     def is_blocked(self) -> bool:
         """Whether it moves at less than half its commanded speed."""
+        self._update()
         arm_m = self.make.track_m / 2
         wanted, gone = (abs(ahead_m) + abs(turn_rad) * arm_m for ahead_m, turn_rad in (self._wanted, self._gone))
         stands = gone == 0.0 and any(self._command_m)  # with both wheels stuck, `wanted` is 0 as well
-        return self.motion is not None and (gone < wanted / 2 or stands)
+        return self._motion is not None and (gone < wanted / 2 or stands)
 
     @property
     def travel_m(self) -> tuple[float, float]:
         """The totals of the left and the right encoder since it joined, in whole steps."""
+        self._update()
         return self._wheels.counted_m
 
     @property
     def wheel_speeds_m_s(self) -> tuple[float, float]:
         """The commanded speeds of the left and the right wheel at this moment."""
-        if self.motion is None:
+        self._update()
+        if self._motion is None:
             return 0.0, 0.0
         left_m, right_m = self._command_m
         return left_m / self.tick_s, right_m / self.tick_s
@@ -276,6 +297,7 @@ class SimRobot:
 
     @faults.setter
     def faults(self, faults: FaultSet) -> None:
+        self.leave()
         self._faults = faults
         self._wheels.shares = faults.wheel_shares
         self._battery.has_failed = faults.battery_empty
@@ -292,6 +314,7 @@ class SimRobot:
 
     def place(self, queries: QuerySpace, pose: Pose2D) -> None:
         """Put it into the world, standing."""
+        self.leave()
         self._queries = queries
         self._pose = pose
 
@@ -301,31 +324,35 @@ class SimRobot:
         Raises:
             UnavailableError: it has no place in the world, its battery is empty, or it is dead.
         """
+        self.leave()
         if self._pose is None:
             raise self._no_place()
         if self.is_dead:
             raise UnavailableError(f"robot {self.name!r} is dead")
         if self.battery.is_empty:
             raise UnavailableError(f"battery is empty: robot {self.name!r} cannot drive")
-        if self.motion is None:
+        if self._motion is None:
             self._last_pose = self._pose_before_last = self._pose
-        if not (isinstance(self.motion, VelocityDrive) and isinstance(motion, VelocityDrive)):
+            self.report_odometry(self._now_s())
+        if not (isinstance(self._motion, VelocityDrive) and isinstance(motion, VelocityDrive)):
             self._wheels.start(motion)
-        self.motion = motion
+        self._motion = motion
 
     def stop(self) -> None:
         """Put the brakes on: it stands at once."""
-        self.motion = None
+        self.leave()
+        self._motion = None
         self._command_m = self._gone = self._wanted = (0.0, 0.0)
 
     def predict(self) -> None:
         """Turn its wheels for one tick, and compute the pose after it if nothing is in its way."""
-        if self.motion is None or self._pose is None:
+        self.leave()
+        if self._motion is None or self._pose is None:
             return
-        self._command_m = self.motion.step()
+        self._command_m = self._motion.step()
         ahead_m, turn_rad = self._wanted = self._wheels.travel(*self._command_m)
-        if self.odometer is not None:
-            self.odometer.follow(self._wheels.counted_m, self.calibration)
+        if self._odometer is not None:
+            self._odometer.follow(self._wheels.counted_m, self._calibration)
         self.next_pose = moved(self._pose, ahead_m, turn_rad)
 
     def drive_on(self, tick: int, ticks: int) -> None:
@@ -333,12 +360,25 @@ class SimRobot:
         for after in range(tick + 1, tick + ticks + 1):
             self.predict()
             self.arrive(self.next_pose)
+            if after % REPORT_TICKS == 0:
+                self.report_odometry(after * self.tick_s)
             if self.is_done(after * self.tick_s):
                 return
 
+    def report_odometry(self, now_s: float) -> None:
+        """Tell the pose estimate the pose by odometry."""
+        self._update()
+        if self._odometer is not None:
+            self.report(self._odometer.pose, now_s)
+
+    def report(self, odometry: Pose2D, now_s: float) -> None:
+        """Tell the pose estimate a pose by odometry."""
+        if self.localizer is not None:
+            self.localizer.odometry(*odometry, now_s)
+
     def is_done(self, now_s: float) -> bool:
         """Return whether its motion is over, or its battery empty, at the world's time `now_s`."""
-        if self.motion is None or self.motion.is_over:
+        if self._motion is None or self._motion.is_over:
             return True
         return self._battery.is_empty_after(now_s, self._wheels.turned_m)
 
@@ -350,6 +390,65 @@ class SimRobot:
             x_m, y_m, yaw_rad = self.pose
             self._gone = math.hypot(pose[0] - x_m, pose[1] - y_m), pose[2] - yaw_rad
         self._pose_before_last, self._last_pose, self._pose = self._last_pose, self._pose or pose, pose
+
+    def join(self, free: FreeRobots, ticks: int) -> FreeState[float] | None:
+        """Give its state to an array, if its next ticks are regular; return the state, or None.
+
+        Args:
+            free: has its state from now on, until `leave`.
+            ticks: how many ticks it must be able to drive there.
+        """
+        regular = self._motion.regular() if self._motion is not None else None
+        if regular is None or regular.ticks < ticks or self._pose is None or self._battery.has_failed:
+            return None
+        wheels = self._wheels.state()
+        odometer = (self._odometer or WheelOdometer(self.make.track_m, (0.0, 0.0))).state(self._calibration)
+        self.free = free
+        return FreeState._make(
+            (
+                *self._pose,
+                *self._last_pose,
+                *self._pose_before_last,
+                *self._command_m,
+                *self._wanted,
+                *wheels,
+                *odometer,
+                *self._battery.limits,
+                self.make.max_speed_m_s * self.tick_s,
+                *regular,
+                *odometer[0:3],
+                0.0,
+            )
+        )
+
+    def leave(self) -> None:
+        """Take its state back from the array, if one has it."""
+        free, self.free = self.free, None
+        if free is not None:
+            free.remove(self)
+            self.report_odometry(self._now_s())
+
+    def _update(self) -> None:
+        """Copy its state from the array, if one has it."""
+        if self.free is not None:
+            self.free.update(self)
+
+    def adopt(self, state: FreeState[float], ticks: int) -> None:
+        """Copy its state from an array.
+
+        Args:
+            state: the state.
+            ticks: driven there since the last copy.
+        """
+        self._pose = self.next_pose = state[0:3]
+        self._last_pose, self._pose_before_last = state[3:6], state[6:9]
+        self._command_m = state[9:11]
+        self._wanted = self._gone = state[11:13]
+        self._wheels.adopt(*state[13:16])
+        if self._odometer is not None:
+            self._odometer.adopt(*state[24:29])
+        if self._motion is not None:
+            self._motion.skip(ticks, state.travelled_m)
 
     def actuate(self, method: Callable[..., Any], *args: Any) -> Any:
         """Call a method of an actuator. If the robot dies during the activity, its result is lost. Thread: any."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from eal_actors.actors.resource_actor import READINESS_PERIOD_S
+from eal_actors.actors.readiness import READINESS_PERIOD_S
 from eal_actors.device.data import EALData
 from eal_actors.device.info import ResourceType
 from eal_actors.device.resource import Activity, Resource, command

@@ -22,8 +22,8 @@ from eal_actors.device.resource import Activity, Resource, command
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.server.host import RobotHost
-from eal_actors.net.session import open_session, robot_config
+from eal_actors.wire.rpc.server.host import RobotHost
+from eal_actors.wire.session import open_session, robot_config
 from tests.robots import running_robot
 
 if TYPE_CHECKING:

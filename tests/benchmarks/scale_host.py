@@ -26,8 +26,8 @@ from eal_actors.actors.robot_view import RobotState
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.server.host import RobotHost
-from eal_actors.net.session import open_session, robot_config
+from eal_actors.wire.rpc.server.host import RobotHost
+from eal_actors.wire.session import open_session, robot_config
 
 PLUGINS: Final = Path(__file__).parent / "scale_plugins"
 TURNS: Final = 7

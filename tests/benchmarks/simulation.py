@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pymunk
 
-from eal_actors import Fleet, gather
+from eal_actors import Fleet
 from eal_actors.scenario import load_scenario, run_scenario
 from eal_actors.testing import Simulation
 from plugins.sim.models import MAKES
@@ -97,12 +97,11 @@ def crowd(folder: Path, robots: int, duration_s: float, *, rays: bool, at_least:
     The fastest of three turns counts, for ours and for the bare engine: it is what a busy machine disturbs least.
     """
     with Fleet.load(fleet_file(folder, robots)) as fleet:
-        bases = [robot["Base"] for robot in fleet.values()]
-        looks = [robot["Range"] for robot in fleet.values()] if rays else [next(iter(fleet.values()))["Pose"]]
-        driving = gather([base.send_cmd("f50", timeout_s=2000) for base in bases])
+        looked, sensor = (list(fleet), "Range") if rays else (list(fleet)[:1], "TruePose")
+        driving = fleet.send(fleet, "Base", "f50", timeout_s=2000)
 
         def look() -> None:
-            gather([one.get_value() for one in looks]).get()
+            fleet.read(looked, sensor).get()
 
         times_real(fleet, 1.0, look, 1 / RAYS_HZ)  # warm up
         ours = max(times_real(fleet, duration_s, look, 1 / RAYS_HZ) for _ in range(TURNS))
@@ -113,7 +112,7 @@ def crowd(folder: Path, robots: int, duration_s: float, *, rays: bool, at_least:
     bare = max(bare_times_real(robots, duration_s, rays=rays) for _ in range(TURNS))
     what = f"{robots:,} simulated robots driving, " + (f"{RAYS} rays each at {RAYS_HZ} Hz" if rays else "no rays")
     reference = f"bare pymunk: {bare:.1f}x real time"
-    return Result(what, f"{ours:.1f}x real time", reference, ours, at_least, "x real time", at_least=True)
+    return Result(what, f"{ours:.1f}x real time", reference, ours / bare, at_least, "x bare pymunk", at_least=True)
 
 
 def square(folder: Path) -> Result:
@@ -156,6 +155,6 @@ def run() -> list[Result]:
         return [
             square(folder),
             sink(),
-            crowd(folder, 100, 5.0, rays=True, at_least=10),
+            crowd(folder, 100, 5.0, rays=True, at_least=1.2),
             crowd(folder, 1000, 2.0, rays=False, at_least=2),
         ]

@@ -51,7 +51,7 @@ def test_the_summary_counts(eal: Any, slides: Path, move: Path) -> None:
     lines = eal("check", slides, move, bundled_path("fleets/worlds/lab.yaml")).stdout.splitlines()
     assert lines[0] == f"{slides}: ok (fleet, 2 robots)"
     assert lines[1] == f"{move}: ok (scenario, 1 role, 1 step)"
-    assert lines[2].endswith("ok (world, 8 x 6 m, 5 obstacles, 1 box, 1 beacon, 8 posters, 2 lamps)")
+    assert lines[2].endswith("ok (world, 8 x 6 m, 5 obstacles, 1 box, 1 beacon, 8 posters, 2 lamps, 3 places)")
 
 
 def test_problems_are_sorted_and_good_files_are_still_told(eal: Any, write: Any, slides: Path) -> None:

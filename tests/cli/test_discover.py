@@ -9,7 +9,7 @@ import pytest
 
 from eal_actors.facade.service import RobotService
 from eal_actors.managers.config import EALConfigManager
-from eal_actors.net.controller.discovery import discover
+from eal_actors.wire.rpc.client.discovery import discover
 from tests.net.links import free_port
 
 

@@ -45,6 +45,7 @@ BAD_INPUT = {
     "ResourceNotFoundError",
     "UnsupportedError",
     "ArgumentError",
+    "PlaceNotFoundError",
     "RobotNotFoundError",
 }
 UNREACHABLE = {"PluginError", "UnavailableError", "NotReadyError", "RobotFailedError", "RemoteError"}

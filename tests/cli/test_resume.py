@@ -104,7 +104,7 @@ def check_whole(record: McapContent, run: RunFolder, break_s: float) -> None:
     events = [entry.message for entry in record.messages if entry.topic == "/events"]
     assert [{key: event[key] for key in event if key != "timestamp"} for event in events] == list(run.events)
     for robot, path in run.paths.items():
-        poses = [entry for entry in record.messages if entry.topic == f"/{robot}/Pose"]
+        poses = [entry for entry in record.messages if entry.topic == f"/{robot}/TruePose"]
         wanted = [(sample.time_s, sample.x_m, sample.y_m) for sample in path]
         found = [(pose.time_s, *(pose.message["pose"]["position"][key] for key in "xy")) for pose in poses]
         assert len(found) == len(wanted)

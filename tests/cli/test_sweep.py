@@ -48,7 +48,7 @@ SCENARIO = """\
         do:
           - set_config: {resource: Base, key: speed_m_s, value: "${speed_m_s}"}
           - send_cmd: {resource: Base, cmd: "${('b' if back else 'f') + str(way_m)}"}
-          - let: {off_m: "value('Pose')[0]"}
+          - let: {off_m: "value('TruePose')[0]"}
           - expect: off_m < most_m
 """
 
@@ -111,7 +111,7 @@ def test_the_table_says_of_every_run_what_a_run_by_itself_says(
         way_m, seed = float(row["way_m"]), int(row["seed"])
         with Fleet(replace(config, seed=seed)) as opened:
             report = run_scenario(load_scenario(ways, {"way_m": way_m, "most_m": 0.3}), opened)
-            x_m = float(opened["scout"]["Pose"].get_value().get().value[0])
+            x_m = float(opened["scout"]["TruePose"].get_value().get().value[0])
         assert float(row["duration_s"]) == report.duration_s
         assert float(row["twice_m"]) == 2 * way_m
         assert row["outcome"] == report.outcome == ("done" if way_m == 0.2 else "failed")

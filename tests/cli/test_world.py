@@ -22,6 +22,8 @@ obstacles:
   - {kind: circle, x_m: 1, y_m: -1, radius_m: 0.25}
 boxes: [{name: crate, x_m: -1, y_m: -1}, {name: chest, x_m: -2, y_m: -1, yaw_deg: 30}]
 drops: [{x_m: 2, y_m: 1, size_m: [0.5, 1]}]
+places: {dock: {x_m: 2.5, y_m: -1.5, yaw_deg: 90}, door: {x_m: -2.5, y_m: 1.5}}
+keep_out: [[[-3, 0], [-2, 0], [-2.5, 1]]]
 starts: {shape: wedge, count: 3, spacing_m: 0.5, x_m: -2}
 """
 
@@ -30,13 +32,17 @@ def test_it_shows_what_is_where(eal: Any, write: Any) -> None:
     result = eal("world", write("hall.yaml", HALL))
     assert (result.exit_code, result.stderr) == (0, "")
     heading, *rows = [" ".join(line.split()) for line in result.stdout.splitlines() if line.strip()]
-    assert heading == ("hall 6 x 4 m, 2 obstacles, 2 boxes, 1 drop, 3 start poses; 2.5 m high, 150 lux, 50 Hz")
+    contents = "2 obstacles, 2 boxes, 1 drop, 1 keep-out zone, 2 places, 3 start poses"
+    assert heading == f"hall 6 x 4 m, {contents}; 2.5 m high, 150 lux, 50 Hz"
     assert rows[2:] == [
         "obstacles[0] 0 0.75 90 wall, 1.5 x 0.1 m, 0.8 m high",
         "obstacles[1] 1 -1 circle, 0.5 m across, 0.8 m high",
         "boxes[0] -1 -1 0 crate, 0.3 x 0.3 m, 0.3 m high, 1 kg",
         "boxes[1] -2 -1 30 chest, 0.3 x 0.3 m, 0.3 m high, 1 kg",
         "drops[0] 2 1 0 0.5 x 1 m",
+        "keep_out[0] (-3, 0), (-2, 0), (-2.5, 1)",
+        "places.dock 2.5 -1.5 90",
+        "places.door -2.5 1.5",
         "starts -2 0 0 wedge of 3, 0.5 m apart",
     ]
 
@@ -45,7 +51,7 @@ def test_it_shows_what_is_where(eal: Any, write: Any) -> None:
     ("name", "expected"),
     [
         ("empty", "6 x 4 m, empty"),
-        ("lab", "8 x 6 m, 5 obstacles, 1 box, 1 beacon, 8 posters, 2 lamps"),
+        ("lab", "8 x 6 m, 5 obstacles, 1 box, 1 beacon, 8 posters, 2 lamps, 3 places"),
         ("field", "24 x 24 m, 6 obstacles, 4 beacons, 100 start poses"),
     ],
 )

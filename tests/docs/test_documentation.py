@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -84,8 +85,7 @@ def test_every_python_block_runs(code: str) -> None:
 def test_every_yaml_block_is_a_valid_file(text: str, tmp_path: Path) -> None:
     file = tmp_path / "example.yaml"
     file.write_text(text)
-    (tmp_path / "worlds").mkdir()
-    (tmp_path / "worlds" / "lab.yaml").write_text((ROOT / "fleets/worlds/lab.yaml").read_text())
+    shutil.copytree(ROOT / "fleets" / "worlds", tmp_path / "worlds")
     (tmp_path / "common.yaml").write_text("version: 1\n")
     (tmp_path / "my_plugins").mkdir()
     read = load_world if "\nsize_m:" in text else EALConfigManager.load

@@ -286,7 +286,7 @@ def test_simulated_robots(write: Write, rate: str) -> None:
     clock = f"clock: {{rate: {rate}}}\n"
     with Fleet.load(write(SIM.format(more="")[1:], clock)) as fleet:
         fleet["mate"]["Base"].send_cmd("f0.3").get()
-        at = fleet["mate"]["Pose"].get_value().get().value.tolist()
+        at = fleet["mate"]["TruePose"].get_value().get().value.tolist()
         write(SIM.format(more=", noise: false")[1:], clock)
         with pytest.raises(
             ConfigError, match=r"fleet\.yaml:5:.*noise: cannot change while the robot is in the simulated"
@@ -299,7 +299,7 @@ def test_simulated_robots(write: Write, rate: str) -> None:
         assert fleet.reload() == FleetChanges(added=("new",), restarted=("scout",))
         fleet["new"]["Base"].send_cmd("f0.2").get()
         fleet["scout"]["Base"].send_cmd("r45").get()
-        assert fleet["mate"]["Pose"].get_value().get().value.tolist() == at
+        assert fleet["mate"]["TruePose"].get_value().get().value.tolist() == at
         write(SIM.format(more=", faults: []")[1:], clock)
         assert fleet.reload() == FleetChanges(removed=("new",))
         fleet["mate"]["Base"].send_cmd("r45").get()

@@ -95,7 +95,7 @@ WAITS: dict[str, Callable[[Fleet, RobotHandle], object]] = {
     "get": lambda fleet, robot: robot["Base"].send_cmd("f5").get(),
     "exception": lambda fleet, robot: robot["Base"].send_cmd("f5").exception(),
     "as_completed": lambda fleet, robot: next(as_completed([robot["Base"].send_cmd("f5")])),
-    "stream": lambda fleet, robot: list(islice(robot["Pose"].stream(rate_hz=0.01), 2)),
+    "stream": lambda fleet, robot: list(islice(robot["TruePose"].stream(rate_hz=0.01), 2)),
     "each": lambda fleet, robot: fleet.each([robot, "c"], lambda robot: robot["Base"].send_cmd("f5").get()),
 }
 
@@ -190,7 +190,7 @@ def run_twice_the_same(fail: bool) -> tuple[list[tuple[float, ...]], list[str], 
         def work(robot: RobotHandle) -> None:
             for command in ("f0.3", "r70", "f0.2", "l30"):
                 robot["Base"].send_cmd(command).get()
-                order.append(f"{robot.name} {command} {clock.now():.6f} {robot['Pose'].get_value().get().value}")
+                order.append(f"{robot.name} {command} {clock.now():.6f} {robot['TruePose'].get_value().get().value}")
                 if fail and robot.name == "b" and command == "f0.2":
                     raise ValueError("over")
 
@@ -214,7 +214,7 @@ def test_a_group_runs_different_functions_and_cancel_ends_it_quietly(simulation:
 
     def watch(robot: RobotHandle, period_s: float) -> None:
         while True:
-            seen.append(robot["Pose"].get_value().get().value[0])
+            seen.append(robot["TruePose"].get_value().get().value[0])
             clock.sleep(period_s)
 
     with simulation.fleet.tasks() as tasks:

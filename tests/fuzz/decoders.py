@@ -10,9 +10,9 @@ from contextlib import suppress
 from typing import Any
 
 from eal_actors.kernel.errors import DataError, ProtocolError
-from eal_actors.net.wire import keys
-from eal_actors.net.wire import messages as wire
-from eal_actors.net.wire.frames import decode_frame
+from eal_actors.wire.format import keys
+from eal_actors.wire.format import messages as wire
+from eal_actors.wire.format.frames import decode_frame
 from plugins.evbot2 import protocol as evbot2_protocol
 from plugins.evbot2.emulator import evbot2, free_vehicle
 from plugins.evbot3 import protocol as evbot3_protocol

@@ -10,8 +10,8 @@ import pytest
 
 from eal_actors.device.data import EALData
 from eal_actors.kernel.errors import ProtocolError, UnavailableError
-from eal_actors.net.wire.frames import StreamFrame, decode_frame, encode_frame
-from eal_actors.net.wire.messages import RobotTime
+from eal_actors.wire.format.frames import StreamFrame, decode_frame, encode_frame
+from eal_actors.wire.format.messages import RobotTime
 
 TIME = RobotTime("8f3a", 2.5)
 IMAGE = EALData.of(np.zeros((4, 6, 3), np.uint8))

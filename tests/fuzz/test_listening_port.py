@@ -19,7 +19,7 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import EALError
-from eal_actors.net.session import open_session, probe_config
+from eal_actors.wire.session import open_session, probe_config
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Process, Rig, ready, served
 

@@ -1,6 +1,6 @@
 """List the files of the project that one call enters: `python -m tests.house.entered value|command|scenario`.
 
-`value` reads a simulated robot's Pose by the synchronous facade, `command` drives a simulated robot a little, and
+`value` reads a simulated robot's TruePose by the synchronous facade, `command` drives a simulated robot a little, and
 `scenario` runs a scenario of one step on the bundled fleet. Every thread is traced with `sys.setprofile`.
 """
 
@@ -63,7 +63,7 @@ def files_of(what: str) -> list[str]:
             scenario = load_scenario(file)
             return entered_by(lambda: run_scenario(scenario, fleet))
     with connect("roomba-1", fleet=FLEET) as eal:
-        base, pose = eal.find_resource("Base"), eal.find_resource("Pose")
+        base, pose = eal.find_resource("Base"), eal.find_resource("TruePose")
         actions: dict[str, Callable[[], object]] = {
             "value": lambda: eal.get_value(pose),
             "command": lambda: eal.send_cmd(base, "f0.05"),

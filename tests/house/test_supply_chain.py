@@ -49,6 +49,16 @@ def test_the_lock_has_a_hash_for_each_package_of_the_development_environment() -
     assert "://" not in LOCK.read_text()  # of whatever index, the hashes decide
 
 
+def test_the_lock_has_what_builds_the_package_without_isolation() -> None:
+    program = "import hatchling.build as b; print(*b.get_requires_for_build_editable(), sep='\\n')"
+    asked = subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True, capture_output=True, text=True)
+    lock = read_lock(LOCK.read_text())
+    for wanted in map(Requirement, (*PROJECT["build-system"]["requires"], *asked.stdout.split())):
+        locked = lock.get(canonicalize_name(wanted.name))
+        assert locked is not None, f"{wanted.name} is not in {LOCK.name}: `make locked` fails"
+        assert wanted.specifier.contains(locked.version, prereleases=True), wanted
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")

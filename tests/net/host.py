@@ -14,8 +14,8 @@ from pathlib import Path
 from eal_actors import Fleet
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.server.host import RobotHost
-from eal_actors.net.session import open_session, robot_config
+from eal_actors.wire.rpc.server.host import RobotHost
+from eal_actors.wire.session import open_session, robot_config
 
 
 def crowd(config: FleetConfig, robots: int) -> FleetConfig:

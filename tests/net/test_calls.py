@@ -32,7 +32,7 @@ from eal_actors.kernel.errors import (
     StaleCommandError,
     UnsupportedError,
 )
-from eal_actors.net.wire.packing import MAX_CALL_BYTES, MAX_PAYLOAD_BYTES
+from eal_actors.wire.format.packing import MAX_CALL_BYTES, MAX_PAYLOAD_BYTES
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, failure, ready
 

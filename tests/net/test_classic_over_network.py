@@ -50,7 +50,7 @@ def fleet(running: Servers, fleet_file: Path) -> Iterator[Fleet]:
 def poses(fleet: Fleet) -> dict[str, tuple[float, ...]]:
     """Return the poses that the robots report."""
     ready = {name: robot for name, robot in fleet.items() if robot.state is RobotState.READY}
-    return {name: tuple(map(float, robot["Pose"].get_value().get().value)) for name, robot in ready.items()}
+    return {name: tuple(map(float, robot["TruePose"].get_value().get().value)) for name, robot in ready.items()}
 
 
 def test_square(fleet: Fleet) -> None:

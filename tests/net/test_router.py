@@ -17,7 +17,7 @@ import pytest
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import ConfigError, ProtocolError, UnavailableError
-from eal_actors.net.session import controller_config, open_session, robot_config, router_config
+from eal_actors.wire.session import controller_config, open_session, robot_config, router_config
 from tests.net.links import PATIENCE_S, answering, ask, eventually, fleet_of, free_port
 from tests.program import eal_processes
 
@@ -231,7 +231,7 @@ def test_sessions_leave_no_threads_of_the_system_behind() -> None:
 
 FLOODED = """
 import sys
-from eal_actors.net.session import open_session, robot_config
+from eal_actors.wire.session import open_session, robot_config
 from tests.net.links import fleet_of
 
 with (

@@ -15,8 +15,8 @@ from eal_actors.actors.robot_view import RobotState, RunningCommand, process_nam
 from eal_actors.device.data import EALData
 from eal_actors.device.resource import Progress
 from eal_actors.kernel.errors import PreemptedError, UnavailableError
-from eal_actors.net.controller.controller import RobotListener
-from eal_actors.net.wire.messages import RobotEvent
+from eal_actors.wire.format.messages import RobotEvent
+from eal_actors.wire.rpc.client.controller import RobotListener
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, becomes, failure, ready, served
 
@@ -157,7 +157,7 @@ def test_values_are_stamped_by_the_readers_clock(tmp_path: Path, rate: int) -> N
 
 
 def test_the_shown_names_hold_no_tricks() -> None:
-    from eal_actors.net.server.admission import ControllerNames
+    from eal_actors.wire.rpc.server.admission import ControllerNames
 
     names = ControllerNames()
     assert names.of("ab") == "ab"

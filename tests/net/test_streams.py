@@ -15,8 +15,8 @@ from eal_actors.actors.feeds import Encoding
 from eal_actors.actors.robot_view import RobotState
 from eal_actors.kernel.clock import SystemClock
 from eal_actors.kernel.errors import ArgumentError, DeadlineError, EALError, UnavailableError, UnsupportedError
-from eal_actors.net.session import controller_config, open_session
-from eal_actors.net.wire.frames import LEASE_S
+from eal_actors.wire.format.frames import LEASE_S
+from eal_actors.wire.session import controller_config, open_session
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig, becomes, process, ready, servers
 

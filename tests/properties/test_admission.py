@@ -1,7 +1,7 @@
 """Which commands a robot lets begin: history, leases and dead-man's switch together, against a model of the whole.
 
-The parts have machines of their own in tests/unit/net. Here controllers with clocks that differ speak through a network
-that delays, repeats, reorders and swallows, to a robot that is frozen now and then; the model knows the true time.
+The parts have machines of their own in tests/unit/wire. Here controllers with clocks that differ speak through a
+network that delays, repeats, reorders and swallows, to a robot that is frozen now and then; the model knows the truth.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from eal_actors.kernel.errors import DeadlineError, ResourceBusyError, StaleCommandError, UnavailableError
-from eal_actors.net.freshness import CommandRecord, Stamper
-from eal_actors.net.server.admission import Admission
-from eal_actors.net.wire.messages import CallHeader, CallId
+from eal_actors.wire.format.messages import CallHeader, CallId
+from eal_actors.wire.rpc.freshness import CommandRecord, Stamper
+from eal_actors.wire.rpc.server.admission import Admission
 from tests.manual_clock import ManualClock
 
 CLIENTS = ("a" * 16, "b" * 16)

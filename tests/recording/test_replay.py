@@ -46,7 +46,7 @@ def test_a_scenario_runs_on_the_record_as_it_ran_on_the_robots(run: Path, tmp_pa
 def test_sensors_return_their_recorded_values(run: Path, fleet: Fleet) -> None:
     path = RunFolder.open(run).paths["roomba-1"]
     fleet.clock.sleep(path[15].time_s + 0.01)
-    pose = fleet["roomba-1"]["Pose"].get_value().get()
+    pose = fleet["roomba-1"]["TruePose"].get_value().get()
     assert pose.value == pytest.approx(path[15][1:], abs=1e-5)
     assert pose.stamp_s is not None
     assert fleet.clock.now() - pose.stamp_s == pytest.approx(0.01, abs=1e-3)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors.actors.combine import gather
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.kernel.errors import ScenarioError
@@ -35,7 +36,7 @@ def test_the_poses_of_the_record_are_those_of_the_trajectory(run: Path) -> None:
     wanted = poses(run, "roomba-1")
     assert len(wanted) > 20
     for time_s, *pose in wanted:
-        value = recorded.value_at("roomba-1", "Pose", time_s + 0.001)
+        value = recorded.value_at("roomba-1", "TruePose", time_s + 0.001)
         assert value is not None
         assert value.value == pytest.approx(pose, abs=1e-5)
 
@@ -54,7 +55,7 @@ def test_the_record_has_transforms_scans_frames_calls_and_the_arena(run: Path) -
     assert schema_of["/tf"] == "foxglove.FrameTransforms"
     assert schema_of["/arena"] == "foxglove.SceneUpdate"
     assert schema_of["/log"] == "foxglove.Log"
-    assert schema_of["/roomba-1/Pose"] == "foxglove.PoseInFrame"
+    assert schema_of["/roomba-1/Pose"] == schema_of["/roomba-1/TruePose"] == "foxglove.PoseInFrame"
     assert schema_of["/roomba-1/Range"] == "foxglove.LaserScan"
     assert schema_of["/roomba-1/Camera"] == "foxglove.CompressedImage"
     assert schema_of["/roomba-1/Bump"] == "eal.Value"
@@ -138,3 +139,32 @@ def test_poses_of_a_resumed_run_are_recorded(tmp_path: Path) -> None:
     times_s = [entry.time_s for entry in read_mcap(tmp_path / "run.mcap").messages if entry.topic == "/roomba-1/Pose"]
     assert len(times_s) > 5
     assert max(times_s) == pytest.approx(31.0, abs=0.2)
+
+
+def test_robots_of_drivers_leave_a_trajectory_by_their_estimated_pose(tmp_path: Path) -> None:
+    """The real drivers at their emulators, without a resource of the simulation."""
+    drivers = {
+        "evbot2-1": {"evbot2": {"port": "sim://world"}},
+        "evbot3-1": {"evbot3": {"address": "sim://world"}},
+        "roomba-1": {"roomba": {"protocol": "sci", "port": "sim://world"}},
+    }
+    robots = {
+        name: {"plugins": plugins, "pose": {"start": {"x_m": float(place), "y_m": 2.0}}}
+        for place, (name, plugins) in enumerate(drivers.items())
+    }
+    config = EALConfigManager.of({"version": 1, "clock": {"rate": "max"}, "robots": robots}).fleet
+    with Fleet(config) as fleet:
+        recorder = RunRecorder(fleet, fleet, tmp_path)
+        with recorder:
+            recorder.hear(RunContinued(0.0, 1, "", "drive", "drivers", tuple(drivers), 3))
+            gather([robot["Base"].send_cmd("f0.2") for robot in fleet.values()]).get()
+    topics = {entry.topic for entry in read_mcap(tmp_path / "run.mcap").messages}
+    for place, name in enumerate(drivers):
+        path = poses(tmp_path, name)
+        assert len(path) > 5, name
+        _, *first = path[0]
+        _, *last = path[-1]
+        assert first == pytest.approx([place, 2.0, 0.0], abs=0.01), name
+        assert last == pytest.approx([place + 0.2, 2.0, 0.0], abs=0.03), name
+        assert f"/{name}/Pose" in topics
+        assert f"/{name}/TruePose" not in topics

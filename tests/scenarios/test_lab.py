@@ -88,14 +88,14 @@ def carry_out(fleet: Fleet, name: str) -> Report:
     ("name", "drives", "turns", "yaw_deg"), [("square", 8, 8, 0.0), ("dance", 0, 7, 45 - 90 + 90 - 10 + 10 - 10)]
 )
 def test_all_of_them_end_where_they_should(floor: Fleet, name: str, drives: int, turns: int, yaw_deg: float) -> None:
-    starts = {robot: floor[robot.replace("-1", "-body")]["Pose"].get_value().get().value for robot in COUNT_M}
+    starts = {robot: floor[robot.replace("-1", "-body")]["TruePose"].get_value().get().value for robot in COUNT_M}
     report = carry_out(floor, name)
     assert (report.outcome, {robot: end.outcome for robot, end in report.robots.items()}) == (
         "done",
         dict.fromkeys(COUNT_M, "done"),
     )
     for robot, start in starts.items():
-        end = floor[robot.replace("-1", "-body")]["Pose"].get_value().get().value
+        end = floor[robot.replace("-1", "-body")]["TruePose"].get_value().get().value
         off_m, off_rad = tolerance(robot, drives, turns)
         yaw_rad = math.radians(-yaw_deg)
         assert math.dist(end[:2], start[:2]) < off_m + 1e-3, robot
@@ -106,7 +106,7 @@ def test_all_of_them_end_where_they_should(floor: Fleet, name: str, drives: int,
 
 @pytest.mark.parametrize("robot", COUNT_M)
 def test_a_stop_stands_within_a_poll(floor: Fleet, robot: str) -> None:
-    base, pose = floor[robot]["Base"], floor[robot.replace("-1", "-body")]["Pose"]
+    base, pose = floor[robot]["Base"], floor[robot.replace("-1", "-body")]["TruePose"]
     speed_m_s = base.get_config("speed_m_s").get().value
     start = pose.get_value().get().value
     driving = base.send_cmd("f3")

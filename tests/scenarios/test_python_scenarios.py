@@ -29,7 +29,7 @@ def fast_fleet() -> Fleet:
 
 
 def pose(fleet: Fleet, name: str) -> tuple[float, float, float]:
-    x_m, y_m, yaw_rad = fleet[name]["Pose"].get_value().get().value
+    x_m, y_m, yaw_rad = fleet[name]["TruePose"].get_value().get().value
     return float(x_m), float(y_m), float(yaw_rad)
 
 

@@ -246,6 +246,13 @@ def test_a_driver_on_a_simulated_port_stays_and_its_body_goes_by_its_name(fleet:
     assert [step.robot for step in rehearsal.incidents[0].steps] == ["a"]
 
 
+def test_a_camera_above_the_simulated_floor_stays() -> None:
+    twins = simulated(EALConfigManager.load("arena").fleet, ["cameras-1", "roomba-1"])
+    assert set(twins.config.robots["cameras-1"].plugins) == {"tracker"}
+    assert "cameras-1" not in twins.bodies
+    assert not twins.left_out
+
+
 def test_what_cannot_be_simulated_is_refused_where_it_is_needed_and_left_out_where_not(
     fleet: Callable[..., Path],
 ) -> None:

@@ -18,7 +18,7 @@ def poses_after(scenario: str, rate: float, seed: int) -> dict[str, list[str]]:
         report = run_scenario(patient_scenario(ROOT / "scenarios" / scenario), fleet)
         assert report.outcome == "done", report.error
         return {
-            name: [float(number).hex() for number in robot["Pose"].get_value().get().value]
+            name: [float(number).hex() for number in robot["TruePose"].get_value().get().value]
             for name, robot in fleet.items()
         }
 

@@ -53,7 +53,7 @@ def test_the_square_ends_where_it_should(protocol: str, settings: str, tmp_path:
     file.write_text(FLEET.format(protocol=protocol, settings=settings), encoding="utf-8")
     (tmp_path / "floor.yaml").write_text(WORLD, encoding="utf-8")
     with Fleet(EALConfigManager.load(file, environment={}).fleet) as fleet:
-        base, odometry, pose = fleet["driven"]["Base"], fleet["driven"]["Odometry"], fleet["body"]["Pose"]
+        base, odometry, pose = fleet["driven"]["Base"], fleet["driven"]["Odometry"], fleet["body"]["TruePose"]
         x_m, y_m, yaw_rad = pose.get_value().get().value
         for move in SQUARE:
             assert base.send_cmd(move).get() == 1

@@ -35,7 +35,7 @@ def run(fleet: Fleet, name: str, directory: Path) -> Report:
 
 
 def poses(fleet: Fleet) -> dict[str, tuple[float, float, float]]:
-    return {name: tuple(robot["Pose"].get_value().get().value) for name, robot in fleet.items()}
+    return {name: tuple(robot["TruePose"].get_value().get().value) for name, robot in fleet.items()}
 
 
 def commands(report: Report, robot: str) -> list[str | None]:

@@ -14,11 +14,9 @@ from typing import Any, NamedTuple
 import zenoh
 
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.security.certificates import make_authority, make_certificate
-from eal_actors.net.session import controller_config, open_session
-from eal_actors.net.wire import keys
-from eal_actors.net.wire.keys import client_id
-from eal_actors.net.wire.messages import (
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.keys import client_id
+from eal_actors.wire.format.messages import (
     Answer,
     CallHeader,
     Heartbeat,
@@ -27,7 +25,9 @@ from eal_actors.net.wire.messages import (
     encode_call,
     encode_heartbeat,
 )
-from eal_actors.net.wire.packing import PROTOCOL_VERSION
+from eal_actors.wire.format.packing import PROTOCOL_VERSION
+from eal_actors.wire.security.certificates import make_authority, make_certificate
+from eal_actors.wire.session import controller_config, open_session
 from tests.net.links import eventually
 from tests.net.rig import WAIT_S, Rig
 

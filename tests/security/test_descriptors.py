@@ -32,12 +32,13 @@ def client_hello() -> bytes:
 
 
 @contextmanager
-def strangers(port: int, count: int) -> Iterator[None]:
+def strangers(port: int, count: int, source: str = "127.0.0.1") -> Iterator[None]:
     """Hold connections that are silent, dribble, begin a handshake or send their end, for a `with` block."""
     hello, ends = client_hello(), threading.Event()
     peers = [socket.socket() for _ in range(count)]
     for peer in peers:
         peer.setblocking(False)
+        peer.bind((source, 0))
         peer.connect_ex(("127.0.0.1", port))
 
     def talk() -> None:
@@ -64,28 +65,51 @@ def strangers(port: int, count: int) -> Iterator[None]:
             peer.close()
 
 
-def stop_under_strangers(folder: Path, limit: int, count: int) -> float:
-    """Stop a robot during an attack, then connect anew; return the longest time of a stop, in seconds."""
+@contextmanager
+def with_few_descriptors(folder: Path, limit: int) -> Iterator[tuple[Rig, int, Process]]:
+    """Serve a robot by a process with a limit of open files; yield its port too."""
     rig = secure_rig(folder, make_keys(folder / "keys"), 60.0)
     port = int(rig.content["robots"]["r1"]["address"].rpartition(":")[2])
     arguments = ["-m", "eal_actors", "serve", "--fleet", str(rig.file), "--robot", "r1"]
     robot = Process(arguments, folder, within=["sh", "-c", f'ulimit -n {limit}; exec "$@"', "sh"])
     try:
         robot.wait_until_listening()
-        with ready(Fleet(rig.config)) as fleet:
-            with strangers(port, count):
-                robot.wait_for("too many connections")
-                longest_s = 0.0
-                for _ in range(STOPS):
-                    begin_s = REAL_TIME.now()
-                    assert fleet["r1"].stop("strangers").exception(timeout=WAIT_S) is None
-                    longest_s = max(longest_s, REAL_TIME.now() - begin_s)
-                    assert fleet["r1"].resume().exception(timeout=WAIT_S) is None
-            assert_new_controllers_get_in(rig)
-            assert fleet["r1"]["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1
+        yield rig, port, robot
     finally:
         robot.end()
+
+
+def stop_under_strangers(folder: Path, limit: int, count: int) -> float:
+    """Stop a robot during an attack, then connect anew; return the longest time of a stop, in seconds."""
+    with with_few_descriptors(folder, limit) as (rig, port, robot), ready(Fleet(rig.config)) as fleet:
+        with strangers(port, count):
+            robot.wait_for("too many connections")
+            longest_s = 0.0
+            for _ in range(STOPS):
+                begin_s = REAL_TIME.now()
+                assert fleet["r1"].stop("strangers").exception(timeout=WAIT_S) is None
+                longest_s = max(longest_s, REAL_TIME.now() - begin_s)
+                assert fleet["r1"].resume().exception(timeout=WAIT_S) is None
+        assert_new_controllers_get_in(rig)
+        assert fleet["r1"]["Arm"].send_cmd("step1").get(timeout=WAIT_S) == 1
     return longest_s
+
+
+def connect_under_strangers(folder: Path, limit: int, count: int, times: int) -> list[float]:
+    """Connect anew from a known address during an attack from another one; return how long each took, in seconds."""
+    taken_s = []
+    with (
+        with_few_descriptors(folder, limit) as (rig, port, robot),
+        ready(Fleet(rig.config)) as known,
+        strangers(port, count, "127.0.0.2"),
+    ):
+        robot.wait_for("passing=['127.0.0.1']")
+        known.close()
+        for _ in range(times):
+            begin_s = REAL_TIME.now()
+            with ready(Fleet(rig.config)):
+                taken_s.append(REAL_TIME.now() - begin_s)
+    return taken_s
 
 
 def assert_new_controllers_get_in(rig: Rig) -> None:
@@ -95,6 +119,18 @@ def assert_new_controllers_get_in(rig: Rig) -> None:
 
 def test_strangers_with_all_descriptors_of_a_robot_do_not_lock_it(tmp_path: Path) -> None:
     stop_under_strangers(tmp_path, limit=320, count=500)
+
+
+def test_a_known_controller_connects_anew_under_strangers(tmp_path: Path) -> None:
+    connect_under_strangers(tmp_path, limit=320, count=60, times=1)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1500)
+def test_a_known_controller_connects_anew_under_three_thousand_strangers(tmp_path: Path) -> None:
+    taken_s = sorted(connect_under_strangers(tmp_path, limit=1024, count=3000, times=10))
+    figures = f"median {taken_s[len(taken_s) // 2]:.1f} s, longest {taken_s[-1]:.1f} s"
+    print(f"{len(taken_s)} new connections under attack: {figures}")  # noqa: T201  # of the long form
 
 
 @pytest.mark.slow

@@ -19,9 +19,9 @@ from structlog.testing import capture_logs
 
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import EALError, ResourceBusyError, StaleCommandError
-from eal_actors.net import session
-from eal_actors.net.wire import keys
-from eal_actors.net.wire.messages import ACCEPTED, CallHeader, encode_call
+from eal_actors.wire import session
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import ACCEPTED, CallHeader, encode_call
 from tests.net.links import eventually
 from tests.net.rig import Rig
 from tests.security.forging import Forger, RawClient, Target, make_keys, raw_client, secure_rig

@@ -20,22 +20,23 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import AccessDeniedError, ConfigError
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.security import expiry
-from eal_actors.net.security.certificates import (
+from eal_actors.operate.doctor import diagnose_fleet
+from eal_actors.operate.top.call_statistics import RecentCalls
+from eal_actors.operate.top.robot_row import robot_row
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import ACCEPTED
+from eal_actors.wire.security import expiry
+from eal_actors.wire.security.certificates import (
     certificate_file,
     key_file,
     list_certificates,
     make_certificate,
     renew_certificate,
 )
-from eal_actors.net.security.revocation import REVOKED, revoked_names
-from eal_actors.net.session import controller_config, open_session, router_config
-from eal_actors.net.session_keeper import SessionKeeper, router_session
-from eal_actors.net.wire import keys
-from eal_actors.net.wire.messages import ACCEPTED
-from eal_actors.operate.doctor import diagnose_fleet
-from eal_actors.operate.top.call_statistics import RecentCalls
-from eal_actors.operate.top.robot_row import robot_row
+from eal_actors.wire.security.key_watch import KeyWatch
+from eal_actors.wire.security.revocation import REVOKED, revoked_names
+from eal_actors.wire.session import controller_config, open_session, router_config
+from eal_actors.wire.session_keeper import router_session
 from tests.net.links import ask, eventually, free_port
 from tests.net.rig import Rig, ready
 from tests.operate.dashboard.rig import open_dashboard, page_of
@@ -197,13 +198,13 @@ def serial_of(site: Site) -> bytes:
 
 
 def test_a_renewed_certificate_is_used_without_a_restart(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
-    fitting, fits = list[bool](), SessionKeeper._fits
+    fitting, fits = list[bool](), KeyWatch._fits
 
-    def note_fits(keeper: SessionKeeper) -> bool:
-        fitting.append(fits(keeper))
+    def note_fits(watch: KeyWatch) -> bool:
+        fitting.append(fits(watch))
         return fitting[-1]
 
-    monkeypatch.setattr(SessionKeeper, "_fits", note_fits)
+    monkeypatch.setattr(KeyWatch, "_fits", note_fits)
     with site.served() as service, raw_client(site.rig.config, "controller") as controller:
         controller.ping()
         assert controller.call("Arm", "send_cmd", "move60") is ACCEPTED

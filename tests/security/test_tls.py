@@ -22,9 +22,9 @@ from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
-from eal_actors.net.security import certificates
-from eal_actors.net.security.certificates import make_authority, make_certificate
-from eal_actors.net.session import controller_config, open_session, robot_config
+from eal_actors.wire.security import certificates
+from eal_actors.wire.security.certificates import make_authority, make_certificate
+from eal_actors.wire.session import controller_config, open_session, robot_config
 from tests.net.links import answering, ask, eventually, fleet_of, free_port
 
 TLS_ALERTS = (ssl.SSLError, ConnectionError)

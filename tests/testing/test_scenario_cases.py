@@ -16,7 +16,7 @@ import eal_actors.testing.scenario_cases  # noqa: F401
 pytest_plugins = ["pytester"]
 
 PLUGIN = "eal_actors.testing.pytest_plugin"
-WANTED = "expected value('Pose')[[]0] to be 0.5 ± 0.01"
+WANTED = "expected value('TruePose')[[]0] to be 0.5 ± 0.01"
 
 FLEET = """\
 version: 1
@@ -38,7 +38,7 @@ steps:
   - on: scouts
     do:
       - send_cmd: {resource: Base, cmd: "f${metres}"}
-      - expect: value('Pose')[0]
+      - expect: value('TruePose')[0]
         equals: 0.5
         tolerance: 0.01
         says: it is not there

@@ -245,7 +245,7 @@ def test_names_that_are_not_there(pair: Simulation) -> None:
         pair.pose("lefd")
     with (
         Simulation({"a": {"plugins": {"sample": {}}}}) as bare,
-        pytest.raises(ResourceNotFoundError, match="'Pose'"),
+        pytest.raises(ResourceNotFoundError, match="'TruePose'"),
     ):
         bare.pose("a")
 

@@ -37,6 +37,7 @@ class CType(NamedTuple):
     width: int  # bytes of one element; 0 for a void that is no array
     takes: str  # the valid elements, for messages
     dtype: str | None  # the numpy dtype of an array, None where numpy arrays are not taken
+    full_name: str  # as C writes it, with [] for an array
 
 
 _UNSIGNED, _SHORT, _LONG = (True, False, False), (False, True, False), (False, False, True)
@@ -65,6 +66,7 @@ C_TYPES: Final = {
         struct.calcsize(f"<{code}") if name != "void" or is_ptr else 0,
         takes,
         dtype,
+        name + "[]" * is_ptr,
     )
     for kind, modifiers, name, code, takes, dtype in _TABLE
     for is_ptr in (False, True)

@@ -207,20 +207,20 @@ def as_bytes(payload: bytes | bytearray | memoryview) -> Payload:
 def read(c_type: CType, payload: Payload) -> Stored:
     """Check bytes against their C type; numbers in arrays are read when they are needed."""
     length = len(payload)
-    if not c_type.is_ptr and length != c_type.width:
-        raise DataError(f"payload: {c_type.name} takes {c_type.width} bytes, not {length}")
-    if c_type.is_ptr and length % c_type.width:
+    if not c_type.is_ptr:
+        if length != c_type.width:
+            raise DataError(f"payload: {c_type.name} takes {c_type.width} bytes, not {length}")
+        if c_type.code in "cs":
+            return _store_scalar(c_type, payload[0] if length else None)
+        return struct.unpack(f"<{c_type.code}", payload)[0], payload, length, None
+    if length % c_type.width:
         raise DataError(f"payload: {length} bytes are no whole number of {c_type.name}, {c_type.width} bytes each")
-    if c_type.type is DataType.VOID:
-        return None, payload, length, None
     if c_type == TEXT:
         try:
             return bytes(payload).partition(b"\0")[0].decode(), payload, length, None
         except UnicodeDecodeError as error:
             raise DataError(f"payload: no UTF-8 text at byte {error.start}: {error.reason}") from error
-    if c_type.is_ptr:
-        return None, payload, length, None
-    return _store_scalar(c_type, payload[0] if c_type.code == "c" else struct.unpack(f"<{c_type.code}", payload)[0])
+    return None, payload, length, None
 
 
 def _check_dtype(c_type: CType, dtype: str) -> None:

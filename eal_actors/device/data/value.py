@@ -19,7 +19,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, Final, final
 
 from eal_actors.device.data.c_types import (
     ARRAY_BY_DTYPE,
@@ -47,6 +47,8 @@ from eal_actors.device.data.storage import (
     unpack,
 )
 from eal_actors.kernel.errors import ArgumentError, DataError
+
+_MAX_S: Final = sys.float_info.max
 
 
 @final
@@ -155,8 +157,23 @@ class EALData:
             DataError: the bytes are no value of that type and shape.
         """
         c_type = find_c_type(type, is_ptr, is_unsigned, is_short, is_long)
+        return cls.from_c_type(c_type, payload, shape, dtype, unit=unit, frame_id=frame_id, stamp_s=stamp_s)
+
+    @classmethod
+    def from_c_type(
+        cls,
+        c_type: CType,
+        payload: bytes | bytearray | memoryview,
+        shape: Sequence[int] | None = None,
+        dtype: str | None = None,
+        *,
+        unit: str | None = None,
+        frame_id: str | None = None,
+        stamp_s: float | None = None,
+    ) -> EALData:
+        """Rebuild an EALData from its bytes like `from_payload`, with its type from the table; raises the same."""
         view, self = as_bytes(payload), cls.__new__(cls)
-        if c_type.type is DataType.BOOL and bytes(view).strip(b"\0\1"):
+        if c_type.code == "?" and bytes(view).strip(b"\0\1"):
             raise DataError("payload: a bool is 0 or 1, other bytes have no meaning")
         if shape is None and dtype is None:
             stored = read(c_type, view)
@@ -174,9 +191,9 @@ class EALData:
         """
         if unit is None and frame_id is None and stamp_s is None:
             return self
-        copy = EALData.__new__(EALData)
-        return EALData._fill(
-            copy,
+        stamp_s = _checked_meta(unit, frame_id, stamp_s)
+        return EALData._store(
+            EALData.__new__(EALData),
             self._c_type,
             (self._value, self._payload, self._length, self._shape),
             self._unit if unit is None else unit,
@@ -189,12 +206,22 @@ class EALData:
     ) -> EALData:
         if unit is not None or frame_id is not None or stamp_s is not None:
             stamp_s = _checked_meta(unit, frame_id, stamp_s)
+        return self._store(c_type, stored, unit, frame_id, stamp_s)
+
+    def _store(
+        self, c_type: CType, stored: Stored, unit: str | None, frame_id: str | None, stamp_s: float | None
+    ) -> EALData:
         self._c_type = c_type
         self._value, self._payload, self._length, self._shape = stored
         self._unit = unit
         self._frame_id = frame_id
         self._stamp_s = stamp_s
         return self
+
+    @property
+    def c_type(self) -> CType:
+        """The C type, with its modifiers."""
+        return self._c_type
 
     @property
     def type(self) -> DataType:
@@ -312,12 +339,13 @@ def _array_content(value: Any) -> tuple[CType, Stored] | None:
 
 def _checked_meta(unit: object, frame_id: object, stamp_s: object) -> float | None:
     """Return the time stamp as a float, or raise DataError for an invalid unit, frame or time stamp."""
-    for name, text in (("unit", unit), ("frame_id", frame_id)):
-        if text is not None and not isinstance(text, str):
-            raise DataError(f"{name}: {short_repr(text)} is no str")
+    if unit is not None and not isinstance(unit, str):
+        raise DataError(f"unit: {short_repr(unit)} is no str")
+    if frame_id is not None and not isinstance(frame_id, str):
+        raise DataError(f"frame_id: {short_repr(frame_id)} is no str")
     if stamp_s is None:
         return None
-    if isinstance(stamp_s, bool) or not isinstance(stamp_s, (int, float)) or not abs(stamp_s) <= sys.float_info.max:
+    if isinstance(stamp_s, bool) or not isinstance(stamp_s, (int, float)) or not -_MAX_S <= stamp_s <= _MAX_S:
         raise DataError(f"stamp_s: {short_repr(stamp_s)} is no finite number of seconds")
     return float(stamp_s)
 
@@ -332,7 +360,7 @@ class ValueInfo:
         minimum: the least valid value, in the unit; None for no limit.
         maximum: the greatest valid value, in the unit; None for no limit.
         choices: the valid values, if they are few; empty for no such limit.
-        shape: the array's shape, with None for any size; () for a single value.
+        shape: the array's shape, with None for any size; () for a single value. A list fills rows.
         description: one line for people.
     """
 
@@ -372,6 +400,11 @@ class ValueInfo:
         shape = data.shape
         if shape is None:
             shape = (len(value),) if isinstance(value := data.value, list | tuple) else ()
+            match self.shape:  # a C array has no rows
+                case (None, int() as row) if shape and shape[0] % row == 0:
+                    shape = shape[0] // row, row
+        if shape == self.shape:
+            return None
         fits = len(shape) == len(self.shape) and all(
             want is None or want == have for want, have in zip(self.shape, shape, strict=True)
         )

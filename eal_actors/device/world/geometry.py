@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
 from typing import Final, TypeAlias
 
-from eal_actors.device.world.model import Beacon, BoxObstacle, CircleObstacle, Drop, MovableBox
+from eal_actors.device.world.model import (
+    Beacon,
+    BoxObstacle,
+    CircleObstacle,
+    Drop,
+    FloorPoint,
+    KeepOutZone,
+    MovableBox,
+)
 
 Rectangle: TypeAlias = BoxObstacle | MovableBox | Drop
 Disc: TypeAlias = CircleObstacle | Beacon
@@ -32,6 +41,37 @@ def corners(rectangle: Rectangle) -> list[tuple[float, float]]:
 def covers(thing: Rectangle | Disc, x_m: float, y_m: float) -> bool:
     """Return whether a thing covers a point of the floor, its edge included."""
     return _distance_m(thing, x_m, y_m) <= 0.0
+
+
+def encloses(zone: KeepOutZone, x_m: float, y_m: float) -> bool:
+    """Return whether a point is inside a polygon, by the even-odd rule."""
+    is_inside = False
+    for (x0, y0), (x1, y1) in _edges(zone):
+        if (y0 > y_m) != (y1 > y_m) and x_m < x0 + (y_m - y0) * (x1 - x0) / (y1 - y0):
+            is_inside = not is_inside
+    return is_inside
+
+
+def crossing_edges(zone: KeepOutZone) -> tuple[int, int] | None:
+    """Return the numbers of two edges of a polygon that cross, or None; edge 0 begins at corner 0."""
+    for (first, (a, b)), (second, (c, d)) in combinations(enumerate(_edges(zone)), 2):
+        if _turn(a, b, c) * _turn(a, b, d) < 0 and _turn(c, d, a) * _turn(c, d, b) < 0:
+            return first, second
+    return None
+
+
+def area_m2(zone: KeepOutZone) -> float:
+    """Return the area of a polygon whose edges do not cross."""
+    return abs(sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in _edges(zone))) / 2
+
+
+def _edges(zone: KeepOutZone) -> list[tuple[FloorPoint, FloorPoint]]:
+    return list(zip(zone, (*zone[1:], zone[0]), strict=True))
+
+
+def _turn(a: FloorPoint, b: FloorPoint, c: FloorPoint) -> float:
+    """Return a number that is positive where a, b and c turn left, and negative where they turn right."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 def overlap(rectangle: Rectangle, other: Rectangle | Disc) -> bool:

@@ -9,12 +9,14 @@ from typing import Final, TypeAlias
 
 from pydantic import ValidationError
 
-from eal_actors.device.world.geometry import corners, covers, overlap
+from eal_actors.device.markers import FAMILIES
+from eal_actors.device.world.geometry import area_m2, corners, covers, crossing_edges, encloses, overlap
 from eal_actors.device.world.model import (
     Beacon,
     FloorItem,
     Formation,
     MovableBox,
+    NamedPlace,
     Partition,
     Poster,
     StartPose,
@@ -42,6 +44,10 @@ def validate(world: WorldModel) -> Iterator[WorldProblem]:
     yield from _misplaced_boxes(world)
     yield from _hidden_beacons(world)
     yield from _bad_starts(world)
+    yield from _bad_markers(world)
+    yield from _misplaced_cameras(world)
+    yield from _bad_zones(world)
+    yield from _bad_places(world)
 
 
 def _unknown_textures(world: WorldModel) -> Iterator[WorldProblem]:
@@ -168,7 +174,7 @@ def _bad_starts(world: WorldModel) -> Iterator[WorldProblem]:
     """Yield start poses where no robot of any size can stand; of a formation only the first."""
     is_formation = isinstance(world.starts, Formation)
     for number, pose in enumerate(world.start_poses):
-        if reason := _start_problem(world, pose):
+        if reason := _position_problem(world, pose):
             if is_formation:
                 yield ("starts",), f"place {number + 1} of the formation, x {pose.x_m:g} m, y {pose.y_m:g} m, {reason}"
                 return
@@ -181,7 +187,29 @@ def _bad_starts(world: WorldModel) -> Iterator[WorldProblem]:
                 yield ("starts", number), f"it is at the same place as starts[{same}]"
 
 
-def _start_problem(world: WorldModel, pose: StartPose) -> str | None:
+def _bad_zones(world: WorldModel) -> Iterator[WorldProblem]:
+    for number, zone in enumerate(world.keep_out):
+        for corner, point in enumerate(zone):
+            if _is_outside(world, *point):
+                yield ("keep_out", number, corner), f"is outside {_room(world)}"
+        if crossing := crossing_edges(zone):
+            message = "its edges from corner {} and from corner {} cross; list the corners in order".format(*crossing)
+            yield ("keep_out", number), message
+        elif area_m2(zone) < _ROUNDING_M:
+            yield ("keep_out", number), "its corners are on one line, so it encloses nothing"
+
+
+def _bad_places(world: WorldModel) -> Iterator[WorldProblem]:
+    for name, place in world.places.items():
+        if reason := _position_problem(world, place):
+            yield ("places", name), f"it {reason}"
+        for number, zone in enumerate(world.keep_out):
+            if encloses(zone, place.x_m, place.y_m):
+                yield ("places", name), f"it is inside keep_out[{number}]"
+
+
+def _position_problem(world: WorldModel, pose: StartPose | NamedPlace) -> str | None:
+    """Return the reason why no robot of any size can stand there, or None."""
     if _is_outside(world, pose.x_m, pose.y_m):
         return f"is outside {_room(world)}"
     for verb, kind, things in (
@@ -194,6 +222,27 @@ def _start_problem(world: WorldModel, pose: StartPose) -> str | None:
             if covers(thing, pose.x_m, pose.y_m):
                 return f"{verb} {kind}[{number}]"
     return None
+
+
+def _bad_markers(world: WorldModel) -> Iterator[WorldProblem]:
+    family = FAMILIES[world.markers.family]
+    first: dict[int, int] = {}
+    for number, marker in enumerate(world.markers.floor):
+        path: YamlPath = ("markers", "floor", number)
+        if marker.id >= family.count:
+            yield (*path, "id"), f"the family {world.markers.family} has the markers 0 to {family.count - 1}"
+        if first.setdefault(marker.id, number) != number:
+            yield (*path, "id"), f"markers.floor[{first[marker.id]}] is marker {marker.id} already"
+        if _is_outside(world, marker.x_m, marker.y_m):
+            yield path, f"its middle is outside {_room(world)}"
+
+
+def _misplaced_cameras(world: WorldModel) -> Iterator[WorldProblem]:
+    for name, camera in world.cameras.items():
+        if camera.z_m > world.height_m:
+            yield ("cameras", name, "z_m"), f"with {camera.z_m:g} m it is above {_ceiling(world)}"
+        if _is_outside(world, camera.x_m, camera.y_m):
+            yield ("cameras", name), f"it is outside {_room(world)}"
 
 
 def load_world(path: str | Path) -> WorldModel:

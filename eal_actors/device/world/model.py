@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Field, NonNegativeFloat, PositiveFloat, Tag, model_validator
 
+from eal_actors.device.world.overhead import OverheadCamera, WorldMarkers
+from eal_actors.kernel.errors import PlaceNotFoundError
 from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1
 
 Channel = Annotated[int, Field(ge=0, le=255)]
@@ -179,6 +182,19 @@ class Drop(FloorItem):
     yaw_deg: Degrees = 0.0
 
 
+class NamedPlace(FloorItem):
+    """A place with a name, to send robots to."""
+
+    yaw_deg: Degrees | None = None
+    """The heading of a robot there; any if left out."""
+
+
+FloorPoint = Annotated[tuple[float, float], Field(strict=False)]
+"""x and y."""
+KeepOutZone = Annotated[tuple[FloorPoint, ...], Field(strict=False, min_length=3)]
+"""The corners of a polygon on the floor, in order; its edges must not cross."""
+
+
 class StartPose(FloorItem):
     """The pose of a robot at the start."""
 
@@ -309,15 +325,36 @@ class WorldModel(StrictModel):
     boxes: tuple[MovableBox, ...] = Field(default=(), strict=False)
     beacons: tuple[Beacon, ...] = Field(default=(), strict=False)
     drops: tuple[Drop, ...] = Field(default=(), strict=False)
+    places: dict[Name, NamedPlace] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    """Places by name, for programs and scenarios."""
+    keep_out: tuple[KeepOutZone, ...] = Field(default=(), strict=False)
+    """Zones that planned paths avoid."""
     lighting: Lighting = Lighting()
     starts: Starts = ()
     """Start poses of the robots that name none themselves, in the order of the robots' names."""
+    markers: WorldMarkers = WorldMarkers()
+    cameras: dict[Name, OverheadCamera] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    """Cameras above the floor, for the plugin `tracker`."""
     physics: Physics = Physics()
 
     @property
     def solid_obstacles(self) -> tuple[BoxObstacle | CircleObstacle, ...]:
         """The obstacles, with partitions as blocks."""
         return tuple(part.as_box() if isinstance(part, Partition) else part for part in self.obstacles)
+
+    def place(self, name: str) -> NamedPlace:
+        """Return a place by its name.
+
+        Raises:
+            PlaceNotFoundError: there is none of that name; the message has the nearest name and all names.
+        """
+        if name in self.places:
+            return self.places[name]
+        if not self.places:
+            raise PlaceNotFoundError(f"no place {name!r}: the world {self.name!r} has no `places`")
+        near = difflib.get_close_matches(name, self.places, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else "."
+        raise PlaceNotFoundError(f"unknown place {name!r}{hint} Places of {self.name!r}: {', '.join(self.places)}")
 
     @property
     def start_poses(self) -> tuple[StartPose, ...]:

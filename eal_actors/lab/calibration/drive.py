@@ -15,7 +15,7 @@ from eal_actors.kernel.errors import ResourceFaultError, UnsupportedError
 from eal_actors.lab.calibration.square import LEGS, START, WAYS, Point, Pose, SquareEnds, Way, seen_from
 
 BASE: Final = "Base"
-_TRUTH: Final = "Pose"
+_TRUTH: Final = "TruePose"
 _ODOMETRY: Final = "Odometry"
 _BUMP: Final = "Bump"
 _SLOWEST_M_S: Final = 0.05  # slowest speed of a side; the deadline of a side follows from it
@@ -36,7 +36,7 @@ class SquareMeasurement(ABC):
 
 
 class GroundTruth(SquareMeasurement):
-    """Measurement of a simulated robot, which its resource Pose also puts back to the start."""
+    """Measurement of a simulated robot, which its resource TruePose also puts back to the start."""
 
     def __init__(self, robot: RobotHandle) -> None:
         self._pose = robot[_TRUTH]
@@ -52,7 +52,7 @@ class GroundTruth(SquareMeasurement):
 
 
 def has_ground_truth(robot: RobotHandle) -> bool:
-    """Return whether a robot is simulated: its resource Pose gives its true pose and can change it."""
+    """Return whether a robot is simulated: its resource TruePose gives its true pose and can change it."""
     return _TRUTH in robot
 
 

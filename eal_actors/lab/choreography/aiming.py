@@ -31,7 +31,7 @@ def leg_commands(pose: Sequence[float], goal: Point, longest_m: float) -> tuple[
 def commands_to(
     robot: RobotHandle, goal: Point, near_m: float, *, longest_m: float = 1.0, most_legs: int = 200
 ) -> Iterator[str]:
-    """Yield the commands of a robot's Base that take it to a goal, aimed again from its Pose after each leg.
+    """Yield the commands of a robot's Base that take it to a goal, aimed again from its TruePose after each leg.
 
     Args:
         robot: the robot; each command must be done before the next one is asked for.
@@ -46,7 +46,7 @@ def commands_to(
     Thread: blocks the caller while the robot is asked for its pose.
     """
     for _ in range(most_legs):
-        pose = robot["Pose"].get_value().get().value
+        pose = robot["TruePose"].get_value().get().value
         if math.dist(pose[:2], goal) <= near_m:
             return
         yield from leg_commands(pose, goal, longest_m)

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.many import read_many
 from eal_actors.device.world.model import Formation, formation_poses
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
 from eal_actors.lab.choreography.assigning import Point
@@ -82,11 +83,11 @@ def plan_formation(
     """Plan how the robots of the scenario form a shape; the step belongs outside of `on`.
 
     Args:
-        context: of the step. The robots' resource Pose gives their positions.
+        context: of the step. The robots' resource TruePose gives their positions.
         shape: line, column, grid, circle or wedge.
         spacing_m: distance between neighbours.
-        x_m: centre of the shape, in the frame of Pose.
-        y_m: centre of the shape, in the frame of Pose.
+        x_m: centre of the shape, in the frame of TruePose.
+        y_m: centre of the shape, in the frame of TruePose.
         yaw_deg: direction that the shape faces.
         radius_m: radius of the largest robot.
         margin_m: smallest distance between any two hulls, if no robot strays more than `STRAY_M`.
@@ -114,7 +115,7 @@ def _rule(**wanted: object) -> Formation:
 
 def _positions(robots: Mapping[str, RobotHandle]) -> dict[str, Point]:
     """Return the position of every robot, read from all at once."""
-    poses = gather([robot["Pose"].get_value() for robot in robots.values()]).get()
+    poses = gather(read_many([robot["TruePose"] for robot in robots.values()])).get()
     return {name: (float(pose.value[0]), float(pose.value[1])) for name, pose in zip(robots, poses, strict=True)}
 
 

@@ -64,7 +64,7 @@ class Visitor:
         return self.why or f"{self.name} has the role {self.role.name.lower()}; this needs {needed.name.lower()}"
 
 
-@dataclass(frozen=True)
+@dataclass
 class Access:
     """The access rules of one dashboard.
 
@@ -75,22 +75,30 @@ class Access:
     Another site's name could resolve to this machine and pass as the same origin (DNS rebinding), so `Host` must be an
     address, this machine's name, the name that the dashboard listens at, or one of its certificate.
 
+    `operators` and `names` are replaced as a whole while the dashboard serves. A dashboard that began with operators
+    admits nobody once it has none.
+
     Attributes:
         host: the listening address.
         token: proof of permission to command; None for no token.
         operators: the operators of the fleet file, by name.
         names: the host names in the dashboard's certificate.
+        asks_for_names: whether each user must be an operator.
     """
 
     host: str
     token: str | None = None
     operators: Mapping[str, OperatorSection] = field(default_factory=dict)
     names: Sequence[str] = ()
+    asks_for_names: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.asks_for_names = bool(self.operators)
 
     @property
     def is_open(self) -> bool:
         """Whether everybody may command."""
-        return self.token is None and not self.operators and is_loopback(self.host)
+        return self.token is None and not self.asks_for_names and is_loopback(self.host)
 
     def visitor(self, shown: str | None) -> Visitor:
         """Return who shows a token, or none.
@@ -100,7 +108,7 @@ class Access:
 
         Thread: blocks for one hash if there are operators.
         """
-        if self.operators:
+        if self.asks_for_names:
             return self._operator(shown)
         if self.is_open:
             return Visitor("anybody", Role.ADMINISTER)

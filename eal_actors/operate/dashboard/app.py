@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Collection
 
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
@@ -71,6 +72,7 @@ class App:
         self._app_state = app_state
         self._pages = read_pages()
         self.browsers: set[BrowserSession] = set()
+        self._sessions: set[BrowserSession] = set()  # those that are not admitted yet, too
         routes = [
             Route("/", self._file, methods=["GET"]),
             Route("/static/{name:path}", self._file, methods=["GET"]),
@@ -97,10 +99,17 @@ class App:
 
     async def _connect(self, websocket: WebSocket) -> None:
         browser = BrowserSession(websocket, self._app_state, self._admit)
+        self._sessions.add(browser)
         try:
             await browser.serve()
         finally:
+            self._sessions.discard(browser)
             self.browsers.discard(browser)
+
+    def dismiss(self, operators: Collection[str]) -> None:
+        """End the sessions of some operators. Thread: the loop's."""
+        for browser in self._sessions:
+            browser.dismiss(operators)
 
     def _admit(self, browser: BrowserSession) -> bool:
         """Admit a browser that has said who it is. One that may stop the robots takes the place of one that may not."""

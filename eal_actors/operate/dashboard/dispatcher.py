@@ -15,6 +15,7 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.operate.dashboard.cameras import Cameras
 from eal_actors.operate.dashboard.control import DashboardContext
 from eal_actors.operate.dashboard.fleet_poller import infos_of
+from eal_actors.operate.dashboard.journeys import Journeys
 from eal_actors.operate.dashboard.messages import (
     CallResource,
     ControlRun,
@@ -24,6 +25,7 @@ from eal_actors.operate.dashboard.messages import (
     ReleaseRobot,
     ReloadFleet,
     ResumeAll,
+    SendRobot,
     StartRun,
     StopAll,
     Watch,
@@ -44,18 +46,19 @@ _COMMANDS: Final = ("set_value", "send_cmd", "set_config")
 class Dispatcher:
     """Executes messages. Permissions are checked by the caller.
 
-    Thread: any. `execute` does not wait for robots. Messages for which `reads_files` is true block on files.
+    Thread: any. `execute` does not wait for robots. Messages for which `may_block` is true block on files or a robot.
     """
 
     def __init__(self, context: DashboardContext, runs: RunManager, teleop: Teleop, cameras: Cameras) -> None:
         self._fleet, _, self._steps, self._control = context
+        self._journeys = Journeys(context)
         self._runs = runs
         self._teleop = teleop
         self._cameras = cameras
 
-    def reads_files(self, message: object) -> bool:
+    def may_block(self, message: object) -> bool:
         """Return whether a message must be executed in a thread that may block."""
-        return isinstance(message, ListScenarios | ReloadFleet | StartRun)
+        return isinstance(message, ListScenarios | ReloadFleet | SendRobot | StartRun)
 
     def execute(self, message: Any, browser: str, reply: Reply) -> None:
         """Execute one of `messages` from a browser, and reply at its end."""
@@ -79,6 +82,8 @@ class Dispatcher:
                 return {"scenarios": self._runs.list_scenarios()}
             case CallResource():
                 self._call(message, browser, reply)
+            case SendRobot():
+                self._send(message, browser, reply)
             case StopAll():
                 self._stop(message.id, reply)
             case ResumeAll():
@@ -150,6 +155,17 @@ class Dispatcher:
 
     # Calls.
 
+    def _record(self, robot: str, label: str, error: BaseException | None) -> None:
+        if error is not None and not isinstance(error, PreemptedError | StoppedError):
+            self._steps.record_error(robot, f"{label}: {error_text(error)}")
+
+    def _send(self, message: SendRobot, browser: str, reply: Reply) -> None:
+        def on_end(error: BaseException | None) -> None:
+            self._record(message.robot, f"to ({message.x_m:.2f}, {message.y_m:.2f})", error)
+            reply(failure(message.id, error) if error is not None else {"id": message.id, "ok": True})
+
+        self._journeys.send(message, browser, on_end)
+
     def _call(self, message: CallResource, browser: str, reply: Reply) -> None:
         if message.robot not in self._fleet:
             raise RobotNotFoundError(f"there is no robot {message.robot!r}")
@@ -161,9 +177,7 @@ class Dispatcher:
         def on_end(error: BaseException | None) -> None:
             if is_command:
                 self._control.done(message.robot, message.resource)
-            if error is not None and not isinstance(error, PreemptedError | StoppedError):
-                label = f"{message.resource} {message.text or message.method}"
-                self._steps.record_error(message.robot, f"{label}: {error_text(error)}")
+            self._record(message.robot, f"{message.resource} {message.text or message.method}", error)
 
         def on_done(done: Future[Any]) -> None:
             error = done.exception()

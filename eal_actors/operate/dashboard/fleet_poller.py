@@ -17,6 +17,7 @@ from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.actors.robot_view import Ping, RobotState
 from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.info import ResourceInfo
+from eal_actors.device.localization.pose_estimate import PoseEstimate
 from eal_actors.kernel.clock import REAL_TIME, new_waiter, wall_time
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger
@@ -39,6 +40,8 @@ POSE_RESOURCES: Final = ("Pose", "Odometry")
 BATTERY_RESOURCE: Final = "Battery"
 HERE: Final = "this dashboard"
 """The controller of a resource that this process holds but has not commanded since the dashboard started."""
+_SPREAD: Final = ((0, 0), (0, 1), (1, 1))
+"""The elements of a covariance that describe the ellipse of the position."""
 TRAIL_STEP_M: Final = 0.02
 TRAIL_POINTS: Final = 300
 _POSE: Final = ValueInfo(DataType.DOUBLE, shape=(3,))
@@ -133,6 +136,9 @@ class _RobotPoller:
         self._battery: Future[EALData] | None = None
         self._charge: float | None = None
         self._ping: Future[Ping] | None = None
+        self._estimate: Future[PoseEstimate] | None = None
+        self._has_estimate = False
+        self._spread_m2: list[float] | None = None
         self._answer: Ping | None = None
         self._seen: str | None = None
         self._description: dict[str, Any] = {}
@@ -153,7 +159,8 @@ class _RobotPoller:
         infos = dict(infos_of(robot))
         pose = next((name for name in POSE_RESOURCES if name in robot and name not in not_ready), None)
         self._pose_resource = robot[pose] if pose is not None else None
-        base = infos.get(DRIVE_RESOURCE)
+        base, estimate = infos.get(DRIVE_RESOURCE), infos.get(POSE_RESOURCES[0])
+        self._has_estimate = estimate is not None and any(one.name == "estimate" for one in estimate.requests)
         self._description = {
             "type": robot.type,
             "tags": robot.tags,
@@ -161,6 +168,7 @@ class _RobotPoller:
             "resources": list(robot),
             "cameras": [name for name, info in infos.items() if info.is_camera],
             "can_drive": base is not None and takes_twist(base),
+            "can_go": base is not None and any(one.name == "follow" for one in base.commands) and self._has_estimate,
         }
 
     # Poses.
@@ -213,6 +221,8 @@ class _RobotPoller:
             return
         if self._battery is None and BATTERY_RESOURCE in robot and BATTERY_RESOURCE not in robot.not_ready:
             self._battery = robot[BATTERY_RESOURCE].get_value()
+        if self._estimate is None and self._has_estimate and POSE_RESOURCES[0] not in robot.not_ready:
+            self._estimate = robot.pose.get()
         if self._ping is None:
             self._ping = robot.ping()
 
@@ -221,6 +231,10 @@ class _RobotPoller:
             data, self._battery = _result_or_none(self._battery), None
             number = data.value if data is not None else None
             self._charge = float(number) if isinstance(number, int | float) else None
+        if self._estimate is not None and self._estimate.done():
+            estimate, self._estimate = _result_or_none(self._estimate), None
+            spread = None if estimate is None else [estimate.covariance[row][column] for row, column in _SPREAD]
+            self._spread_m2 = None if spread is None else [round(number, 7) for number in spread]
         if self._ping is not None and self._ping.done():
             self._answer, self._ping = _result_or_none(self._ping), None
             if self._answer is not None:
@@ -257,6 +271,7 @@ class _RobotPoller:
             "problems": [*(problem.message for problem in robot.problems), *warnings],
             "last_seen": self._seen if robot.state is RobotState.LOST else None,
             "restarts": {name: count for name, count in robot.restarts.items() if count},
+            "spread_m2": self._spread_m2,
             "battery": None if self._charge is None else round(self._charge, 3),
             "round_trip_ms": round(answer.round_trip_s * 1000, 1) if answer is not None and robot.is_remote else None,
             "control": self._controllers(ours),

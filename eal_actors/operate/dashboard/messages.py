@@ -87,6 +87,22 @@ class CallResource(_AnsweredMessage):
     value: CallValue = None
 
 
+FloorNumber = Annotated[float, Field(ge=-1e6, le=1e6)]
+FloorCorner = Annotated[tuple[FloorNumber, FloorNumber], Field(strict=False)]
+DrawnZone = Annotated[tuple[FloorCorner, ...], Field(strict=False, min_length=3, max_length=100)]
+
+
+class SendRobot(_AnsweredMessage):
+    """Send a robot to a point of the floor."""
+
+    do: Literal["send"]
+    robot: Word
+    x_m: FloorNumber
+    y_m: FloorNumber
+    keep_out: Annotated[tuple[DrawnZone, ...], Field(strict=False, max_length=50)] = ()
+    """Zones drawn on the page, which the path avoids."""
+
+
 class StopAll(_AnsweredMessage):
     """Stop every robot: the emergency stop."""
 
@@ -128,6 +144,7 @@ Message = Annotated[
     | Describe
     | ListScenarios
     | CallResource
+    | SendRobot
     | StopAll
     | ResumeAll
     | ReloadFleet
@@ -137,7 +154,7 @@ Message = Annotated[
 ]
 
 _ROLES: Final[Mapping[type, Role]] = {
-    **dict.fromkeys((CallResource, StopAll, ResumeAll, DriveRobot, ReleaseRobot), Role.DRIVE),
+    **dict.fromkeys((CallResource, SendRobot, StopAll, ResumeAll, DriveRobot, ReleaseRobot), Role.DRIVE),
     **dict.fromkeys((StartRun, ControlRun), Role.RUN),
     ReloadFleet: Role.ADMINISTER,
 }

@@ -13,6 +13,7 @@ from eal_actors.operate.dashboard.access import Access
 from eal_actors.operate.dashboard.app import App
 from eal_actors.operate.dashboard.cameras import Cameras
 from eal_actors.operate.dashboard.control import ControlRegistry, DashboardContext
+from eal_actors.operate.dashboard.credentials import CredentialWatch
 from eal_actors.operate.dashboard.dispatcher import Dispatcher
 from eal_actors.operate.dashboard.fleet_poller import FleetPoller
 from eal_actors.operate.dashboard.limits import MAX_CAMERAS, MAX_FRAMES_PER_S, TokenBucket
@@ -44,6 +45,7 @@ class Dashboard:
         runs_dir: the parent of the runs' folders, and the folder of the audit log; None keeps neither, and scenarios
             that save files cannot start.
         tls: the certificate to serve HTTPS with, from `tls_context`; None serves HTTP.
+        keys: the folder of that certificate, whose successor is used as soon as it is there; None watches none.
 
     Raises:
         ConfigError: it cannot listen at that address, or the audit log cannot be written.
@@ -58,6 +60,7 @@ class Dashboard:
         scenarios: Path | None = None,
         runs_dir: Path | None = None,
         tls: ssl.SSLContext | None = None,
+        keys: Path | None = None,
     ) -> None:
         self.access: Final = access if access is not None else Access("127.0.0.1")
         self._fleet = fleet
@@ -77,7 +80,7 @@ class Dashboard:
             self.store,
             notifier,
             self.access,
-            SignIn(self.access),
+            sign_in := SignIn(self.access),
             self._audit,
             TokenBucket(per_s=1.0, at_once=20.0),
             dispatcher,
@@ -88,7 +91,8 @@ class Dashboard:
         )
         self.app: Final = App(self.app_state)
         self._poller = FleetPoller(context, lambda: bool(self.app.browsers))
-        self._web_server = WebServer(self.app.asgi, self._listener, notifier, tls)
+        credentials = CredentialWatch(fleet.config, sign_in, self.app.dismiss, self.access, tls, keys)
+        self._web_server = WebServer(self.app.asgi, self._listener, notifier, tls, credentials.run)
         self._stack = ExitStack()
 
     def _introduction(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import itertools
 import json
 import struct
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -106,6 +106,7 @@ class BrowserSession:
         self._messages = TokenBucket(MESSAGES_PER_S, MESSAGES_AT_ONCE)
         self._commands = TokenBucket(COMMANDS_PER_S, COMMANDS_AT_ONCE)
         self._file_task: asyncio.Task[None] | None = None
+        self._dismissed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     async def serve(self) -> None:
         """Serve the page until it disconnects."""
@@ -114,7 +115,7 @@ class BrowserSession:
         try:
             await self._greet()
             tasks = [asyncio.create_task(self._receive_messages()), asyncio.create_task(self._send_updates())]
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait([*tasks, self._dismissed], return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
         except (WebSocketDisconnect, TimeoutError):
@@ -180,6 +181,13 @@ class BrowserSession:
         """Whether its user may stop the robots."""
         return self._visitor is not None and self._visitor.role >= Role.DRIVE
 
+    def dismiss(self, operators: Collection[str]) -> None:
+        """End the session if its user is one of these operators, or not known yet. The user may sign in again."""
+        user = self._visitor
+        if not self._dismissed.done() and (user is None or user.name in operators):
+            self._dismissed.set_exception(AccessDeniedError("the operators have changed: sign in again"))
+            self._dismissed.exception()  # it is read where it is waited for, if at all
+
     def abort(self) -> None:
         """Drop the connection: an orderly close would wait for the browser. It may connect again."""
         if self._place is not None:
@@ -205,7 +213,7 @@ class BrowserSession:
             refused = self._refusal(message)
             if refused is not None:
                 self._refuse(message, refused)
-            elif self._app_state.dispatcher.reads_files(message):
+            elif self._app_state.dispatcher.may_block(message):
                 self._execute_in_thread(message)
             else:
                 self._app_state.dispatcher.execute(message, self.name, self._reply_to(message))

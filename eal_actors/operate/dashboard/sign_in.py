@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 import math
 import threading
+from collections.abc import Mapping
 from typing import Final
 
 from eal_actors.kernel.clock import REAL_TIME, Clock
 from eal_actors.kernel.errors import AccessDeniedError
+from eal_actors.managers.fleet_model import OperatorSection
 from eal_actors.operate.dashboard.access import Access, Visitor
 
 WRONG_TOKENS: Final = 5
@@ -54,12 +56,21 @@ class SignIn:
             if known is not None:
                 return known
             self._count(source)
+        operators = self._access.operators
         visitor = self._access.visitor(shown)
-        if visitor.is_proven:
-            with self._lock:
+        with self._lock:
+            if operators is not self._access.operators:
+                raise AccessDeniedError("the operators have changed: sign in again")
+            if visitor.is_proven:
                 self._known[digest] = visitor
                 self._wrong.pop(source, None)
         return visitor
+
+    def replace_operators(self, operators: Mapping[str, OperatorSection]) -> None:
+        """Let in these operators from now on, with these tokens and roles. Thread: any."""
+        with self._lock:
+            self._access.operators = operators
+            self._known.clear()
 
     def _count(self, source: str) -> None:
         """Count a token as wrong until it proves right, so that many at once are counted too."""

@@ -19,8 +19,8 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import REAL_TIME, Clock, new_waiter
 from eal_actors.kernel.errors import EALError, PreemptedError, ResourceBusyError, StaleCommandError, UnsupportedError
 from eal_actors.kernel.log import get_logger
-from eal_actors.net.server.leases import DeadManSwitch
 from eal_actors.operate.dashboard.control import ControlRegistry
+from eal_actors.wire.rpc.server.leases import DeadManSwitch
 
 SILENCE_S: Final = 0.3
 """Real seconds without a message from the browser after which its robot is halted."""

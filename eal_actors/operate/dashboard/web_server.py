@@ -7,6 +7,8 @@ import contextlib
 import socket
 import ssl
 import threading
+from collections.abc import Callable, Coroutine
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -78,14 +80,20 @@ class _Server(uvicorn.Server):
     """Gives each connection a place, attaches the notifier to its loop, and waits for no browser at its end."""
 
     def __init__(
-        self, config: uvicorn.Config, listener: socket.socket, notifier: Notifier, tls: ssl.SSLContext | None
+        self,
+        config: uvicorn.Config,
+        listener: socket.socket,
+        notifier: Notifier,
+        tls: ssl.SSLContext | None,
+        follow_credentials: Callable[[], Coroutine[None, None, None]],
     ) -> None:
         super().__init__(config)
         self._tls = tls
+        self._follow_credentials = follow_credentials
         self._listener = listener
         self._notifier = notifier
         self._places = Places()
-        self._accepting: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
         self._opening: set[asyncio.Task[None]] = set()
         self.is_up = threading.Event()
 
@@ -93,12 +101,13 @@ class _Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup([])  # its own way to accept would neither bound connections nor end handshakes soon
         self._notifier.attach(asyncio.get_running_loop())
-        self._accepting = asyncio.create_task(self._accept())
+        self._tasks = [asyncio.create_task(self._accept()), asyncio.create_task(self._follow_credentials())]
         self.is_up.set()
 
     async def _accept(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
+            await asyncio.sleep(0)  # requests are read between two newcomers, before a burst of these takes their place
             try:
                 opened, address = await loop.sock_accept(self._listener)
             except OSError as error:  # such as: no descriptors are left
@@ -112,6 +121,7 @@ class _Server(uvicorn.Server):
             task = asyncio.create_task(self._open(opened, place))
             self._opening.add(task)
             task.add_done_callback(self._opening.discard)
+            task.add_done_callback(partial(_close_unopened, opened))
 
     async def _open(self, opened: socket.socket, place: Place) -> None:
         """Hand a connection over to its protocol, which gives the place to the application with each request."""
@@ -133,9 +143,8 @@ class _Server(uvicorn.Server):
     @override
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         self._notifier.attach(None)
-        for task in (self._accepting, *self._opening):
-            if task is not None:
-                task.cancel()
+        for task in (*self._tasks, *self._opening):
+            task.cancel()
         asyncio.get_running_loop().call_later(_GRACE_S, self._abort_rest)
         await super().shutdown(sockets)
 
@@ -145,11 +154,21 @@ class _Server(uvicorn.Server):
                 connection.transport.abort()
 
 
+def _close_unopened(opened: socket.socket, task: asyncio.Task[None]) -> None:
+    if task.cancelled():  # the server ended before the task began
+        opened.close()
+
+
 class WebServer:
     """Serves an application between `start` and `close`, which closes the listening socket."""
 
     def __init__(
-        self, app: ASGIApp, listener: socket.socket, notifier: Notifier, tls: ssl.SSLContext | None = None
+        self,
+        app: ASGIApp,
+        listener: socket.socket,
+        notifier: Notifier,
+        tls: ssl.SSLContext | None,
+        follow_credentials: Callable[[], Coroutine[None, None, None]],
     ) -> None:
         self._listener = listener
         config = uvicorn.Config(
@@ -169,7 +188,7 @@ class WebServer:
             h11_max_incomplete_event_size=_HEADER_BYTES,
             timeout_graceful_shutdown=2,
         )
-        self._server = _Server(config, listener, notifier, tls)
+        self._server = _Server(config, listener, notifier, tls, follow_credentials)
         self._thread = threading.Thread(target=self._serve, name="dashboard web server", daemon=True)
 
     def start(self) -> None:

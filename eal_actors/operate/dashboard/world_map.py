@@ -23,6 +23,8 @@ def world_map(world: WorldModel | None) -> dict[str, Any] | None:
             *(_box("box", box, name=box.name) for box in world.boxes),
         ],
         "posters": [_poster_ends(poster, *world.size_m) for poster in world.posters],
+        "keep_out": [list(zone) for zone in world.keep_out],
+        "places": [{"x_m": place.x_m, "y_m": place.y_m, "name": name} for name, place in world.places.items()],
         "beacons": [
             {"x_m": beacon.x_m, "y_m": beacon.y_m, "name": beacon.name, "colour": list(beacon.colour)}
             for beacon in world.beacons

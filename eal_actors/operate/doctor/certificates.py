@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Final
 from eal_actors.kernel.clock import wall_time
 from eal_actors.managers.fleet_model import FleetConfig, RobotConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, SecurityConfig, parse_endpoint
-from eal_actors.net.security.certificates import AUTHORITY, certificate_file, key_file
-from eal_actors.net.security.expiry import expires_soon, time_left
 from eal_actors.operate.doctor.diagnostic import Diagnostic, ok, problem, warning
+from eal_actors.wire.security.certificates import AUTHORITY, DASHBOARD, certificate_file, folder_of, key_file
+from eal_actors.wire.security.expiry import expires_soon, time_left
 
 if TYPE_CHECKING:
     from cryptography.x509 import Certificate
@@ -43,15 +43,21 @@ class RequiredCertificate:
 _AUTHORITY: Final = RequiredCertificate(AUTHORITY, "eal keys init --force, which invalidates all other certificates")
 
 
-def required_certificates(security: SecurityConfig, served_here: Iterable[RobotConfig]) -> list[RequiredCertificate]:
-    """Return the certificates of the robots that this machine serves, and the controller's.
+def required_certificates(
+    security: SecurityConfig | None, folder: Path, served_here: Iterable[RobotConfig]
+) -> list[RequiredCertificate]:
+    """Return the certificates of the robots that this machine serves, the controller's, and the dashboard's if any.
 
     A machine that serves robots and has no controller's certificate needs none: it does not command.
     """
+    has_dashboard = certificate_file(folder, DASHBOARD).exists()
+    dashboards = [RequiredCertificate(DASHBOARD, f"eal keys renew {DASHBOARD}")] if has_dashboard else []
+    if security is None:
+        return dashboards
     wanted = [_of_robot(robot) for robot in served_here if robot.address is not None]
     if not wanted or certificate_file(security.keys, security.controller).exists():
         wanted.insert(0, RequiredCertificate(security.controller, f"eal keys renew {security.controller}"))
-    return wanted
+    return wanted + dashboards
 
 
 def _of_robot(robot: RobotConfig) -> RequiredCertificate:
@@ -61,21 +67,22 @@ def _of_robot(robot: RobotConfig) -> RequiredCertificate:
 
 
 def check_certificates(config: FleetConfig, served_here: Iterable[RobotConfig]) -> Iterator[Diagnostic]:
-    """Yield diagnostics of the keys of a fleet with a secured network."""
+    """Yield diagnostics of the keys of a fleet with a secured network, and of the dashboard's certificate."""
     security = config.network.security
-    if security is None:
+    folder = folder_of(config)
+    if security is None and not certificate_file(folder, DASHBOARD).exists():
         return
     if importlib.util.find_spec("cryptography") is None:
         advice = "pip install 'eal-actors[keys]' on this machine, then run eal doctor again."
         yield warning(_AREA, "not checked: the package cryptography is not installed", advice)
         return
-    authority = _read(certificate_file(security.keys, AUTHORITY))
+    authority = _read(certificate_file(folder, AUTHORITY))
     if isinstance(authority, Diagnostic):
         yield authority
         return
     yield from judge_validity(_AUTHORITY, authority.not_valid_before_utc, authority.not_valid_after_utc, wall_time())
-    for wanted in required_certificates(security, served_here):
-        yield from _check_one(security.keys, wanted, authority)
+    for wanted in required_certificates(security, folder, served_here):
+        yield from _check_one(folder, wanted, authority)
 
 
 def _check_one(folder: Path, wanted: RequiredCertificate, authority: Certificate) -> Iterator[Diagnostic]:

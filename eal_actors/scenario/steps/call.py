@@ -50,6 +50,11 @@ class CallStep(TimedStep):
         return found
 
     @property
+    def method(self) -> str:
+        """The method that is called."""
+        return self.kind
+
+    @property
     def is_together(self) -> bool:
         """Whether all robots of the `on` begin it at the same time."""
         return False
@@ -70,7 +75,7 @@ class CallStep(TimedStep):
         return {name: getattr(arguments, name) for name in type(arguments).model_fields if name != "resource"}
 
     def resolved_fields(self, names: Namespace) -> dict[str, Any]:
-        """Return the same with the expressions evaluated.
+        """Return the arguments of the method's call, with the expressions evaluated.
 
         Raises:
             ScenarioError: as for `render`.
@@ -79,6 +84,10 @@ class CallStep(TimedStep):
             name: render_text(value, names) if name in TEXT_FIELDS else render(value, names)
             for name, value in self.fields().items()
         }
+
+    def call_words(self, resource: str, fields: Mapping[str, Any]) -> str:
+        """Return a call as one line of a report; values that need readings are as written."""
+        return " ".join([self.kind, resource, *(str(value) for value in fields.values() if value is not None)])
 
     @property
     @override
@@ -144,7 +153,7 @@ class CallStep(TimedStep):
                 check.report(here, at.arguments.path, error.message, robots)
                 continue
             given = None if resolved is None else {key: value for key, value in resolved.items() if value is not None}
-            info = check.call(self.kind, name, given, at, robots, here)
+            info = check.call(self.method, name, given, at, robots, here)
             if info is not None and given is not None:
                 for keys, problem in self._misfits(here.scenario.file, info, given):
                     check.report(here, (*path, *keys), problem, robots)
@@ -164,14 +173,14 @@ class CallStep(TimedStep):
         for name in ("value", "data", "cmd"):
             value = self.fields().get(name)
             if unit_of(value, file) is not None:
-                taker = _taker(self.kind, info, given)
+                taker = _taker(self.method, info, given)
                 what = f"{info.name} {given.get('cmd') or given.get('key') or self.kind}"
                 wrong = unit_problem(value, file, taker.unit if taker is not None else None, what)
                 if wrong is not None:
                     yield (self.kind, name), wrong
                 break
         if self.answer_file is not None:
-            answer = _answer_info(self.kind, info, given)
+            answer = _answer_info(self.method, info, given)
             if answer is not None and (problem := answer_problem(self.answer_file, answer)) is not None:
                 yield ("save",), problem
 
@@ -270,16 +279,12 @@ class _CallAction(StepAction):
 
     def _describe(self, names: Namespace) -> None:
         resource = self._step.arguments.resource
-        if self._expressions:
-            self._set(render_text(resource, names), self._step.resolved_fields(names))
-        else:
-            self._set(resource, self._fields)
+        self._set(render_text(resource, names), self._step.resolved_fields(names))
 
     def _set(self, resource: str, fields: dict[str, Any]) -> None:
         self.resource, self._fields = resource, fields
         self.command = next((fields[name] for name in TEXT_FIELDS if name in fields), None)
-        values = (str(value) for value in fields.values() if value is not None)
-        self.label = " ".join([self._step.kind, resource, *values])
+        self.label = self._step.call_words(resource, fields)
 
     def _call(self) -> Coroutine:
         run, context, step = self.run, self.context, self._step
@@ -288,7 +293,7 @@ class _CallAction(StepAction):
             self._describe(names)
         timeout_s = step.deadline_s(context, names)
         robot = context.required_robot
-        method = getattr(robot.handle[self.resource or ""], step.kind)
+        method = getattr(robot.handle[self.resource or ""], step.method)
         start: SynchronizedStart | None = None
         if step.is_together and self._is_first:
             self._is_first = False

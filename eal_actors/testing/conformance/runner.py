@@ -13,6 +13,7 @@ from eal_actors.testing.conformance import (
     description_checks,
     lifecycle_checks,
     motion_checks,
+    pose_checks,
 )
 from eal_actors.testing.conformance.bench import Bench, BlockedActor, Findings
 
@@ -69,6 +70,7 @@ CHECKS: Final = (
     Check(call_checks.refuses_bad_arguments, "no argument has a type"),
     Check(motion_checks.can_be_halted, "it has no actuator"),
     Check(motion_checks.stops_running_commands, "no command of an actuator takes time"),
+    Check(pose_checks.estimates_its_pose, "it has no Pose that estimates"),
     Check(lifecycle_checks.shares_no_state, "two instances cannot run side by side"),
     Check(connection_checks.separates_concurrent_calls, "no call works without an argument"),
     Check(connection_checks.waits_for_its_device, "there is no emulated device to be absent"),

@@ -8,7 +8,7 @@ from .depth_camera import DepthCamera
 from .faults import Faults
 from .imu import Imu
 from .lidar import Lidar
-from .pose import Odometry, Pose
+from .pose import Odometry, Pose, TruePose
 from .roomba import Buttons, Leds, Song
 from .sensing import Battery, Beacons, Bump, Cliff, Compass, Light, Range, Wall, WheelDrop
 
@@ -31,6 +31,7 @@ __all__ = [
     "Pose",
     "Range",
     "Song",
+    "TruePose",
     "Turret",
     "Wall",
     "WheelDrop",

@@ -12,6 +12,7 @@ from eal_actors.plugin import (
     DifferentialBase,
     Drivetrain,
     EALData,
+    PluginContext,
     ResourceFaultError,
     UnavailableError,
     UnsupportedError,
@@ -21,7 +22,7 @@ from eal_actors.plugin import (
 from ...evbot3.turret import TurretCommands
 from ..motion import Move, WheelMotion
 from ..robot import SimRobot, wrapped_rad
-from ..sensors import dropped_wheels, seen_cliffs
+from ..sensors import dropped_wheels, free_way_m, pressed_bumpers, seen_cliffs
 from ..world import SimWorld
 from .robot_resource import RobotResource
 
@@ -39,14 +40,16 @@ class Base(DifferentialBase, RobotResource):
     Args:
         world: the world of the robot.
         robot: the robot.
+        context: of the plugin, for motions to a pose.
     """
 
-    def __init__(self, world: SimWorld, robot: SimRobot) -> None:
+    def __init__(self, world: SimWorld, robot: SimRobot, context: PluginContext | None = None) -> None:
         RobotResource.__init__(self, world, robot)
         make = robot.make
         speeds = make.speed_m_s, make.max_speed_m_s
         turn_rates = make.turn_rate_deg_s, make.max_turn_rate_deg_s
-        DifferentialBase.__init__(self, Drivetrain(make.name, make.track_m, *speeds, *turn_rates))
+        limits = *speeds, *turn_rates, make.acceleration_m_s2, make.radius_m
+        DifferentialBase.__init__(self, Drivetrain(make.name, make.track_m, *limits), context)
         self._checks_ground = make.name == "roomba" and bool(world.model.drops)
 
     def get_status(self) -> int:
@@ -60,6 +63,13 @@ class Base(DifferentialBase, RobotResource):
         """Stop at once."""
         with self._world.caught_up():
             self._world.stop(self._robot)
+
+    @override
+    def clearance_m(self, *, forward: bool) -> float:
+        with self._world.caught_up() as now_s:
+            if forward and any(pressed_bumpers(self._robot)):
+                return 0.0
+            return free_way_m(self._world, self._robot, now_s, forward=forward)
 
     @property
     @override

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import threading
-from typing import TYPE_CHECKING, Final
-from weakref import WeakKeyDictionary
+from typing import Final
 
 import numpy as np
 
@@ -26,15 +24,8 @@ from ..robot import SimRobot
 from ..world import SimWorld
 from .robot_resource import RobotResource
 
-if TYPE_CHECKING:
-    from ..camera.movers import Mover
-    from ..camera.scene import Scene
-
 _FROM_WALL_M: Final = 0.002  # keeps a camera at the rim of a robot that pushes a wall inside the room
 _SIZE: Final = ValueInfo(DataType.INT, "px", 16, 4096)
-
-_scenes: Final[WeakKeyDictionary[SimWorld, Scene]] = WeakKeyDictionary()
-_scenes_lock: Final = threading.Lock()
 
 
 class Camera(RobotResource):
@@ -59,12 +50,13 @@ class Camera(RobotResource):
         """
         try:
             from ..camera.render import expose, render
+            from ..camera.shared import movers_of, scene_of
         except ImportError as error:
             raise UnavailableError(f"pictures need OpenCV ({error}): pip install 'eal-actors[vision]'") from None
-        scene = _scene_of(self._world)
+        scene = scene_of(self._world)
         with self._world.caught_up() as now_s:
             eye = mounted_eye(self._world, self._robot, self._lens(), self._offset_m)
-            movers = self._movers()
+            movers = movers_of(self._world, self._robot)
             seed = int(self._robot.sensor_generator.integers(2**63)) if self._noise else 0
         image = expose(render(scene, movers, eye), self._exposure, self._noise, seed)
         if self._robot.faults.camera_black:
@@ -145,18 +137,6 @@ class Camera(RobotResource):
     def _lens(self) -> PinholeLens:
         return PinholeLens(self._width, self._height, self._fov_deg)
 
-    def _movers(self) -> list[Mover]:
-        """Return the boxes and the other robots at their poses. Thread: inside `caught_up`."""
-        from ..camera.movers import BoxAt, RobotAppearance, RobotAt
-
-        movers: list[Mover] = [BoxAt(number, *box.pose) for number, box in enumerate(self._world.boxes)]
-        for robot in self._world.robots:
-            if robot is not self._robot:
-                make = robot.make
-                look = RobotAppearance(make.radius_m, make.height_m, make.body_colour, make.camera_height_m)
-                movers.append(RobotAt(look, *robot.pose, robot.turret_yaw_rad))
-        return movers
-
 
 def mounted_eye(world: SimWorld, robot: SimRobot, lens: PinholeLens, offset_m: float = 0.0) -> Eye:
     """Return the eye of a robot's camera, which turns with its turret. Thread: inside `caught_up`.
@@ -170,14 +150,3 @@ def mounted_eye(world: SimWorld, robot: SimRobot, lens: PinholeLens, offset_m: f
     most_x_m, most_y_m = (size_m / 2 - _FROM_WALL_M for size_m in world.model.size_m)
     x_m, y_m = min(max(x_m, -most_x_m), most_x_m), min(max(y_m, -most_y_m), most_y_m)
     return Eye(x_m, y_m, robot.make.camera_height_m, yaw_rad, lens)
-
-
-def _scene_of(world: SimWorld) -> Scene:
-    """Return the scene of a world; create it on first use."""
-    from ..camera.scene import Scene
-
-    with _scenes_lock:
-        scene = _scenes.get(world)
-        if scene is None:
-            scene = _scenes[world] = Scene(world.model)
-        return scene

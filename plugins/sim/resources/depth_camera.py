@@ -6,7 +6,7 @@ Indoor Mapping Applications", Sensors 12 (2), 2012: the random error grows with 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +15,7 @@ from eal_actors.plugin import (
     EALData,
     Field,
     PluginSettingsModel,
-    ResourceType,
     ValueInfo,
-    config,
-    config_setter,
     request,
 )
 
@@ -28,12 +25,10 @@ from ..robot import SimRobot
 from ..sensors import Array, WorldArrays, disc_span_m, shared
 from ..world import SimWorld
 from .camera import mounted_eye
-from .robot_resource import RobotResource
+from .ranging import MOST_RANGE_M, RangingResource
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-_MOST_RANGE_M: Final = 100.0
 
 
 class DepthCameraSettings(PluginSettingsModel):
@@ -45,13 +40,13 @@ class DepthCameraSettings(PluginSettingsModel):
     """Rows of the picture."""
     fov_deg: float = Field(default=57.0, ge=10, le=150)
     """Field of view, from the left edge to the right edge."""
-    max_range_m: float = Field(default=5.0, gt=0, le=_MOST_RANGE_M)
+    max_range_m: float = Field(default=5.0, gt=0, le=MOST_RANGE_M)
     """Greatest depth."""
     noise_m: float = Field(default=0.0014, ge=0, le=1)
     """Standard deviation of a depth of 1 m; it grows with the square of the depth."""
 
 
-class DepthCamera(RobotResource):
+class DepthCamera(RangingResource):
     """Depth camera at the place of the camera: it faces ahead, or with the turret.
 
     A depth is measured along the camera's axis, so that a wall straight ahead has one depth all over. Colours do not
@@ -63,16 +58,13 @@ class DepthCamera(RobotResource):
         settings: size, field of view, range and noise.
     """
 
-    types = ResourceType.SENSOR
     value = ValueInfo(DataType.FLOAT, "m", shape=(None, None), description="rows from the top")
     settings_key = "depth_camera"
 
     def __init__(self, world: SimWorld, robot: SimRobot, settings: DepthCameraSettings) -> None:
-        super().__init__(world, robot)
+        noise = robot.noise_source(self.settings_key)
+        super().__init__(world, robot, settings.noise_m, settings.max_range_m, noise)
         self._lens = PinholeLens(settings.width, settings.height, settings.fov_deg)
-        self._max_range_m = settings.max_range_m
-        self._noise_m = settings.noise_m
-        self._noise = robot.noise_source(self.settings_key)
 
     def get_value(self) -> EALData:
         """Return the depths, shape (height, width); the greatest range where nothing is nearer."""
@@ -83,33 +75,10 @@ class DepthCamera(RobotResource):
         """Return the camera matrix: from x right, y down, z ahead to pixels, the centre of the first one at 0, 0."""
         return EALData.of(self._lens.matrix, unit="px")
 
-    @config("noise_m", ValueInfo(DataType.DOUBLE, "m", 0, 1))
-    def noise_m(self) -> float:
-        """Standard deviation of a depth of 1 m; it grows with the square of the depth."""
-        return self._noise_m
-
-    @config_setter("noise_m")
-    def set_noise_m(self, noise_m: float) -> None:
-        """Set the noise of later pictures."""
-        self._noise_m = float(noise_m)
-
-    @config("max_range_m", ValueInfo(DataType.DOUBLE, "m", 0.1, _MOST_RANGE_M))
-    def max_range_m(self) -> float:
-        """Greatest depth; anything farther away is not seen."""
-        return self._max_range_m
-
-    @config_setter("max_range_m")
-    def set_max_range_m(self, max_range_m: float) -> None:
-        """Set the greatest depth of later pictures."""
-        self._max_range_m = float(max_range_m)
-
     def _measure(self) -> NDArray[np.float32]:
         """Return the depths with noise. Thread: inside `caught_up`."""
         found_m = depths_m(self._world, self._robot, mounted_eye(self._world, self._robot, self._lens))
-        if self._noise_m:
-            noisy_m = found_m + self._noise_m * found_m**2 * self._noise.standard_normal(found_m.shape)
-            found_m = np.where(found_m < self._max_range_m, np.maximum(noisy_m, 0.0), found_m)
-        return np.minimum(found_m, self._max_range_m).astype(np.float32)
+        return self._measured(found_m, found_m**2).astype(np.float32)
 
 
 def depths_m(world: SimWorld, robot: SimRobot, eye: Eye) -> Array:

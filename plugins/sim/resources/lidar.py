@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 
@@ -12,19 +11,14 @@ from eal_actors.plugin import (
     EALData,
     Field,
     PluginSettingsModel,
-    ResourceType,
     ValueInfo,
-    config,
-    config_setter,
     request,
 )
 
 from ..robot import SimRobot
 from ..sensors import Array, WorldArrays, shared
 from ..world import SimWorld
-from .robot_resource import RobotResource
-
-_MOST_RANGE_M: Final = 100.0
+from .ranging import MOST_RANGE_M, RangingResource
 
 
 class LidarSettings(PluginSettingsModel):
@@ -34,7 +28,7 @@ class LidarSettings(PluginSettingsModel):
     """Rays of a scan."""
     fov_deg: float = Field(default=360.0, gt=0, le=360)
     """Field of view, centred straight ahead."""
-    max_range_m: float = Field(default=8.0, gt=0, le=_MOST_RANGE_M)
+    max_range_m: float = Field(default=8.0, gt=0, le=MOST_RANGE_M)
     """Greatest range."""
     noise_m: float = Field(default=0.01, ge=0, le=1)
     """Standard deviation of each distance."""
@@ -50,7 +44,7 @@ class LidarSettings(PluginSettingsModel):
         return np.linspace(-half_rad, half_rad, self.rays, endpoint=self.fov_deg < 360)
 
 
-class Lidar(RobotResource):
+class Lidar(RangingResource):
     """Distances from the robot's centre along the rays of a scan, counter-clockwise; the greatest range for no hit.
 
     All rays of a scan are measured at the same time.
@@ -61,16 +55,13 @@ class Lidar(RobotResource):
         settings: rays, field of view, range and noise.
     """
 
-    types = ResourceType.SENSOR
     value = ValueInfo(DataType.DOUBLE, "m", shape=(None,))
     settings_key = "lidar"
 
     def __init__(self, world: SimWorld, robot: SimRobot, settings: LidarSettings) -> None:
-        super().__init__(world, robot)
+        noise = robot.noise_source(self.settings_key)
+        super().__init__(world, robot, settings.noise_m, settings.max_range_m, noise)
         self._angles_rad = settings.angles_rad
-        self._max_range_m = settings.max_range_m
-        self._noise_m = settings.noise_m
-        self._noise = robot.noise_source(self.settings_key)
 
     def get_value(self) -> EALData:
         """Return the distances, the greatest range where a ray hits nothing; noise does not exceed that range."""
@@ -80,26 +71,6 @@ class Lidar(RobotResource):
     def angles(self) -> EALData:
         """Return the rays' angles from straight ahead, ascending, counter-clockwise positive."""
         return EALData.of(self._angles_rad, unit="rad", frame_id=f"{self._robot.name}/base")
-
-    @config("noise_m", ValueInfo(DataType.DOUBLE, "m", 0, 1))
-    def noise_m(self) -> float:
-        """Standard deviation of the distances' noise."""
-        return self._noise_m
-
-    @config_setter("noise_m")
-    def set_noise_m(self, noise_m: float) -> None:
-        """Set the noise of later scans."""
-        self._noise_m = float(noise_m)
-
-    @config("max_range_m", ValueInfo(DataType.DOUBLE, "m", 0.1, _MOST_RANGE_M))
-    def max_range_m(self) -> float:
-        """Greatest range; anything farther away is not seen."""
-        return self._max_range_m
-
-    @config_setter("max_range_m")
-    def set_max_range_m(self, max_range_m: float) -> None:
-        """Set the greatest range of later scans."""
-        self._max_range_m = float(max_range_m)
 
     def _scan_m(self) -> Array:
         """Return a scan. Thread: inside `caught_up`."""
@@ -112,7 +83,4 @@ class Lidar(RobotResource):
         enter_m[:, own] = np.inf
         met_m = np.where((enter_m <= leave_m) & (enter_m >= 0.0), enter_m, np.inf).min(axis=1)
         found_m = np.minimum(met_m, arrays.to_walls_m(np.array(x_m), np.array(y_m), ux[:, 0], uy[:, 0]))
-        if self._noise_m:
-            noisy_m = found_m + self._noise_m * self._noise.standard_normal(found_m.size)
-            found_m = np.where(found_m < self._max_range_m, np.maximum(noisy_m, 0.0), found_m)
-        return np.asarray(np.minimum(found_m, self._max_range_m))
+        return self._measured(found_m)

@@ -1,22 +1,30 @@
-"""The true pose of a simulated robot, and its pose by odometry."""
+"""The poses of a simulated robot: the true one, the estimate and the one by odometry."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from typing_extensions import override
 
-from eal_actors.plugin import ArgumentError, DataType, EALData, ResourceType, ValueInfo, request
+from eal_actors.plugin import (
+    Clock,
+    DataType,
+    EALData,
+    Localizer,
+    PoseResource,
+    Resource,
+    ResourceType,
+    ValueInfo,
+    finite_pose,
+    request,
+)
 
 from ..arena import Pose2D
-from ..motion import WheelOdometer
 from ..robot import SimRobot, wrapped_rad
 from ..world import SimWorld
 from .robot_resource import RobotResource
 
 
-class Pose(RobotResource):
+class TruePose(RobotResource):
     """The robot's true x in m, y in m and yaw in rad, in (-pi, pi], counter-clockwise from the world's x axis."""
 
     types = ResourceType.SENSOR
@@ -39,9 +47,49 @@ class Pose(RobotResource):
             ArgumentError: a number is not finite, or that place is not free.
             UnavailableError: the robot is driven.
         """
-        pose = _checked_pose(data)
+        pose = finite_pose(data)
         with self._world.caught_up():
             self._world.carry(self._robot, pose)
+
+
+class Pose(PoseResource):
+    """The estimated x in m, y in m and yaw in rad, in (-pi, pi], counter-clockwise from the map's x axis.
+
+    The estimate begins at the robot's true place. From then on it knows what the odometry and fixes say.
+
+    Args:
+        world: the world of the robot.
+        robot: the robot.
+        localizer: of the robot.
+        clock: the fleet's clock.
+        is_calibrated: whether its wheels are calibrated.
+    """
+
+    def __init__(
+        self, world: SimWorld, robot: SimRobot, localizer: Localizer, clock: Clock, *, is_calibrated: bool
+    ) -> None:
+        super().__init__(localizer, clock)
+        self._world = world
+        self._robot = robot
+        noise = robot.make.odometry_noise
+        with world.caught_up():
+            if robot.has_place:
+                localizer.begin_at(*robot.pose)
+            localizer.attach(noise.calibrated() if is_calibrated else noise, refresh=self._refresh)
+            robot.begin_odometry()
+            robot.localizer = localizer
+
+    not_ready = Resource.not_ready  # it never waits for a device
+
+    @override
+    def get_value(self) -> EALData:
+        """Return [x_m, y_m, yaw_rad]."""
+        data = super().get_value()
+        return EALData.of(np.array(data.value), frame_id=data.frame_id, stamp_s=data.stamp_s)
+
+    def _refresh(self) -> None:
+        with self._world.caught_up() as now_s:
+            self._robot.report_odometry(now_s)
 
 
 class Odometry(RobotResource):
@@ -53,14 +101,12 @@ class Odometry(RobotResource):
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         super().__init__(world, robot)
         with world.caught_up():
-            if robot.odometer is None:
-                robot.odometer = WheelOdometer(robot.make.track_m, robot.travel_m)
-            self._odometer = robot.odometer
+            robot.begin_odometry()
 
     def get_value(self) -> EALData:
         """Return [x_m, y_m, yaw_rad], yaw in (-pi, pi]."""
         with self._world.caught_up() as now_s:
-            pose = self._odometer.pose
+            pose = self._robot.odometry
         return _pose_data(pose, f"{self._robot.name}/odom", now_s)
 
     @override
@@ -73,9 +119,11 @@ class Odometry(RobotResource):
         Raises:
             ArgumentError: a number is not finite.
         """
-        pose = _checked_pose(data)
-        with self._world.caught_up():
-            self._odometer.pose = pose
+        pose = finite_pose(data)
+        with self._world.caught_up() as now_s:
+            self._robot.odometry = pose
+            if self._robot.localizer is not None:
+                self._robot.localizer.restart_odometry(*pose, now_s)
 
     @request("travel", ValueInfo(DataType.DOUBLE, "m", shape=(2,)))
     def travel(self) -> EALData:
@@ -86,10 +134,3 @@ class Odometry(RobotResource):
 def _pose_data(pose: Pose2D, frame_id: str, now_s: float) -> EALData:
     x_m, y_m, yaw_rad = pose
     return EALData.of(np.array([x_m, y_m, wrapped_rad(yaw_rad)]), frame_id=frame_id, stamp_s=now_s)
-
-
-def _checked_pose(data: EALData) -> Pose2D:
-    x_m, y_m, yaw_rad = (float(part) for part in data.value)
-    if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
-        raise ArgumentError(f"a pose must consist of finite numbers, not {x_m:g}, {y_m:g}, {yaw_rad:g}")
-    return x_m, y_m, yaw_rad

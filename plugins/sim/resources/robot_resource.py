@@ -11,7 +11,7 @@ from eal_actors.plugin import EALData, Resource, ResourceType, UnavailableError
 from ..robot import SimRobot
 from ..world import SimWorld
 
-_R = TypeVar("_R", bound="RobotResource")
+_R = TypeVar("_R", bound=Resource)
 
 
 class RobotResource(Resource):
@@ -27,6 +27,7 @@ class RobotResource(Resource):
     """
 
     settings_key: ClassVar[str | None] = None
+    any_thread = True
 
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
         self._world = world

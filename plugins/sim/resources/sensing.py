@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 
-import numpy as np
-
 from eal_actors.plugin import DataType, EALData, ResourceType, ValueInfo, config, config_setter, request
 
 from ..robot import SimRobot
@@ -17,16 +15,18 @@ from ..sensors import (
     Array,
     Cliffs,
     DroppedWheels,
+    RayCaster,
     compass_rad,
     dropped_wheels,
     is_wall_near,
     light_lux,
     pressed_bumpers,
-    ranges_m,
     seen_beacons,
     seen_cliffs,
+    shared,
 )
 from ..world import SimWorld
+from .ranging import RangingResource
 from .robot_resource import RobotResource
 
 _BOOL = ValueInfo(DataType.BOOL)
@@ -171,52 +171,33 @@ class Wall(RobotResource):
         return self._read(lambda _: False)
 
 
-class Range(RobotResource):
+class Range(RangingResource):
     """Distances from the robot's centre along 16 rays, the first ahead, then to the left; at most 4 m."""
 
-    types = ResourceType.SENSOR
     value = ValueInfo(DataType.DOUBLE, "m", shape=(RAYS,))
 
     def __init__(self, world: SimWorld, robot: SimRobot) -> None:
-        super().__init__(world, robot)
-        self._noise_m = 0.0
-        self._max_range_m = MAX_RANGE_M
+        super().__init__(world, robot, 0.0, MAX_RANGE_M, robot.sensor_generator)
+        with world.caught_up():
+            self._rays = shared(world, RayCaster)
 
     def get_value(self) -> EALData:
         """Return the distances, the greatest range where a ray hits nothing; noise does not exceed that range."""
         return self._read(self._distances_m, "m", "base")
 
     def _distances_m(self, now_s: float) -> Array:
-        found_m = ranges_m(self._world, self._robot, now_s)
-        if self._noise_m:
-            noise_m = self._noise_m * self._robot.sensor_generator.standard_normal(RAYS)
-            found_m = np.where(found_m < self._max_range_m, np.maximum(found_m + noise_m, 0.0), found_m)
-        return np.minimum(found_m, self._max_range_m)
+        found_m = self._rays.ranges_m(self._world, self._robot, now_s)
+        return self._measured(found_m) if self._noise_m or self._max_range_m < MAX_RANGE_M else found_m.copy()
 
     @request("angles", ValueInfo(DataType.DOUBLE, "rad", shape=(RAYS,)))
     def angles(self) -> EALData:
         """Return the rays' angles from straight ahead, counter-clockwise."""
         return EALData.of(RAY_ANGLES_RAD, unit="rad", frame_id=f"{self._robot.name}/base")
 
-    @config("noise_m", ValueInfo(DataType.DOUBLE, "m", 0, 1))
-    def noise_m(self) -> float:
-        """Standard deviation of the distances' noise."""
-        return self._noise_m
-
-    @config_setter("noise_m")
-    def set_noise_m(self, noise_m: float) -> None:
-        """Set the noise of later values."""
-        self._noise_m = float(noise_m)
-
     @config("max_range_m", ValueInfo(DataType.DOUBLE, "m", 0.1, MAX_RANGE_M))
     def max_range_m(self) -> float:
         """Greatest range; anything farther away is not seen."""
         return self._max_range_m
-
-    @config_setter("max_range_m")
-    def set_max_range_m(self, max_range_m: float) -> None:
-        """Set the greatest range of later values."""
-        self._max_range_m = float(max_range_m)
 
 
 class Compass(RobotResource):

@@ -6,7 +6,7 @@ from .arrays import WorldArrays, shared
 from .contact import Cliffs, DroppedWheels, dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
 from .field import compass_rad, light_lux, seen_beacons
 from .geometry import Array, disc_span_m
-from .rays import MAX_RANGE_M, RAY_ANGLES_RAD, RAYS, ranges_m
+from .rays import MAX_RANGE_M, RAY_ANGLES_RAD, RAYS, RayCaster, free_way_m
 
 __all__ = [
     "MAX_RANGE_M",
@@ -15,14 +15,15 @@ __all__ = [
     "Array",
     "Cliffs",
     "DroppedWheels",
+    "RayCaster",
     "WorldArrays",
     "compass_rad",
     "disc_span_m",
     "dropped_wheels",
+    "free_way_m",
     "is_wall_near",
     "light_lux",
     "pressed_bumpers",
-    "ranges_m",
     "seen_beacons",
     "seen_cliffs",
     "shared",

@@ -51,6 +51,30 @@ def ranges_m(world: SimWorld, robot: SimRobot, now_s: float) -> Array:
     return shared(world, RayCaster).ranges_m(world, robot, now_s)
 
 
+def free_way_m(world: SimWorld, robot: SimRobot, now_s: float, *, forward: bool) -> float:
+    """Return the free distance from the robot's outline along its way, by its rays; infinity if they see nothing there.
+
+    Args:
+        world: the robot's world.
+        robot: the robot.
+        now_s: the world's time.
+        forward: whether it drives forward; else back.
+
+    Raises:
+        UnavailableError: the robot has no place in the world.
+
+    Thread: inside `caught_up`.
+    """
+    found_m, radius_m = ranges_m(world, robot, now_s), robot.make.radius_m
+    ahead_m = found_m * _COS if forward else -found_m * _COS
+    beside_m = np.abs(found_m * _SIN)
+    in_way = (found_m < MAX_RANGE_M) & (ahead_m > 0.0) & (beside_m < radius_m)
+    if not in_way.any():
+        return math.inf
+    gaps_m = ahead_m[in_way] - np.sqrt(radius_m * radius_m - beside_m[in_way] ** 2)
+    return max(float(gaps_m.min()), 0.0)
+
+
 class RayCaster:
     """Casts the rays of all robots of one world. Thread: inside `caught_up`."""
 

@@ -70,7 +70,7 @@ async def _viam(port: int) -> None:
 _BLOCKING: dict[str, Callable[[int], None]] = {
     "raw TCP": _tcp,
     "bare zenoh": partial(_zenoh, engine.serve_zenoh),
-    "zenoh, published": partial(_zenoh, engine.serve_publications),
+    "zenoh's floor": partial(_zenoh, engine.serve_publications),
     "Pyro5": _pyro,
 }
 _AWAITED: dict[str, Callable[[int], Awaitable[Any]]] = {"xoscar": _xoscar, "viam-sdk": _viam}

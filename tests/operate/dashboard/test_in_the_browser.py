@@ -18,10 +18,10 @@ from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import wall_time
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import OperatorSection
-from eal_actors.net.security.certificates import key_file, make_authority, make_certificate
 from eal_actors.operate.dashboard import Access, Dashboard, tls_context
 from eal_actors.operate.dashboard.sign_in import WRONG_TOKENS
 from eal_actors.operate.dashboard.tokens import hash_token, new_token
+from eal_actors.wire.security.certificates import key_file, make_authority, make_certificate
 from tests.house import javascript
 from tests.net.links import free_port
 from tests.net.rig import Rig, served
@@ -121,7 +121,7 @@ def test_the_view_links_to_the_report_of_a_run(open_page: OpenPage, fleet: Fleet
 def poses_after(fleet: Fleet, robot: str, start_s: float) -> set[tuple[float, ...]]:
     """Return the different poses of a robot in the second after a time of the fleet's clock."""
     places = set()
-    with fleet[robot]["Pose"].stream(rate_hz=50) as poses:
+    with fleet[robot]["TruePose"].stream(rate_hz=50) as poses:
         for pose in poses:
             assert pose.stamp_s is not None
             if pose.stamp_s >= start_s:

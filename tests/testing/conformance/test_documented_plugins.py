@@ -12,7 +12,9 @@ from eal_actors.testing.conformance import CHECKS, Bench, run_checks, settings_o
 PAGE: Final = (Path(__file__).parents[3] / "docs/plugins.md").read_text(encoding="utf-8")
 
 NO_DEVICE: Final = {
-    check.name: (check.nothing,) for check in CHECKS if check.name in ("waits for its device", "survives unplugging")
+    check.name: (check.nothing,)
+    for check in CHECKS
+    if check.name in ("estimates its pose", "waits for its device", "survives unplugging")
 }
 """Plugins without an emulator skip these."""
 

@@ -51,6 +51,22 @@ def problems(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> list
         ),
         ("boxes: [{name: a, x_m: 0, y_m: 2.1}]", f"5:9: boxes[0]: its middle is outside {ROOM}"),
         ("boxes: [{name: a, x_m: 2.9, y_m: 0}]", f"5:9: boxes[0]: it reaches out of {ROOM}"),
+        ("places: {dok: {x_m: 9, y_m: 0}}", f"5:15: places.dok: it is outside {ROOM}"),
+        (f"{PILLAR}\nplaces: {{dok: {{x_m: 0.2, y_m: 0}}}}", "6:15: places.dok: it is inside obstacles[0]"),
+        (
+            "places: {dok: {x_m: 0.2, y_m: 0.1}}\nkeep_out: [[[0, 0], [1, 0], [0, 1]]]",
+            "5:15: places.dok: it is inside keep_out[0]",
+        ),
+        ("keep_out: [[[0, 0], [3.5, 0], [0, 1]]]", f"5:21: keep_out[0][1]: is outside {ROOM}"),
+        ("keep_out: [[[0, 0], [1, 0]]]", "5:12: keep_out[0]: has 2 items, but needs at least 3"),
+        (
+            "keep_out: [[[0, 0], [1, 1], [1, 0], [0, 1]]]",
+            "5:12: keep_out[0]: its edges from corner 0 and from corner 2 cross; list the corners in order",
+        ),
+        (
+            "keep_out: [[[0, 0], [1, 1], [2, 2]]]",
+            "5:12: keep_out[0]: its corners are on one line, so it encloses nothing",
+        ),
         ("beacons: [{name: a, x_m: 9, y_m: 0}]", f"5:11: beacons[0]: its middle is outside {ROOM}"),
         ("drops: [{x_m: 0, y_m: -9, size_m: [1, 1]}]", f"5:9: drops[0]: its middle is outside {ROOM}"),
         (

@@ -1,13 +1,14 @@
-// The world from above: walls and obstacles of the world file, the robots, and their trails.
+// The world from above with the robots and their trails: drag, zoom, click a robot for its panel, or send one.
 
 import { colour, el, fitCanvas, setText } from "./dom.js";
+import { drawPath, drawSpread, drawWorld, drawZones, rectangleOf } from "./map_layers.js";
+import { MapSender } from "./map_send.js";
 import { stateOf, store, worldBounds } from "./store.js";
 
-/** @import { World, WorldShape, Point, View } from "./types" */
+/** @import { Point, View } from "./types" */
 /** @typedef {CanvasRenderingContext2D} Context */
 
 const HUES = [212, 28, 150, 330, 268, 60, 188, 0];
-const POSTER_COLOUR = "#8c7bb8";
 const ROBOT_PX = 11;
 const HIT_PX = 18; // a click this near to a robot opens its panel
 const DRAG_PX = 6; // a pointer that moved farther is no click
@@ -24,13 +25,18 @@ export function mapView(root) {
   root.append(
     el(
       "div",
-      { class: "row" },
-      el("h1", { class: "grow" }, "Map"),
-      map.toggle("trails", "Trails"),
-      map.toggle("names", "Names"),
-      button("−", "Zoom out", () => map.zoom(1 / ZOOM)),
-      button("+", "Zoom in", () => map.zoom(ZOOM)),
-      button("Fit", "Fit everything", () => map.fit()),
+      { class: "stack" },
+      el(
+        "div",
+        { class: "row" },
+        el("h1", { class: "grow" }, "Map"),
+        map.toggle("trails", "Trails"),
+        map.toggle("names", "Names"),
+        button("−", "Zoom out", () => map.zoom(1 / ZOOM)),
+        button("+", "Zoom in", () => map.zoom(ZOOM)),
+        button("Fit", "Fit everything", () => map.fit()),
+      ),
+      map.sender.node,
     ),
     map.frame,
   );
@@ -56,6 +62,7 @@ class FleetMap {
   /** @type {Map<number, { x: number, y: number, moved: number }>} Pointers that are down. */
   pointers = new Map();
   pinch = 0;
+  sender = new MapSender(() => this.redraw());
   scheme = matchMedia("(prefers-color-scheme: dark)");
   observer = new ResizeObserver(() => (this.camera.isFitted ? this.fit() : this.redraw()));
 
@@ -75,6 +82,7 @@ class FleetMap {
       else if (key === "-") this.zoom(1 / ZOOM);
       else if (key === "0") this.fit();
     };
+    this.sender.offer();
   }
 
   observe() {
@@ -96,6 +104,7 @@ class FleetMap {
       this.fit();
     }
     this.canvas.setAttribute("aria-label", `Map of ${robots} robots. The fleet view lists them as text.`);
+    if (changed.has("hello") || changed.has("robots")) this.sender.offer();
     if (changed.has("poses") || changed.has("robots")) this.draw();
   }
 
@@ -117,6 +126,13 @@ class FleetMap {
     const { clientWidth, clientHeight } = this.frame;
     const { camera } = this;
     return [clientWidth / 2 + (x - camera.x) * camera.scale, clientHeight / 2 - (y - camera.y) * camera.scale];
+  }
+
+  /** @param {number} x @param {number} y @returns {Point} - in metres, of a pixel of the frame. */
+  toWorld(x, y) {
+    const { clientWidth, clientHeight } = this.frame;
+    const { camera } = this;
+    return [camera.x + (x - clientWidth / 2) / camera.scale, camera.y - (y - clientHeight / 2) / camera.scale];
   }
 
   fit() {
@@ -166,25 +182,24 @@ class FleetMap {
     const { clientWidth: width, clientHeight: height } = this.frame;
     const context = fitCanvas(this.canvas, width, height);
     const world = store.hello?.world;
+    const frame = { scale: this.camera.scale, toScreen: this.toScreen.bind(this) };
     context.fillStyle = colour("--ground");
     context.fillRect(0, 0, width, height);
     if (world) {
       context.fillStyle = colour("--floor");
-      context.fillRect(...this.rectangleOf(world));
+      context.fillRect(...rectangleOf(frame, world));
     }
     this.drawGrid(context, width, height);
-    if (world) this.drawWorld(context, world);
+    if (world) drawWorld(context, frame, world);
+    drawZones(context, frame, [...this.sender.zones, ...(this.sender.drawn ? [this.sender.drawn] : [])]);
     if (this.options.trails) this.drawTrails(context, width, height);
     store.names().forEach((name, index) => {
+      const stroke = `hsl(${HUES[index % HUES.length]} 62% 46%)`;
+      drawPath(context, frame, name, stroke);
+      drawSpread(context, frame, name, stroke);
       this.drawRobot(context, name, index);
     });
     if (this.options.names && store.names().length <= MAX_NAMES) this.drawNames(context);
-  }
-
-  /** @param {World} world @returns {[number, number, number, number]} */
-  rectangleOf({ size_m: [width_m, height_m] }) {
-    const { scale } = this.camera;
-    return [...this.toScreen(-width_m / 2, height_m / 2), width_m * scale, height_m * scale];
   }
 
   /** @param {Context} context @param {number} width @param {number} height */
@@ -212,53 +227,6 @@ class FleetMap {
       this.extent,
       `grid ${step} m · ${world ? `world ${world.name}` : "no world file: scaled to the robots' poses"}`,
     );
-  }
-
-  /** @param {Context} context @param {World} world */
-  drawWorld(context, world) {
-    for (const shape of world.shapes) this.drawShape(context, shape);
-    context.strokeStyle = colour("--wall");
-    context.lineWidth = 3;
-    context.strokeRect(...this.rectangleOf(world));
-    context.lineWidth = 5;
-    context.strokeStyle = POSTER_COLOUR;
-    context.beginPath();
-    for (const [x0, y0, x1, y1] of world.posters) {
-      context.moveTo(...this.toScreen(x0, y0));
-      context.lineTo(...this.toScreen(x1, y1));
-    }
-    context.stroke();
-    context.strokeStyle = colour("--ink");
-    context.lineWidth = 1;
-    for (const beacon of world.beacons) {
-      context.beginPath();
-      context.arc(...this.toScreen(beacon.x_m, beacon.y_m), 6, 0, 2 * Math.PI);
-      context.fillStyle = `rgb(${beacon.colour.join(" ")})`;
-      context.fill();
-      context.stroke();
-    }
-  }
-
-  /** @param {Context} context @param {WorldShape} shape */
-  drawShape(context, shape) {
-    const { scale } = this.camera;
-    context.save();
-    context.translate(...this.toScreen(shape.x_m, shape.y_m));
-    context.beginPath();
-    if ("radius_m" in shape) {
-      context.arc(0, 0, shape.radius_m * scale, 0, 2 * Math.PI);
-    } else {
-      const [length, width] = shape.size_m.map((size) => size * scale);
-      context.rotate((-shape.yaw_deg * Math.PI) / 180);
-      context.rect(-length / 2, -width / 2, length, width);
-    }
-    context.fillStyle = colour(shape.kind === "drop" ? "--bad-soft" : "--obstacle");
-    context.strokeStyle = colour(shape.kind === "drop" ? "--bad" : "--wall");
-    context.lineWidth = 1;
-    context.setLineDash(shape.kind === "obstacle" ? [] : [4, 3]);
-    context.fill();
-    context.stroke();
-    context.restore();
   }
 
   /**
@@ -384,6 +352,7 @@ class FleetMap {
     const pointer = this.pointers.get(event.pointerId);
     this.pointers.delete(event.pointerId);
     if (!pointer || pointer.moved > DRAG_PX || event.type !== "pointerup") return;
+    if (this.sender.click(this.toWorld(pointer.x, pointer.y), this.camera.scale)) return;
     const hit = store.names().find((name) => {
       const pose = store.poses[name];
       if (!pose) return false;

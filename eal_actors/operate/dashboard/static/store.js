@@ -22,6 +22,8 @@ class Store {
   poses = {};
   /** @type {Record<string, Point[]>} */
   trails = {};
+  /** @type {Record<string, Point[] | null>} Planned paths of the robots that are under way. */
+  paths = {};
   /** @type {Run} */
   run = { phase: "none" };
   /** @type {LogLine[]} */
@@ -46,6 +48,7 @@ class Store {
     this.robots = {};
     this.poses = {};
     this.trails = { ...hello.trails };
+    this.paths = {};
     this.run = { phase: "none" };
     this.logs = [];
     this.logsLost = 0;
@@ -74,6 +77,10 @@ class Store {
     if (update.poses) {
       Object.assign(this.poses, update.poses);
       for (const [name, pose] of Object.entries(update.poses)) this.#extendTrail(name, pose);
+      changed.add("poses");
+    }
+    if (update.paths) {
+      Object.assign(this.paths, update.paths);
       changed.add("poses");
     }
     if (update.run) {

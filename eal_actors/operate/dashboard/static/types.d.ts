@@ -37,6 +37,8 @@ export interface Update {
   /** A robot that left the fleet is null. */
   robots?: Record<string, Robot | null>;
   poses?: Record<string, Pose>;
+  /** The planned path of a robot; null at its end. */
+  paths?: Record<string, Point[] | null>;
   run?: { "": Run };
   logs?: LogLine[];
   logs_lost?: number;
@@ -59,6 +61,10 @@ export interface Robot {
   resources: string[];
   cameras: string[];
   can_drive: boolean;
+  /** Whether it can be sent to a point of the map. */
+  can_go: boolean;
+  /** Covariance of its position: of x, of x and y, and of y, in m². */
+  spread_m2: [number, number, number] | null;
   state: string;
   /** Why an emergency stop holds the robot. */
   stopped: string | null;
@@ -158,6 +164,9 @@ export interface World {
   shapes: WorldShape[];
   /** x and y of both ends. */
   posters: [number, number, number, number][];
+  /** Corners of keep-out zones. */
+  keep_out: Point[][];
+  places: { x_m: number; y_m: number; name: string }[];
   /** Colours are red, green and blue of 0 to 255. */
   beacons: { x_m: number; y_m: number; name: string; colour: number[] }[];
 }
@@ -234,6 +243,7 @@ export interface Requests {
   describe: { robot: string };
   scenarios: object;
   call: { robot: string; resource: string; method: string; text?: string; value: Argument };
+  send: { robot: string; x_m: number; y_m: number; keep_out: Point[][] };
   stop: object;
   resume: object;
   reload: object;
@@ -246,6 +256,7 @@ export interface Answers {
   describe: { resources: ResourceDescription[] };
   scenarios: { scenarios: ScenarioEntry[] };
   call: { value: string };
+  send: object;
   stop: { confirmed: string[] };
   resume: { confirmed: string[] };
   reload: { changes: string };

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from itertools import count
 from typing import Any, ClassVar
 
-from eal_actors.plugin import Activity, BytePort, FleetServices, PluginContext, ReopeningPort
+from eal_actors.plugin import Activity, BytePort, FleetServices, OdometryNoise, PluginContext, ReopeningPort
 from plugins.evbot2 import plugin as evbot2_plugin
 from plugins.evbot2.base import Base
 from plugins.evbot2.connecting import start_session
@@ -121,7 +121,9 @@ class Rig:
 
     def make_session(self) -> Any:
         codec, channels = HostLineCodec(), (OrderChannel.WHEELS,)
-        return start_session(self.context, self.reopening, codec, model=MODEL, channels=channels, track_m=0.24)
+        return start_session(
+            self.context, self.reopening, codec, model=MODEL, channels=channels, noise=OdometryNoise(0.24)
+        )
 
     # The wire.
 

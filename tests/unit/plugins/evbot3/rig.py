@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from eal_actors.plugin import OdometryNoise
 from plugins.evbot2.connecting import start_session
 from plugins.evbot2.firmware import BaseEmulator
 from plugins.evbot2.messages import OrderChannel
@@ -32,7 +33,7 @@ class Rig3(Rig):
     def make_session(self) -> Any:
         channels = (OrderChannel.WHEELS, OrderChannel.TURRET)
         return start_session(
-            self.context, self.reopening, HostFrameCodec(), model=MODEL, channels=channels, track_m=0.30
+            self.context, self.reopening, HostFrameCodec(), model=MODEL, channels=channels, noise=OdometryNoise(0.30)
         )
 
     def turn(self, *commands: str) -> None:

@@ -58,7 +58,7 @@ class Robot:
         self.context = context
         self.name = context.robot
         self.base = sim.create_Base(context)
-        self.pose_sensor = sim.create_Pose(context)
+        self.pose_sensor = sim.create_TruePose(context)
 
     def resource(self, name: str) -> Resource:
         """Make one of its resources."""

@@ -46,7 +46,7 @@ def travel_m(robot: Robot) -> list[float]:
 
 def test_every_sensor_but_the_ground_truth_can_freeze() -> None:
     made = [getattr(resources, name) for name in resources.__all__]
-    assert {kind.__name__ for kind in made if ResourceType.SENSOR in kind.types} - {"Pose"} == set(SENSORS)
+    assert {kind.__name__ for kind in made if ResourceType.SENSOR in kind.types} - {"TruePose"} == set(SENSORS)
 
 
 def test_a_plan_tells_what_changes_and_when() -> None:
@@ -72,7 +72,7 @@ def test_a_plan_tells_what_changes_and_when() -> None:
         ({"at_s": 1, "until_s": 1, "dead": True}, "ends at 1 s, but begins only at 1 s"),
         ({"at_s": 1, "motor_left": 1.5}, "motor_left"),
         ({"at_s": 1, "dead": 1}, "dead"),
-        ({"at_s": 1, "frozen": ["Pose"]}, "frozen"),
+        ({"at_s": 1, "frozen": ["TruePose"]}, "frozen"),
         ({"at_s": 1, "ded": True}, "ded"),
     ],
 )
@@ -128,7 +128,11 @@ def test_each_fault_is_set_read_back_and_cleared_by_calls(key: str, value: Any) 
         ("motor_left", 1.1, "must be double 0..1"),
         ("link_delay_s", -0.1, "must be double 0..3600 s"),
         ("dead", 1, "must be bool"),
-        ("frozen", "Range, Pose", "robot 'r1' has no sensor 'Pose' that can freeze; use: Odometry, Battery"),
+        (
+            "frozen",
+            "Range, TruePose",
+            "robot 'r1' has no sensor 'TruePose' that can freeze; use: Odometry, Battery, Pose",
+        ),
         ("frozen", "Cliff", "has no sensor 'Cliff'"),
         ("motr_left", 0.5, "did you mean 'motor_left'"),
     ],
@@ -350,7 +354,7 @@ def test_link_faults_are_those_of_the_robots_link_and_spare_what_is_no_part_of_i
     fleet = Fleet()
     robot = fleet.add("r1")
     link = fleet.services.link("r1")
-    assert {"Faults", "Pose", "sim.Faults", "sim.Pose"} <= link.spared
+    assert {"Faults", "TruePose", "sim.Faults", "sim.TruePose"} <= link.spared
     inject(robot, link_delay_s=0.2, link_loss=0.1, link_cut=True)
     assert (link.delay_s, link.loss, link.is_cut) == (0.2, 0.1, True)
     inject(robot, dead=True, link_cut=False)

@@ -15,7 +15,20 @@ from eal_actors.plugin import EALData, Resource
 from plugins.sim import plugin as sim
 from tests.unit.plugins.sim.rig import Fleet, arena
 
-COMMON = ["Base", "Odometry", "Battery", "Pose", "Bump", "Range", "Compass", "Light", "Beacons", "Camera", "Faults"]
+COMMON = [
+    "Base",
+    "Odometry",
+    "Battery",
+    "Pose",
+    "TruePose",
+    "Bump",
+    "Range",
+    "Compass",
+    "Light",
+    "Beacons",
+    "Camera",
+    "Faults",
+]
 
 
 @pytest.mark.parametrize(

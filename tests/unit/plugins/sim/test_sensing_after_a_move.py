@@ -1,4 +1,4 @@
-"""Sensors after `Pose.set_value`: they show the new place at once, without a tick of the world between."""
+"""Sensors after `TruePose.set_value`: they show the new place at once, without a tick of the world between."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_a_carried_robot_and_its_neighbour_sense_the_new_place_at_once(mover: st
     with Simulation(robots_at(**places), world=ROOM) as simulation:
         before = {name: readings(simulation, name) for name in places}
         now_s = simulation.now_s
-        simulation[mover]["Pose"].set_value(list(THERE)).get()
+        simulation[mover]["TruePose"].set_value(list(THERE)).get()
         for name in places:
             for sensor, reading in readings(simulation, name).items():
                 np.testing.assert_allclose(reading, expected[name][sensor], atol=1e-6, err_msg=f"{name}.{sensor}")

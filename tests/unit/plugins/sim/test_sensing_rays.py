@@ -17,7 +17,7 @@ from eal_actors.plugin import EALData
 from plugins.sim.models import MAKES
 from plugins.sim.resources import Base, Range
 from plugins.sim.robot import SimRobot
-from plugins.sim.sensors import MAX_RANGE_M, RAY_ANGLES_RAD, RAYS, ranges_m
+from plugins.sim.sensors import MAX_RANGE_M, RAY_ANGLES_RAD, RAYS
 from plugins.sim.sensors.arrays import shared
 from plugins.sim.sensors.rays import RayCaster
 from tests.unit.plugins.sim.sensing import Stage, room
@@ -25,7 +25,7 @@ from tests.unit.plugins.sim.sensing import Stage, room
 
 def read(stage: Stage, robot: SimRobot) -> NDArray[np.float64]:
     with stage.world.caught_up() as now_s:
-        return ranges_m(stage.world, robot, now_s)
+        return shared(stage.world, RayCaster).ranges_m(stage.world, robot, now_s)
 
 
 def by_pymunk(robot: SimRobot) -> list[float]:

@@ -17,8 +17,8 @@ from eal_actors.testing import Simulation
 from plugins.sim import plugin as sim
 from plugins.sim.camera.eye import PinholeLens
 from plugins.sim.camera.scene import Scene
+from plugins.sim.camera.shared import movers_of
 from plugins.sim.models import MAKES
-from plugins.sim.resources import Camera
 from plugins.sim.resources.camera import mounted_eye
 from plugins.sim.resources.depth_camera import depths_m
 from tests.unit.plugins.sim import ray_caster
@@ -195,7 +195,7 @@ def test_depths_agree_with_a_ray_cast_for_each_pixel(
     with world.caught_up():
         eye = mounted_eye(world, simulated, PinholeLens(*size, 70.0))
         found_m = depths_m(world, simulated, eye)
-        movers = Camera(world, simulated)._movers()
+        movers = movers_of(world, simulated)
     true_m = ray_caster.depths(Scene(FURNISHED), movers, eye)
     differs = np.abs(found_m - true_m) > 1e-6
     assert differs.mean() < 0.002, "single pixels at edges may fall on either side"

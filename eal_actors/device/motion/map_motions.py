@@ -1,0 +1,123 @@
+"""The commands that drive a base to places in the map frame."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, Final
+
+from eal_actors.device.data import DataType, ValueInfo
+from eal_actors.device.motion.closed_loop import ClosedLoop, MotionDevice
+from eal_actors.device.motion.route import Point, Route
+from eal_actors.device.motion.route_controller import MotionLimits, RouteController
+from eal_actors.device.resource import Activity, Resource, command, config, config_setter
+from eal_actors.kernel.errors import ArgumentError, UnsupportedError
+
+if TYPE_CHECKING:
+    from eal_actors.device.plugin_context import PluginContext
+
+BLOCKED: Final = 2
+"""The status of a base that is driven, but held by something."""
+
+_GOAL: Final = ValueInfo(DataType.DOUBLE, "m", shape=(None,), description="x_m, y_m and perhaps yaw_rad, in the map")
+_PATH: Final = ValueInfo(DataType.DOUBLE, "m", shape=(None, 2), description="waypoints x_m, y_m, in the map")
+_UNCERTAINTY: Final = ValueInfo(DataType.DOUBLE, "m", 0.01, 100)
+
+
+class MapMotions(Resource, ABC):
+    """Drives to a place and along a path, guided by the robot's estimated pose; a part of DifferentialBase.
+
+    Args:
+        context: the plugin's, which has the robot's localizer; None if the driver estimates no pose.
+    """
+
+    def __init__(self, context: PluginContext | None) -> None:
+        self._context = context
+        self._max_uncertainty_m = 0.3
+
+    @abstractmethod
+    def follow(self, speed_m_s: float, turn_rate_rad_s: float, timeout_s: float) -> Activity:
+        """Hold a twist, which is within the drivetrain's limits, until the time-out; then stop.
+
+        Closing the activity leaves the wheels turning: a newer twist replaces it without a stop, a halt stops.
+
+        Args:
+            speed_m_s: forward positive.
+            turn_rate_rad_s: counter-clockwise positive.
+            timeout_s: how long, if no newer twist arrives.
+        """
+
+    @abstractmethod
+    def motion_limits(self) -> MotionLimits:
+        """Return the limits of a motion that begins now."""
+
+    def clearance_m(self, *, forward: bool) -> float:  # noqa: ARG002  # to be overridden
+        """Return the free distance from the robot's outline to the nearest thing that its sensors see in its way.
+
+        Motions to a place stop before it. The default, infinity, is for a robot without such sensors.
+
+        Args:
+            forward: whether the robot drives forward; else back.
+
+        Returns:
+            Metres; 0 at a contact.
+        """
+        return math.inf
+
+    def is_held(self) -> bool:
+        """Return whether the wheels are driven, but something holds the robot. The default reads the status."""
+        return self.get_status() == BLOCKED
+
+    @command("goto", _GOAL)
+    def go_to(self, goal: Any) -> Activity:
+        """Drive to a place in the map frame; with a third number, turn to that heading there.
+
+        Raises:
+            ArgumentError: the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers.
+            UnsupportedError: the driver estimates no pose.
+        """
+        numbers = [float(number) for number in goal]
+        if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
+            raise ArgumentError(f"goto needs finite numbers x_m, y_m and perhaps yaw_rad, not {numbers}")
+        return self._drive([(numbers[0], numbers[1])], numbers[2] if len(numbers) > 2 else None)
+
+    @command("follow", _PATH)
+    def follow_path(self, path: Any) -> Activity:
+        """Drive along waypoints in the map frame to the last one; it turns in place at corners.
+
+        Raises:
+            ArgumentError: there is no waypoint, or a number is not finite.
+            UnsupportedError: the driver estimates no pose.
+        """
+        numbers = path if isinstance(path, list | tuple) else path.ravel().tolist()
+        points = [(float(x_m), float(y_m)) for x_m, y_m in zip(numbers[::2], numbers[1::2], strict=True)]
+        if not points or not all(math.isfinite(number) for point in points for number in point):
+            raise ArgumentError("follow needs at least one waypoint of finite numbers x_m, y_m")
+        return self._drive(points, None)
+
+    @config("max_uncertainty_m", _UNCERTAINTY)
+    def max_uncertainty_m(self) -> float:
+        """Greatest standard deviation of the position with which it drives to a place."""
+        return self._max_uncertainty_m
+
+    @config_setter("max_uncertainty_m")
+    def set_max_uncertainty_m(self, max_uncertainty_m: float) -> None:
+        """Set the limit for later motions to a place."""
+        self._max_uncertainty_m = float(max_uncertainty_m)
+
+    def _drive(self, points: list[Point], yaw_rad: float | None) -> Activity:
+        if self._context is None:
+            raise UnsupportedError("the driver of this base estimates no pose, so it cannot drive to a place")
+        clock, localizer, limits = self._context.clock, self._context.localizer, self.motion_limits()
+        here = localizer.estimate(clock.now())
+        controller = RouteController(Route([(here.x_m, here.y_m), *points]), yaw_rad, limits)
+        device = MotionDevice(
+            clock=clock,
+            estimate=localizer.estimate,
+            hold=self.follow,
+            clearance_m=lambda forward: self.clearance_m(forward=forward),
+            is_held=self.is_held,
+            halt=self.halt,
+            report=self.progress,
+        )
+        return ClosedLoop(device, controller, limits, self._max_uncertainty_m).run()

@@ -1,0 +1,91 @@
+"""A polyline in the map frame, and how far a robot has come along it."""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Final, TypeAlias
+
+Point: TypeAlias = tuple[float, float]
+
+_CORNER_RAD: Final = math.radians(30)
+"""A sharper bend is a corner: the robot drives to it and turns in place, so that it never cuts it."""
+_SAME_M: Final = 1e-4
+_WINDOW_M: Final = 0.3
+"""The robot is searched so far along the route, so that a route that crosses itself is driven in order."""
+
+
+class Route:
+    """A polyline, driven from its first point to its last.
+
+    Args:
+        points: x and y in metres; the first is the robot's own place.
+
+    Attributes:
+        travelled_m: how far along it the robot has come; it never falls.
+        length_m: the whole length.
+    """
+
+    def __init__(self, points: Sequence[Point]) -> None:
+        self._points = [points[0]]
+        self._points += [there for here, there in itertools.pairwise(points) if math.dist(here, there) > _SAME_M]
+        ways_m = [math.dist(here, there) for here, there in itertools.pairwise(self._points)]
+        self._starts_m = [0.0, *itertools.accumulate(ways_m)]
+        self._corners_m = [self._starts_m[place] for place in range(1, len(ways_m)) if self._is_corner(place)]
+        self._corners_m.append(self._starts_m[-1])
+        self._passed = 0
+        self.length_m = self._starts_m[-1]
+        self.travelled_m = 0.0
+
+    def _is_corner(self, place: int) -> bool:
+        (ax, ay), (bx, by), (cx, cy) = self._points[place - 1 : place + 2]
+        bend_rad = math.atan2(cy - by, cx - bx) - math.atan2(by - ay, bx - ax)
+        return abs(math.remainder(bend_rad, math.tau)) > _CORNER_RAD
+
+    @property
+    def end(self) -> Point:
+        """The last point."""
+        return self._points[-1]
+
+    @property
+    def corner_m(self) -> float:
+        """The distance along the route of the next corner, which the end is too."""
+        return self._corners_m[self._passed]
+
+    def advance(self, x_m: float, y_m: float) -> None:
+        """Update `travelled_m` from the robot's place, at most to the next corner."""
+        until_m = min(self.travelled_m + _WINDOW_M, self.corner_m)
+        nearest_m, least_m = self.travelled_m, math.inf
+        for place in range(self._place_of(self.travelled_m), len(self._starts_m) - 1):
+            if self._starts_m[place] > until_m:
+                break
+            along_m = min(max(self._project(place, x_m, y_m), self.travelled_m), until_m)
+            off_m = math.dist((x_m, y_m), self.point_at(along_m))
+            if off_m < least_m:
+                nearest_m, least_m = along_m, off_m
+        self.travelled_m = nearest_m
+
+    def pass_corner(self) -> None:
+        """Count the next corner as reached."""
+        self.travelled_m = self.corner_m
+        self._passed = min(self._passed + 1, len(self._corners_m) - 1)
+
+    def point_at(self, along_m: float) -> Point:
+        """Return the point at a distance along the route, from 0 to its length."""
+        place = self._place_of(along_m)
+        (ax, ay), (bx, by) = self._points[place], self._points[min(place + 1, len(self._points) - 1)]
+        way_m = math.dist((ax, ay), (bx, by))
+        share = min((along_m - self._starts_m[place]) / way_m, 1.0) if way_m else 0.0
+        return ax + share * (bx - ax), ay + share * (by - ay)
+
+    def _place_of(self, along_m: float) -> int:
+        return min(max(bisect.bisect_right(self._starts_m, along_m) - 1, 0), max(len(self._points) - 2, 0))
+
+    def _project(self, place: int, x_m: float, y_m: float) -> float:
+        """Return the distance along the route of the point of a segment's line that is nearest to a place."""
+        (ax, ay), (bx, by) = self._points[place], self._points[place + 1]
+        ux, uy, way_m = bx - ax, by - ay, self._starts_m[place + 1] - self._starts_m[place]
+        share = ((x_m - ax) * ux + (y_m - ay) * uy) / (way_m * way_m)
+        return self._starts_m[place] + min(max(share, 0.0), 1.0) * way_m

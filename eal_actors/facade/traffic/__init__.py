@@ -1,0 +1,1 @@
+"""Carrying out the traffic plans of a fleet: `Fleet.go_to`."""

@@ -1,0 +1,200 @@
+"""Traffic control: one plan for all robots of a fleet that are on their way, carried out move by move.
+
+- One thread plans, sends moves and hears of their ends; it ends with the last trip.
+- A robot enters a place when those that pass it before have left. This order is the plan; its times are not. So delays,
+  stops and slow robots cost time and nothing else.
+- Whatever changes the plan (a new goal, a robot that fails, an obstacle on no map) waits until the moves that were sent
+  are over. Then the poses are read and everybody is planned anew. A robot that has failed, and one that was not sent,
+  stands: the others drive round it.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.navigation.grid import FREE, GridOrigin, OccupancyGrid
+from eal_actors.device.navigation.traffic.errors import TrafficError
+from eal_actors.device.navigation.traffic.lattice import Point
+from eal_actors.device.navigation.traffic.planner import TrafficPlan, plan_traffic
+from eal_actors.device.navigation.traffic.roadmap import StandingDisc, Traveller
+from eal_actors.device.navigation.world_grid import RESOLUTION_M, grid_from_world
+from eal_actors.device.world import WorldModel
+from eal_actors.facade.traffic.plan_run import PlanRun
+from eal_actors.facade.traffic.positions import RobotPositions
+from eal_actors.facade.traffic.trips import Journey, Trip, TripGoal
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import PreemptedError, UnavailableError
+from eal_actors.kernel.log import get_logger
+
+MOST_OBSTACLES: Final = 3
+"""A robot that meets one more obstacle on no map gives up."""
+_OBSTACLE_RADIUS_M: Final = 0.2
+_OBSTACLE_GAP_M: Final = 0.05
+_OPEN_FLOOR_M: Final = 3.0
+"""Of a fleet without a map, the floor around its robots and goals counts as free so far."""
+
+
+class TrafficControl:
+    """Brings the robots of a fleet to their goals; see `Fleet.go_to`.
+
+    Args:
+        robots: the connected robots of the fleet.
+        clock: the fleet's clock.
+        world: the map; None for an open floor.
+        seed: of choices between equal plans.
+    """
+
+    def __init__(self, robots: Mapping[str, RobotHandle], clock: Clock, world: WorldModel | None, seed: int) -> None:
+        self._clock = clock
+        self._world = world
+        self._seed = seed
+        self._positions = RobotPositions(robots)
+        self._lock = threading.Lock()
+        self._requests: deque[Trip] = deque()
+        self._thread: threading.Thread | None = None
+        self._run: PlanRun | None = None
+        self._trips: dict[str, Trip] = {}
+        self._obstacles: list[StandingDisc] = []
+        self._grid = grid_from_world(world) if world is not None else None
+
+    def start(self, goals: Mapping[RobotHandle, TripGoal], timeout_s: float) -> Journey:
+        """Begin the trips of some robots; trips of others continue. Thread: any; does not block."""
+        trips = [Trip(robot, goal, self._clock, timeout_s, self._give_up) for robot, goal in goals.items()]
+        with self._lock:
+            self._requests.extend(trips)
+            if trips and self._thread is None:
+                self._thread = threading.Thread(target=self._work, name="traffic control", daemon=True)
+                self._clock.start(self._thread)
+        self._wake()
+        return Journey(self._clock, trips)
+
+    def cancel(self) -> None:
+        """Cancel all trips and halt their robots. Thread: any; does not block."""
+        with self._lock:
+            trips = [*self._requests, *self._trips.values()]
+        for trip in trips:
+            trip.cancel()
+
+    def close(self, timeout_s: float) -> None:
+        """Cancel all trips, and wait for the thread to end. Thread: blocks the caller."""
+        self.cancel()
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            with self._clock.outside():
+                thread.join(timeout_s)
+
+    def _give_up(self, trip: Trip) -> None:
+        trip.robot.halt()
+        self._wake()
+
+    def _wake(self) -> None:
+        run = self._run
+        if run is not None:
+            run.wake()
+
+    # The thread of the traffic control.
+
+    def _work(self) -> None:
+        try:
+            while self._admit():
+                self._drive()
+        except Exception as error:  # noqa: BLE001  # whatever it is, no robot may be left driving or waiting
+            get_logger().exception("the traffic control failed")
+            with self._lock:
+                self._thread = None
+                trips = [*self._requests, *self._trips.values()]
+                self._requests.clear()
+            for trip in trips:
+                trip.robot.halt()
+                trip.fail(UnavailableError(f"the traffic control failed: {error}", robot=trip.robot.name))
+
+    def _admit(self) -> bool:
+        """Take over the requests; return False if there is nothing to do, and the thread ends."""
+        with self._lock:
+            requests = list(self._requests)
+            self._requests.clear()
+            replaced = [self._trips[trip.robot.name] for trip in requests if trip.robot.name in self._trips]
+            self._trips |= {trip.robot.name: trip for trip in requests}
+            self._trips = {name: trip for name, trip in self._trips.items() if not trip.done()}
+            if not self._trips:
+                self._thread, self._run = None, None
+                self._obstacles.clear()
+        for trip in replaced:
+            trip.fail(PreemptedError("a newer go_to replaced this one", robot=trip.robot.name))
+        return bool(self._trips)
+
+    def _drive(self) -> None:
+        """Plan, and carry the plan out until all trips have ended or it must be planned anew."""
+        for name, error in self._positions.read(self._trips, self._clock).items():
+            self._trips.pop(name).fail(error)
+        plan = self._plan()
+        starts = {name: self._positions.places[name][0] for name in plan.moves}
+        self._run = run = PlanRun(plan, self._trips, starts, self._clock)
+        run.run(lambda: bool(self._requests))
+        for name, leg in run.legs.items():
+            self._positions.places[name] = leg.ends if leg.trip.done() and not leg.has_arrived else leg.ends[:1]
+        for leg in run.blocked:
+            self._note_obstacle(leg.trip, leg.ends)
+
+    def _note_obstacle(self, trip: Trip, ends: tuple[Point, Point]) -> None:
+        """Close the place before a blocked robot."""
+        trip.obstacles += 1
+        if trip.obstacles > MOST_OBSTACLES and trip.hindrance is not None:
+            trip.fail(trip.hindrance)
+            return
+        (x_m, y_m), (to_x_m, to_y_m) = ends
+        ahead_m = self._positions.radii_m[trip.robot.name] + _OBSTACLE_GAP_M + _OBSTACLE_RADIUS_M
+        share = ahead_m / max(math.dist(*ends), 1e-3)
+        at = x_m + share * (to_x_m - x_m), y_m + share * (to_y_m - y_m)
+        self._obstacles.append(StandingDisc(f"what blocked {trip.robot.name}", at, _OBSTACLE_RADIUS_M))
+
+    def _plan(self) -> TrafficPlan:
+        """Plan the trips; those without a way fail, and the others are planned without them."""
+        while True:
+            radii_m, places = self._positions.radii_m, self._positions.places
+            travellers = [
+                Traveller(name, places[name][0], trip.goal.point, radii_m[name]) for name, trip in self._trips.items()
+            ]
+            standing = [
+                StandingDisc(name, place, radii_m[name])
+                for name in places
+                if name not in self._trips
+                for place in places[name]
+            ]
+            grid = self._grid if self._grid is not None else open_floor(travellers)
+            try:
+                plan = plan_traffic(grid, travellers, [*standing, *self._obstacles], seed=self._seed)
+            except TrafficError as error:
+                self._fail(error)
+                continue
+            for trip in self._trips.values():
+                trip.is_new = False
+            return plan
+
+    def _fail(self, error: TrafficError) -> None:
+        """Fail the trips that have no plan; if one of them is new, all new ones, so that nobody of them moves."""
+        names = set(error.robots or self._trips)
+        if any(self._trips[name].is_new for name in names):
+            names = {name for name, trip in self._trips.items() if trip.is_new}
+        for name in [name for name in self._trips if name in names]:
+            trip = self._trips.pop(name)
+            trip.fail(trip.hindrance or error.copy())
+
+
+def open_floor(travellers: Sequence[Traveller]) -> OccupancyGrid:
+    """Return a free grid around the robots and their goals."""
+    points = np.array(
+        [point for traveller in travellers for point in (traveller.start, traveller.goal)] or [(0.0, 0.0)]
+    )
+    low, high = points.min(axis=0) - _OPEN_FLOOR_M, points.max(axis=0) + _OPEN_FLOOR_M
+    columns, rows = np.ceil((high - low) / RESOLUTION_M).astype(int)
+    return OccupancyGrid(
+        np.full((rows, columns), FREE, np.int8), RESOLUTION_M, GridOrigin(float(low[0]), float(low[1]))
+    )

@@ -1,0 +1,139 @@
+"""A leg: the moves of one robot in a plan, how many have been sent to it, and how many are over."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from eal_actors.actors.call import Call
+from eal_actors.device.navigation.traffic.lattice import Point
+from eal_actors.device.navigation.traffic.planner import TrafficMove
+from eal_actors.facade.traffic.trips import Trip
+
+_PASSED_M: Final = 0.02
+"""A robot so near a place has left the one before: the margin between hulls allows for it."""
+_CALL_S: Final = 20.0
+_CALL_S_PER_M: Final = 30.0
+_CALL_S_PER_MOVE: Final = 8.0
+"""The deadline of a command: a turn and a drive at a tenth of the usual speed."""
+
+
+class Leg:
+    """The moves of one robot in a plan.
+
+    Args:
+        trip: the robot's trip.
+        moves: its moves.
+        start: where it stands.
+        notify: is called, in any thread, when the robot may have come farther.
+
+    Attributes:
+        done: the number of moves that are over.
+        call: the running command; None while it has none.
+        tries: how often it was blocked at its present place.
+        has_arrived: whether it is at its goal, with the heading there.
+    """
+
+    def __init__(self, trip: Trip, moves: Sequence[TrafficMove], start: Point, notify: Callable[[Leg], None]) -> None:
+        self.trip = trip
+        self.moves = moves
+        self.done = 0
+        self.call: Call[int] | None = None
+        self._heard_s = trip.clock.now()
+        self.tries = 0
+        self.has_arrived = False
+        self._places = [start, *(move.to for move in moves)]
+        self._sent = 0
+        self._sent_from = 0
+        self._notify = notify
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether a command runs."""
+        return self.call is not None and not self.call.done()
+
+    def silence_s(self) -> float:
+        """Return the time since the robot was heard of."""
+        progress = self.call.progress() if self.call is not None else None
+        if progress is not None:
+            self._heard_s = max(self._heard_s, progress.time_s)
+        return self.trip.clock.now() - self._heard_s
+
+    def give_up(self) -> None:
+        """End the running command, whether the robot answers or not."""
+        if self.call is not None:
+            self.call.cancel()
+
+    @property
+    def ends(self) -> tuple[Point, Point]:
+        """The place that it has left or stands on, and the next one."""
+        return self._places[self.done], self._places[min(self.done + 1, len(self.moves))]
+
+    def send(self, done: Mapping[str, Leg]) -> None:
+        """Send the moves that may begin, and at the goal the turn to its heading.
+
+        A running command is replaced by a longer one when its last move has begun.
+
+        Args:
+            done: the legs of all robots.
+        """
+        cleared = self.done
+        while cleared < len(self.moves) and all(
+            done[name].done >= count for name, count in self.moves[cleared].waits_for
+        ):
+            cleared += 1
+        if cleared > self._sent and (self.call is None or self._sent - self.done <= 1):
+            self._sent, self._sent_from = cleared, self.done
+            way = self._places[self.done : cleared + 1]
+            length_m = sum(itertools.starmap(math.dist, itertools.pairwise(way)))
+            timeout_s = _CALL_S + _CALL_S_PER_M * length_m + _CALL_S_PER_MOVE * len(way)
+            self._start(self.trip.robot.base.follow(way[1:], timeout_s=timeout_s))
+        elif self.call is None and self.done == len(self.moves):
+            goal = self.trip.goal
+            if self.moves and goal.yaw_deg is None:
+                self.has_arrived = True
+            else:
+                self._start(self.trip.robot.base.go_to(*goal.point, goal.yaw_deg, timeout_s=_CALL_S + _CALL_S_PER_MOVE))
+
+    def _start(self, call: Call[int]) -> None:
+        self.call = call
+        self._heard_s = self.trip.clock.now()
+        call.add_progress_callback(lambda _: self._notify(self))
+        call.add_done_callback(lambda _: self._notify(self))
+
+    def update(self) -> BaseException | None:
+        """Read how far the robot has come; return the error of its command if that has failed."""
+        call = self.call
+        if call is None:
+            return None
+        before = self.done
+        if not call.done():
+            progress = call.progress()
+            self._pass_places((progress.fraction if progress is not None else None) or 0.0)
+        else:
+            self.call = None
+            if (error := call.exception()) is not None:
+                self._sent = self._sent_from = self.done  # what is left is to be sent again
+                return error
+            if self.done == len(self.moves) and self._sent == self._sent_from:
+                self.has_arrived = True
+            self.done = self._sent_from = self._sent
+        if self.done > before:
+            self.tries = 0
+        return None
+
+    def _pass_places(self, share: float) -> None:
+        """Count the places that the robot has passed, by the share of its way that it has reported.
+
+        The share is of the way from where the robot was when the command began, which is at most that from the place
+        before: so a place counts late rather than early.
+        """
+        way = self._places[self._sent_from : self._sent + 1]
+        lengths_m = [math.dist(here, there) for here, there in itertools.pairwise(way)]
+        left_m = (1.0 - share) * sum(lengths_m)
+        after_m = sum(lengths_m[self.done - self._sent_from + 1 :])
+        while self.done < self._sent - 1 and left_m <= after_m + _PASSED_M:
+            self.done += 1
+            after_m -= lengths_m[self.done - self._sent_from]

@@ -1,0 +1,62 @@
+"""Where the robots of a fleet stand, and how large they are."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from typing import Final
+
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.robot_view import RobotState
+from eal_actors.device.navigation.traffic.lattice import Point
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import EALError
+from eal_actors.kernel.log import get_logger
+
+DEFAULT_RADIUS_M: Final = 0.2
+"""Of a robot whose base does not tell its own."""
+_READ_TIMEOUT_S: Final = 3.0
+
+
+class RobotPositions:
+    """The last known places of the robots of a fleet.
+
+    Args:
+        robots: the connected robots.
+
+    Attributes:
+        places: by the robot's name, where it is; of a robot that failed on its way, both ends of its last move.
+        radii_m: the robots' radii, by name.
+    """
+
+    def __init__(self, robots: Mapping[str, RobotHandle]) -> None:
+        self._robots = robots
+        self.places: dict[str, tuple[Point, ...]] = {}
+        self.radii_m: dict[str, float] = {}
+
+    def read(self, travelling: Container[str], clock: Clock) -> dict[str, EALError]:
+        """Ask all robots; return the errors of those that travel and whose pose is unknown.
+
+        Of others that do not answer, the last known place counts.
+
+        Thread: blocks the caller for some seconds of the clock at most.
+        """
+        timeout_s = clock.of_real(_READ_TIMEOUT_S)
+        robots = {name: robot for name, robot in self._robots.items() if "Base" in robot and "Pose" in robot}
+        poses = {name: robot.pose.get(timeout_s=timeout_s) for name, robot in robots.items()}
+        radii = {
+            name: robot["Base"].get_config("radius_m", timeout_s=timeout_s)
+            for name, robot in robots.items()
+            if name not in self.radii_m
+        }
+        errors: dict[str, EALError] = {}
+        for name, pose in poses.items():
+            error = pose.exception()
+            if error is None:
+                self.places[name] = ((pose.get().x_m, pose.get().y_m),)
+            elif name in travelling:
+                errors[name] = error if isinstance(error, EALError) else EALError(str(error), robot=name)
+            elif name not in self.places and robots[name].state is RobotState.READY:
+                get_logger(robot=name).warning("its place is unknown: nobody can drive round it", reason=str(error))
+        for name, radius in radii.items():
+            self.radii_m[name] = float(radius.get().value) if radius.exception() is None else DEFAULT_RADIUS_M
+        return errors

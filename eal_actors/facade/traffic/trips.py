@@ -1,0 +1,105 @@
+"""The futures of `Fleet.go_to`: a trip for each robot, and the journey of all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from typing_extensions import override
+
+from eal_actors.actors.future import CallSoon, Future
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.navigation.traffic.lattice import Point
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import EALError
+
+
+@dataclass(frozen=True, slots=True)
+class TripGoal:
+    """Where a robot is to be.
+
+    Attributes:
+        point: x and y in m, in the map frame.
+        yaw_deg: its heading there; None for any.
+    """
+
+    point: Point
+    yaw_deg: float | None
+
+
+class Trip(Future[int]):
+    """One robot's way to its goal; done on its arrival, with 1.
+
+    Args:
+        robot: the robot.
+        goal: its goal.
+        clock: the fleet's clock.
+        timeout_s: seconds of the clock until its deadline.
+        give_up: stops the robot when the trip is cancelled or late.
+
+    Attributes:
+        obstacles: how many obstacles on no map it has met.
+        hindrance: the error of the last of them.
+        is_new: whether it has not been planned yet.
+    """
+
+    def __init__(
+        self, robot: RobotHandle, goal: TripGoal, clock: Clock, timeout_s: float, give_up: Callable[[Trip], None]
+    ) -> None:
+        super().__init__(clock, clock.now() + timeout_s)
+        self.robot = robot
+        self.goal = goal
+        self.obstacles = 0
+        self.hindrance: EALError | None = None
+        self.is_new = True
+        self._give_up = give_up
+
+    @override
+    def describe(self) -> str:
+        x_m, y_m = self.goal.point
+        return f"{self.robot.name}: go_to ({x_m:g}, {y_m:g})"
+
+    @override
+    def _given_up(self) -> None:
+        self._give_up(self)
+
+
+class Journey(Future[dict[str, int]]):
+    """The trips of some robots; done when each has arrived or failed.
+
+    Its result is 1 for each robot's name. It fails with the error of the first robot, in the order given, that has not
+    arrived; `arrivals` has the outcome of each. Cancelling it stops the robots.
+
+    Attributes:
+        arrivals: the future of each robot's arrival, by name.
+    """
+
+    def __init__(self, clock: Clock, trips: Sequence[Trip]) -> None:
+        super().__init__(clock, max((trip.deadline_s or 0.0 for trip in trips), default=None))
+        self.arrivals: Mapping[str, Future[int]] = {trip.robot.name: trip for trip in trips}
+        self._trips = trips
+        if not trips:
+            self.set({})
+        for trip in trips:
+            trip.link(self._note)
+
+    def _note(self, _: Future[int], call_soon: CallSoon | None) -> None:
+        if not all(trip.done() for trip in self._trips):
+            return
+        error = next((error for trip in self._trips if (error := trip.exception()) is not None), None)
+        self._finish(dict.fromkeys(self.arrivals, 1) if error is None else None, error, call_soon)
+
+    @override
+    def describe(self) -> str:
+        return f"go_to of {len(self._trips)} robots"
+
+    @override
+    def expire(self) -> None:
+        """Let each trip fail with its own deadline: its message names the robot."""
+        for trip in self._trips:
+            trip.expire()
+
+    @override
+    def _given_up(self) -> None:
+        for trip in self._trips:
+            trip.cancel()

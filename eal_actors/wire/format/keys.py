@@ -1,0 +1,263 @@
+"""Key space: the keys of calls, replies, events, streams, liveliness tokens and heartbeats.
+
+    eal/<fleet>/<robot>/<resource>/<method>/<caller>/<client>   call of a method of a resource
+    eal/<fleet>/<robot>/_/<method>/<caller>/<client>            call of a method of the robot itself
+    eal/<fleet>/@answers/<caller>/<client>/<robot>              replies of a robot to a controller
+    eal/<fleet>/@events/<robot>                                 events of a robot
+    eal/<fleet>/@streams/<robot>/<resource>/<encoding>/<rate>   values that a resource streams
+    eal/<fleet>/@alive/<version>/<robot>                        liveliness token of a robot, and its protocol version
+    eal/<fleet>/@heartbeats/<caller>/<client>                   heartbeat of a controller, for every robot
+
+The caller is the name of the controller's certificate, the client a secret of its process. So access control prevents
+a controller from calling or sending heartbeats in another one's name, and from reading another one's replies. Robots
+publish a client only as its `client_id`, from which nobody can make a key. The key of the token is the same in all
+versions of the protocol, so that robots of other releases are found and recognised.
+
+Each name is one chunk of a key. Letters, digits, `_`, `.`, `-` and `~` are kept, everything else is percent-encoded,
+so no name can contain a character that zenoh interprets (`/ * $ # ? @`). Each name has exactly one key: another
+spelling, such as `Son%61r`, is refused, since access control compares keys as text.
+
+Keep the number of chunks below `eal/<fleet>` small: zenoh compares each message with every declaration there. A
+thousand tokens or wildcards of as many robots cost half a millisecond per message. Therefore tokens and streams have
+branches that no wildcard of calls matches, calls are not declared, and a process that serves many robots subscribes to
+the calls of all by one key expression.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from hashlib import blake2b
+from typing import Final, NamedTuple
+from urllib.parse import quote, unquote
+
+from eal_actors.device.info import METHODS
+from eal_actors.kernel.errors import ProtocolError
+from eal_actors.wire.format.packing import PROTOCOL_VERSION
+
+ROOT: Final = "eal"
+ROBOT: Final = "_"  # replaces the resource for methods of the robot itself; names of resources begin with a letter
+
+HELLO: Final = "hello"
+"""Robot: handshake. Returns its release, resources with their information, state, rights and running commands."""
+PING: Final = "ping"  # robot: returns its time and state at once
+STOP: Final = "stop"  # robot: emergency stop, until RESUME
+RESUME: Final = "resume"  # robot: ends an emergency stop
+REATTACH: Final = "reattach"  # robot: reports the outcome of earlier commands, now or when they end
+CANCEL: Final = "cancel"  # robot: cancels a running command
+LEAVE: Final = "leave"  # robot: disconnects a controller; resources that it commanded are halted
+RELEASE: Final = "release"  # robot: ends a controller's leases of some resources; what it commanded there is halted
+REVOKE: Final = "revoke"  # robot: adds names to its list of revoked certificates; for AUTHORITY_CALLER alone
+ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE, RELEASE, REVOKE)
+
+HALT: Final = "halt"  # resource: stops motion
+INFO: Final = "info"  # resource: returns its ResourceInfo
+STREAM: Final = "stream"  # resource: publishes its values for the time of a lease
+RESOURCE_METHODS: Final = (*METHODS, HALT, INFO, STREAM)
+RETRYABLE_METHODS: Final = frozenset({"get_status", "get_value", "get_config", "send_req"})
+"""Methods that change nothing, so that a retry is harmless. `read_comm` consumes bytes and is not one of them."""
+
+ANYBODY: Final = "_"  # caller in a fleet without security; names of certificates begin with a letter
+AUTHORITY_CALLER: Final = "~authority"  # caller that has the authority's key; a name that no other can have
+ANSWERS: Final = "@answers"
+EVENTS: Final = "@events"
+STREAMS: Final = "@streams"
+ALIVE: Final = "@alive"
+HEARTBEATS: Final = "@heartbeats"
+
+_MAX_KEY: Final = 1024
+"""Greatest length of a key that is read, since read keys are cached."""
+
+ALL_ALIVE: Final = f"{ROOT}/*/{ALIVE}/*/*"
+"""Key expression of the liveliness tokens of all robots of all fleets."""
+
+
+class CallKey(NamedTuple):
+    """Parts of the key of a call.
+
+    Attributes:
+        fleet: name of the fleet, any text.
+        robot: name of the robot.
+        resource: name of the resource; ROBOT for the robot itself.
+        method: one of RESOURCE_METHODS or ROBOT_METHODS.
+        caller: name of the caller's certificate; ANYBODY in a fleet without security.
+        client: secret of the caller's process; see client_id.
+    """
+
+    fleet: str
+    robot: str
+    resource: str
+    method: str
+    caller: str
+    client: str
+
+
+class CallRoute(NamedTuple):
+    """Where a received call goes and where its reply goes.
+
+    Attributes:
+        call: parts of the call's key.
+        answer_key: key of the reply.
+        client: identifier of the calling process; see client_id.
+    """
+
+    call: CallKey
+    answer_key: str
+    client: str
+
+
+def fleet_key(fleet: str) -> str:
+    """Return the common prefix of a fleet's keys; ProtocolError if the name is empty."""
+    return f"{ROOT}/{_encode(fleet)}"
+
+
+@lru_cache(maxsize=4096)
+def call_key(key: CallKey) -> str:
+    """Return the key of a call; ProtocolError if a name is empty."""
+    return "/".join((ROOT, *map(_encode, key)))
+
+
+def call_keys(fleet: str, robot: str | None) -> str:
+    """Return the key expression of the calls to a robot; to all robots of the fleet if None."""
+    return f"{fleet_key(fleet)}/{'*' if robot is None else _encode(robot)}/*/*/*/*"
+
+
+def revoke_keys(fleet: str) -> str:
+    """Return the key expression of the authority's calls that revoke certificates."""
+    return f"{fleet_key(fleet)}/*/{ROBOT}/{REVOKE}/{AUTHORITY_CALLER}/*"
+
+
+def answer_key(call: CallKey) -> str:
+    """Return the key of the reply to a call."""
+    return _branch_key(call.fleet, ANSWERS, call.caller, call.client, call.robot)
+
+
+def answer_keys(fleet: str, caller: str, client: str) -> str:
+    """Return the key expression of the replies of all robots to a controller."""
+    return _branch_key(fleet, ANSWERS, caller, client, None)
+
+
+def event_key(fleet: str, robot: str | None) -> str:
+    """Return the key of a robot's events; the key expression of all of the fleet if None."""
+    return _branch_key(fleet, EVENTS, robot)
+
+
+def stream_key(fleet: str, robot: str, resource: str, encoding: str, rate: str) -> str:
+    """Return the key of a stream: a resource, a rate and an encoding."""
+    return _branch_key(fleet, STREAMS, robot, resource, encoding, rate)
+
+
+def alive_key(fleet: str, robot: str) -> str:
+    """Return the key of the liveliness token of a robot with our protocol version."""
+    return _branch_key(fleet, ALIVE, str(PROTOCOL_VERSION), robot)
+
+
+def alive_keys(fleet: str) -> str:
+    """Return the key expression of the liveliness tokens of all robots of a fleet, of any version."""
+    return _branch_key(fleet, ALIVE, None, None)
+
+
+def heartbeat_key(fleet: str, caller: str | None, client: str | None) -> str:
+    """Return the key of a controller's heartbeats; the key expression of all of the fleet if both are None."""
+    return _branch_key(fleet, HEARTBEATS, caller, client)
+
+
+@lru_cache(maxsize=4096)
+def client_id(caller: str, client: str) -> str:
+    """Return the identifier of a controller's process that robots publish: 32 hexadecimal digits.
+
+    The first half identifies the certificate, the second half the process. Neither reveals the client.
+    """
+    texts = caller, f"{caller}/{client}"
+    return "".join(blake2b(text.encode("utf-8", "surrogatepass"), digest_size=8).hexdigest() for text in texts)
+
+
+def certificate_id(client: str) -> str:
+    """Return the part of a `client_id` that all processes with the same certificate share."""
+    return client[:16]
+
+
+def _branch_key(fleet: str, branch: str, *names: str | None) -> str:
+    """Return a key of one of the branches with an @; None becomes `*`."""
+    return "/".join((fleet_key(fleet), branch, *("*" if name is None else _encode(name) for name in names)))
+
+
+@lru_cache(maxsize=4096)
+def parse_robot(key: str) -> tuple[str, str]:
+    """Return the fleet and the robot of the key of a reply, an event or a token.
+
+    Raises:
+        ProtocolError: a name is missing or not spelt as in a key.
+    """
+    root, _, rest = key.partition("/")
+    fleet, _, rest = rest.partition("/")
+    if root != ROOT or not rest:
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/.../<robot>")
+    return _decode(fleet, key), _decode(rest.rpartition("/")[2], key)
+
+
+def parse_alive(key: str) -> tuple[str, str, int]:
+    """Return the fleet, the robot and the protocol version of the key of a liveliness token.
+
+    Raises:
+        ProtocolError: it is no such key.
+    """
+    fleet, robot = parse_robot(key)
+    _, _, *kind, _ = key.split("/")
+    if len(kind) != 2 or kind[0] != ALIVE or not (kind[1].isascii() and kind[1].isdecimal()):
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/{ALIVE}/<version>/<robot>")
+    return fleet, robot, int(kind[1])
+
+
+@lru_cache(maxsize=4096)
+def parse_heartbeat(key: str) -> tuple[str, str]:
+    """Return the caller and the client of the key of a heartbeat; ProtocolError if it is no such key."""
+    chunks = _split(key)
+    if len(chunks) != 5 or (chunks[0], chunks[2]) != (ROOT, HEARTBEATS):
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/{HEARTBEATS}/<caller>/<client>")
+    return _decode(chunks[3], key), _decode(chunks[4], key)
+
+
+@lru_cache(maxsize=4096)
+def parse_route(key: str) -> CallRoute:
+    """Return the route of a call by its key; ProtocolError if it is no such key."""
+    call = parse_call(key)
+    return CallRoute(call, answer_key(call), client_id(call.caller, call.client))
+
+
+def parse_call(key: str) -> CallKey:
+    """Return the parts of the key of a call; ProtocolError if it is no such key."""
+    root, *chunks = _split(key)
+    if root != ROOT or len(chunks) != 6:
+        raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/<robot>/<resource>/<method>/<caller>/<client>")
+    call = CallKey(*(_decode(chunk, key) for chunk in chunks))
+    known = ROBOT_METHODS if call.resource == ROBOT else RESOURCE_METHODS
+    if call.method not in known:
+        raise ProtocolError(f"key {key!r}: there is no method {call.method!r} here; there are {', '.join(known)}")
+    return call
+
+
+def sender_of(key: str) -> str:
+    """Return the caller that any key of a call or a heartbeat names, as it is spelt there."""
+    return key.rpartition("/")[0].rpartition("/")[2]
+
+
+def _split(key: str) -> list[str]:
+    if len(key) > _MAX_KEY:
+        raise ProtocolError(f"a key of {len(key)} characters, more than {_MAX_KEY}")
+    return key.split("/")
+
+
+def _encode(name: str) -> str:
+    if not name:
+        raise ProtocolError("an empty name has no place in a key")
+    return quote(name, safe="", errors="surrogatepass")  # file names that are no UTF-8 have lone surrogates
+
+
+def _decode(chunk: str, key: str) -> str:
+    try:
+        name = unquote(chunk, errors="surrogatepass")
+    except UnicodeDecodeError as error:
+        raise ProtocolError(f"key {key!r}: {chunk!r} is no percent-encoded UTF-8") from error
+    if not name or quote(name, safe="", errors="surrogatepass") != chunk:
+        raise ProtocolError(f"key {key!r}: {chunk!r} is not how a name is spelt in a key")
+    return name

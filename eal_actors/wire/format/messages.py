@@ -1,0 +1,349 @@
+"""Messages between controllers and robots, as objects and as bytes: calls, replies, events and heartbeats.
+
+A message is a pair: the envelope, msgpack in zenoh's attachment, and the payload, the unchanged bytes of an EALData, so
+that an image is never copied into an envelope. Decoding any bytes returns a valid object or raises ProtocolError.
+docs/reference/wire-format.md has the tables.
+
+Thread: any; nothing here keeps state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple, TypeAlias, final
+
+from eal_actors.device.data import EALData, Payload
+from eal_actors.device.data.c_types import short_repr
+from eal_actors.kernel.errors import EALError, ProtocolError
+from eal_actors.wire.format.packing import (
+    MAX_CALL_BYTES,
+    PROTOCOL_VERSION,
+    Buffer,
+    checked_client,
+    checked_count,
+    checked_flag,
+    checked_payload,
+    checked_row,
+    checked_seconds,
+    checked_text,
+    checked_time,
+    data_from,
+    data_header,
+    error_body,
+    error_from,
+    optional_data_from,
+    optional_row,
+    pack,
+    packed_client,
+    payload_of,
+    unpack,
+    unpack_map,
+)
+
+_STATUS, _DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
+_NO_PAYLOAD: Final = b""
+_NONE: Final = type(None)
+_READING: Final = int, bytes, int, int, float, float, _NONE, list, _NONE
+_COMMAND: Final = *_READING, str, float, float
+_USUAL_CALLS: Final = frozenset({_READING, _COMMAND, (*_COMMAND, bool)})
+"""Types of the fields of the usual calls; only their numbers and arguments need a further check."""
+
+
+class CallId(NamedTuple):
+    """Identifier of a call, unique over all controllers and their restarts.
+
+    Attributes:
+        client: the controller's process; see keys.client_id.
+        epoch: number of the client's connection to the robot.
+        sequence: number of the client's call to the robot, from 1.
+    """
+
+    client: str
+    epoch: int
+    sequence: int
+
+
+class CallHeader(NamedTuple):
+    """Fields of a call other than its key and its value.
+
+    Attributes:
+        client: see CallId.
+        epoch: see CallId.
+        sequence: see CallId.
+        ttl_s: time to live: real seconds after the sending within which the robot may begin.
+        deadline_s: real seconds from the sending to the caller's deadline; negative once it has passed.
+        start_s: time to begin, by the robot's clock, in seconds; None for at once.
+        arguments: the method's str and int arguments in order; ints have at most 64 bits.
+        era: of a command: the run of the robot's server that the echo is from; see freshness.
+        echo_s: of a command: the robot's clock as a reply carried it, in seconds.
+        held_s: of a command: seconds from that reply to the sending.
+        has_more: of a command: the client sends more commands at once, to any robots, so their replies may be batched.
+        traceparent: span of the call in the format of W3C Trace Context; empty without tracing.
+    """
+
+    client: str
+    epoch: int
+    sequence: int
+    ttl_s: float
+    deadline_s: float
+    start_s: float | None = None
+    arguments: tuple[str | int, ...] = ()
+    era: str = ""
+    echo_s: float = 0.0
+    held_s: float = 0.0
+    has_more: bool = False
+    traceparent: str = ""
+
+    @property
+    def call_id(self) -> CallId:
+        """Identifier of the call."""
+        return CallId(self.client, self.epoch, self.sequence)
+
+
+@final
+class Accepted:
+    """Answer to a long command: it has begun, and its outcome follows as an event."""
+
+    def __repr__(self) -> str:
+        return "ACCEPTED"
+
+
+ACCEPTED: Final = Accepted()
+
+Answer: TypeAlias = int | EALData | EALError | dict[str, Any] | Accepted
+"""A status; a value; an error; fields by name (of `hello`, `ping` and `info`); or ACCEPTED."""
+
+
+class RobotTime(NamedTuple):
+    """Reading of a robot's clock.
+
+    Attributes:
+        era: the run of the robot's server.
+        time_s: its clock, in seconds.
+        began_s: when the answered command began, by the same clock, if it had a start time.
+    """
+
+    era: str
+    time_s: float
+    began_s: float | None = None
+
+
+class CallReply(NamedTuple):
+    """Reply to a call.
+
+    Attributes:
+        sequence: number of the call; 0 if the robot could not decode the call.
+        answer: the answer.
+        time: the robot's clock when it answered, if included.
+    """
+
+    sequence: int
+    answer: Answer
+    time: RobotTime | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RobotEvent:
+    """Event that a robot publishes to all its controllers.
+
+    Attributes:
+        kind: such as `result`; readers ignore unknown kinds.
+        stamp_s: when it happened, in seconds of the robot's fleet time.
+        call: the call it is about, or None.
+        answer: the outcome of that call, or None.
+        fields: further plain values by name.
+    """
+
+    kind: str
+    stamp_s: float
+    call: CallId | None = None
+    answer: Answer | None = None
+    fields: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """Heartbeat of a controller.
+
+    Attributes:
+        client: see CallId.
+        name: display name, such as `anna@lab-pc`.
+    """
+
+    client: str
+    name: str = ""
+
+
+def encode_call(header: CallHeader, data: EALData | None = None) -> tuple[bytes, Payload]:
+    """Return a call's envelope and payload.
+
+    Raises:
+        DataError: the payload is larger than MAX_CALL_BYTES, or a field cannot be packed.
+    """
+    client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, era, echo_s, held_s, has_more, traceparent = header
+    about = None if data is None else data_header(data)
+    row = [PROTOCOL_VERSION, packed_client(client), epoch, sequence, ttl_s, deadline_s, start_s, arguments, about]
+    if era or echo_s or held_s or has_more or traceparent:
+        row += era, echo_s, held_s
+        if has_more or traceparent:
+            row += (has_more, traceparent) if traceparent else (True,)
+    return pack(row, "call"), _NO_PAYLOAD if data is None else payload_of(data, MAX_CALL_BYTES)
+
+
+def decode_call(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> tuple[CallHeader, EALData | None]:
+    """Return the header and the value of a call; ProtocolError if the bytes are no call of this version."""
+    row = unpack(envelope, "call")
+    if type(row) is not list or tuple(map(type, row)) not in _USUAL_CALLS:
+        row = _checked_call(row)
+    version, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, *echo = row
+    is_plain = math.isfinite(sum(echo[1:3], ttl_s + deadline_s))
+    if version != PROTOCOL_VERSION or epoch < 0 or sequence < 0 or not is_plain:
+        _checked_call(row)
+    for item in arguments:
+        if type(item) is not str and type(item) is not int:
+            raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
+    about_call = checked_client(client, "call"), epoch, sequence, ttl_s, deadline_s, start_s, tuple(arguments), *echo
+    header = CallHeader(*about_call)
+    return header, None if about is None and not payload else optional_data_from(about, payload, "call")
+
+
+def _checked_call(row: object) -> list[Any]:
+    """Return the fields of a call, those that are missing at the end left out; ProtocolError if one is invalid."""
+    row = optional_row(row, "call", 9, 5)
+    _, client, epoch, sequence, ttl_s, deadline_s, start_s, arguments, about, era, echo_s, held_s, more, parent = row
+    if type(arguments) is not list:
+        raise ProtocolError(f"call: arguments {short_repr(arguments)} are not a list of texts and ints")
+    checked_client(client, "call")
+    return [
+        PROTOCOL_VERSION,
+        client,
+        checked_count(epoch, "call: epoch"),
+        checked_count(sequence, "call: sequence"),
+        checked_seconds(ttl_s, "call: ttl_s"),
+        checked_seconds(deadline_s, "call: deadline_s"),
+        None if start_s is None else checked_time(start_s, "call: start_s"),
+        arguments,
+        about,
+        "" if era is None else checked_text(era, "call: era"),
+        0.0 if era is None else checked_time(echo_s, "call: echo_s"),
+        0.0 if era is None else checked_time(held_s, "call: held_s"),
+        more is not None and checked_flag(more, "call: has_more"),
+        "" if parent is None else checked_text(parent, "call: traceparent"),
+    ]
+
+
+def encode_reply(reply: CallReply) -> tuple[bytes, Payload]:
+    """Return a reply's envelope and payload.
+
+    Raises:
+        DataError: the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
+    """
+    kind, body, payload = _answer_parts(reply.answer)
+    time = reply.time
+    known = () if time is None else time[:2] if time.began_s is None else time
+    return pack((PROTOCOL_VERSION, reply.sequence, kind, body, *known), "answer"), payload
+
+
+def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> CallReply:
+    """Return a reply, whose answer may be an error; ProtocolError if the bytes are no reply of this version."""
+    _, sequence, kind, body, era, time_s, began_s = optional_row(unpack(envelope, "answer"), "answer", 4, 3)
+    time = None
+    if era is not None:
+        began_s = None if began_s is None else checked_time(began_s, "answer: began_s")
+        time = RobotTime(checked_text(era, "answer: era"), checked_time(time_s, "answer: time_s"), began_s)
+    return CallReply(checked_count(sequence, "answer: sequence"), _answer_from(kind, body, payload, "answer"), time)
+
+
+def encode_event(event: RobotEvent) -> tuple[bytes, Payload]:
+    """Return an event's envelope and payload.
+
+    Raises:
+        DataError: the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
+    """
+    fields: dict[str, Any] = {"version": PROTOCOL_VERSION, "kind": event.kind, "stamp_s": event.stamp_s}
+    payload: Payload = _NO_PAYLOAD
+    if event.call is not None:
+        client, epoch, sequence = event.call
+        fields["call"] = packed_client(client), epoch, sequence
+    if event.answer is not None:
+        kind, body, payload = _answer_parts(event.answer)
+        fields["answer"] = kind, body
+    if event.fields:
+        fields["fields"] = dict(event.fields)
+    return pack(fields, "event"), payload
+
+
+def decode_event(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> RobotEvent:
+    """Return an event; ProtocolError if the bytes are no event of this version."""
+    fields = unpack_map(envelope, "event")
+    call, answer, more = fields.get("call"), fields.get("answer"), fields.get("fields", {})
+    if type(more) is not dict:
+        raise ProtocolError(f"event: fields {short_repr(more)} are no map")
+    if answer is None:
+        optional_data_from(None, payload, "event")
+    else:
+        kind, body = checked_row(answer, "event: answer", 2)
+        answer = _answer_from(kind, body, payload, "event: answer")
+    return RobotEvent(
+        checked_text(fields.get("kind"), "event: kind"),
+        checked_time(fields.get("stamp_s"), "event: stamp_s"),
+        None if call is None else _call_id_from(call),
+        answer,
+        more,
+    )
+
+
+def encode_heartbeat(beat: Heartbeat) -> bytes:
+    """Return a heartbeat's envelope; DataError if a field cannot be packed."""
+    fields = {"version": PROTOCOL_VERSION, "client": packed_client(beat.client), "name": beat.name}
+    return pack(fields, "heartbeat")
+
+
+def decode_heartbeat(envelope: Buffer) -> Heartbeat:
+    """Return a heartbeat; ProtocolError if the bytes are no heartbeat of this version."""
+    fields = unpack_map(envelope, "heartbeat")
+    return Heartbeat(
+        checked_client(fields.get("client"), "heartbeat"), checked_text(fields.get("name", ""), "heartbeat: name")
+    )
+
+
+def _answer_parts(answer: Answer) -> tuple[int, Any, Payload]:
+    if isinstance(answer, int):
+        return _STATUS, int(answer), _NO_PAYLOAD  # True is a status too
+    if isinstance(answer, EALData):
+        return _DATA, data_header(answer), payload_of(answer)
+    if isinstance(answer, EALError):
+        return _ERROR, error_body(answer), _NO_PAYLOAD
+    if isinstance(answer, dict):
+        return _FIELDS, answer, _NO_PAYLOAD
+    return _ACCEPTED, None, _NO_PAYLOAD
+
+
+def _answer_from(kind: object, body: Any, payload: Buffer, what: str) -> Answer:
+    if type(kind) is int:
+        if kind == _DATA:
+            return data_from(body, checked_payload(payload, what), what)
+        if payload:
+            optional_data_from(None, payload, what)
+        if kind == _STATUS and type(body) is int:
+            return body
+        if kind == _ERROR:
+            return error_from(body, what)
+        if kind == _FIELDS and type(body) is dict:
+            return body
+        if kind == _ACCEPTED and body is None:
+            return ACCEPTED
+    raise ProtocolError(
+        f"{what}: {short_repr(body)} is not an answer of kind {short_repr(kind)}, which is 0 to {_ACCEPTED}"
+    )
+
+
+def _call_id_from(row: object) -> CallId:
+    client, epoch, sequence = checked_row(row, "event: call", 3)
+    return CallId(
+        checked_client(client, "event: call"),
+        checked_count(epoch, "event: call: epoch"),
+        checked_count(sequence, "event: call: sequence"),
+    )

@@ -1,0 +1,173 @@
+"""A request to many robots at once, such as an emergency stop: no handshake, and absent robots delay no others."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import secrets
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Final
+
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, error_text
+from eal_actors.kernel.log import get_logger
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import CallHeader, CallReply, decode_reply, encode_call
+from eal_actors.wire.format.packing import check_version
+from eal_actors.wire.session import controller_config, open_session
+
+if TYPE_CHECKING:
+    import zenoh
+
+BROADCAST_S: Final = 3.0
+"""Real seconds after which a robot that does not answer counts as absent."""
+
+_RETRY_S: Final = 0.5
+"""Real seconds after which a live robot without an answer is asked again."""
+
+OnResult = Callable[[str, EALError | None], None]
+"""Called with a robot's name and its error, None on success."""
+
+
+def ask_robots(
+    config: FleetConfig,
+    robots: Sequence[str],
+    method: str,
+    arguments: tuple[str | int, ...] = (),
+    *,
+    on_result: OnResult,
+    timeout_s: float = BROADCAST_S,
+) -> None:
+    """Call a method of each robot urgently, as soon as the robot is reachable, and again until it answers.
+
+    Args:
+        config: the fleet.
+        robots: names of robots that have an address.
+        method: an idempotent method of the robot itself.
+        arguments: the method's.
+        on_result: called once for each robot: when it has answered, or at the end.
+        timeout_s: greatest real seconds to wait.
+
+    Raises:
+        UnavailableError: no router answers.
+        ConfigError: the keys are missing.
+
+    Thread: blocks the caller, which also runs `on_result`.
+    """
+    broadcast = _Broadcast(config, robots, method, arguments, on_result)
+    with open_session(controller_config(config, robots), timeout_s) as session:
+        broadcast.run(session, timeout_s)
+
+
+class _Broadcast:
+    """One method call to many robots."""
+
+    def __init__(
+        self,
+        config: FleetConfig,
+        robots: Sequence[str],
+        method: str,
+        arguments: tuple[str | int, ...],
+        on_result: OnResult,
+    ) -> None:
+        self._config = config
+        # Of robots that have not answered; inf: not seen yet. A router hears a revocation even if no robot is there.
+        self._ask_at_s = dict.fromkeys(robots, 0.0 if method == keys.REVOKE else math.inf)
+        self._method = method
+        self._arguments = arguments
+        self._on_result = on_result
+        security = config.network.security
+        self._caller = keys.ANYBODY if security is None else security.controller
+        self._secret = secrets.token_hex(16)
+        self._client = keys.client_id(self._caller, self._secret)
+        self._sequence = 0
+        self._inbox: deque[tuple[str, CallReply | None]] = deque()
+        self._waiter = new_waiter()
+
+    def run(self, session: zenoh.Session, timeout_s: float) -> None:
+        """Call every robot until each has answered or the time is over."""
+        import zenoh
+
+        end_s = REAL_TIME.now() + timeout_s
+        callback = zenoh.handlers.Callback
+        answers = keys.answer_keys(self._config.name, self._caller, self._secret)
+        session.declare_subscriber(answers, callback(self._on_answer, indirect=False))
+        session.liveliness().declare_subscriber(
+            keys.alive_keys(self._config.name), callback(self._on_liveliness, indirect=False), history=True
+        )
+        while self._ask_at_s and (now_s := REAL_TIME.now()) < end_s:
+            for robot, ask_at_s in self._ask_at_s.items():
+                if ask_at_s <= now_s:
+                    self._ask(session, robot, end_s - now_s)
+                    self._ask_at_s[robot] = now_s + _RETRY_S
+            next_s = min(end_s, *self._ask_at_s.values())
+            if not self._inbox:
+                REAL_TIME.wait(self._waiter, max(0.0, next_s - REAL_TIME.now()))
+            self._handle_messages()
+        for robot in self._ask_at_s:
+            address = self._config.robots[robot].address
+            reason = f"did not answer within {timeout_s:g} s at {address}, or does not grant this"
+            self._on_result(robot, UnavailableError(reason, robot=robot))
+
+    def _ask(self, session: zenoh.Session, robot: str, left_s: float) -> None:
+        import zenoh
+
+        self._sequence += 1
+        header = CallHeader(self._client, 0, self._sequence, left_s, left_s, None, self._arguments)
+        envelope, payload = encode_call(header)
+        key = keys.CallKey(self._config.name, robot, keys.ROBOT, self._method, self._caller, self._secret)
+        try:
+            session.put(
+                keys.call_key(key),
+                payload,
+                priority=zenoh.Priority.REAL_TIME,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                express=True,
+                attachment=envelope,
+            )
+        except zenoh.ZError as error:
+            get_logger(robot=robot).debug("a call could not be sent", reason=error_text(error))
+
+    # Messages, in zenoh's threads.
+
+    def _on_answer(self, sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        try:
+            reply = decode_reply(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+        except ProtocolError as error:
+            reply = CallReply(0, error)
+        with contextlib.suppress(ProtocolError):
+            _, robot = keys.parse_robot(str(sample.key_expr))
+            self._enqueue(robot, reply)
+
+    def _on_liveliness(self, sample: zenoh.Sample) -> None:
+        import zenoh
+
+        if sample.kind != zenoh.SampleKind.PUT:
+            return
+        with contextlib.suppress(ProtocolError):
+            _, robot, version = keys.parse_alive(str(sample.key_expr))
+            try:
+                check_version(version, "its heartbeat")
+            except ProtocolError as error:
+                self._enqueue(robot, CallReply(0, error))
+            else:
+                self._enqueue(robot, None)
+
+    def _enqueue(self, robot: str, reply: CallReply | None) -> None:
+        self._inbox.append((robot, reply))
+        REAL_TIME.wake(self._waiter)
+
+    def _handle_messages(self) -> None:
+        while self._inbox:
+            robot, reply = self._inbox.popleft()
+            if robot not in self._ask_at_s:
+                continue
+            if reply is None:  # its token appeared
+                self._ask_at_s[robot] = REAL_TIME.now()
+                continue
+            del self._ask_at_s[robot]
+            answer = reply.answer
+            self._on_result(robot, answer.at(robot) if isinstance(answer, EALError) else None)

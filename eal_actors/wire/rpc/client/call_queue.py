@@ -1,0 +1,403 @@
+"""CallQueue: the outgoing calls to one remote robot, from their callers to the robot's replies.
+
+Calls wait here in the order of submission until the fleet's sender gives the queue its turn. They are stamped when
+they are sent, so that waiting does not make them stale. A small call is sent at once, in the caller's thread, while so
+few calls are in flight that they fit into the queue of any link: then it waits for no link and overtakes no other call.
+A stop overtakes all waiting calls, and no other robot's stalled link can delay it: after a moment the thread of the
+robot's own connection sends it. Replies are handled in the thread that reads them, which resolves futures and leaves
+callbacks to the controller.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final, NoReturn
+
+from typing_extensions import override
+
+from eal_actors.actors.actor import Envelope
+from eal_actors.actors.call import Call
+from eal_actors.device.data import EALData
+from eal_actors.device.resource import Progress
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError, ProtocolError, RemoteError, UnavailableError
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import (
+    ACCEPTED,
+    Answer,
+    CallHeader,
+    CallId,
+    CallReply,
+    RobotEvent,
+    RobotTime,
+    encode_call,
+)
+from eal_actors.wire.rpc.client.channel import Channel, PendingCall
+from eal_actors.wire.rpc.client.command_tracking import CommandTracker
+from eal_actors.wire.rpc.client.unanswered import UnansweredCalls
+from eal_actors.wire.rpc.clock_offset import fleet_time_of, real_time_of
+from eal_actors.wire.rpc.sender import UrgentMessage
+
+TTL_S: Final = 1.0
+"""Time to live of a command: its greatest age when the robot begins it, in real seconds."""
+
+_PATIENCE_S: Final = 0.001
+"""Real seconds that a caller waits while another one sends; then the call is queued."""
+_RETRY_S: Final = 0.05
+_RECONNECT_S: Final = 1.0
+"""Real seconds within which a lost robot may come back and be asked again."""
+
+
+class CallQueue(UrgentMessage):
+    """Outgoing calls to one robot. It takes the place of the resources' actors and their mailboxes.
+
+    Args:
+        channel: the connection to the robot.
+        capacity: limit of the pending calls to one resource.
+
+    Attributes:
+        tracker: our commands whose outcome has not arrived.
+        window: calls in flight to all robots.
+
+    Thread: any, unless noted.
+    """
+
+    def __init__(self, channel: Channel, capacity: int) -> None:
+        self._channel = channel
+        self._controller = channel.controller
+        self.window: Final = channel.controller.window
+        self._lock = threading.Lock()
+        self._urgent: deque[Call[Any]] = deque()
+        self._normal: deque[Call[Any]] = deque()
+        self._unanswered = UnansweredCalls(capacity)
+        self._keys: dict[tuple[str, str], str] = {}  # of calls, by resource and method
+        self._end: EALError | None = None
+        self._sending = threading.Lock()
+        self._echo: tuple[RobotTime, float] | None = None
+        self.tracker: Final = CommandTracker(channel)
+
+    # CallServer.
+
+    @property
+    def resource(self) -> NoReturn:
+        """Raise RemoteError: the resource object is in another process (Source: thesis §4.5)."""
+        raise RemoteError("the resource itself is not available over a network", robot=self._channel.name)
+
+    def put(self, envelope: Call[Any]) -> None:
+        """Add a call.
+
+        Raises:
+            AccessDeniedError: the robot does not grant it.
+            BusyError: too many calls to its resource are pending.
+            UnavailableError: the connection has ended.
+        """
+        with self._lock:
+            self._admit(envelope)
+            self._unanswered.add(envelope)
+            is_next = self._controller.sender.is_idle and not (self._normal or self._urgent)
+            is_next = is_next and self.window.has_room_at_once and _is_small(envelope)
+            if not is_next:
+                self._normal.append(envelope)
+        if is_next and self._sending.acquire(timeout=_PATIENCE_S):
+            try:
+                self._send(envelope, is_last=True)
+            finally:
+                self._sending.release()
+            return
+        if is_next:
+            with self._lock:
+                self._normal.append(envelope)
+        self._controller.sender.submit(self)
+
+    def put_urgent(
+        self, envelope: Call[Any], *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
+    ) -> list[Envelope]:
+        """Add a call before all others, and return the calls that `drop` removes; see Inbox.
+
+        Raises:
+            AccessDeniedError: the robot does not grant it.
+            BusyError: too many calls to its resource are pending.
+            UnavailableError: the connection has ended.
+        """
+        dropped: list[Envelope] = []
+        with self._lock:
+            self._admit(envelope)
+            self._unanswered.add(envelope, 2 if bounded else math.inf)
+            if drop is not None and self._normal:
+                for call in [call for call in self._normal if drop(call)]:
+                    self._normal.remove(call)
+                    self._unanswered.discard(call)
+                    dropped.append(call)
+            self._urgent.append(envelope)
+        if envelope.stops:
+            self._controller.send_urgently(self)
+        else:
+            self._controller.sender.submit(self)
+        return dropped
+
+    def _admit(self, call: Call[Any]) -> None:
+        if self._end is not None:
+            raise self._end.copy()
+        if self._channel.rights is not None:
+            self._channel.rights.check(call.cell.name, call.method)
+
+    def stop_activity_of(self, call: Call[Any]) -> None:
+        """Drop a call that nobody waits for, or cancel its command on the robot."""
+        with self._lock:
+            if call in self._normal:
+                self._normal.remove(call)
+                self._unanswered.discard(call)
+                return
+        if call.method not in keys.RETRYABLE_METHODS:
+            self._channel.run_soon(lambda: self._cancel(call))
+
+    def _cancel(self, call: Call[Any]) -> None:
+        with self._sending:  # from now on it is either sent or never will be
+            self.tracker.cancel(call)
+
+    # Sending.
+
+    @override
+    def send(self, *, is_last: bool) -> None:
+        with self._sending:
+            self._send_next(is_last=is_last)
+
+    def _send_next(self, *, is_last: bool) -> None:
+        with self._lock:
+            waiting = self._urgent or self._normal
+            call = waiting.popleft() if waiting else None
+        if call is not None:
+            self._send(call, is_last=is_last)
+
+    @override
+    def bypass(self) -> None:
+        if self._urgent:
+            self._channel.run_soon(self._send_urgent)
+
+    def _send_urgent(self) -> None:
+        """Send the urgent calls that still wait. Thread: the connection's."""
+        with self._sending:
+            while self._urgent:
+                self._send(self._urgent.popleft(), is_last=True)
+
+    def _send(self, call: Call[Any], *, is_last: bool) -> None:
+        channel, name = self._channel, call.cell.name
+        left_s = self._left_s(call)
+        if not call.stops:
+            if call.done():
+                self._unanswered.discard(call)
+                return
+            if left_s <= 0:
+                self.expire(call)
+                return
+        try:
+            header, data = self._header(call, left_s, has_more=not is_last)
+            envelope, payload = encode_call(header, data)
+        except EALError as error:
+            self._unanswered.discard(call)
+            call.settle(None, error.at(channel.name, name), self._controller.run_later)
+            return
+        call_id = header.call_id if header.era and call.method != keys.HALT else None
+        if call_id is not None:
+            self.tracker.commands[call_id] = call
+        if call.span is not None:
+            call.span.note("sent")
+        end_s = REAL_TIME.now() + header.deadline_s
+        channel.pending.add(header.sequence, _SentCall(self, call, call_id, end_s))
+        self.window.sent()
+        key = self._keys.get((name, call.method))
+        if key is None:
+            key = self._keys[name, call.method] = self._controller.call_key(channel.name, name, call.method)
+        if not self._controller.put(channel.name, key, envelope, payload, is_urgent=call.stops, is_last=is_last):
+            channel.pending.lose_all()
+
+    def _left_s(self, call: Call[Any]) -> float:
+        """Return the real seconds until a call's deadline; a late stop is still a stop."""
+        clock = self._channel.clock
+        left_s = (call.deadline_s or 0.0) - clock.now()
+        return (max(left_s, call.cell.timeout_s) if call.stops else left_s) / clock.of_real(1.0)
+
+    def _header(self, call: Call[Any], left_s: float, *, has_more: bool) -> tuple[CallHeader, EALData | None]:
+        """Return the header and the value of a call; commands and stops have a stamp that proves their age."""
+        plain, data = _split_arguments(call)
+        stamper = self._channel.stamper
+        traceparent = "" if call.span is None else call.span.traceparent
+        if call.method in keys.RETRYABLE_METHODS:
+            head = stamper.client, stamper.epoch, stamper.number(), left_s, left_s, None, plain
+            return CallHeader(*head, traceparent=traceparent), data
+        start_s = None if call.start_s is None else self._robot_time(call.start_s)
+        if data is not None and data.stamp_s is not None:
+            data = data.with_meta(stamp_s=self._robot_time(data.stamp_s))
+        echo, self._echo = self._echo, None
+        if echo is not None:
+            time, heard_s = echo
+            stamper.heard(time.era, time.time_s, heard_s)
+        stamp = stamper.stamp(TTL_S, REAL_TIME.now())
+        proof = stamp.era, stamp.echo_s, stamp.held_s
+        left_s = self._left_s(call)  # read after the stamp: their sum is never later than the deadline
+        return CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *proof, has_more, traceparent), data
+
+    def _robot_time(self, fleet_s: float) -> float:
+        real_s = real_time_of(self._channel.clock, fleet_s)
+        return real_s + self._channel.clock_tracker.offset(real_s).offset_s
+
+    # Replies and events. Thread: zenoh's.
+
+    def receive_reply(self, reply: CallReply) -> None:
+        """Handle a reply, and keep the robot's clock for the next stamp."""
+        if reply.time is not None:
+            self._echo = reply.time, REAL_TIME.now()
+        if not self._channel.pending.answer(reply):  # a leaving robot may send the outcome after its token has gone
+            for call_id, call in list(self.tracker.commands.items()):
+                if call_id.sequence == reply.sequence:
+                    self.conclude(call, call_id, reply.answer, reply.time)
+
+    def receive_result(self, event: RobotEvent) -> None:
+        """Handle the outcome of a long command."""
+        call = self.tracker.commands.get(event.call) if event.call is not None else None
+        if call is not None and event.answer is not None and event.call is not None:
+            began_s = event.fields.get("began_s")
+            time = RobotTime("", event.stamp_s, began_s if isinstance(began_s, float) else None)
+            self.conclude(call, event.call, event.answer, time)
+
+    def receive_progress(self, call_id: CallId, progress: Progress) -> None:
+        """Handle the progress of a command; its time is by our fleet's clock."""
+        call = self.tracker.commands.get(call_id)
+        if call is not None:
+            call.note_progress(progress, self._controller.run_later)
+
+    def conclude(self, call: Call[Any], call_id: CallId | None, answer: Answer, time: RobotTime | None) -> None:
+        """Resolve a call, unless the robot has only accepted it."""
+        self._unanswered.discard(call)
+        if answer is ACCEPTED:
+            if call_id in self.tracker.commands:
+                self.tracker.restart_backoff()
+                return
+            answer = ProtocolError("the robot has accepted a call that cannot take long")
+        if call_id is not None:
+            self.tracker.commands.pop(call_id, None)
+        if time is not None:
+            clocks, clock = self._channel.clock_tracker, self._channel.clock
+            if time.began_s is not None and call.start_s is not None:
+                offset = clocks.offset(REAL_TIME.now())
+                call.began_s = fleet_time_of(clock, time.began_s - offset.offset_s)
+                call.began_error_s = clock.of_real(offset.error_s)
+            if isinstance(answer, EALData) and answer.stamp_s is not None:
+                answer, call.stamp_error_s = clocks.localize(answer, time, clock)
+        run_later = self._controller.run_later
+        if isinstance(answer, EALError):
+            call.settle(None, answer.at(self._channel.name, call.cell.name), run_later)
+        else:
+            call.settle(answer, None, run_later)
+
+    # Failures. Thread: any.
+
+    def lose(self, call: Call[Any], call_id: CallId | None) -> None:
+        """Retry a call whose robot is unreachable if it changes nothing; a command is never sent twice."""
+        clock = self._channel.clock
+        retry_until_s = clock.now() + clock.of_real(_RECONNECT_S)
+        self._channel.run_soon(lambda: self._retry(call, call_id, retry_until_s))
+
+    def expire(self, call: Call[Any]) -> None:
+        """Fail a call whose deadline has passed without a reply."""
+        self._unanswered.discard(call)
+        self._controller.run_later(call.expire)
+
+    def _retry(self, call: Call[Any], call_id: CallId | None, retry_until_s: float) -> None:
+        channel, now_s = self._channel, self._channel.clock.now()
+        if call.done():
+            self._unanswered.discard(call)
+            if call_id is not None:
+                self.tracker.commands.pop(call_id, None)
+        elif call_id in self.tracker.commands:  # the robot is asked for its outcome after the reconnect
+            self._unanswered.discard(call)
+        elif now_s >= (call.deadline_s or 0.0):
+            self.expire(call)
+        elif now_s >= retry_until_s:
+            self._unanswered.discard(call)
+            call.fail(UnavailableError("the robot did not answer"))
+        else:
+            again = self._put_again if channel.is_ready else lambda it: self._retry(it, call_id, retry_until_s)
+            channel.inbox.call_later(channel.clock.of_real(_RETRY_S), lambda: again(call))
+
+    def _put_again(self, call: Call[Any]) -> None:
+        try:
+            (self.put_urgent if call.stops else self.put)(call)
+        except EALError as error:
+            call.fail(error)
+
+    # The connection.
+
+    def begin_epoch(self) -> None:
+        """Begin a new epoch after a reconnect: the robot refuses commands of earlier ones. Thread: the connection's."""
+        with self._sending:
+            self._channel.stamper.reconnect()
+
+    def tick(self, now_s: float) -> None:
+        """Fail calls whose time is over, and ask for missing outcomes. Thread: the controller's."""
+        self._channel.pending.expire(now_s)
+        self.tracker.tick(now_s)
+
+    def close(self, error: EALError) -> None:
+        """Fail all calls, and refuse new ones. Thread: the connection's."""
+        commands = self.tracker.commands
+        with self._lock:
+            self._end = error
+            calls = {*self._unanswered.clear(), *commands.values()}
+            for waiting in (commands, self._normal, self._urgent):
+                waiting.clear()
+        for call in calls:
+            call.fail(error.copy())
+        self._channel.pending.lose_all()
+
+
+class _SentCall(PendingCall):
+    """Call of a resource's method that was sent; commands have an identifier."""
+
+    __slots__ = ("_call", "_call_id", "_queue", "end_s")
+
+    def __init__(self, queue: CallQueue, call: Call[Any], call_id: CallId | None, end_s: float) -> None:
+        self._queue = queue
+        self._call = call
+        self._call_id = call_id
+        self.end_s = end_s
+
+    @override
+    def answered(self, answer: Answer, time: RobotTime | None) -> None:
+        self._queue.window.answered()
+        self._queue.conclude(self._call, self._call_id, answer, time)
+
+    @override
+    def lost(self) -> None:
+        self._queue.window.answered()
+        self._queue.lose(self._call, self._call_id)
+
+    @override
+    def timed_out(self) -> None:
+        self._queue.window.answered()
+        self._queue.expire(self._call)
+
+
+def _split_arguments(call: Call[Any]) -> tuple[tuple[str | int, ...], EALData | None]:
+    """Return a call's arguments as its header and its payload carry them."""
+    if not call.arguments:
+        return (), None
+    plain: list[str | int] = []
+    data = None
+    for argument in call.arguments:
+        if isinstance(argument, EALData):
+            data = argument
+        elif argument is not None:
+            plain.append(argument)
+    return tuple(plain), data
+
+
+_SMALL_BYTES: Final = 32 * 1024
+
+
+def _is_small(call: Call[Any]) -> bool:
+    """Return whether a call fits into one batch of a link."""
+    return not any(type(item) is EALData and item.length > _SMALL_BYTES for item in call.arguments)

@@ -1,0 +1,259 @@
+"""Channel: the connection to one robot, shared by its call queue, its streams and requests to the robot itself.
+
+A call and its reply are two publications that only the call's number connects. When no reply will come, the robot's
+liveliness token disappears or the call's time runs out; `PendingCalls` handles both.
+"""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final, TypeVar
+
+from typing_extensions import override
+
+from eal_actors.actors.actor import EALActor
+from eal_actors.actors.future import Future
+from eal_actors.actors.robot_view import RobotState, RobotView
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import AccessDeniedError, EALError, UnavailableError
+from eal_actors.kernel.log import get_logger
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import Answer, CallHeader, CallReply, RobotTime, encode_call
+from eal_actors.wire.rpc.client.controller import Controller
+from eal_actors.wire.rpc.client.ping import ClockTracker
+from eal_actors.wire.rpc.freshness import Stamper
+from eal_actors.wire.rpc.sender import UrgentMessage
+from eal_actors.wire.security.access import Rights
+
+T = TypeVar("T")
+
+_GRACE_S: Final = 1.0
+"""Real seconds after a request's time-out by which its failure is reported."""
+
+ReadReply = Callable[[Answer, RobotTime | None, float, float], T]
+"""Reads an answer. Arguments: answer, robot's clock if included, our clock (REAL_TIME) at sending and at the reply."""
+
+
+class PendingCall(ABC):
+    """Call that waits for a reply. One of its three methods is called, once; none may block zenoh's threads.
+
+    Attributes:
+        end_s: real time at which it times out.
+    """
+
+    __slots__ = ()
+
+    end_s: float
+
+    @abstractmethod
+    def answered(self, answer: Answer, time: RobotTime | None) -> None:
+        """Handle the answer and, if included, the robot's clock. Thread: zenoh's."""
+
+    @abstractmethod
+    def lost(self) -> None:
+        """Handle that the robot is unreachable. Thread: any."""
+
+    @abstractmethod
+    def timed_out(self) -> None:
+        """Handle that its time is over. Thread: any."""
+
+
+class PendingCalls:
+    """Pending calls of one robot by their numbers. Thread: any."""
+
+    def __init__(self) -> None:
+        self._pending: dict[int, PendingCall] = {}
+
+    def add(self, number: int, call: PendingCall) -> None:
+        """Wait for a reply; call it before sending."""
+        self._pending[number] = call
+
+    def answer(self, reply: CallReply) -> bool:
+        """Pass a reply to its call; one with number 0 goes to all, since the robot could not decode its call.
+
+        Returns:
+            Whether any call waited for it.
+        """
+        numbers = (reply.sequence,) if reply.sequence else list(self._pending)
+        calls = [call for number in numbers if (call := self._pending.pop(number, None)) is not None]
+        for call in calls:
+            call.answered(reply.answer, reply.time)
+        return bool(calls)
+
+    def lose_all(self) -> None:
+        """Report all as lost: the robot is unreachable."""
+        for number in list(self._pending):
+            call = self._pending.pop(number, None)
+            if call is not None:
+                call.lost()
+
+    def expire(self, now_s: float) -> None:
+        """Report those whose time is over at a real time."""
+        for number, call in list(self._pending.items()):
+            if call.end_s <= now_s and self._pending.pop(number, None) is not None:
+                call.timed_out()
+
+
+class Channel:
+    """Connection to one robot.
+
+    Attributes:
+        name: the robot's name.
+        clock: the fleet's clock.
+        inbox: mailbox and timers of the connection's actor.
+        controller: the fleet's network.
+        clock_tracker: estimates the offset of the robot's clock.
+        stamper: numbers calls and stamps commands.
+        pending: calls that wait for replies.
+        rights: calls that the robot grants; None for all.
+
+    Thread: any; nothing blocks.
+    """
+
+    def __init__(self, actor: EALActor, view: RobotView, controller: Controller) -> None:
+        self.name: Final = view.name
+        self.clock: Final = actor.clock
+        self.inbox: Final = actor.actor_inbox
+        self.controller: Final = controller
+        self.clock_tracker: Final = ClockTracker()
+        self.stamper: Final = Stamper(controller.client)
+        self.pending: Final = PendingCalls()
+        self.rights: Rights | None = None
+        self._view = view
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the robot is reachable and the handshake is done."""
+        return self._view.state is RobotState.READY and self.controller.is_alive(self.name)
+
+    def run_soon(self, action: Callable[[], None]) -> None:
+        """Run an action in the connection's thread unless the connection has ended."""
+        try:
+            self.inbox.call_soon(action)
+        except EALError:
+            get_logger(robot=self.name).debug("the connection has ended; an action is discarded")
+
+    def call(self, method: str, arguments: tuple[str | int, ...], timeout_s: float, read: ReadReply[T]) -> Future[T]:
+        """Call a method of the robot itself; `read` makes the future's value of the answer, in zenoh's thread.
+
+        The future fails with the robot's error, with AccessDeniedError if the robot does not grant the method, and
+        with UnavailableError if no reply arrives.
+        """
+        future: Future[T] = Future(REAL_TIME, REAL_TIME.now() + timeout_s + _GRACE_S)
+        run_later = self.controller.run_later
+
+        def on_answer(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
+            try:
+                if isinstance(answer, EALError):
+                    raise answer
+                value = read(answer, time, sent_s, answered_s)
+            except EALError as error:
+                future.settle(None, error.at(self.name), run_later)
+            else:
+                future.settle(value, None, run_later)
+
+        def on_failure() -> None:
+            future.settle(None, UnavailableError("the robot did not answer", robot=self.name), run_later)
+
+        self._send(method, arguments, timeout_s, on_answer, on_failure)
+        return future
+
+    def request(
+        self,
+        method: str,
+        arguments: tuple[str | int, ...],
+        timeout_s: float,
+        on_answer: Callable[[Answer], None] = lambda _: None,
+        resource: str = keys.ROBOT,
+        on_failure: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Call a method of the robot itself, or a stream; the callbacks run in the connection's thread."""
+
+        def on_reply(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> None:
+            self.clock_tracker.note(time, sent_s, answered_s)
+            self.run_soon(lambda: on_answer(answer))
+
+        self._send(method, arguments, timeout_s, on_reply, lambda: self.run_soon(on_failure), resource)
+
+    def _send(
+        self,
+        method: str,
+        arguments: tuple[str | int, ...],
+        timeout_s: float,
+        on_answer: ReadReply[None],
+        on_failure: Callable[[], None],
+        resource: str = keys.ROBOT,
+    ) -> None:
+        """Send a call; one callback runs in zenoh's thread, or at once if the call is refused."""
+        controller, stamper = self.controller, self.stamper
+        try:
+            if self.rights is not None:
+                self.rights.check(resource, method)
+        except AccessDeniedError as error:
+            on_answer(error, None, 0.0, 0.0)
+            return
+        number = stamper.number()
+        header = CallHeader(stamper.client, stamper.epoch, number, timeout_s, timeout_s, None, arguments)
+        key = controller.call_key(self.name, resource, method)
+        is_urgent = method in (keys.STOP, keys.RESUME)
+        request = _Request(self, key, header, on_answer, on_failure, is_urgent)
+        if is_urgent:
+            controller.send_urgently(request)
+        elif not controller.sender.submit(request):
+            on_failure()
+
+
+@dataclass(eq=False)
+class _Request(UrgentMessage, PendingCall):
+    """Call of a method of the robot itself, with the clock readings that its reply needs.
+
+    Attributes:
+        channel: the robot's channel.
+        key: key of the call.
+        header: header of the call; its time to live is the time-out of the reply.
+        on_answer: called with the answer, in zenoh's thread.
+        on_failure: called if there is no answer, in any thread.
+        is_urgent: whether it overtakes queued messages.
+    """
+
+    channel: Channel
+    key: str
+    header: CallHeader
+    on_answer: ReadReply[None]
+    on_failure: Callable[[], None]
+    is_urgent: bool
+    _is_taken: threading.Lock = field(default_factory=threading.Lock, init=False)  # by the thread that sends it
+    _sent_s: float = field(default=0.0, init=False)
+
+    @override
+    def send(self, *, is_last: bool) -> None:
+        if not self._is_taken.acquire(blocking=False):
+            return
+        channel, header = self.channel, self.header
+        envelope, payload = encode_call(header._replace(has_more=not is_last))
+        self._sent_s = REAL_TIME.now()
+        self.end_s = self._sent_s + header.ttl_s
+        channel.pending.add(header.sequence, self)
+        put = channel.controller.put
+        if not put(channel.name, self.key, envelope, payload, is_urgent=self.is_urgent, is_last=is_last):
+            channel.pending.lose_all()
+
+    @override
+    def bypass(self) -> None:
+        if not self._is_taken.locked():
+            self.channel.run_soon(lambda: self.send(is_last=True))
+
+    @override
+    def answered(self, answer: Answer, time: RobotTime | None) -> None:
+        self.on_answer(answer, time, self._sent_s, REAL_TIME.now())
+
+    @override
+    def lost(self) -> None:
+        self.on_failure()
+
+    @override
+    def timed_out(self) -> None:
+        self.on_failure()

@@ -1,0 +1,205 @@
+"""Commands that run on a remote robot: a list of all of them, and the follow-up of our own.
+
+`CommandBoard` lists the commands of all controllers, from the handshake, the replies to pings and events.
+`CommandTracker` follows our commands whose outcome has not arrived. An outcome may be lost with a link, so the tracker
+asks the robot for it, at growing intervals.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from eal_actors.actors.call import Call
+from eal_actors.actors.robot_view import RunningCommand
+from eal_actors.device.resource import Progress
+from eal_actors.kernel.errors import ProtocolError, UnavailableError
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import Answer, CallId
+from eal_actors.wire.rpc.client.channel import Channel
+
+_MAX_ENDED: Final = 256
+"""Ended commands that are remembered, since a late message may still list them as running."""
+
+_REATTACH_S: Final = 2.0
+_CANCEL_S: Final = 1.0
+_BACKOFF_S: Final = 1.0, 8.0
+"""Shortest and longest real seconds between two requests for outcomes."""
+
+
+@dataclass(slots=True)
+class _BoardEntry:
+    running: RunningCommand
+    told_s: float
+
+
+class CommandBoard:
+    """Commands that run on one robot; times are the robot's real time. Thread: any."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._entries: dict[CallId, _BoardEntry] = {}
+        self._ended: deque[CallId] = deque(maxlen=_MAX_ENDED)
+
+    def replace(self, rows: object, as_of_s: float = math.inf) -> None:
+        """Replace all entries.
+
+        Args:
+            rows: rows of client, epoch, sequence and fields, from a message.
+            as_of_s: robot's time of the message; commands that began later stay listed.
+
+        Raises:
+            ProtocolError: the rows are malformed.
+        """
+        try:
+            entries = {
+                CallId(str(client), int(epoch), int(sequence)): _BoardEntry(_running_from(fields), -math.inf)
+                for client, epoch, sequence, fields in rows  # type: ignore[attr-defined]  # checked by trying
+            }
+        except (TypeError, ValueError, AttributeError) as error:
+            raise ProtocolError(f"the running commands {rows!r} are malformed") from error
+        with self._lock:
+            later = {call_id: entry for call_id, entry in self._entries.items() if entry.told_s > as_of_s}
+            ended = set(self._ended)
+            self._entries = {call_id: entry for call_id, entry in {**entries, **later}.items() if call_id not in ended}
+
+    def begin(self, call_id: CallId, fields: Mapping[str, Any], told_s: float) -> None:
+        """Add a command that has begun; ProtocolError if its fields are malformed."""
+        entry = _BoardEntry(_running_from(fields), told_s)
+        with self._lock:
+            if call_id not in self._ended:
+                self._entries[call_id] = entry
+
+    def advance(self, call_id: CallId, progress: Progress) -> None:
+        """Update the progress of a command."""
+        with self._lock:
+            entry = self._entries.get(call_id)
+            if entry is not None:
+                running = entry.running
+                entry.running = RunningCommand(running.resource, running.command, running.by, running.since_s, progress)
+
+    def end(self, call_id: CallId) -> None:
+        """Remove a command that has ended."""
+        with self._lock:
+            self._entries.pop(call_id, None)
+            self._ended.append(call_id)
+
+    def clear(self) -> None:
+        """Remove all entries: the robot is unreachable."""
+        with self._lock:
+            self._entries.clear()
+
+    def running(self, to_local: Callable[[float], float]) -> tuple[RunningCommand, ...]:
+        """Return the running commands; `to_local` converts the robot's time to our fleet's."""
+        with self._lock:
+            running = [entry.running for entry in self._entries.values()]
+        return tuple(_localized(command, to_local) for command in running)
+
+
+def progress_from(row: object) -> Progress | None:
+    """Decode a progress: fraction, text and time; None if there is none.
+
+    Raises:
+        ProtocolError: it is malformed.
+    """
+    if row is None:
+        return None
+    try:
+        fraction, text, time_s = list(row)  # type: ignore[call-overload]  # checked by trying
+        return Progress(None if fraction is None else float(fraction), str(text), float(time_s))
+    except (TypeError, ValueError) as error:
+        raise ProtocolError(f"the progress {row!r} is malformed") from error
+
+
+def localized_progress(progress: Progress, to_local: Callable[[float], float]) -> Progress:
+    """Return a progress with its time by our fleet's clock."""
+    return Progress(progress.fraction, progress.text, to_local(progress.time_s))
+
+
+def _running_from(fields: Mapping[str, Any]) -> RunningCommand:
+    try:
+        resource, command, by = (str(fields[key]) for key in ("resource", "command", "by"))
+        return RunningCommand(resource, command, by, float(fields["since_s"]), progress_from(fields.get("progress")))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ProtocolError(f"the running command {fields!r} is malformed") from error
+
+
+def _localized(running: RunningCommand, to_local: Callable[[float], float]) -> RunningCommand:
+    progress = None if running.progress is None else localized_progress(running.progress, to_local)
+    return RunningCommand(running.resource, running.command, running.by, to_local(running.since_s), progress)
+
+
+class CommandTracker:
+    """Our commands to one robot that were sent and whose outcome has not arrived.
+
+    Attributes:
+        commands: the commands by their identifiers.
+
+    Thread: any, except `tick` and `reattach`.
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self.commands: Final[dict[CallId, Call[Any]]] = {}
+        self._channel = channel
+        self._ask_at_s = math.inf
+        self._interval_s = _BACKOFF_S[0]
+        self._suspects: set[CallId] = set()
+        self._given_up: list[CallId] = []
+
+    def restart_backoff(self) -> None:
+        """Begin again with the shortest interval: the robot has accepted another command."""
+        self._ask_at_s = math.inf
+
+    def tick(self, now_s: float) -> None:
+        """Ask for outcomes when that is due. Thread: the controller's."""
+        if not self.commands:
+            self._ask_at_s = math.inf
+        elif self._ask_at_s == math.inf:
+            self._interval_s = _BACKOFF_S[0]
+            self._ask_at_s = now_s + self._interval_s
+        elif now_s >= self._ask_at_s:
+            self._interval_s = min(2 * self._interval_s, _BACKOFF_S[1])
+            self._ask_at_s = now_s + self._interval_s
+            if self._channel.is_ready:
+                self._channel.run_soon(self.reattach)
+
+    def give_up(self, reason: str) -> None:
+        """Fail all commands, and cancel them when the robot is back. Thread: the connection's."""
+        for call_id, call in list(self.commands.items()):
+            if self.commands.pop(call_id, None) is not None:
+                self._given_up.append(call_id)
+                call.fail(UnavailableError(f"its outcome is unknown: {reason}"))
+
+    def reattach(self) -> None:
+        """Ask the robot for the outcomes. Thread: the connection's."""
+        given_up, self._given_up = self._given_up, []
+        for call_id in given_up:
+            self._channel.request(keys.CANCEL, (call_id.epoch, call_id.sequence), _CANCEL_S)
+        unfinished = [call_id for call_id, call in list(self.commands.items()) if not call.done()]
+        if unfinished:
+            numbers = tuple(number for call_id in unfinished for number in (call_id.epoch, call_id.sequence))
+            self._channel.request(keys.REATTACH, numbers, _REATTACH_S, self._fail_unknown)
+
+    def _fail_unknown(self, answer: Answer) -> None:
+        """Fail commands that the robot does not know twice in succession: the first question may overtake them."""
+        if not isinstance(answer, dict):
+            return
+        client = self._channel.controller.client
+        unknown = {CallId(client, *numbers) for numbers in answer.get("unknown", ())}
+        lost, self._suspects = self._suspects & unknown, unknown - self._suspects
+        if self._suspects:
+            self._ask_at_s = -math.inf
+        for call_id in lost:
+            call = self.commands.pop(call_id, None)
+            if call is not None:
+                call.fail(UnavailableError("the robot has no record of it: it was lost, or the robot was restarted"))
+
+    def cancel(self, call: Call[Any]) -> None:
+        """Cancel a command on the robot. Thread: the connection's."""
+        for call_id in [call_id for call_id, command in list(self.commands.items()) if command is call]:
+            self.commands.pop(call_id, None)
+            self._channel.request(keys.CANCEL, (call_id.epoch, call_id.sequence), _CANCEL_S)

@@ -1,0 +1,363 @@
+"""Controller: a fleet's network in this process: one session, the robots' liveliness tokens, and the heartbeat."""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import threading
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
+
+from typing_extensions import override
+
+from eal_actors.actors.actor import EALActor, Inbox
+from eal_actors.actors.robot_view import process_name
+from eal_actors.device.data import Payload
+from eal_actors.kernel.clock import REAL_TIME, Clock
+from eal_actors.kernel.errors import EALError, ProtocolError, error_text
+from eal_actors.kernel.log import get_logger
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import (
+    CallReply,
+    Heartbeat,
+    RobotEvent,
+    decode_event,
+    decode_reply,
+    encode_heartbeat,
+)
+from eal_actors.wire.format.packing import PROTOCOL_VERSION
+from eal_actors.wire.rpc.sender import InFlightWindow, Sender, UrgentMessage
+from eal_actors.wire.rpc.throttled_log import ThrottledLog
+from eal_actors.wire.security.expiry import certificate_warnings
+from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
+from eal_actors.wire.session import controller_config, open_session
+from eal_actors.wire.transport import Transport
+
+if TYPE_CHECKING:
+    import zenoh
+
+_BYPASS_S: Final = 0.02
+"""Real seconds that an urgent message may wait for another one's link before its robot's own thread sends it."""
+
+_BEATS: Final = 4
+"""Heartbeats within the dead-man's time."""
+
+_TICK_S: Final = 0.25
+"""Real seconds between two checks for calls whose time is over."""
+
+
+class RobotListener(NamedTuple):
+    """Callbacks of a connection to one robot; none blocks.
+
+    Attributes:
+        name: the robot's name.
+        on_alive: its liveliness token appeared; called with its protocol version. Thread: zenoh's.
+        on_gone: its token disappeared; called with the reason. Thread: zenoh's.
+        on_reply: a reply arrived. Thread: zenoh's.
+        on_event: an event arrived; raises ProtocolError if that is malformed. Thread: zenoh's.
+        on_tick: called every 0.25 s with the real time. Thread: the controller's.
+    """
+
+    name: str
+    on_alive: Callable[[int], None]
+    on_gone: Callable[[str], None]
+    on_reply: Callable[[CallReply], None]
+    on_event: Callable[[RobotEvent], None]
+    on_tick: Callable[[float], None]
+
+
+class Controller(EALActor):
+    """Network of one fleet in this process.
+
+    Raises:
+        ConfigError: its keys are missing.
+
+    Attributes:
+        fleet: the fleet's name.
+        client: identifier of this controller, new in each process; see keys.client_id.
+        certificate: name of its certificate; None in a fleet without security.
+        display_name: its name for people, which robots show.
+        dead_man_s: real seconds of its silence after which a robot halts what it moves.
+        sender: sends the calls to all robots.
+        window: limit of the calls in flight to all robots.
+
+    Thread: an actor, which opens the session and sends the heartbeat. zenoh's threads run the listeners' callbacks.
+    """
+
+    def __init__(self, config: FleetConfig, clock: Clock, robots: Iterable[str] | None = None) -> None:
+        super().__init__(f"{config.name} network", clock)
+        self.fleet: Final = config.name
+        self._secret: Final = secrets.token_hex(16)
+        security = config.network.security
+        self.certificate: Final = None if security is None else security.controller
+        self._caller = self.certificate or keys.ANYBODY
+        self.client: Final = keys.client_id(self._caller, self._secret)
+        self.dead_man_s: Final = config.network.dead_man_s
+        self.display_name: Final = process_name(self.certificate)
+        self._config = config
+        self._robots = None if robots is None else tuple(robots)
+        self._keys = KeyWatch(None if security is None else security.keys, self._caller)
+        self._network = controller_config(config, self._robots)
+        self._lock = threading.Lock()
+        self._malformed = ThrottledLog(fleet=config.name)
+        self._listeners: dict[str, RobotListener] = {}
+        self._versions: dict[str, int] = {}  # protocol versions of the live robots
+        self._transport: Transport | None = None
+        self._stack = ExitStack()
+        self.window: Final = InFlightWindow()
+        self.sender: Final = Sender(f"{config.name} sender", self.window)
+        self._urgent_sender = Sender(f"{config.name} urgent sender")
+        self._callbacks = EALActor(f"{config.name} callbacks", clock)
+
+    def warnings(self) -> list[str]:
+        """Return warnings about certificates of this process that expire soon. Thread: any."""
+        return certificate_warnings(self._config.network.security, self._caller)
+
+    # Life.
+
+    @override
+    def launch(self) -> Self:
+        self.sender.launch()
+        self._urgent_sender.launch()
+        self._callbacks.launch()
+        return super().launch()
+
+    @property
+    def timekeeper(self) -> Inbox:
+        """Mailbox with the timers of all robots' deadlines, so that calls to many robots share one alarm."""
+        return self._callbacks.actor_inbox
+
+    def send_urgently(self, message: UrgentMessage) -> None:
+        """Send a message before all queued ones, even while a link is stalled. Thread: any; does not block."""
+        self._urgent_sender.submit(message)
+        self.timekeeper.call_later(self.clock.of_real(_BYPASS_S), message.bypass)
+
+    def run_later(self, action: Callable[[], None]) -> None:
+        """Run callbacks of a reply outside zenoh's threads. Thread: any; does not block."""
+        try:
+            self._callbacks.actor_inbox.call_soon(action)
+        except EALError:  # the network is closed, so no thread is blocked
+            action()
+
+    @override
+    def on_start(self) -> None:
+        self._open()
+        self._beat()
+        self._tick()
+        if self._keys:
+            self._follow_keys()
+
+    def _open(self) -> None:
+        """Open the session; may take seconds if a router does not answer."""
+        import zenoh
+
+        try:
+            session = self._stack.enter_context(open_session(self._network))
+        except EALError as error:
+            get_logger(fleet=self.fleet).error("the network cannot be opened", reason=error.message)
+            self._lose_robots(f"cannot be reached: {error.message}")
+            self.actor_inbox.call_later(self.clock.of_real(1.0), self._open)
+            return
+        self._transport = transport = Transport(session)
+        answers = keys.answer_keys(self.fleet, self._caller, self._secret)
+        transport.receive(answers, f"{self.fleet} answers", self._on_answer)
+        transport.receive(keys.event_key(self.fleet, None), f"{self.fleet} events", self._on_event)
+        session.liveliness().declare_subscriber(
+            keys.alive_keys(self.fleet), zenoh.handlers.Callback(self._on_liveliness, indirect=False), history=True
+        )
+        self._send_heartbeat(transport)
+
+    def _follow_keys(self) -> None:
+        if self._keys.has_changed():
+            self._keys.accept()
+            self._use_changed_keys()
+        self.actor_inbox.call_later(self.clock.of_real(WATCH_PERIOD_S), self._follow_keys)
+
+    def _use_changed_keys(self) -> None:
+        """Open the session again with a renewed certificate or a longer list of revoked names; commands continue."""
+        log = get_logger(fleet=self.fleet)
+        try:
+            self._network = controller_config(self._config, self._robots)
+        except EALError as error:
+            log.error("the changed keys cannot be used; the former ones stay in use", reason=error.message)
+            return
+        if self._transport is None:  # it is being opened, with the changed keys from now on
+            return
+        self._transport = None
+        self._stack.close()
+        with self._lock:
+            self._versions.clear()
+        self._lose_robots("is disconnected: the keys have changed")
+        log.info("the keys have changed: the network is opened again")
+        self._open()
+
+    def _lose_robots(self, reason: str) -> None:
+        for listener in self._all_listeners():
+            listener.on_gone(reason)
+
+    def _beat(self) -> None:
+        if self._transport is not None:
+            self._send_heartbeat(self._transport)
+        period_s = self.dead_man_s / _BEATS
+        self.actor_inbox.call_later(self.clock.of_real(period_s), self._beat)
+
+    def _send_heartbeat(self, transport: Transport) -> None:
+        key = keys.heartbeat_key(self.fleet, self._caller, self._secret)
+        beat = encode_heartbeat(Heartbeat(self.client, self.display_name))
+        transport.put(key, None, beat, is_urgent=True, is_vital=False)
+
+    def _tick(self) -> None:
+        now_s = REAL_TIME.now()
+        for listener in self._all_listeners():
+            listener.on_tick(now_s)
+        self.actor_inbox.call_later(self.clock.of_real(_TICK_S), self._tick)
+
+    def _all_listeners(self) -> list[RobotListener]:
+        with self._lock:
+            return list(self._listeners.values())
+
+    def shut_down(self) -> None:
+        """Close the session, and end. Thread: any; does not block."""
+        with contextlib.suppress(EALError):  # it has ended
+            self.actor_inbox.call_soon(self._stop)
+
+    @override
+    def on_stop(self) -> None:
+        self._transport = None
+        for actor in (self.sender, self._urgent_sender, self._callbacks):
+            actor.end_soon()
+        self._stack.close()
+
+    @override
+    def on_crash(self, error: BaseException) -> None:
+        get_logger(fleet=self.fleet).error("the network has crashed", error=error_text(error))
+        self.on_stop()
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait (real time) for its end; return whether all its threads ended. Thread: blocks the caller."""
+        end_s = REAL_TIME.now() + timeout_s
+        actors = (self, self.sender, self._urgent_sender, self._callbacks)
+        threads = [actor.thread for actor in actors if actor.thread is not None]
+        with self.clock.outside():
+            for thread in threads:
+                thread.join(max(0.0, end_s - REAL_TIME.now()))
+        return not any(thread.is_alive() for thread in threads)
+
+    # Robots. Thread: any.
+
+    def add(self, listener: RobotListener) -> None:
+        """Add the listener of a robot; it is called at once if the robot is alive."""
+        with self._lock:
+            self._listeners[listener.name] = listener
+            version = self._versions.get(listener.name)
+        if version is not None:
+            listener.on_alive(version)
+
+    def remove(self, listener: RobotListener) -> None:
+        """Remove a listener; ignored if another one has replaced it."""
+        with self._lock:
+            if self._listeners.get(listener.name) is listener:
+                del self._listeners[listener.name]
+
+    def is_alive(self, robot: str) -> bool:
+        """Return whether the robot's liveliness token is there, with our protocol version."""
+        return self._versions.get(robot) == PROTOCOL_VERSION
+
+    def subscribe(self, key: str, on_sample: Callable[[zenoh.Sample], None]) -> Callable[[], None] | None:
+        """Subscribe to a key; the callback runs in a thread of the subscription.
+
+        Returns:
+            A function that ends the subscription; None if the network is not open.
+        """
+        transport = self._transport
+        if transport is None:
+            return None
+        import zenoh
+
+        try:
+            return transport.receive(key, f"{self.fleet} stream", on_sample)
+        except zenoh.ZError as error:
+            get_logger(fleet=self.fleet).debug("a subscription failed", key=key, reason=error_text(error))
+            return None
+
+    def call_key(self, robot: str, resource: str, method: str) -> str:
+        """Return the key of this controller's calls of a method."""
+        return keys.call_key(keys.CallKey(self.fleet, robot, resource, method, self._caller, self._secret))
+
+    def put(
+        self, robot: str, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False, is_last: bool = True
+    ) -> bool:
+        """Send a call to a robot; return False if the robot is unreachable, so that no reply will arrive.
+
+        Args:
+            robot: the robot's name.
+            key: key of the call.
+            envelope: its envelope.
+            payload: its payload.
+            is_urgent: whether it overtakes the messages that wait in the link.
+            is_last: whether no other call follows at once; others may be sent as a batch.
+
+        Thread: any that may wait; blocks only while a link is full, at most until the engine closes that link.
+        """
+        transport = self._transport
+        if transport is None or not transport.put(key, envelope, payload, is_urgent=is_urgent, is_last=is_last):
+            return False
+        return self.is_alive(robot)  # it may have gone before the call was pending
+
+    # Messages, in zenoh's threads.
+
+    def _on_liveliness(self, sample: zenoh.Sample) -> None:
+        import zenoh
+
+        try:
+            _, name, version = keys.parse_alive(str(sample.key_expr))
+        except ProtocolError:
+            return
+        is_alive = sample.kind == zenoh.SampleKind.PUT
+        with self._lock:
+            listener = self._listeners.get(name)
+            if is_alive:
+                self._versions[name] = version
+            elif self._versions.get(name) == version:
+                del self._versions[name]
+            else:  # the robot was updated, and its old token disappears after the new one appeared
+                return
+        if listener is None:
+            return
+        if is_alive:
+            listener.on_alive(version)
+        else:
+            listener.on_gone("is unreachable")
+
+    def _on_answer(self, sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        try:
+            _, name = keys.parse_robot(str(sample.key_expr))
+        except ProtocolError:
+            return
+        try:
+            reply = decode_reply(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+        except ProtocolError as error:
+            reply = CallReply(0, error)
+        listener = self._listeners.get(name)
+        if listener is not None:
+            listener.on_reply(reply)
+
+    def _on_event(self, sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        try:
+            _, name = keys.parse_robot(str(sample.key_expr))
+            event = decode_event(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+        except ProtocolError as error:
+            self._malformed.warn(str(sample.key_expr).rpartition("/")[2], "an event is malformed", error.message)
+            return
+        with self._lock:
+            listener = self._listeners.get(name)
+        if listener is None:
+            return
+        try:
+            listener.on_event(event)
+        except ProtocolError as error:
+            self._malformed.warn(name, "an event is malformed", error.message)

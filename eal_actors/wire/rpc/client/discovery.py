@@ -1,0 +1,132 @@
+"""Discovery of robots: those behind an endpoint, and those of this network that answer multicast scouting."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
+from eal_actors.kernel.log import get_logger
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import SECURE_PROTOCOLS, parse_endpoint
+from eal_actors.wire.format import keys
+from eal_actors.wire.session import open_session, probe_config
+
+if TYPE_CHECKING:
+    import zenoh
+
+PROBE_S: Final = 2.0
+"""Real seconds to wait for an answer at an endpoint."""
+
+
+class FoundRobot(NamedTuple):
+    """Robot that was found.
+
+    Attributes:
+        fleet: its fleet's name.
+        robot: its name.
+        endpoint: its endpoint, or that of a router that leads to it.
+    """
+
+    fleet: str
+    robot: str
+    endpoint: str
+
+
+@dataclass(frozen=True, slots=True)
+class Discovery:
+    """Result of scouting.
+
+    Attributes:
+        robots: the robots, sorted by fleet and name.
+        closed: endpoints that require certificates or lead to no robot.
+    """
+
+    robots: tuple[FoundRobot, ...]
+    closed: tuple[str, ...]
+
+
+_TOKENS_S: Final = 1.0
+_MAX_PROBES: Final = 8
+_MAX_ANSWERS: Final = 10_000
+
+
+def robots_at(endpoint: str, fleet: FleetConfig | None = None, timeout_s: float = PROBE_S) -> list[FoundRobot]:
+    """Return the robots at an endpoint: one, or all behind a router.
+
+    Args:
+        endpoint: such as `tcp/192.168.1.11:50000`.
+        fleet: its keys are used and only its robots are returned; robots of any fleet if None.
+        timeout_s: greatest real seconds to wait for an answer.
+
+    Raises:
+        UnavailableError: nothing answers there.
+        ConfigError: the fleet's keys are missing.
+
+    Thread: blocks the caller.
+    """
+    network = None if fleet is None else fleet.network
+    wanted = keys.ALL_ALIVE if fleet is None else keys.alive_keys(fleet.name)
+    try:
+        with open_session(probe_config(endpoint, network), timeout_s) as session:
+            replies = session.liveliness().get(wanted, timeout=_TOKENS_S)
+            return sorted(_robots_of((reply.ok for reply in replies if reply.ok is not None), endpoint))
+    except UnavailableError as error:
+        raise UnavailableError(f"nobody answers at {endpoint}") from error
+
+
+def _robots_of(tokens: Iterable[zenoh.Sample], endpoint: str) -> set[FoundRobot]:
+    found = set()
+    for token in tokens:
+        try:
+            fleet, robot, _ = keys.parse_alive(str(token.key_expr))
+        except ProtocolError as error:
+            get_logger().debug("something on the network is no robot", reason=error.message)
+        else:
+            found.add(FoundRobot(fleet, robot, endpoint))
+    return found
+
+
+def discover(timeout_s: float) -> Discovery:
+    """Scout by multicast for some real seconds, then probe each endpoint for its robots.
+
+    Thread: blocks the caller, for that time and a few seconds more if many answer.
+    """
+    nodes = _scout(timeout_s)
+    with ThreadPoolExecutor(_MAX_PROBES, "eal-net-probe") as probes:
+        outcomes = list(probes.map(_probe, nodes))
+    robots = sorted({robot for found in outcomes for robot in found})
+    closed = [node[0] for node, found in zip(nodes, outcomes, strict=True) if node and not found]
+    return Discovery(tuple(robots), tuple(sorted(closed)))
+
+
+def _scout(timeout_s: float) -> list[list[str]]:
+    """Return the endpoints of each node that answers the multicast."""
+    import zenoh
+
+    config = zenoh.Config.from_json5(json.dumps({"scouting": {"multicast": {"enabled": True}}}))
+    nodes: dict[str, list[str]] = {}  # by id, since each answers more than once
+    with zenoh.scout(zenoh.handlers.FifoChannel(_MAX_ANSWERS), what="peer|router", config=config) as scout:
+        REAL_TIME.sleep(timeout_s)
+        while (hello := scout.try_recv()) is not None:
+            nodes[str(hello.zid)] = list(hello.locators)
+    return list(nodes.values())
+
+
+def _probe(endpoints: list[str]) -> list[FoundRobot]:
+    """Return the robots of a node, from its first endpoint that leads to any."""
+    for endpoint in endpoints:
+        try:
+            if parse_endpoint(endpoint).protocol in SECURE_PROTOCOLS:
+                continue
+            found = robots_at(endpoint)
+        except (EALError, ValueError) as error:
+            get_logger().debug("an endpoint was not probed", endpoint=endpoint, reason=str(error))
+        else:
+            if found:
+                return found
+    return []

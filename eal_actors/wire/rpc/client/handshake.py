@@ -1,0 +1,119 @@
+"""Decoding of a robot's answer to the handshake (`hello`), field by field, since it comes from another machine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from eal_actors.device.info import METHODS, ResourceInfo
+from eal_actors.kernel.errors import EALError, ProtocolError, error_text
+from eal_actors.wire.format.messages import Answer
+from eal_actors.wire.rpc.client.ping import text_map
+from eal_actors.wire.security.access import Rights
+
+
+@dataclass(frozen=True, slots=True)
+class Handshake:
+    """A robot's answer to the handshake.
+
+    Attributes:
+        infos: information of its resources.
+        stopped: reason of its emergency stop; None if it is not stopped.
+        problems: errors of its plugins.
+        not_ready: reasons why resources are not ready, by name.
+        rights: calls that it grants; None for all.
+        running: rows of running commands; see CommandBoard.replace.
+    """
+
+    infos: tuple[ResourceInfo, ...]
+    stopped: str | None
+    problems: tuple[str, ...]
+    not_ready: Mapping[str, str]
+    rights: Rights | None
+    running: object
+
+    @classmethod
+    def decode(cls, answer: Answer, certificate: str | None) -> Self:
+        """Decode an answer.
+
+        Raises:
+            ProtocolError: the answer is malformed, or the robot refuses; the message continues the robot's name.
+        """
+        if not isinstance(answer, dict):
+            reason = answer.message if isinstance(answer, EALError) else f"answered {answer!r}"
+            raise ProtocolError(f"refuses the connection: {reason}")
+        try:
+            stopped = answer["stopped"]
+            return cls(
+                tuple(info_from(fields) for fields in answer["resources"]),
+                None if stopped is None else str(stopped),
+                tuple(str(problem) for problem in answer["problems"]),
+                text_map(answer.get("not_ready", {})),
+                None if certificate is None else Rights.decode(answer.get("rights"), certificate),
+                answer.get("running", ()),
+            )
+        except (ProtocolError, AttributeError, KeyError, TypeError) as error:
+            raise ProtocolError(f"has sent a malformed handshake: {error_text(error)}") from error
+
+
+class _Fields(BaseModel):
+    """Fields by name, without conversions; unknown fields are ignored."""
+
+    model_config = ConfigDict(strict=True, extra="ignore")
+
+
+class _ValueFields(_Fields):
+    type: str
+    unit: str | None
+    minimum: int | float | None
+    maximum: int | float | None
+    choices: list[str | bool | int | float]
+    shape: list[int | None]
+    description: str
+
+
+class _CommandFields(_Fields):
+    name: str
+    argument: _ValueFields | None
+    returns: _ValueFields | None
+    urgent: bool
+    description: str
+
+
+class _ConfigFields(_Fields):
+    name: str
+    value: _ValueFields
+    writable: bool
+    description: str
+
+
+class _InfoFields(_Fields):
+    name: str = Field(min_length=1)
+    types: list[str]
+    methods: list[str]
+    value: _ValueFields | None
+    commands: list[_CommandFields]
+    requests: list[_CommandFields]
+    configs: list[_ConfigFields]
+    description: str
+
+
+def info_from(fields: object) -> ResourceInfo:
+    """Rebuild the result of `ResourceInfo.to_dict`; unknown methods are dropped.
+
+    Raises:
+        ProtocolError: a field is missing or of the wrong type.
+    """
+    try:
+        checked = _InfoFields.model_validate(fields)
+        checked.methods = [method for method in checked.methods if method in METHODS]
+        return ResourceInfo.from_dict(checked.model_dump())
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"])) or "all of it"
+        raise ProtocolError(f"information of a resource: {place}: {first['msg']}") from error
+    except KeyError as error:
+        raise ProtocolError(f"information of a resource: there is no type {error}") from error

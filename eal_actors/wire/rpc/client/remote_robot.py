@@ -1,0 +1,350 @@
+"""RemoteRobot: a robot in another process, as an actor with the interface of a robot in this process."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Final, NamedTuple
+
+from typing_extensions import override
+
+from eal_actors.actors.actor import EALActor
+from eal_actors.actors.call import ResourceCell
+from eal_actors.actors.future import Future
+from eal_actors.actors.robot_view import Ping, RobotState, RobotView, RunningCommand
+from eal_actors.device.link import FaultyLink
+from eal_actors.kernel.clock import Clock
+from eal_actors.kernel.errors import ProtocolError, UnavailableError, error_text
+from eal_actors.kernel.log import get_logger
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import Answer, RobotEvent, RobotTime
+from eal_actors.wire.format.packing import check_version
+from eal_actors.wire.rpc.client.call_queue import CallQueue
+from eal_actors.wire.rpc.client.channel import Channel
+from eal_actors.wire.rpc.client.command_tracking import CommandBoard, localized_progress, progress_from
+from eal_actors.wire.rpc.client.controller import Controller, RobotListener
+from eal_actors.wire.rpc.client.handshake import Handshake
+from eal_actors.wire.rpc.client.ping import PING_PERIOD_S, PING_TIMEOUT_S
+from eal_actors.wire.rpc.clock_offset import fleet_time_of
+from eal_actors.wire.streams.reader import RemoteFeeds
+
+CONNECT_S: Final = 3.0
+"""Real seconds after which a fleet no longer waits for a robot that does not answer."""
+
+
+class RemoteSpec(NamedTuple):
+    """Specification of a remote robot.
+
+    Attributes:
+        name: the robot's name.
+        address: its address, for messages.
+        clock: the fleet's clock.
+        timeout_s: the default deadline of a call.
+        link: fault injection for its calls.
+        mailbox: limit of the pending calls to one resource.
+    """
+
+    name: str
+    address: str
+    clock: Clock
+    timeout_s: float
+    link: FaultyLink
+    mailbox: int
+
+
+_REQUEST_TIMEOUT_S: Final = 2.0
+_LEAVE_TIMEOUT_S: Final = 0.5
+_HELLO_RETRY_S: Final = 0.5
+
+
+class RemoteRobot(EALActor):
+    """Connection to one remote robot; implements RobotConnection.
+
+    Thread: an actor; zenoh's threads only queue actions in its mailbox.
+    """
+
+    is_remote = True
+
+    def __init__(self, spec: RemoteSpec, view: RobotView, controller: Controller) -> None:
+        super().__init__(spec.name, spec.clock)
+        self.spec = spec
+        self.view = view
+        view.controller_id = controller.client
+        self._controller = controller
+        self._channel = Channel(self, view, controller)
+        self.calls: Final = CallQueue(self._channel, spec.mailbox)
+        self._feeds = RemoteFeeds(self._channel)
+        self._board = CommandBoard()
+        self._listener = RobotListener(
+            spec.name, self._on_alive, self._on_gone, self.calls.receive_reply, self._on_event, self.calls.tick
+        )
+        self._unsent_stop: str | None = None
+        self._is_repeating_stop = False
+        self._is_shaking_hands = False
+        self._losses = 0
+        self._log = get_logger(robot=spec.name)
+
+    # Life.
+
+    @override
+    def on_start(self) -> None:
+        self._controller.add(self._listener)
+        self.actor_inbox.call_later(self.clock.of_real(CONNECT_S), self._stop_waiting)
+        self._ping_periodically()
+
+    def _ping_periodically(self) -> None:
+        """Measure the clock offset again, since clocks drift, and repair the list of running commands."""
+        if self._channel.is_ready:
+            self.ping()
+        self.actor_inbox.call_later(self.clock.of_real(PING_PERIOD_S), self._ping_periodically)
+
+    def _stop_waiting(self) -> None:
+        if self.view.state is RobotState.STARTING:
+            self._note_lost(f"does not answer at {self.spec.address}; the connection is retried")
+        self.view.started.set(None)
+
+    # Callbacks of the controller, in zenoh's threads.
+
+    def _on_alive(self, version: int) -> None:
+        self._channel.run_soon(lambda: self._check_version(version))
+
+    def _on_gone(self, reason: str) -> None:
+        self._channel.run_soon(lambda: self._lose(reason))
+        self._channel.pending.lose_all()
+
+    def _on_event(self, event: RobotEvent) -> None:
+        call_id = event.call
+        if call_id is None:
+            self._channel.run_soon(lambda: self._handle_robot_event(event))
+        elif event.kind == "result":
+            self._board.end(call_id)
+            self.calls.receive_result(event)
+        elif event.kind == "began":
+            self._board.begin(call_id, event.fields, event.stamp_s)
+        elif event.kind == "progress" and (progress := progress_from(event.fields.get("progress"))) is not None:
+            self._board.advance(call_id, progress)
+            self.calls.receive_progress(call_id, localized_progress(progress, self._to_fleet_time))
+
+    def _handle_robot_event(self, event: RobotEvent) -> None:
+        if event.kind == "state":
+            self._log.info("robot's state", state=event.fields.get("state"))
+            self._shake_hands()
+        elif event.kind == "dead_man" and event.fields.get("client") == self._controller.client:
+            self._log.warning("the robot has halted: it missed our heartbeats", resource=event.fields.get("resource"))
+
+    # Handshake.
+
+    def _check_version(self, version: int) -> None:
+        try:
+            check_version(version, "its heartbeat")
+        except ProtocolError as error:
+            self._note_lost(f"is incompatible: {error.message}")
+            self.view.started.set(None)
+        else:
+            self._shake_hands()
+
+    def _shake_hands(self) -> None:
+        if self._is_shaking_hands or self.view.state is RobotState.STOPPED:
+            return
+        self._is_shaking_hands = True
+        self.calls.begin_epoch()
+        name = self._controller.display_name
+        self._channel.request(
+            keys.HELLO, (name,), _REQUEST_TIMEOUT_S, self._finish_handshake, on_failure=self._retry_handshake
+        )
+
+    def _retry_handshake(self) -> None:
+        self._is_shaking_hands = False
+        self.actor_inbox.call_later(self.clock.of_real(_HELLO_RETRY_S), self._shake_hands_if_alive)
+
+    def _shake_hands_if_alive(self) -> None:
+        if self._controller.is_alive(self.spec.name) and self.view.state is not RobotState.READY:
+            self._shake_hands()
+
+    def _finish_handshake(self, answer: Answer) -> None:
+        self._is_shaking_hands = False
+        try:
+            handshake = Handshake.decode(answer, self._controller.certificate)
+            self._board.replace(handshake.running)
+        except ProtocolError as error:
+            self._note_lost(error.message)
+            self._retry_handshake()
+            return
+        self._channel.rights = handshake.rights
+        self.view.not_ready = dict(handshake.not_ready)
+        self._update_cells(handshake)
+        self._update_stop(handshake.stopped)
+        if self.view.state is not RobotState.READY:
+            self._log.info("robot is ready", address=self.spec.address)
+        self.view.state = RobotState.READY
+        self.view.started.set(None)
+        self.calls.tracker.reattach()
+        self._feeds.renew()
+        self.ping()  # measures the clock offset better than the handshake
+
+    def _update_cells(self, handshake: Handshake) -> None:
+        cells = dict(self.view.cells)
+        for info in handshake.infos:
+            cell = cells.get(info.name)
+            if cell is None:
+                spec, latch = self.spec, self.view.latch
+                cell = cells[info.name] = ResourceCell(
+                    spec.name, info.name, self.clock, self._controller.timekeeper, spec.timeout_s, spec.link, latch
+                )
+                cell.open_feed = self._feeds.open
+            cell.info = info
+            cell.actor = self.calls
+        for name in cells.keys() - {info.name for info in handshake.infos}:
+            cells[name].actor = None
+            cells[name].error = UnavailableError("the robot no longer has it")
+        self.view.cells = cells
+        self.view.problems = tuple(UnavailableError(problem, robot=self.spec.name) for problem in handshake.problems)
+
+    def _update_stop(self, stopped: str | None) -> None:
+        """Copy the robot's emergency stop; a stop that has not reached the robot is sent again."""
+        if stopped is not None:
+            self._unsent_stop = None
+            self.view.latch.set(stopped)
+            self.view.latch.confirm()
+        elif self._unsent_stop is not None:
+            self._send_stop(self._unsent_stop)
+        else:
+            self.view.latch.clear()
+
+    def _lose(self, reason: str) -> None:
+        if self.view.state in (RobotState.READY, RobotState.LOST):  # of two reasons the later one is right
+            self._note_lost(f"{reason}; reconnecting")
+
+    def _give_up_commands(self, losses: int) -> None:
+        if self.view.state is RobotState.LOST and self._losses == losses:
+            self.calls.tracker.give_up(f"the robot {self.view.problems[-1].message}")
+
+    def _note_lost(self, reason: str) -> None:
+        error = UnavailableError(reason, robot=self.spec.name)
+        if self.view.state is not RobotState.LOST:
+            self._log.warning("robot is lost", reason=reason)
+            self._losses += 1
+            halted_s = 2 * self._controller.dead_man_s  # by then the robot, if it lives, has halted what we moved
+            self.actor_inbox.call_later(self.clock.of_real(halted_s), partial(self._give_up_commands, self._losses))
+        self._board.clear()
+        self.view.problems = (error,)
+        for cell in self.view.cells.values():
+            cell.error = UnavailableError(f"the robot {reason}")
+            cell.actor = None
+        self._feeds.suspend()
+        self.view.state = RobotState.LOST
+
+    # Methods of RobotConnection, which describes them.
+
+    def ping(self) -> Future[Ping]:
+        """Measure the clock offset and return the robot's state."""
+
+        def read(answer: Answer, time: RobotTime | None, sent_s: float, answered_s: float) -> Ping:
+            ping = self._channel.clock_tracker.read_ping(answer, time, sent_s, answered_s)
+            if isinstance(answer, dict):  # always true after read_ping
+                self._board.replace(answer.get("running", ()), answer["received_s"])
+            self.view.not_ready = dict(ping.not_ready)
+            return replace(ping, running=self.running(), warnings=(*ping.warnings, *self._controller.warnings()))
+
+        return self._channel.call(keys.PING, (), PING_TIMEOUT_S, read)
+
+    def running(self) -> tuple[RunningCommand, ...]:
+        """Return the running commands of all controllers."""
+        return self._board.running(self._to_fleet_time)
+
+    def _to_fleet_time(self, robot_s: float) -> float:
+        """Return our fleet's time at a real time of the robot."""
+        known = self._channel.clock_tracker.latest
+        return fleet_time_of(self.clock, robot_s - (0.0 if known is None else known.offset.offset_s))
+
+    def stop_now(self, reason: str) -> Future[None]:
+        """Stop the robot until it is resumed; repeated until the robot has confirmed it."""
+        rights = self._channel.rights
+        if rights is None or rights.allows(keys.ROBOT, keys.STOP):
+            self.view.latch.set(reason)
+            self._unsent_stop = reason
+            self._channel.run_soon(self._repeat_stop_later)
+        return self._send_stop(reason)
+
+    def _send_stop(self, reason: str) -> Future[None]:
+        def confirm(*_: object) -> None:
+            self._unsent_stop = None
+            self.view.latch.confirm()
+
+        return self._channel.call(keys.STOP, (reason,), _REQUEST_TIMEOUT_S, confirm)
+
+    def _repeat_stop_later(self) -> None:
+        if not self._is_repeating_stop:
+            self._is_repeating_stop = True
+            self.actor_inbox.call_later(self.clock.of_real(_REQUEST_TIMEOUT_S), self._repeat_stop)
+
+    def _repeat_stop(self) -> None:
+        """Send a stop again that the robot has not confirmed: it may have been frozen, and yet never lost."""
+        self._is_repeating_stop = False
+        if self._unsent_stop is not None:
+            if self._channel.is_ready:
+                self._send_stop(self._unsent_stop)
+            self._repeat_stop_later()
+
+    def resume(self) -> Future[None]:
+        """End an emergency stop."""
+
+        def confirm(*_: object) -> None:
+            self._unsent_stop = None
+            self.view.latch.clear()
+
+        return self._channel.call(keys.RESUME, (), _REQUEST_TIMEOUT_S, confirm)
+
+    def release(self, resources: Sequence[str]) -> Future[None]:
+        """End our leases of resources."""
+        return self._channel.call(keys.RELEASE, tuple(resources), _REQUEST_TIMEOUT_S, lambda *_: None)
+
+    def shut_down(self) -> None:
+        """Leave the robot, and end."""
+        self._channel.run_soon(self._leave)
+
+    def _leave(self) -> None:
+        was_ready = self.view.state is RobotState.READY
+        self.view.state = RobotState.STOPPED
+        error = UnavailableError("the robot is disconnected")
+        for cell in self.view.cells.values():
+            cell.close(error)
+        self.calls.close(error)
+        if was_ready:
+            self.actor_inbox.call_later(self.clock.of_real(_LEAVE_TIMEOUT_S), self._stop)
+            self._channel.request(keys.LEAVE, (), _LEAVE_TIMEOUT_S, lambda _: self._stop(), on_failure=self._stop)
+        else:
+            self._stop()
+
+    def force_down(self) -> None:
+        """End without leaving the robot."""
+        self._channel.run_soon(self._stop)
+
+    @override
+    def on_stop(self) -> None:
+        self._controller.remove(self._listener)
+        self._feeds.close()
+        self.calls.close(UnavailableError("the robot is disconnected"))
+        self.view.state = RobotState.STOPPED
+        self.view.started.set(None)
+        self.view.stopped.set(None)
+
+    @override
+    def on_crash(self, error: BaseException) -> None:
+        self._note_lost(f"is unreachable: its connection crashed: {error_text(error)}")
+        self.on_stop()
+
+    def is_at_work(self) -> bool:
+        """Return whether the caller runs in this actor's thread."""
+        return threading.current_thread() is self.thread
+
+    def join(self, timeout_s: float) -> list[str]:
+        """Wait for the thread; return its name if it is still alive."""
+        thread = self.thread
+        if thread is None or thread is threading.current_thread():
+            return []
+        with self.clock.outside():
+            thread.join(max(0.0, timeout_s))
+        return [thread.name] if thread.is_alive() else []

@@ -1,0 +1,315 @@
+"""Freshness and deduplication of commands: each command runs at most once and never late.
+
+A robot that was frozen, or whose link stalled, reads old commands from its sockets when it continues, and its clock is
+not synchronised with its controller's. So every command carries a `Stamp`: the last reading of the robot's own clock
+that the controller received (the echo), and the time since then. At their sum, by the robot's own clock, or later, the
+command was sent. Hence
+
+    age  <=  now - (echo + held x (1 - MAX_DRIFT))
+
+whatever the offset of the clocks. The bound exceeds the true age by the time that the echo took to the controller, so
+a fresh command is refused only if its time to live is shorter than the round trip. No freeze has to be detected.
+
+Guarantees, if the clocks drift by at most MAX_DRIFT against each other. `CommandHistory.accept` refuses every command
+- that was sent longer ago than its time to live,
+- that was stamped for an earlier run of the robot's server: each run has another era,
+- that was accepted before,
+- that was overtaken, by a later command of the same client to the same resource, or by a reconnect of that client: a
+  command that a client gave up with a connection does not run afterwards,
+- whose stamp contains a NaN.
+
+Epochs and sequence numbers advance within bounds: a jump further than a controller can count is refused.
+
+Memory is bounded. Outcomes of old commands are forgotten one by one, and whole clients when too many others were heard
+more recently: first those of the certificate with most clients, so that nobody's clients push out another's. Of an
+unknown client, only commands pass that were sent after the robot last heard any client that it
+has forgotten.
+
+Limits:
+- A clock must run while its process is frozen. The system's monotonic clock does, but not while the machine sleeps:
+  commands that waited through a sleep of the robot look as young as before it.
+- An accepted command may wait in a mailbox: begin it no later than its stamp's `begin_by_s`.
+- Halts and stops are obeyed at any age and any number of times.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter, OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final, Generic, NamedTuple, TypeVar
+
+from eal_actors.kernel.errors import StaleCommandError, UnavailableError
+from eal_actors.wire.format.keys import certificate_id
+from eal_actors.wire.format.messages import CallId
+from eal_actors.wire.rpc.clock_offset import MAX_DRIFT
+
+T = TypeVar("T")
+
+_ROUNDING_S: Final = 1e-3
+"""Tolerance for a sending time ahead of the robot's clock, for rounding."""
+
+_RENEWAL_S: Final = 10.0
+"""Age at which any newer echo replaces an echo, so that none from before a jump of a clock is kept for ever."""
+
+_AT_ONCE: Final = {"epoch": 1_000, "sequence": 1_000_000}
+_PER_SECOND: Final = {"epoch": 10, "sequence": 1_000_000}
+"""Greatest advance of a client's numbers, at once and for each second since it was heard; more is no counting."""
+
+
+class Stamp(NamedTuple):
+    """Proof of a command's age.
+
+    Attributes:
+        call: identifier of the command.
+        ttl_s: greatest age at its beginning, in seconds.
+        era: the run of the robot's server that the echo is from.
+        echo_s: reading of the robot's clock in one of its replies.
+        held_s: seconds by the controller's clock from the arrival of that reply to the sending of the command.
+    """
+
+    call: CallId
+    ttl_s: float
+    era: str
+    echo_s: float
+    held_s: float
+
+    @property
+    def sent_s(self) -> float:
+        """Earliest time of sending, by the robot's clock; relative deadlines count from it."""
+        return self.echo_s + self.held_s * (1 - MAX_DRIFT)
+
+    @property
+    def begin_by_s(self) -> float:
+        """Robot's time after which the command must not begin."""
+        return self.sent_s + self.ttl_s
+
+
+class Stamper:
+    """Numbers and stamps a controller's commands to one robot.
+
+    Times are the controller's clock in seconds, and do not decrease from call to call. Commands to a resource must be
+    sent in the order of their stamps.
+
+    Args:
+        client: the controller's process; see keys.client_id.
+
+    Attributes:
+        epoch: number of the connection to the robot.
+        number: returns the number of the next call, for calls that are no commands. Thread: any.
+
+    Thread: one at a time.
+    """
+
+    def __init__(self, client: str) -> None:
+        self.client: Final = client
+        self.epoch = 0
+        self.number: Final[Callable[[], int]] = itertools.count(1).__next__
+        self._era: str | None = None
+        self._echo_s = 0.0
+        self._came_s = 0.0
+
+    def reconnect(self) -> None:
+        """Begin a new epoch: once the robot knows it (`CommandHistory.enter`), it refuses earlier commands."""
+        self.epoch += 1
+
+    def heard(self, era: str, robot_s: float, now_s: float) -> None:
+        """Note the robot's clock from a reply or an event; the most precise echo is kept.
+
+        Args:
+            era: the run of the robot's server.
+            robot_s: the robot's clock, read before the reply was sent.
+            now_s: the controller's clock, read after the reply arrived.
+        """
+        held_s = now_s - self._came_s
+        if era != self._era or held_s >= _RENEWAL_S or robot_s >= self._echo_s + held_s * (1 - MAX_DRIFT):
+            self._era, self._echo_s, self._came_s = era, robot_s, now_s
+
+    def stamp(self, ttl_s: float, now_s: float) -> Stamp:
+        """Return the stamp of the next command.
+
+        Args:
+            ttl_s: greatest age at its beginning; longer than the round trip.
+            now_s: the controller's clock, read before sending.
+
+        Raises:
+            UnavailableError: the robot has not replied yet, so there is no echo.
+        """
+        if self._era is None:
+            raise UnavailableError("the robot has not answered yet: without its clock no command can be sent")
+        call = CallId(self.client, self.epoch, self.number())
+        return Stamp(call, ttl_s, self._era, self._echo_s, now_s - self._came_s)
+
+
+@dataclass(frozen=True, slots=True)
+class CommandRecord(Generic[T]):
+    """Record of an accepted command.
+
+    Attributes:
+        is_finished: whether it has ended.
+        outcome: its outcome once it has ended, else None.
+    """
+
+    is_finished: bool
+    outcome: T | None = None
+
+
+@dataclass(slots=True)
+class _ClientHistory(Generic[T]):
+    """Records of one client.
+
+    Attributes:
+        sent_after_s: commands sent until then may have been accepted and forgotten.
+        epoch: its latest epoch.
+        heard_s: upper bound of the sending times of its accepted messages.
+        number: the greatest sequence number accepted in any epoch.
+        latest: the sequence number last accepted in this epoch, by resource.
+        running: accepted commands that have not ended.
+        outcomes: outcomes of those that have, in the order of ending.
+    """
+
+    sent_after_s: float
+    epoch: int
+    heard_s: float = -math.inf
+    number: int = 0
+    latest: dict[str, int] = field(default_factory=dict)
+    running: set[CallId] = field(default_factory=set)
+    outcomes: OrderedDict[CallId, T] = field(default_factory=OrderedDict)
+
+
+class CommandHistory(Generic[T]):
+    """Accepts each command of a robot once and in time, and records the last outcomes, of type T.
+
+    Times are the robot's clock in seconds, and do not decrease from call to call. Names of resources must be checked
+    by the caller, since each client has one entry for each name.
+
+    Args:
+        era: identifier of this run of the robot's server.
+        outcomes: number of outcomes kept for each client, 1 or more.
+        clients: number of clients kept, 1 or more.
+
+    Thread: one at a time.
+    """
+
+    def __init__(self, era: str, *, outcomes: int = 64, clients: int = 256) -> None:
+        self.era: Final = era
+        self._max_outcomes: Final = outcomes
+        self._max_clients: Final = clients
+        self._clients: OrderedDict[str, _ClientHistory[T]] = OrderedDict()
+        self._sent_after_s = -math.inf
+
+    def enter(self, client: str, epoch: int, now_s: float) -> None:
+        """Note that a client has reconnected: commands of its earlier epochs are refused from now on.
+
+        Raises:
+            StaleCommandError: the epoch is further than it can have advanced.
+        """
+        history = self._clients.get(client)
+        if history is None:
+            history = _ClientHistory[T](self._sent_after_s, epoch)
+        else:
+            _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
+        self._note(history, client, epoch, now_s)
+
+    def accept(self, stamp: Stamp, resource: str, now_s: float) -> None:
+        """Accept a command; call `finish` when it has ended.
+
+        Args:
+            stamp: its stamp.
+            resource: name of the commanded resource.
+            now_s: the robot's clock, read after the command arrived.
+
+        Raises:
+            StaleCommandError: it is too old, was overtaken, or was accepted before. Nothing changes.
+        """
+        sent_s = stamp.sent_s
+        self._check_age(stamp, resource, now_s - sent_s)
+        client, epoch, sequence = stamp.call
+        history = self._clients.get(client)
+        if history is None:
+            history = _ClientHistory[T](self._sent_after_s, epoch, number=sequence)
+        _check_order(history, stamp, resource, sent_s)
+        if epoch > history.epoch:
+            _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
+        if sequence > history.number:
+            _check_advance("sequence", history.number, sequence, now_s - history.heard_s)
+            history.number = sequence
+        self._note(history, client, epoch, max(now_s, sent_s))
+        history.latest[resource] = sequence
+        history.running.add(stamp.call)
+
+    def finish(self, call: CallId, outcome: T) -> None:
+        """Record the outcome of an accepted command; ignored if its client was forgotten meanwhile."""
+        history = self._clients.get(call.client)
+        if history is None or call not in history.running:
+            return
+        history.running.remove(call)
+        history.outcomes[call] = outcome
+        if len(history.outcomes) > self._max_outcomes:
+            history.outcomes.popitem(last=False)
+
+    def recall(self, call: CallId) -> CommandRecord[T] | None:
+        """Return the record of a command; None if it was never accepted or is forgotten."""
+        history = self._clients.get(call.client)
+        if history is None:
+            return None
+        if call in history.running:
+            return CommandRecord(False)
+        return CommandRecord(True, history.outcomes[call]) if call in history.outcomes else None
+
+    def _check_age(self, stamp: Stamp, resource: str, age_s: float) -> None:
+        if stamp.era != self.era:
+            raise _stale(stamp, resource, f"was meant for run {stamp.era} of the robot's server; this is {self.era}")
+        if age_s < -_ROUNDING_S:
+            raise _stale(
+                stamp,
+                resource,
+                f"seems to be sent in {-age_s:.3f} s: the robot's clock is slower than the controller's",
+            )
+        if not age_s <= stamp.ttl_s:  # in this form it refuses what is not a number, too
+            raise _stale(
+                stamp, resource, f"was sent up to {age_s:.3f} s ago, and may be {stamp.ttl_s:.3f} s old at most"
+            )
+
+    def _note(self, history: _ClientHistory[T], client: str, epoch: int, heard_s: float) -> None:
+        """Make a client the most recent one, and forget another if there are too many."""
+        if epoch > history.epoch:
+            history.epoch = epoch
+            history.latest.clear()
+        history.heard_s = max(history.heard_s, heard_s)
+        self._clients[client] = history
+        self._clients.move_to_end(client)
+        if len(self._clients) > self._max_clients:
+            self._forget_one()
+
+    def _forget_one(self) -> None:
+        """Forget the least recent client of the certificate with most clients, preferably an idle one."""
+        counts = Counter(map(certificate_id, self._clients))
+        most = max(counts.values())
+        others = [client for client in list(self._clients)[:-1] if counts[certificate_id(client)] == most]
+        name = next((other for other in others if not self._clients[other].running), others[0])
+        self._sent_after_s = max(self._sent_after_s, self._clients.pop(name).heard_s)
+
+
+def _check_order(history: _ClientHistory[T], stamp: Stamp, resource: str, sent_s: float) -> None:
+    _, epoch, sequence = stamp.call
+    if sent_s <= history.sent_after_s:
+        raise _stale(stamp, resource, "was sent at a time of which the robot has forgotten whom it heard")
+    if epoch < history.epoch:
+        raise _stale(stamp, resource, f"was sent before the controller's reconnect number {history.epoch}")
+    if stamp.call in history.running or stamp.call in history.outcomes:
+        raise _stale(stamp, resource, "was accepted before")
+    if epoch == history.epoch and sequence <= history.latest.get(resource, -1):
+        raise _stale(stamp, resource, f"comes after number {history.latest[resource]} was accepted")
+
+
+def _check_advance(what: str, last: int, number: int, silent_s: float) -> None:
+    if number - last > _AT_ONCE[what] + _PER_SECOND[what] * max(silent_s, 0.0):
+        raise StaleCommandError(f"the controller's {what} cannot have advanced from {last} to {number}")
+
+
+def _stale(stamp: Stamp, resource: str, why: str) -> StaleCommandError:
+    client, epoch, sequence = stamp.call
+    return StaleCommandError(f"command {sequence} (epoch {epoch}) of controller {client} {why}", resource=resource)

@@ -1,0 +1,190 @@
+"""Admission control: decides which commands a robot begins.
+
+A command must be fresh and new (`CommandHistory`) and its controller must hold the resource (`Leases`); from then on
+the controller must stay alive (`DeadManSwitch`). One lock guards all three, since any thread may receive a message.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import OrderedDict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+from eal_actors.actors.call import MOTION_METHODS
+from eal_actors.kernel.clock import REAL_TIME, Clock
+from eal_actors.kernel.errors import DeadlineError, EALError, StaleCommandError
+from eal_actors.wire.format.keys import ANYBODY, certificate_id, client_id
+from eal_actors.wire.format.messages import Answer, CallHeader, CallId
+from eal_actors.wire.rpc.freshness import CommandHistory, CommandRecord, Stamp
+from eal_actors.wire.rpc.server.leases import DeadManSwitch, Leases, SilentController
+
+_CLAIMING: Final = MOTION_METHODS | {"set_config"}
+"""Methods that require the lease of an exclusive resource."""
+
+_RESERVE_S: Final = 0.01
+"""Real seconds before its deadline in which a command no longer begins: between the last look at the clock and the
+device, its thread may wait for the interpreter or a processor."""
+
+_MAX_NAMES: Final = 1024
+_MAX_NAME: Final = 100
+_NO_NAMES: Final[Mapping[str, str]] = {}
+
+
+class ControllerNames:
+    """Display names of the last controllers heard.
+
+    A name begins with that of the certificate; the rest is unproven, and no right depends on it.
+
+    Thread: any.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._names: dict[str, OrderedDict[str, str]] = {}  # by certificate, so that none pushes out another's
+
+    def note(self, client: str, caller: str, name: str = "") -> None:
+        """Store a controller's display name, without characters that a terminal cannot print.
+
+        Args:
+            client: the controller.
+            caller: name of its certificate; ANYBODY in a fleet without security.
+            name: how it calls itself; the stored name stays if empty.
+        """
+        names = self._names.get(certificate_id(client), _NO_NAMES)
+        if not name and client in names:  # every call but the first
+            return
+        printable = "".join(letter for letter in name[:_MAX_NAME] if letter.isprintable()).strip()
+        if caller != ANYBODY and printable.partition("@")[0] != caller:
+            printable = f"{caller} ({printable})" if printable else caller
+        if not printable or names.get(client) == printable:  # every heartbeat but the first
+            return
+        with self._lock:
+            known = self._names.setdefault(certificate_id(client), OrderedDict())
+            known[client] = printable
+            if len(known) > _MAX_NAMES:
+                known.popitem(last=False)
+
+    def of(self, client: str) -> str:
+        """Return a controller's name; its client id if it has none."""
+        return self._names.get(certificate_id(client), _NO_NAMES).get(client, client)
+
+
+class Admission:
+    """Admission control of one robot.
+
+    Args:
+        era: the run of the robot's server.
+        exclusive: names of the resources that one controller at a time may command.
+        dead_man_s: real seconds that a controller may be silent.
+        clock: real time; tests pass another one.
+
+    Attributes:
+        names: display names of the controllers.
+
+    Thread: any.
+    """
+
+    def __init__(self, era: str, exclusive: Iterable[str], dead_man_s: float, clock: Clock = REAL_TIME) -> None:
+        self._clock = clock
+        self._guard = threading.Lock()
+        self._history: CommandHistory[Answer] = CommandHistory(era)
+        self.names: Final = ControllerNames()
+        self._leases = Leases(exclusive, dead_man_s, self.names.of)
+        self._dead_man = DeadManSwitch(dead_man_s)
+
+    def check(self, header: CallHeader, method: str, resource: str) -> tuple[float, float]:
+        """Admit a command; call `finish` when it has ended. Call `silences` first.
+
+        Returns:
+            Real seconds within which it must begin, and until its deadline; both count from its sending.
+
+        Raises:
+            StaleCommandError: it is too old, or was received before.
+            DeadlineError: its deadline has passed on the way.
+            ResourceBusyError: another controller holds the resource.
+        """
+        stamp = _stamp_of(header)
+        with self._guard:
+            now_s = self._clock.now()
+            self._history.accept(stamp, resource, now_s)
+            left_s = stamp.sent_s + header.deadline_s - _RESERVE_S - now_s
+            try:
+                if left_s <= 0:
+                    raise DeadlineError(f"{method} came {-left_s:.3f} s too late for its deadline; it was not executed")
+                if method in _CLAIMING:
+                    self._leases.claim(header.client, resource, now_s)
+            except EALError as error:
+                self._history.finish(stamp.call, error)
+                self._dead_man.heard(header.client, now_s)  # a refused command proves life too
+                raise
+            if method in MOTION_METHODS:
+                self._dead_man.commanded(header.client, resource, now_s)
+            else:
+                self._dead_man.heard(header.client, now_s)
+        return stamp.begin_by_s - now_s, left_s
+
+    def note_stop(self, header: CallHeader, resource: str) -> None:
+        """Refuse from now on commands that a stop has overtaken; the stop itself is obeyed at any age."""
+        stamp = _stamp_of(header)
+        with self._guard:
+            with contextlib.suppress(StaleCommandError):  # then the overtaken commands are stale too
+                self._history.accept(stamp, resource, self._clock.now())
+                self._history.finish(stamp.call, 1)
+            self._dead_man.halted(resource)
+
+    def finish(self, call: CallId, outcome: Answer) -> None:
+        """Record the outcome of an admitted command."""
+        with self._guard:
+            self._history.finish(call, outcome)
+
+    def recall(self, call: CallId) -> CommandRecord[Answer] | None:
+        """Return the record of a command; see CommandHistory."""
+        with self._guard:
+            return self._history.recall(call)
+
+    def enter(self, client: str, epoch: int) -> None:
+        """Note a controller's handshake; StaleCommandError if its epoch is impossible."""
+        with self._guard:
+            self._history.enter(client, epoch, self._clock.now())
+
+    def heard(self, client: str) -> None:
+        """Note a controller's heartbeat."""
+        with self._guard:
+            now_s = self._clock.now()
+            self._dead_man.heard(client, now_s)
+            self._leases.renew(client, now_s)
+
+    def leave(self, client: str) -> tuple[str, ...]:
+        """End a controller's leases; returns the resources to halt."""
+        with self._guard:
+            self._leases.leave(client)
+            return self._dead_man.leave(client)
+
+    def clients_of(self, caller: str) -> list[str]:
+        """Return the controllers with the certificate of a name that hold or move anything."""
+        with self._guard:
+            clients = self._dead_man.clients.union(self._leases.holders(self._clock.now()).values())
+        return sorted(client for client in clients if certificate_id(client) == certificate_id(client_id(caller, "")))
+
+    def release(self, client: str, resources: Sequence[str]) -> tuple[str, ...]:
+        """End a controller's leases of some resources; returns those to halt."""
+        with self._guard:
+            for resource in resources:
+                self._leases.release(client, resource)
+            return self._dead_man.leave(client, resources)
+
+    def silences(self) -> tuple[SilentController, ...]:
+        """Return the resources to halt now because their controllers are silent; each silence is returned once."""
+        with self._guard:
+            return self._dead_man.due(self._clock.now())
+
+    def holders(self) -> dict[str, str]:
+        """Return the clients that hold leases, by resource."""
+        with self._guard:
+            return self._leases.holders(self._clock.now())
+
+
+def _stamp_of(header: CallHeader) -> Stamp:
+    return Stamp(header.call_id, header.ttl_s, header.era, header.echo_s, header.held_s)

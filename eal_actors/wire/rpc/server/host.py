@@ -1,0 +1,201 @@
+"""RobotHost: serves any number of robots over one session, with one thread for all."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Final, Self
+
+from typing_extensions import override
+
+from eal_actors.actors.actor import EALActor
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError, ProtocolError, UnsupportedError, error_text
+from eal_actors.kernel.log import get_logger
+from eal_actors.managers.network_model import NetworkConfig
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import decode_heartbeat
+from eal_actors.wire.rpc.server.outbox import Outbox
+from eal_actors.wire.rpc.server.robot_server import RobotServer
+from eal_actors.wire.rpc.throttled_log import ThrottledLog
+from eal_actors.wire.security.revocation import revoke, revoked_names
+from eal_actors.wire.transport import Transport
+
+if TYPE_CHECKING:
+    import zenoh
+
+_TICK_RANGE_S: Final = (0.02, 0.25)
+
+
+class RobotHost(EALActor):
+    """Receives the calls and heartbeats of a session's robots, runs their timers and owns their outbox.
+
+    Args:
+        fleet: the fleet's name.
+        session: an open session, which outlives the host.
+        network: the fleet's network; its dead-man's time determines the period of the timer.
+        robot: name of the only robot; None to subscribe to the calls of all robots of the fleet.
+
+    Thread: an actor, which never waits for a link, so that a dead-man's switch halts in time.
+    """
+
+    def __init__(self, fleet: str, session: zenoh.Session, network: NetworkConfig, robot: str | None = None) -> None:
+        super().__init__(f"{robot or fleet} server", REAL_TIME)
+        least_s, most_s = _TICK_RANGE_S
+        self._period_s = min(max(network.dead_man_s / 10, least_s), most_s)
+        self._fleet = fleet
+        self._robot = robot
+        self._session = session
+        self._network = network
+        self._lock = threading.Lock()
+        self._servers: dict[str, RobotServer] = {}
+        self._malformed = ThrottledLog(fleet=fleet)
+        self._unsubscribe: list[Callable[[], None]] = []
+        self._revoked = self._read_revoked()
+        self._transport = Transport(session)
+        self._outbox = Outbox(f"{robot or fleet} outbox", self._transport)
+
+    def _read_revoked(self) -> frozenset[str]:
+        security = self._network.security
+        return frozenset() if security is None else revoked_names(security.keys)
+
+    @override
+    def launch(self) -> Self:
+        self._outbox.launch()
+        self._subscribe()
+        return super().launch()
+
+    def _subscribe(self) -> None:
+        calls = keys.call_keys(self._fleet, self._robot)
+        beats = keys.heartbeat_key(self._fleet, None, None)
+        self._unsubscribe = [  # before any token: a robot that is found can be called
+            self._transport.receive(calls, f"{self.name} calls", self._on_call),
+            self._transport.receive(beats, f"{self.name} heartbeats", self._on_heartbeat),
+        ]
+
+    def move_to(self, session: zenoh.Session) -> None:
+        """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
+        self._session = session
+        self._revoked = self._read_revoked()
+        self._transport = Transport(session)
+        self._outbox.move_to(self._transport)
+        self._subscribe()
+        for server in self._servers.values():
+            server.move_to(session)
+
+    def serve(self, robot: RobotHandle, exclusive: Iterable[str] | None = None) -> RobotServer:
+        """Serve a robot until its server is closed.
+
+        Args:
+            robot: a started robot of this process.
+            exclusive: names of the resources that one controller at a time may command; every actuator if None.
+
+        Thread: blocks the caller for a moment.
+        """
+        server = RobotServer(
+            self._fleet,
+            robot,
+            self._session,
+            self._network,
+            self._outbox,
+            exclusive=exclusive,
+            revoke=self._revoke,
+            run_soon=self.run_soon,
+            on_close=lambda: self._remove(robot.name),
+        )
+        with self._lock:
+            self._servers = {**self._servers, robot.name: server}
+        server.announce()
+        return server
+
+    def _revoke(self, names: Iterable[str]) -> None:
+        """Disconnect controllers whose certificates are revoked, and store their names; see `revoke`.
+
+        From here on their messages are ignored. The session's keeper sees the stored list and ends their links.
+
+        Raises:
+            ConfigError: the names cannot be stored; they are ignored until the server ends.
+            UnsupportedError: the fleet has no security.
+        """
+        security = self._network.security
+        if security is None:
+            raise UnsupportedError("the fleet has no certificates: network.security is not set")
+        names = frozenset(names)
+        new, self._revoked = names - self._revoked, self._revoked | names
+        for server in self._servers.values():
+            for name in sorted(new):
+                server.expel(name)
+        revoke(security.keys, names)
+
+    def _remove(self, robot: str) -> None:
+        with self._lock:
+            self._servers = {name: server for name, server in self._servers.items() if name != robot}
+
+    def run_soon(self, action: Callable[[], None]) -> None:
+        """Run an action in the host's thread unless the host has ended. Thread: any; does not block."""
+        try:
+            self.actor_inbox.call_soon(action)
+        except EALError:
+            get_logger(fleet=self._fleet).debug("the server has ended; an action is discarded")
+
+    def close(self, timeout_s: float) -> None:
+        """Send the queued messages and end. Thread: blocks the caller."""
+        end_s = REAL_TIME.now() + timeout_s
+        self.end_soon()
+        for actor in (self, self._outbox, self._outbox.urgent):
+            if actor.thread is not None:
+                actor.thread.join(max(0.0, end_s - REAL_TIME.now()))
+                if actor.thread.is_alive():
+                    get_logger(fleet=self._fleet).error(
+                        "a thread did not end in time and was left behind", name=actor.name
+                    )
+
+    @override
+    def on_start(self) -> None:
+        self._tick()
+
+    @override
+    def on_stop(self) -> None:
+        for unsubscribe in self._unsubscribe:
+            unsubscribe()
+        self._outbox.end_soon()
+
+    @override
+    def on_crash(self, error: BaseException) -> None:
+        get_logger(fleet=self._fleet).error("the server has crashed; its robots are halted", error=error_text(error))
+        for server in self._servers.values():
+            server.fail()
+        self.on_stop()
+
+    def _tick(self) -> None:
+        for server in self._servers.values():
+            server.tick()
+        self.actor_inbox.call_later(self._period_s, self._tick)
+
+    # Messages, in zenoh's threads.
+
+    def _on_call(self, sample: zenoh.Sample) -> None:
+        try:
+            route = keys.parse_route(str(sample.key_expr))
+        except ProtocolError as error:
+            self._malformed.warn(keys.sender_of(str(sample.key_expr)), "a call is malformed", error.message)
+            return
+        server = self._servers.get(route.call.robot)
+        if server is not None and route.call.caller not in self._revoked:  # else another process serves the robot
+            attachment = sample.attachment
+            server.receive(route, attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+
+    def _on_heartbeat(self, sample: zenoh.Sample) -> None:
+        try:
+            caller, client = keys.parse_heartbeat(str(sample.key_expr))
+            beat = decode_heartbeat(sample.payload.to_bytes())
+            if beat.client != keys.client_id(caller, client):
+                raise ProtocolError(f"a controller named {caller} sends the heartbeat of another one")
+        except ProtocolError as error:
+            self._malformed.warn(keys.sender_of(str(sample.key_expr)), "a heartbeat is malformed", error.message)
+            return
+        if caller in self._revoked:
+            return
+        for server in self._servers.values():
+            server.receive_heartbeat(caller, beat)

@@ -1,0 +1,132 @@
+"""RequestHandler: answers calls of the robot itself, such as the handshake, pings and cancellations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.robot_view import RobotState, release
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError, error_text
+from eal_actors.managers.network_model import SecurityConfig
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import Answer, CallHeader, CallId, RobotEvent
+from eal_actors.wire.rpc.server.admission import Admission
+from eal_actors.wire.rpc.server.running_commands import RunningCommands
+from eal_actors.wire.security.access import encode_rights
+from eal_actors.wire.security.expiry import certificate_warnings
+from eal_actors.wire.streams.publisher import StreamPublisher
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RequestHandler:
+    """Answers for one robot.
+
+    Thread: the host's, except `ping` and `release`.
+    """
+
+    _robot: RobotHandle
+    _admission: Admission
+    _running: RunningCommands
+    _publisher: StreamPublisher
+    _publish: Callable[[RobotEvent], None]
+    _security: SecurityConfig | None
+    _revoke_names: Callable[[Iterable[str]], None]
+
+    def ping(self, header: CallHeader) -> Answer:
+        """Answer a ping. Thread: any."""
+        received_s = REAL_TIME.now()
+        fields = {**self._state_fields(header), **self._load_fields(), "resources": len(self._robot)}
+        return {**fields, "received_s": received_s, "replied_s": REAL_TIME.now()}
+
+    def _load_fields(self) -> dict[str, Any]:
+        """Return the lengths of the mailboxes, their ages in real seconds, and the restarts."""
+        second = self._robot.clock.of_real(1.0)
+        mailboxes = {
+            name: [waiting.count, waiting.oldest_s / second]
+            for name, handle in self._robot.items()
+            if (waiting := handle.waiting) is not None and waiting.count
+        }
+        return {"mailboxes": mailboxes, "restarts": dict(self._robot.restarts)}
+
+    def answer(self, method: str, header: CallHeader) -> Answer:
+        """Answer any other method; an error becomes the answer."""
+        handle = {
+            keys.HELLO: self._hello,
+            keys.REATTACH: self._reattach,
+            keys.CANCEL: self._cancel,
+            keys.LEAVE: self._leave,
+            keys.REVOKE: self._revoke,
+        }[method]
+        try:
+            return handle(header)
+        except EALError as error:
+            return error.at(self._robot.name)
+        except Exception as error:  # noqa: BLE001  # arguments of a controller must not crash the server
+            return ProtocolError(f"the call is malformed: {error_text(error)}", robot=self._robot.name)
+
+    def _hello(self, header: CallHeader) -> Answer:
+        self._admission.enter(header.client, header.epoch)
+        if self._robot.state is RobotState.STARTING:
+            raise UnavailableError("it is still starting")
+        return {
+            **self._state_fields(header),
+            "problems": [error_text(problem) for problem in self._robot.problems],
+            "resources": [handle.info.to_dict() for handle in self._robot.values()],
+            "rights": encode_rights(self._security, self._robot.name),
+        }
+
+    def _state_fields(self, header: CallHeader) -> dict[str, Any]:
+        holders = self._admission.holders()
+        return {
+            "release": release(),
+            "state": self._robot.state.value,
+            "stopped": self._robot.stopped_because,
+            "holders": {resource: self._admission.names.of(client) for resource, client in holders.items()},
+            "holder_ids": {resource: client for resource, client in holders.items() if client == header.client},
+            "not_ready": dict(self._robot.not_ready),
+            "warnings": certificate_warnings(self._security, self._robot.name),
+            "running": [[*command.call_id, command.to_fields()] for command in self._running.announced()],
+        }
+
+    def _reattach(self, header: CallHeader) -> Answer:
+        """Classify commands as running or unknown, and publish the outcomes of ended ones again."""
+        numbers = [int(number) for number in header.arguments]
+        running, unknown = [], []
+        for epoch, sequence in zip(numbers[::2], numbers[1::2], strict=False):
+            call_id = CallId(header.client, epoch, sequence)
+            record = self._admission.recall(call_id)
+            if record is None:
+                unknown.append([epoch, sequence])
+            elif record.is_finished:
+                self._publish(RobotEvent("result", REAL_TIME.now(), call_id, record.outcome))
+            else:
+                running.append([epoch, sequence])
+        return {"running": running, "unknown": unknown}
+
+    def _cancel(self, header: CallHeader) -> Answer:
+        epoch, sequence = (int(number) for number in header.arguments)
+        self._running.cancel(CallId(header.client, epoch, sequence))
+        return 1
+
+    def release(self, header: CallHeader) -> Answer:
+        """End leases of a controller and halt those resources. Thread: any; at once, since a command may follow."""
+        for resource in self._admission.release(header.client, [str(name) for name in header.arguments]):
+            self._robot[resource].halt()
+        return 1
+
+    def _revoke(self, header: CallHeader) -> Answer:
+        self._revoke_names(map(str, header.arguments))
+        return 1
+
+    def _leave(self, header: CallHeader) -> Answer:
+        self.disconnect(header.client)
+        return 1
+
+    def disconnect(self, client: str) -> None:
+        """Disconnect a controller: halt what it commanded and end its leases and streams."""
+        self._publisher.leave(client)
+        for resource in self._admission.leave(client):
+            self._robot[resource].halt()

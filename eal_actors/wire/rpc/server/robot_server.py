@@ -1,0 +1,397 @@
+"""RobotServer: offers the resources of a robot of this process to the controllers of a network.
+
+zenoh's threads only decode, check and queue calls in the resources' mailboxes. Replies are sent by the session's
+outbox, so that a controller that does not read cannot block an actuator; replies to readings are sent by the
+resource's own thread if no other thread is sending.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, Final
+
+from eal_actors.actors.call import Call
+from eal_actors.actors.future import Future
+from eal_actors.actors.handles import ResourceHandle, RobotHandle
+from eal_actors.device.data import EALData
+from eal_actors.device.info import ResourceType
+from eal_actors.kernel import spans
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.errors import (
+    AccessDeniedError,
+    BusyError,
+    DeadlineError,
+    EALError,
+    ProtocolError,
+    ResourceFaultError,
+    UnavailableError,
+    error_text,
+)
+from eal_actors.kernel.log import get_logger
+from eal_actors.managers.network_model import NetworkConfig
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import (
+    ACCEPTED,
+    Answer,
+    CallHeader,
+    CallReply,
+    Heartbeat,
+    RobotEvent,
+    RobotTime,
+    decode_call,
+    encode_event,
+    encode_reply,
+)
+from eal_actors.wire.rpc.clock_offset import fleet_time_of, real_time_of
+from eal_actors.wire.rpc.server.admission import Admission
+from eal_actors.wire.rpc.server.outbox import Outbox
+from eal_actors.wire.rpc.server.request_handler import RequestHandler
+from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
+from eal_actors.wire.streams.publisher import StreamPublisher
+
+if TYPE_CHECKING:
+    import zenoh
+
+ACCEPT_AFTER_S: Final = 0.1
+"""Real seconds after which a running command is answered with ACCEPTED; its outcome follows as an event."""
+
+_ARGUMENT_TYPES: Final[dict[str, tuple[type, ...]]] = {
+    "get_status": (),
+    "get_value": (),
+    "set_value": (),
+    "send_req": (str,),
+    "send_cmd": (str,),
+    "read_comm": (int,),
+    "write_comm": (int,),
+    "get_config": (str,),
+    "set_config": (str,),
+    "halt": (),
+}
+_TAKE_DATA: Final = frozenset({"set_value", "send_cmd", "write_comm", "set_config"})
+_NEED_DATA: Final = frozenset({"set_value", "write_comm"})
+
+
+class RobotServer:
+    """Serves one robot; made by RobotHost.serve.
+
+    Args:
+        fleet: the fleet's name.
+        robot: a started robot of this process.
+        session: an open session, which outlives the server.
+        network: the fleet's network.
+        outbox: sends its replies and events.
+        exclusive: names of the resources that one controller at a time may command; every actuator if None.
+        revoke: adds names to the list of revoked certificates; runs in the host's thread.
+        run_soon: runs an action in the host's thread.
+        on_close: called when the server closes.
+
+    Attributes:
+        dead_man_trips: number of halts of each resource because its controller was silent.
+
+    Thread: any; slow work runs in the host's.
+    """
+
+    def __init__(
+        self,
+        fleet: str,
+        robot: RobotHandle,
+        session: zenoh.Session,
+        network: NetworkConfig,
+        outbox: Outbox,
+        *,
+        exclusive: Iterable[str] | None,
+        revoke: Callable[[Iterable[str]], None],
+        run_soon: Callable[[Callable[[], None]], None],
+        on_close: Callable[[], None],
+    ) -> None:
+        self._fleet = fleet
+        self._robot = robot
+        self._clock = robot.clock
+        self._session = session
+        self._outbox = outbox
+        self._run_soon = run_soon
+        self._on_close = on_close
+        self._era = secrets.token_hex(4)
+        self._event_key = keys.event_key(fleet, robot.name)
+        self._admission = Admission(
+            self._era, _actuators(robot) if exclusive is None else exclusive, network.dead_man_s
+        )
+        self._running = RunningCommands()
+        self._publisher = StreamPublisher(fleet, robot, session, self._era)
+        self._handler = RequestHandler(
+            robot, self._admission, self._running, self._publisher, self._publish, network.security, revoke
+        )
+        self._token: zenoh.LivelinessToken | None = None
+        self._unlogged_stop: str | None = None
+        self._ended = new_waiter()
+        self._is_closed = self._has_failed = False
+        self.dead_man_trips: dict[str, int] = {}
+        self._state = robot.state
+        self._log = get_logger(robot=robot.name)
+
+    # Life.
+
+    def announce(self) -> None:
+        """Declare the robot's liveliness token. Thread: blocks the caller for a moment."""
+        self._token = self._session.liveliness().declare_token(keys.alive_key(self._fleet, self._robot.name))
+
+    def move_to(self, session: zenoh.Session) -> None:
+        """Continue on another session, after the earlier one was closed. Thread: blocks the caller for a moment."""
+        self._session = session
+        self._publisher.move_to(session)
+        self.announce()
+
+    def expel(self, caller: str) -> None:
+        """Disconnect every controller with a revoked certificate, and halt what they moved. Thread: the host's."""
+        for client in self._admission.clients_of(caller):
+            self._log.warning("its certificate is revoked: disconnected", certificate=caller)
+            self._handler.disconnect(client)
+
+    def close(self) -> None:
+        """Withdraw the robot from the network. Thread: blocks the caller, for a bounded time."""
+        token, self._token = self._token, None
+        if token is not None and not self._session.is_closed():
+            token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
+        self._on_close()
+        self._publisher.close()
+        self._is_closed = True
+        REAL_TIME.wake(self._ended)
+
+    def fail(self) -> None:
+        """Halt the robot and withdraw it: its host has crashed. Thread: the host's."""
+        self._robot.halt()
+        self._has_failed = True
+        self.close()
+
+    def wait(self) -> None:
+        """Wait until the server is closed.
+
+        Raises:
+            UnavailableError: it has failed; the robot is halted and unreachable.
+
+        Thread: blocks the caller.
+        """
+        while not self._is_closed:
+            REAL_TIME.wait(self._ended, None)
+        if self._has_failed:
+            raise UnavailableError("its server has crashed; the robot is halted", robot=self._robot.name)
+
+    # Calls of the host.
+
+    def tick(self) -> None:
+        """Check the dead-man's switch, long commands and the robot's state. Thread: the host's; does not block."""
+        self._halt_silent()
+        for command, reply_to in self._running.take_long(REAL_TIME.now() - ACCEPT_AFTER_S):
+            self._outbox.expect(-1)
+            self._answer(reply_to, ACCEPTED)
+            command.call.arm()  # from now on its deadline stops it
+        self._announce_commands()
+        reason, self._unlogged_stop = self._unlogged_stop, None
+        if reason is not None:  # logged late: other robots had to be stopped first
+            self._log.warning("emergency stop", reason=reason)
+        if self._robot.state is not self._state:
+            self._state = self._robot.state
+            self._publish(RobotEvent("state", REAL_TIME.now(), fields={"state": self._state.value}))
+
+    def _announce_commands(self) -> None:
+        """Publish long commands that have begun, and the progress of those."""
+        now_s = REAL_TIME.now()
+        for command in self._running.take_begun():
+            self._publish(RobotEvent("began", now_s, command.call_id, fields=command.to_fields()))
+        for command in self._running.take_progressed(now_s):
+            event = RobotEvent("progress", now_s, command.call_id, fields=command.progress_fields())
+            self._publish(event, is_vital=False)
+
+    def receive_heartbeat(self, caller: str, beat: Heartbeat) -> None:
+        """Note a controller's heartbeat and display name. Thread: zenoh's; does not block."""
+        self._admission.heard(beat.client)
+        self._admission.names.note(beat.client, caller, beat.name)
+
+    def _halt_silent(self) -> None:
+        for silent in self._admission.silences():
+            controller = self._admission.names.of(silent.client)
+            self.dead_man_trips[silent.resource] = self.dead_man_trips.get(silent.resource, 0) + 1
+            self._log.warning("its controller is silent: halted", resource=silent.resource, controller=controller)
+            self._robot[silent.resource].halt()
+            fields = {"resource": silent.resource, "client": silent.client}
+            self._publish(RobotEvent("dead_man", REAL_TIME.now(), fields=fields))
+
+    # Calls of controllers, in zenoh's threads.
+
+    def receive(self, route: keys.CallRoute, envelope: bytes, payload: bytes) -> None:
+        """Serve a call. Thread: the reader's; does not block."""
+        call = route.call
+        reply_to = ReplyTo(route.answer_key, 0)
+        try:
+            header, data = decode_call(envelope, payload)
+            reply_to = ReplyTo(route.answer_key, header.sequence)
+            if header.client != route.client:
+                raise ProtocolError(f"a controller named {call.caller} calls in the name of another one")
+            if header.era:  # a command, whose caller is named to others
+                self._admission.names.note(route.client, call.caller)
+            if data is not None and data.stamp_s is not None:
+                data = data.with_meta(stamp_s=fleet_time_of(self._clock, data.stamp_s))
+            if header.traceparent:
+                with spans.within(header.traceparent):
+                    self._dispatch(call, reply_to, header, data)
+            else:
+                self._dispatch(call, reply_to, header, data)
+        except EALError as error:
+            self._answer(reply_to, error.at(self._robot.name))
+        except Exception as error:  # noqa: BLE001  # else the caller would get no reply at all
+            self._log.exception("a call failed", method=call.method, resource=call.resource)
+            self._answer(reply_to, ResourceFaultError(f"the server raised {error_text(error)}"))
+
+    def _dispatch(self, call: keys.CallKey, reply_to: ReplyTo, header: CallHeader, data: EALData | None) -> None:
+        if call.resource == keys.ROBOT:
+            self._serve_robot(call, reply_to, header)
+        else:
+            self._serve(self._robot[call.resource], call.method, reply_to, header, data)
+
+    def _serve(
+        self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
+    ) -> None:
+        if header.deadline_s <= 0 and method not in (keys.INFO, keys.STREAM):
+            raise DeadlineError(f"{method} came after its deadline; it was not executed")
+        timeout_s = self._clock.of_real(header.deadline_s)
+        if method in keys.RETRYABLE_METHODS:
+            call = _start_call(handle, method, header, data, timeout_s)
+            call.link(lambda done, _: self._answer(reply_to, self._outcome(done), send=self._outbox.publish_from_here))
+        elif method == keys.HALT or _is_stop(handle, method, header):
+            self._admission.note_stop(header, handle.name)
+            call = _start_call(handle, method, header, data, timeout_s)
+            call.link(lambda done, _: self._answer(reply_to._replace(is_urgent=True), self._outcome(done)))
+        elif method == keys.INFO:
+            self._answer(reply_to, handle.info.to_dict())
+        elif method == keys.STREAM:
+            self._publisher.serve(handle, header)
+            self._answer(reply_to, 1)
+        else:
+            self._serve_command(handle, method, reply_to, header, data)
+
+    def _serve_command(
+        self, handle: ResourceHandle, method: str, reply_to: ReplyTo, header: CallHeader, data: EALData | None
+    ) -> None:
+        self._halt_silent()  # before another controller's first command
+        begin_in_s, left_s = map(self._clock.of_real, self._admission.check(header, method, handle.name))
+        begin_by_s = self._clock.now() + begin_in_s
+        start_s = None if header.start_s is None else fleet_time_of(self._clock, header.start_s)
+        call_id = header.call_id
+        self._outbox.expect(1, has_more=header.has_more)
+        try:
+            call = _start_call(handle, method, header, data, left_s, begin_by_s, start_s)
+        except EALError as error:
+            self._outbox.expect(-1)
+            self._admission.finish(call_id, error)
+            raise
+        call.caller = self._admission.names.of(header.client)
+        command = ServedCommand(call_id, reply_to, call, REAL_TIME.now())
+        self._running.add(command)
+        call.link(lambda _, __: self._finish(command))
+
+    def _finish(self, command: ServedCommand) -> None:
+        """Send the outcome of a command. Thread: the one that finishes it, usually its resource's."""
+        outcome = self._outcome(command.call)
+        self._admission.finish(command.call_id, outcome)
+        reply_to = self._running.end(command)
+        began_s = command.call.began_s
+        if began_s is not None:
+            began_s = real_time_of(self._clock, began_s)
+        if reply_to is not None:
+            self._answer_expected(reply_to, outcome, began_s)
+        else:
+            fields = {} if began_s is None else {"began_s": began_s}
+            self._publish(RobotEvent("result", REAL_TIME.now(), command.call_id, outcome, fields))
+
+    def _serve_robot(self, call: keys.CallKey, reply_to: ReplyTo, header: CallHeader) -> None:
+        method = call.method
+        if method == keys.PING:
+            self._answer(reply_to, self._handler.ping(header), send=self._outbox.publish_from_here)
+        elif method == keys.RELEASE:
+            self._answer(reply_to, self._handler.release(header))
+        elif method == keys.STOP:
+            reason = " ".join(map(str, header.arguments))
+            self._outbox.expect(1, has_more=header.has_more)
+            urgent = reply_to._replace(is_urgent=True)
+            self._robot.stop(reason).link(lambda done, _: self._answer_expected(urgent, self._outcome(done)))
+            self._unlogged_stop = reason
+        elif method == keys.RESUME:
+            self._log.warning("resumed")
+            urgent = reply_to._replace(is_urgent=True)
+            self._robot.resume().link(lambda done, _: self._answer(urgent, self._outcome(done)))
+        elif method == keys.REVOKE and call.caller != keys.AUTHORITY_CALLER:
+            raise AccessDeniedError("only the holder of the authority's key may revoke a certificate")
+        else:
+            if method == keys.HELLO:
+                self._admission.names.note(header.client, call.caller, " ".join(map(str, header.arguments)))
+            self._run_soon(lambda: self._answer(reply_to, self._handler.answer(method, header)))
+
+    # Replies and events. Thread: any.
+
+    def _outcome(self, done: Future[Any]) -> Answer:
+        """Return the result of a finished call, with its stamp in real time."""
+        error = done.exception()
+        if error is not None:
+            return error if isinstance(error, EALError) else ResourceFaultError(error_text(error))
+        value = done.get()
+        if isinstance(value, EALData) and value.stamp_s is not None:
+            return value.with_meta(stamp_s=real_time_of(self._clock, value.stamp_s))
+        return 1 if value is None else value
+
+    def _answer(
+        self,
+        reply_to: ReplyTo,
+        answer: Answer,
+        *,
+        began_s: float | None = None,
+        send: Callable[..., None] | None = None,
+    ) -> None:
+        """Reply to a call."""
+        time = RobotTime(self._era, REAL_TIME.now(), began_s)
+        if isinstance(answer, EALData) and self._outbox.is_full:
+            answer = BusyError("too many values wait for the network; read them less often", robot=self._robot.name)
+        try:
+            envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time))
+        except EALError as error:  # too large, for example
+            envelope, payload = encode_reply(CallReply(reply_to.sequence, error.at(self._robot.name), time))
+        (send or self._outbox.publish)(reply_to.key, envelope, payload, is_urgent=reply_to.is_urgent)
+
+    def _answer_expected(self, reply_to: ReplyTo, answer: Answer, began_s: float | None = None) -> None:
+        self._answer(reply_to, answer, began_s=began_s, send=self._outbox.publish_briefly)
+        self._outbox.expect(-1)
+
+    def _publish(self, event: RobotEvent, *, is_vital: bool = True) -> None:
+        self._outbox.publish(self._event_key, *encode_event(event), is_vital=is_vital)
+
+
+def _start_call(
+    handle: ResourceHandle,
+    method: str,
+    header: CallHeader,
+    data: EALData | None,
+    timeout_s: float,
+    begin_by_s: float | None = None,
+    start_s: float | None = None,
+) -> Call[Any]:
+    """Call a resource for a controller; see ResourceHandle.start_call. Thread: any; does not block.
+
+    Raises:
+        ProtocolError: the method does not take such arguments.
+    """
+    plain = header.arguments
+    arguments: tuple[Any, ...] = plain
+    if tuple(map(type, plain)) != _ARGUMENT_TYPES[method] or (data is None and method in _NEED_DATA):
+        raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
+    if method in _TAKE_DATA:
+        arguments = (data, *plain) if method in ("set_value", "write_comm") else (*plain, data)
+    return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s)
+
+
+def _is_stop(handle: ResourceHandle, method: str, header: CallHeader) -> bool:
+    """Return whether a call is a command that only stops, which anybody may give at any time, like a halt."""
+    return method == "send_cmd" and header.arguments[:1] != () and header.arguments[0] in handle.info.urgent_commands
+
+
+def _actuators(robot: RobotHandle) -> list[str]:
+    return [name for name, handle in robot.items() if handle.info.types & ResourceType.ACTUATOR]

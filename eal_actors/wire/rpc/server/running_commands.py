@@ -1,0 +1,154 @@
+"""RunningCommands: the commands that a robot executes for controllers, and the replies that wait for their end."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+from eal_actors.actors.call import Call
+from eal_actors.actors.robot_view import command_of
+from eal_actors.device.resource import Progress
+from eal_actors.wire.format.messages import CallId
+from eal_actors.wire.rpc.clock_offset import real_time_of
+
+PROGRESS_PERIOD_S: Final = 0.25
+"""Least real seconds between two progress events of one command."""
+
+_MAX_TEXT: Final = 200
+
+
+class ReplyTo(NamedTuple):
+    """Address of a reply.
+
+    Attributes:
+        key: key on which to reply.
+        sequence: number of the call.
+        is_urgent: whether the reply overtakes queued messages.
+    """
+
+    key: str
+    sequence: int
+    is_urgent: bool = False
+
+
+@dataclass(eq=False, slots=True)
+class ServedCommand:
+    """A controller's command that has been passed to its resource and has not ended.
+
+    Attributes:
+        call_id: its identifier.
+        reply_to: address of the reply; None once the reply was sent.
+        call: the call to the resource.
+        since_s: real time of its arrival.
+        is_announced: whether an event has announced it.
+        last_progress: the progress last published.
+        last_progress_s: real time of that publication.
+    """
+
+    call_id: CallId
+    reply_to: ReplyTo | None
+    call: Call[Any]
+    since_s: float
+    is_announced: bool = False
+    last_progress: Progress | None = None
+    last_progress_s: float = -math.inf
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether it no longer waits for its start time."""
+        return self.call.start_s is None or self.call.began_s is not None
+
+    def to_fields(self) -> dict[str, Any]:
+        """Return the fields of its `began` event; times are the robot's real time."""
+        call = self.call
+        began_s = self.since_s if call.began_s is None else real_time_of(call.clock, call.began_s)
+        about = {
+            "resource": call.cell.name,
+            "command": _truncate(command_of(call)),
+            "by": call.caller,
+            "since_s": began_s,
+        }
+        return {**about, **self.progress_fields()}
+
+    def progress_fields(self) -> dict[str, Any]:
+        """Return the fields of a `progress` event; empty if the command reports no progress."""
+        progress = self.call.progress()
+        if progress is None:
+            return {}
+        time_s = real_time_of(self.call.clock, progress.time_s)
+        return {"progress": [progress.fraction, _truncate(progress.text), time_s]}
+
+
+class RunningCommands:
+    """Running commands of one robot. Each reply is sent once: here or at the end of the command. Thread: any."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._running: dict[CallId, ServedCommand] = {}
+
+    def add(self, command: ServedCommand) -> None:
+        """Add a command that has been passed to its resource."""
+        with self._lock:
+            self._running[command.call_id] = command
+
+    def end(self, command: ServedCommand) -> ReplyTo | None:
+        """Remove a command that has ended; returns the address of its reply, None if that was sent before."""
+        with self._lock:
+            self._running.pop(command.call_id, None)
+            reply_to, command.reply_to = command.reply_to, None
+        return reply_to
+
+    def take_long(self, since_s: float) -> list[tuple[ServedCommand, ReplyTo]]:
+        """Return the commands that arrived by that time and whose reply is due, with their replies' addresses."""
+        if not self._running:  # the usual case of a frequent call
+            return []
+        taken = []
+        with self._lock:
+            for command in self._running.values():
+                reply_to = command.reply_to
+                if reply_to is not None and command.since_s <= since_s:
+                    command.reply_to = None
+                    taken.append((command, reply_to))
+        return taken
+
+    def take_begun(self) -> list[ServedCommand]:
+        """Return the long commands that have begun and were not returned before."""
+        with self._lock:
+            begun = [command for command in self._long() if not command.is_announced and command.has_begun]
+            for command in begun:
+                command.is_announced = True
+        return begun
+
+    def take_progressed(self, now_s: float) -> list[ServedCommand]:
+        """Return the announced commands with new progress, each at most once per PROGRESS_PERIOD_S."""
+        progressed = []
+        with self._lock:
+            for command in self._long():
+                progress = command.call.progress()
+                is_due = now_s - command.last_progress_s >= PROGRESS_PERIOD_S
+                if progress is not command.last_progress and is_due and command.is_announced:
+                    command.last_progress, command.last_progress_s = progress, now_s
+                    progressed.append(command)
+        return progressed
+
+    def announced(self) -> list[ServedCommand]:
+        """Return the commands that an event has announced."""
+        with self._lock:
+            return [command for command in self._running.values() if command.is_announced]
+
+    def _long(self) -> Iterator[ServedCommand]:
+        return (command for command in self._running.values() if command.reply_to is None)
+
+    def cancel(self, call_id: CallId) -> None:
+        """Cancel a command; ignored if it is not running."""
+        with self._lock:
+            command = self._running.get(call_id)
+        if command is not None:
+            command.call.cancel()
+
+
+def _truncate(text: str) -> str:
+    return text if len(text) <= _MAX_TEXT else f"{text[: _MAX_TEXT - 1]}…"

@@ -1,0 +1,250 @@
+"""AcceptGuard: strangers that only connect must not use up the descriptors of a listening process.
+
+zenoh accepts every connection at once, and takes no bound. Measured with version 1.10: once `accept` fails for want of
+a descriptor, its TLS listener no longer looks at the handshakes under way, so none of them ends, and the robot is
+unreachable until a restart. The guard prevents that. It shares the listening socket with the engine:
+
+- While too many connections have no finished handshake, or descriptors are short, the kernel drops the packets of new
+  ones (packet_filter), and those that wait to be accepted are closed. Links that exist are not touched, and refused
+  controllers dial again.
+- Addresses that have had a link are known. Their new connections pass meanwhile, unless the strangers share them.
+- From three quarters of the descriptors on, new connections are refused. A burst may use up all of them before the
+  guard looks; it holds some, and frees them then, so that `accept` works again.
+
+Limits: each failed TLS handshake costs the engine's listener 0.1 s, hence the small bounds. While strangers keep the
+bound reached, no controller from a new address gets in. TCP_DEFER_ACCEPT was tried: silent connections wait in the
+kernel then, and come in after the attack.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import resource
+import select
+import socket
+import stat
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.log import get_logger
+from eal_actors.wire.security.packet_filter import MAX_ADDRESSES, drop_packets, pass_packets, plain_address
+
+MAX_FILES: Final = 65_536
+"""Open files that a listening process asks for, if its hard limit allows them."""
+_FILES: Final = Path("/proc/self/fd")
+ROBOT_STRANGERS: Final = 24
+"""Connections to a robot without a finished handshake at which new ones are refused."""
+ROUTER_STRANGERS: Final = 256
+"""The same of a router, to which a whole fleet may connect at once."""
+_SPARE: Final = 64
+_SHARE: Final = 4
+"""Part of the bound from which a known address does not pass, and below which all addresses pass again."""
+_LOOK_S: Final = 0.25
+_BUSY_LOOK_S: Final = 0.005
+_WARN_EACH_S: Final = 10.0
+
+
+def raise_file_limit() -> int:
+    """Raise the soft limit of open files as far as the hard limit allows, and return it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+        return wanted
+    return MAX_FILES if soft == resource.RLIM_INFINITY else soft
+
+
+@contextmanager
+def guarding(ports: Iterable[int], most: int, linked: Callable[[], list[str]]) -> Iterator[None]:
+    """Guard this process's listening TCP sockets for the length of a `with` block.
+
+    Args:
+        ports: where they listen.
+        most: limit of the connections without a finished handshake.
+        linked: returns the IP addresses of the connections whose handshake is done.
+    """
+    served = frozenset(ports)
+    listeners = []
+    for end in _sockets(served):
+        if end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+            listeners.append(end)
+        else:
+            end.close()
+    if not listeners:
+        yield
+        return
+    guard = AcceptGuard(listeners, raise_file_limit(), most, lambda: Counter(_peers(served)), linked)
+    try:
+        yield
+    finally:
+        guard.close()
+
+
+def _sockets(ports: frozenset[int]) -> Iterator[socket.socket]:
+    """Yield a duplicate of each of this process's TCP sockets at some ports, to be closed."""
+    seen = set()
+    for file in _FILES.iterdir() if _FILES.is_dir() else ():
+        with contextlib.suppress(OSError):  # it was closed meanwhile, or no descriptor is free
+            status = os.fstat(int(file.name))
+            if not stat.S_ISSOCK(status.st_mode) or status.st_ino in seen:
+                continue
+            seen.add(status.st_ino)
+            end = socket.socket(fileno=os.dup(int(file.name)))
+            is_tcp = end.family in (socket.AF_INET, socket.AF_INET6) and end.type == socket.SOCK_STREAM
+            if is_tcp and end.getsockname()[1] in ports:
+                yield end
+            else:
+                end.close()
+
+
+def _peers(ports: frozenset[int]) -> Iterator[str]:
+    """Yield the IP address of the other end of each connection; nothing where it has gone already."""
+    for end in _sockets(ports):
+        with end:
+            if not end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                try:
+                    yield plain_address(end.getpeername()[0])
+                except OSError:
+                    yield ""
+
+
+def _count_files() -> int:
+    return sum(1 for _ in _FILES.iterdir())
+
+
+class AcceptGuard:
+    """Closes new connections while descriptors are short.
+
+    Args:
+        listeners: duplicates of the listening sockets; they are closed with the guard.
+        file_limit: limit of this process's open files.
+        most: limit of the connections that are no links yet.
+        connected: returns the IP addresses of all connections.
+        linked: returns the IP addresses of the connections that are links.
+
+    Attributes:
+        refused: number of connections that it has closed.
+
+    Thread: one of its own.
+    """
+
+    def __init__(
+        self,
+        listeners: list[socket.socket],
+        file_limit: int,
+        most: int,
+        connected: Callable[[], Counter[str]],
+        linked: Callable[[], list[str]],
+    ) -> None:
+        self._listeners = listeners
+        self._most = most
+        self._connected = connected
+        self._linked = linked
+        self._known: dict[str, None] = {}  # the addresses that have had links, the latest last
+        self._strangers: Counter[str] = Counter()
+        self._passing: frozenset[str] | None = None  # while the filter is on
+        self._has_waiting = False
+        self._usual_files = _count_files()
+        self._most_files = file_limit - file_limit // 4
+        self._spare: list[int] = []
+        self._take_spare()
+        self._poll = select.epoll()
+        self._warn_at_s = 0.0
+        self._ends = False
+        self.refused = 0
+        for listener in listeners:
+            self._poll.register(listener, select.EPOLLIN | select.EPOLLET)
+        self._thread = threading.Thread(target=self._run, name="eal-net-guard", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the guard. Thread: blocks the caller for a moment."""
+        self._ends = True
+        self._thread.join()
+        self._poll.close()
+        for listener in self._listeners:
+            listener.close()
+        for spare in self._spare:
+            os.close(spare)
+
+    def _run(self) -> None:
+        while not self._ends:
+            linked = self._learn()
+            is_crowded = self._is_crowded(linked)
+            if is_crowded:
+                self._shut()
+            elif self._passing is not None:
+                self._open()
+            self._poll.poll(_BUSY_LOOK_S if is_crowded else _LOOK_S)
+
+    def _learn(self) -> list[str]:
+        """Remember the addresses of links, and return them."""
+        linked = self._linked()
+        for address in set(linked):
+            self._known.pop(address, None)
+            self._known[address] = None
+        while len(self._known) > MAX_ADDRESSES:
+            del self._known[next(iter(self._known))]
+        return linked
+
+    def _is_crowded(self, linked: list[str]) -> bool:
+        try:
+            files = _count_files()
+            most = self._most if self._passing is None else self._most // _SHARE  # so that it opens seldom
+            if files <= self._usual_files + most:  # the usual case, which costs little
+                return False
+            self._strangers = self._connected()
+            self._strangers.subtract(linked)
+            return files > self._most_files or self._strangers.total() > most
+        except OSError:  # no descriptor is free
+            return True
+
+    def _shut(self) -> None:
+        """Have the kernel drop packets of new connections, except from known addresses that strangers do not share."""
+        passing = frozenset(it for it in self._known if self._strangers[it] < self._most // _SHARE)
+        if passing != self._passing:
+            for listener in self._listeners:
+                drop_packets(listener, passing)
+            if self._passing is None:
+                self._has_waiting = True
+                for _ in range(len(self._spare) // 2):  # `accept` fails while no descriptor is free
+                    os.close(self._spare.pop())
+            self._passing = passing
+        if self._has_waiting:
+            self._refuse_waiting()
+        now_s = REAL_TIME.now()
+        if now_s >= self._warn_at_s:
+            self._warn_at_s = now_s + _WARN_EACH_S
+            message = "too many connections: new ones are refused until others end"
+            get_logger().warning(message, strangers=self._strangers.total(), passing=sorted(passing))
+
+    def _open(self) -> None:
+        """Let new connections pass again."""
+        for listener in self._listeners:
+            pass_packets(listener)
+        self._passing = None
+        self._take_spare()
+
+    def _take_spare(self) -> None:
+        with contextlib.suppress(OSError):
+            while len(self._spare) < _SPARE:
+                self._spare.append(os.open(os.devnull, os.O_RDONLY))
+
+    def _refuse_waiting(self) -> None:
+        """Close the connections that wait to be accepted: they came before the filter."""
+        self._has_waiting = False
+        for listener in self._listeners:
+            try:
+                while not self._ends:
+                    listener.accept()[0].close()
+                    self.refused += 1
+            except BlockingIOError:  # no more wait
+                pass
+            except OSError:  # the engine has taken the last descriptor
+                self._has_waiting = True

@@ -1,0 +1,277 @@
+"""Mutual TLS and access control: zenoh's configuration, and the same grants as a controller checks them.
+
+Each end of a link proves its identity by a certificate, and each end checks the messages of the other. A robot and a
+router restrict controllers and observers; a controller and a router allow a robot only its own keys. Messages from a
+router were checked there and are trusted. zenoh drops messages that no rule allows, so a forbidden call gets no reply.
+The keys of calls and heartbeats name their sender and the key of a reply its receiver: nobody calls in another one's
+name, keeps its dead-man's switch from halting, or reads its replies.
+
+A robot also sends its grants in the handshake (`encode_rights`), so that a controller fails forbidden calls at once
+(`Rights`). The robot's own access control remains authoritative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal, Self
+
+from eal_actors.kernel.errors import AccessDeniedError, ConfigError, Problem, ProtocolError
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import Grant, SecurityConfig
+from eal_actors.wire.format import keys
+from eal_actors.wire.security.certificates import AUTHORITY, certificate_file, key_file
+from eal_actors.wire.security.revocation import revoked_names
+
+OBSERVER_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "get_config", keys.INFO)
+"""Methods of a resource that an observer may call."""
+OBSERVER_ROBOT_METHODS: Final = (keys.HELLO, keys.PING)
+"""Methods of a robot that an observer may call."""
+LIMITED_ROBOT_METHODS: Final = (keys.HELLO, keys.PING, keys.REATTACH, keys.STOP, keys.CANCEL, keys.LEAVE, keys.RELEASE)
+"""Methods of a robot that a controller of single resources may call; who moves a robot may stop it."""
+
+_PUBLISH: Final = ("put",)
+_SUBSCRIBE: Final = ("declare_subscriber",)
+_DECLARE_TOKEN: Final = ("liveliness_token",)
+_WATCH_TOKENS: Final = ("liveliness_query", "declare_liveliness_subscriber")
+
+_Flow = Literal["ingress", "egress"]
+_FLOWS: Final[tuple[_Flow, _Flow]] = ("ingress", "egress")
+
+
+def tls_config(security: SecurityConfig, name: str) -> dict[str, Any]:
+    """Return the section `transport/link/tls` of a zenoh configuration.
+
+    Args:
+        security: its `keys` is the folder of the keys.
+        name: name of the certificate that this end presents.
+
+    Raises:
+        ConfigError: a file of the keys is missing.
+    """
+    certificate, key = certificate_file(security.keys, name), key_file(security.keys, name)
+    authority = certificate_file(security.keys, AUTHORITY)
+    missing = [file for file in (authority, certificate, key) if not file.is_file()]
+    if missing:
+        hint = "is missing; make it with `eal keys` on the machine with the fleet's authority, then copy it here"
+        raise ConfigError([Problem(str(file), 0, 0, "", hint) for file in missing])
+    ca, pem, secret = (str(file.resolve()) for file in (authority, certificate, key))
+    return {
+        "root_ca_certificate": ca,
+        "listen_certificate": pem,
+        "listen_private_key": secret,
+        "connect_certificate": pem,
+        "connect_private_key": secret,
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
+    }
+
+
+def robot_access(fleet: FleetConfig, security: SecurityConfig, robot: str) -> dict[str, Any]:
+    """Return the access control of a robot: the grants of controllers and observers."""
+    rules = _AccessRules(fleet)
+    rules.allow_routers(security)
+    rules.allow_authority((robot,))
+    for grant in security.grants:
+        if grant.robots is None or robot in grant.robots:
+            rules.allow_controller(grant, robots=(robot,))
+    return rules.config()
+
+
+def controller_access(fleet: FleetConfig, security: SecurityConfig, robots: Sequence[str]) -> dict[str, Any]:
+    """Return the access control of a controller: each robot publishes under its own name only."""
+    rules = _AccessRules(fleet)
+    rules.allow_routers(security)
+    for robot in robots:
+        rules.allow_robot(robot)
+    return rules.config()
+
+
+def router_access(fleet: FleetConfig, security: SecurityConfig) -> dict[str, Any]:
+    """Return the access control of a router, which checks controllers and robots."""
+    rules = _AccessRules(fleet)
+    rules.allow_routers(security)
+    rules.allow_authority(("*",))
+    revoked = revoked_names(security.keys)
+    for robot in fleet.robots:
+        if robot not in revoked:
+            rules.allow_robot(robot)
+    for grant in security.grants:
+        rules.allow_controller(grant, robots=grant.robots or ("*",))
+    return rules.config()
+
+
+class _AccessRules:
+    """Rules of one end of a link, by the name of the certificate at its other end."""
+
+    def __init__(self, fleet: FleetConfig) -> None:
+        self._all = keys.fleet_key(fleet.name)
+        self._rules: dict[str, list[dict[str, Any]]] = {}
+
+    def config(self) -> dict[str, Any]:
+        """Return the section `access_control` of a zenoh configuration."""
+        return {
+            "enabled": True,
+            "default_permission": "deny",
+            "rules": [rule for rules in self._rules.values() for rule in rules],
+            "subjects": [{"id": name, "cert_common_names": [name]} for name in self._rules],
+            "policies": [
+                {"rules": [rule["id"] for rule in rules], "subjects": [name]} for name, rules in self._rules.items()
+            ],
+        }
+
+    def allow_routers(self, security: SecurityConfig) -> None:
+        """Trust the routers, which have checked what they forward."""
+        branches = keys.ANSWERS, keys.EVENTS, keys.STREAMS, keys.ALIVE, keys.HEARTBEATS
+        everything = [f"{self._all}{branch}/**" for branch in ("", *(f"/{branch}" for branch in branches))]
+        for name in security.routers:
+            for flow in _FLOWS:
+                self._allow(name, flow, (*_PUBLISH, *_SUBSCRIBE, *_DECLARE_TOKEN, *_WATCH_TOKENS), everything)
+
+    def allow_robot(self, robot: str) -> None:
+        """Allow calls to a robot, and what it publishes under its own name."""
+        self._link(robot, "egress", (f"{robot}/**", f"{keys.HEARTBEATS}/*/*"))
+        published = f"{keys.ANSWERS}/*/*/{robot}", f"{keys.EVENTS}/{robot}", f"{keys.STREAMS}/{robot}/**"
+        self._link(robot, "ingress", published, (f"{keys.ANSWERS}/*/*/*", f"{keys.EVENTS}/*", f"{keys.STREAMS}/**"))
+        self._allow(robot, "ingress", _DECLARE_TOKEN, [f"{self._all}/{keys.ALIVE}/*/{robot}"])
+        self._allow(robot, "egress", _WATCH_TOKENS, [f"{self._all}/{keys.ALIVE}/*/*"])
+
+    def allow_controller(self, grant: Grant, robots: Sequence[str]) -> None:
+        """Allow a controller or an observer what its grant covers; `*` stands for every robot."""
+        name = grant.name
+        self._allow_calls(name, robots, _methods_of(grant))
+        if grant.role == "controller":
+            self._link(name, "ingress", [f"{keys.HEARTBEATS}/{name}/*"], [f"{keys.HEARTBEATS}/*/*"])
+        resources = grant.resources or ("*",)
+        published = [f"{keys.EVENTS}/{robot}" for robot in robots]
+        published += [f"{keys.STREAMS}/{robot}/{resource}/**" for robot in robots for resource in resources]
+        self._link(name, "egress", published, (f"{keys.EVENTS}/*", f"{keys.STREAMS}/**"))
+
+    def allow_authority(self, robots: Sequence[str]) -> None:
+        """Allow the holder of the authority's key to revoke certificates."""
+        self._allow_calls(keys.AUTHORITY_CALLER, robots, [f"{keys.ROBOT}/{keys.REVOKE}"])
+
+    def _allow_calls(self, name: str, robots: Sequence[str], methods: Iterable[str]) -> None:
+        """Allow calls of methods, each as `<resource>/<method>`, their replies, and to see which robots are alive."""
+        calls = [f"{robot}/{method}/{name}/*" for method in methods for robot in robots]
+        self._link(name, "ingress", calls, [f"{robot}/**" for robot in robots])
+        answers = [f"{keys.ANSWERS}/{name}/*/{robot}" for robot in robots]
+        self._link(name, "egress", answers, [f"{keys.ANSWERS}/{name}/*/*"])
+        self._allow(name, "egress", _DECLARE_TOKEN, [f"{self._all}/{keys.ALIVE}/*/{robot}" for robot in robots])
+        self._allow(name, "ingress", _WATCH_TOKENS, [f"{self._all}/{keys.ALIVE}/*/*"])
+
+    def _link(self, name: str, flow: _Flow, published: Sequence[str], subscribed: Sequence[str] = ()) -> None:
+        """Allow publications one way over a link, and subscriptions to them the other way.
+
+        Args:
+            name: name of the certificate at the other end.
+            flow: direction of the publications.
+            published: key expressions of the publications, below the fleet's key.
+            subscribed: key expressions within which the other end may subscribe; `published` if empty. Wider ones
+                permit one subscription for all robots, each of which can still publish only what is allowed.
+        """
+        said, heard = ([f"{self._all}/{key}" for key in key_exprs] for key_exprs in (published, subscribed))
+        self._allow(name, flow, _PUBLISH, said)
+        self._allow(name, _FLOWS[flow == "ingress"], _SUBSCRIBE, heard or said)
+
+    def _allow(self, name: str, flow: _Flow, messages: Sequence[str], key_exprs: Sequence[str]) -> None:
+        rules = self._rules.setdefault(name, [])
+        rules.append(
+            {
+                "id": f"{name}/{len(rules)}",
+                "permission": "allow",
+                "flows": [flow],
+                "messages": list(messages),
+                "key_exprs": list(dict.fromkeys(key_exprs)),
+            }
+        )
+
+
+def _methods_of(grant: Grant) -> Iterator[str]:
+    """Yield the calls of a grant, each as `<resource>/<method>`; `*` stands for all."""
+    is_controller = grant.role == "controller"
+    if is_controller and grant.resources is None:
+        yield "*/*"
+        return
+    for method in LIMITED_ROBOT_METHODS if is_controller else OBSERVER_ROBOT_METHODS:
+        yield f"{keys.ROBOT}/{method}"
+    for resource in grant.resources or ("*",):
+        for method in ("*",) if is_controller else (*OBSERVER_METHODS, keys.STREAM):
+            yield f"{resource}/{method}"
+
+
+def encode_rights(security: SecurityConfig | None, robot: str) -> list[list[Any]] | None:
+    """Return a robot's grants as name, role and resources (None for all); None for a fleet without security."""
+    if security is None:
+        return None
+    return [
+        [grant.name, grant.role, None if grant.resources is None else list(grant.resources)]
+        for grant in security.grants
+        if grant.robots is None or robot in grant.robots
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _RobotGrant:
+    """One role that a certificate has for one robot."""
+
+    role: str
+    resources: frozenset[str] | None
+
+    def allows(self, resource: str, method: str) -> bool:
+        if resource == keys.ROBOT:
+            if self.role != "controller":
+                return method in OBSERVER_ROBOT_METHODS
+            return self.resources is None or method in LIMITED_ROBOT_METHODS
+        if self.resources is not None and resource not in self.resources:
+            return False
+        return self.role == "controller" or method in OBSERVER_METHODS or method == keys.STREAM
+
+    def describe(self) -> str:
+        of = "" if self.resources is None else f" of {', '.join(sorted(self.resources))} alone"
+        return f"{self.role}{of}"
+
+
+class Rights:
+    """Calls that the holder of one certificate may make to one robot.
+
+    Thread: any.
+    """
+
+    def __init__(self, name: str, grants: Sequence[_RobotGrant]) -> None:
+        self._name = name
+        self._grants = tuple(grants)
+
+    @classmethod
+    def decode(cls, encoded: object, name: str) -> Self | None:
+        """Decode the rights that a robot sent; None if everybody may do everything.
+
+        Raises:
+            ProtocolError: they are malformed.
+        """
+        if encoded is None:
+            return None
+        try:
+            rows = [(str(holder), str(role), resources) for holder, role, resources in encoded]  # type: ignore[attr-defined]  # checked by trying
+            grants = [
+                _RobotGrant(role, None if resources is None else frozenset(map(str, resources)))
+                for holder, role, resources in rows
+                if holder == name
+            ]
+        except (TypeError, ValueError) as error:
+            raise ProtocolError(f"the rights {encoded!r} are malformed") from error
+        return cls(name, grants)
+
+    def allows(self, resource: str, method: str) -> bool:
+        """Return whether the robot grants a call."""
+        return any(grant.allows(resource, method) for grant in self._grants)
+
+    def check(self, resource: str, method: str) -> None:
+        """Raise AccessDeniedError unless the robot grants a call."""
+        if self.allows(resource, method):
+            return
+        what = f"{method} of the robot" if resource == keys.ROBOT else method
+        roles = " and ".join(f"the role {grant.describe()}" for grant in self._grants) or "no role"
+        message = f"does not grant {what} to {self._name!r}, which has {roles} there"
+        raise AccessDeniedError(message, resource=None if resource == keys.ROBOT else resource)

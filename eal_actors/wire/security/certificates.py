@@ -1,0 +1,331 @@
+"""The certificates of a fleet: an authority of its own, and one certificate for each robot, controller and router.
+
+A folder of keys contains `ca.pem` and `ca.key`, and `<name>.pem` and `<name>.key` for each certificate. A robot needs
+`ca.pem` and its own two files. `ca.key` signs new certificates and stays on the machine that runs `eal keys`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from eal_actors.kernel.clock import wall_time
+from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.strict_model import NAME_PATTERN
+from eal_actors.managers.fleet_model import FleetConfig
+
+if TYPE_CHECKING:
+    from cryptography import x509
+    from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+
+AUTHORITY: Final = "ca"
+"""Name of the authority's files."""
+
+DASHBOARD: Final = "dashboard"
+"""Name of the dashboard's files. Its certificate has no role, so it grants nothing on robots."""
+DEFAULT_FOLDER: Final = "keys"
+"""Folder of a fleet's keys, beside its file, where the fleet names no other."""
+
+_AUTHORITY_VALID: Final = timedelta(days=3650)
+VALID: Final = timedelta(days=825)
+"""Default lifetime of a certificate."""
+_PASS_VALID: Final = timedelta(hours=1)
+_CLOCKS_MAY_DIFFER_BY: Final = timedelta(days=1)
+_BACKDATED: Final = 0.25  # of a lifetime of less than four days
+_MAX_NAME: Final = 64  # a common name's limit in X.509
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Certificate:
+    """Content of a certificate.
+
+    Attributes:
+        name: its owner.
+        hosts: host names and addresses of its owner; empty for an owner that only dials out.
+        begins: begin of its validity, in UTC.
+        expires: end of its validity, in UTC.
+        file: its path.
+    """
+
+    name: str
+    hosts: tuple[str, ...]
+    begins: datetime
+    expires: datetime
+    file: Path
+
+    @property
+    def lifetime(self) -> timedelta:
+        """The time from when it was made until it expires."""
+        span = self.expires - self.begins
+        return max(span - _CLOCKS_MAY_DIFFER_BY, span / (1 + _BACKDATED))
+
+    @property
+    def days_left(self) -> int:
+        """Whole days until it expires; negative once it has."""
+        return (self.expires - wall_time()).days
+
+
+def folder_of(fleet: FleetConfig) -> Path:
+    """Return the folder of a fleet's keys."""
+    security = fleet.network.security
+    return fleet.source.parent / DEFAULT_FOLDER if security is None else security.keys
+
+
+def certificate_file(folder: Path, name: str) -> Path:
+    """Return the path of a certificate."""
+    return folder / f"{name}.pem"
+
+
+def key_file(folder: Path, name: str) -> Path:
+    """Return the path of a private key."""
+    return folder / f"{name}.key"
+
+
+def make_authority(folder: Path, fleet: str, *, force: bool = False) -> Certificate:
+    """Create the authority of a fleet, which signs all its certificates.
+
+    Args:
+        folder: folder of the keys; created, readable for its owner only, if missing.
+        fleet: name of the fleet.
+        force: replace an existing authority, which invalidates all its certificates.
+
+    Raises:
+        ConfigError: an authority exists, the files cannot be written, or `cryptography` is not installed.
+    """
+    _require_cryptography()
+    from cryptography import x509
+
+    subject = _subject(f"{fleet} fleet authority"[:_MAX_NAME])
+    key = _new_key()
+    builder = (
+        _builder(subject, subject, key, _AUTHORITY_VALID)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(_key_usage(signs_certificates=True), critical=True)
+    )
+    return _write(folder, AUTHORITY, _sign(builder, key), key, force=force)
+
+
+def make_certificate(
+    folder: Path, name: str, hosts: Iterable[str] = (), *, valid: timedelta = VALID, force: bool = False
+) -> Certificate:
+    """Create a certificate, valid for dialling out and for being dialled at the hosts.
+
+    Args:
+        folder: folder of the keys, with the authority.
+        name: its owner; access control uses it.
+        hosts: host names and addresses of the owner.
+        valid: its lifetime from now on.
+        force: replace an existing certificate.
+
+    Raises:
+        ConfigError: the name is invalid, the certificate exists, the authority is missing or unreadable, the files
+            cannot be written, or `cryptography` is not installed.
+    """
+    _require_cryptography()
+    if not re.fullmatch(NAME_PATTERN, name) or len(name) > _MAX_NAME or name.lower() == AUTHORITY:
+        rule = f"a letter, then letters, digits, '_', '.' or '-', at most {_MAX_NAME} in all, and not '{AUTHORITY}'"
+        raise _config_error(name, f"cannot be the name of a certificate, which is {rule}")
+    return _issue(folder, folder, name, hosts, valid, force=force)
+
+
+def renew_certificate(folder: Path, name: str, valid: timedelta | None = None) -> Certificate:
+    """Replace a certificate and its key by new ones for the same hosts.
+
+    Args:
+        folder: folder of the keys, with the authority.
+        name: its owner.
+        valid: its lifetime from now on; that of the present certificate if None.
+
+    Raises:
+        ConfigError: there is no such certificate, or as make_certificate.
+    """
+    _require_cryptography()
+    file = certificate_file(folder, name)
+    present = _summary(_read_certificate(file), file)
+    return make_certificate(folder, name, present.hosts, valid=valid or present.lifetime, force=True)
+
+
+def make_pass(folder: Path, into: Path, name: str) -> None:
+    """Create a certificate of a reserved name for one hour, in another folder, with a copy of the authority's.
+
+    Raises:
+        ConfigError: the authority is missing or unreadable, or `cryptography` is not installed.
+    """
+    _require_cryptography()
+    _issue(folder, into, name, (), _PASS_VALID, force=True)
+    write_file(certificate_file(into, AUTHORITY), certificate_file(folder, AUTHORITY).read_bytes(), 0o644)
+
+
+def _issue(folder: Path, into: Path, name: str, hosts: Iterable[str], valid: timedelta, *, force: bool) -> Certificate:
+    from cryptography import x509
+    from cryptography.x509.oid import ExtendedKeyUsageOID
+
+    authority, authority_key = _load_authority(folder)
+    key = _new_key()
+    usages = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
+    builder = (
+        _builder(_subject(name), authority.subject, key, valid)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(_key_usage(signs_certificates=False), critical=True)
+        .add_extension(usages, critical=False)
+    )
+    names = [_general_name(host) for host in dict.fromkeys(hosts)]
+    if names:
+        builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
+    return _write(into, name, _sign(builder, authority_key), key, force=force)
+
+
+def list_certificates(folder: Path) -> list[Certificate]:
+    """Return the certificates of a folder, the authority first, then by name.
+
+    Raises:
+        ConfigError: the folder is missing, a file is no certificate, or `cryptography` is not installed.
+    """
+    _require_cryptography()
+    if not folder.is_dir():
+        raise _config_error(str(folder), "no such folder; `eal keys init` makes it")
+    found = [_summary(_read_certificate(file), file) for file in folder.glob("*.pem")]
+    return sorted(found, key=lambda certificate: (certificate.name != AUTHORITY, certificate.name))
+
+
+def _require_cryptography() -> None:
+    try:
+        import cryptography  # noqa: F401
+    except ImportError:
+        raise _config_error("eal keys", "needs the package cryptography: pip install 'eal-actors[keys]'") from None
+
+
+def _new_key() -> EllipticCurvePrivateKey:
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    return ec.generate_private_key(ec.SECP256R1())
+
+
+def _subject(name: str) -> x509.Name:
+    from cryptography import x509
+    from cryptography.x509.oid import NameOID
+
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+
+
+def _general_name(host: str) -> x509.GeneralName:
+    from cryptography import x509
+
+    with contextlib.suppress(ValueError):
+        return x509.IPAddress(ipaddress.ip_address(host))
+    return x509.DNSName(host)
+
+
+def _key_usage(*, signs_certificates: bool) -> x509.KeyUsage:
+    from cryptography import x509
+
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=signs_certificates,
+        crl_sign=signs_certificates,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: EllipticCurvePrivateKey, valid: timedelta
+) -> x509.CertificateBuilder:
+    from cryptography import x509
+
+    now = wall_time()
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - min(_CLOCKS_MAY_DIFFER_BY, valid * _BACKDATED))
+        .not_valid_after(now + valid)
+    )
+
+
+def _sign(builder: x509.CertificateBuilder, key: EllipticCurvePrivateKey) -> x509.Certificate:
+    from cryptography.hazmat.primitives import hashes
+
+    return builder.sign(key, hashes.SHA256())
+
+
+def _load_authority(folder: Path) -> tuple[x509.Certificate, EllipticCurvePrivateKey]:
+    from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+    file = key_file(folder, AUTHORITY)
+    try:
+        key = load_pem_private_key(file.read_bytes(), password=None)
+    except FileNotFoundError:
+        raise _config_error(str(file), "is missing; `eal keys init` makes the fleet's authority") from None
+    except (OSError, ValueError, TypeError) as error:
+        raise _config_error(str(file), f"cannot be read as a private key: {error}") from error
+    if not isinstance(key, EllipticCurvePrivateKey):
+        raise _config_error(str(file), "is not a key that `eal keys init` made")
+    return _read_certificate(certificate_file(folder, AUTHORITY)), key
+
+
+def _read_certificate(file: Path) -> x509.Certificate:
+    from cryptography import x509
+
+    try:
+        return x509.load_pem_x509_certificate(file.read_bytes())
+    except (OSError, ValueError) as error:
+        raise _config_error(str(file), f"cannot be read as a certificate: {error}") from error
+
+
+def _write(
+    folder: Path, name: str, certificate: x509.Certificate, key: EllipticCurvePrivateKey, *, force: bool
+) -> Certificate:
+    """Write a certificate and its key; the key first, readable for its owner only."""
+    from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+
+    file, secret = certificate_file(folder, name), key_file(folder, name)
+    existing = [str(path) for path in (secret, file) if path.exists()]
+    if existing and not force:
+        raise _config_error(existing[0], "is there already; --force replaces it")
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        write_file(secret, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)
+        write_file(file, certificate.public_bytes(Encoding.PEM), 0o644)
+    except OSError as error:
+        raise _config_error(str(folder), f"cannot be written: {error.strerror}") from error
+    return _summary(certificate, file)
+
+
+def write_file(file: Path, content: bytes, mode: int) -> None:
+    """Write a file atomically; at no time does it have wider permissions than `mode`."""
+    new = file.with_name(f".{file.name}.new")
+    new.unlink(missing_ok=True)
+    with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as stream:
+        stream.write(content)
+    new.replace(file)
+
+
+def _summary(certificate: x509.Certificate, file: Path) -> Certificate:
+    from cryptography import x509
+
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except x509.ExtensionNotFound:
+        hosts: tuple[str, ...] = ()
+    else:
+        hosts = tuple(str(name.value) for name in names)
+    return Certificate(file.stem, hosts, certificate.not_valid_before_utc, certificate.not_valid_after_utc, file)
+
+
+def _config_error(place: str, reason: str) -> ConfigError:
+    return ConfigError([Problem(place, 0, 0, "", reason)])

@@ -1,0 +1,350 @@
+"""zenoh configurations of robots, controllers and routers, and sessions that open and close in a bounded time.
+
+A controller dials each robot whose address is an endpoint. Robots with the address `router` dial out to the routers,
+and so does their controller: as *clients* of one router at a time, with the others as fallback. As peers they would
+receive every message twice from two joined routers, and no message would pass between two peers of one router. A
+controller with both kinds of robots is a peer that is linked to the first router only.
+
+A session must not be used on both sides of a fork: start processes with `spawn`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import re
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+
+from eal_actors.kernel.clock import REAL_TIME, new_waiter
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
+from eal_actors.kernel.log import get_logger
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import BEHIND_ROUTER, DEFAULT_NETWORK, NetworkConfig, parse_endpoint
+from eal_actors.wire.format.packing import MAX_CALL_BYTES, MAX_ENVELOPE_BYTES, MAX_PAYLOAD_BYTES
+from eal_actors.wire.security.accept_guard import ROBOT_STRANGERS, ROUTER_STRANGERS, guarding, raise_file_limit
+from eal_actors.wire.security.access import controller_access, robot_access, router_access, tls_config
+from eal_actors.wire.security.packet_filter import plain_address
+from eal_actors.wire.security.revocation import revoked_names, without_revoked
+
+if TYPE_CHECKING:
+    import zenoh
+
+T = TypeVar("T")
+
+CLOSE_TIMEOUT_S: Final = 1.0
+"""Real seconds after which a session that does not close is abandoned."""
+
+_RETRY_S: Final = 0.1
+_DIAL_MS: Final = 20
+"""Time between two dials of an absent end, in a fleet without TLS."""
+_MAX_DIAL_MS: Final = 1000
+_TLS_RETRY: Final = {"period_init_ms": 100, "period_max_ms": _MAX_DIAL_MS, "period_increase_factor": 2}
+"""With TLS a refused certificate occupies the other end's listener for 0.1 s, so the dials become rare."""
+_MAX_HANDSHAKES: Final = 2048
+"""Simultaneous transport handshakes; fewer strangers that never finish theirs cannot keep others out."""
+_HANDSHAKE_MS: Final = 2000
+"""Time-out of the transport handshake; enough for a slow link."""
+_TLS_HANDSHAKE_MS: Final = 20_000
+"""Time-out of a TLS handshake. It is long, because the listener sleeps 0.1 s after each that fails: while strangers
+fail faster than that, nobody's handshake is finished in a shorter time."""
+_MAX_CALL_BYTES: Final = MAX_CALL_BYTES + 2 * MAX_ENVELOPE_BYTES
+"""Largest message that a robot puts together of fragments; zenoh's own limit is 1 GiB."""
+_MAX_MESSAGE_BYTES: Final = MAX_PAYLOAD_BYTES + 2 * MAX_ENVELOPE_BYTES
+"""The same of a controller and of a router, which receive images too."""
+_MIN_SESSIONS: Final = 1000
+_STALLED_US: Final = 500_000
+"""Time after which a message that waits for a stalled link closes that link, in microseconds."""
+_BATCHES: Final = 16
+"""Batches of 64 kB of one priority that may wait for a link. With zenoh's default of two, the sender of an image sleeps
+between its pieces, and the image takes twice as long. Streams, which are dropped rather than queued, keep two."""
+_QUEUE: Final = {"size": {"data": _BATCHES}, "congestion_control": {"block": {"wait_before_close": _STALLED_US}}}
+_M_MMAP_THRESHOLD: Final = -3
+_LARGE_BYTES: Final = 2**20
+"""Size from which glibc returns a buffer to the system when it is freed. Its own size grows with the largest buffer
+freed; eight refused messages of 900 MiB then left a robot 30 MB larger, and 1 MB with this."""
+_SOURCE_PLACE: Final = re.compile(r" at /\S+")
+"""Position in zenoh's source, which its errors contain."""
+
+
+def robot_config(fleet: FleetConfig, robot: str) -> dict[str, Any]:
+    """Return the zenoh configuration of a robot.
+
+    Raises:
+        ConfigError: its keys are missing.
+        ValueError: the robot has no address, so it runs in the controller's process.
+    """
+    network, entry = fleet.network, fleet.robots[robot]
+    if entry.address is None:
+        raise ValueError(f"the robot {robot!r} has no address")
+    if entry.address == BEHIND_ROUTER:
+        config = _config(network, "client", connect=network.routers, sessions=0)
+    else:
+        config = _config(network, "peer", listen=[entry.listen or entry.address], sessions=0)
+    config["transport"]["link"]["rx"] = {"max_message_size": _MAX_CALL_BYTES}
+    if network.security is not None:
+        security = without_revoked(network.security)
+        config["transport"]["link"]["tls"] = tls_config(security, robot)
+        config["access_control"] = robot_access(fleet, security, robot)
+    return config
+
+
+def controller_config(fleet: FleetConfig, robots: Iterable[str] | None = None) -> dict[str, Any]:
+    """Return the zenoh configuration of a controller.
+
+    Args:
+        fleet: the fleet.
+        robots: names of the robots to reach, all if None; those without an address are ignored.
+
+    Raises:
+        ConfigError: its keys are missing.
+    """
+    network = fleet.network
+    remote = [name for name in (fleet.robots if robots is None else robots) if fleet.robots[name].address is not None]
+    addresses = [address for name in remote if (address := fleet.robots[name].address) is not None]
+    direct = list(dict.fromkeys(address for address in addresses if address != BEHIND_ROUTER))
+    if BEHIND_ROUTER not in addresses:
+        config = _config(network, "peer", connect=direct, sessions=2 * len(direct))
+    elif direct:
+        config = _config(network, "peer", connect=[network.routers[0], *direct], sessions=2 * len(direct))
+    else:
+        config = _config(network, "client", connect=network.routers, sessions=0)
+    if network.security is not None:
+        security = without_revoked(network.security)
+        revoked = revoked_names(security.keys)
+        config["transport"]["link"]["tls"] = tls_config(security, security.controller)
+        config["access_control"] = controller_access(fleet, security, [it for it in remote if it not in revoked])
+    return config
+
+
+def probe_config(endpoint: str, network: NetworkConfig | None = None) -> dict[str, Any]:
+    """Return the zenoh configuration of a program that only looks for robots behind an endpoint.
+
+    Args:
+        endpoint: endpoint of a robot or a router.
+        network: its keys are used; no keys if None.
+
+    Raises:
+        ConfigError: the keys are missing.
+    """
+    network = network or DEFAULT_NETWORK
+    config = _config(network, "client", connect=[endpoint], sessions=0)
+    if network.security is not None:
+        config["transport"]["link"]["tls"] = tls_config(network.security, network.security.controller)
+    return config
+
+
+def router_config(
+    listen: Sequence[str], connect: Sequence[str] = (), fleet: FleetConfig | None = None, name: str = "router"
+) -> dict[str, Any]:
+    """Return the zenoh configuration of a router.
+
+    Args:
+        listen: endpoints to listen at.
+        connect: endpoints of other routers to join; unreachable ones are retried.
+        fleet: its network settings and security apply; messages of any fleet pass if None.
+        name: name of the router's certificate, in a fleet with security.
+
+    Raises:
+        ConfigError: its keys are missing.
+    """
+    network = DEFAULT_NETWORK if fleet is None else fleet.network
+    sessions = 2 * len(fleet.robots) if fleet is not None else 0
+    config = _config(network, "router", listen=listen, connect=connect, sessions=sessions)
+    if fleet is not None and network.security is not None:
+        config["transport"]["link"]["tls"] = tls_config(network.security, name)
+        config["access_control"] = router_access(fleet, without_revoked(network.security))
+    return config
+
+
+def endpoints_of(config: dict[str, Any]) -> tuple[str, ...]:
+    """Return the endpoints of a configuration: those to listen at, then those to dial."""
+    return (*(text.partition("#")[0] for text in config["listen"]["endpoints"]), *config["connect"]["endpoints"])
+
+
+def _listening(endpoint: str) -> str:
+    """Return an endpoint to listen at, with the time-out of its TLS handshakes."""
+    return f"{endpoint}#tls_handshake_timeout_ms={_TLS_HANDSHAKE_MS}" if endpoint.startswith("tls/") else endpoint
+
+
+def _retry(ends: int, protocols: Sequence[str]) -> dict[str, Any]:
+    """Return how often absent ends are dialled: at a constant rate, so that a restarted robot is back at once.
+
+    All of them together are dialled at most 500 times a second, or once a second each.
+    """
+    if not {"tls", "quic"}.isdisjoint(protocols):
+        return _TLS_RETRY
+    period_ms = min(max(_DIAL_MS, 2 * ends), _MAX_DIAL_MS)
+    return {"period_init_ms": period_ms, "period_max_ms": period_ms, "period_increase_factor": 1}
+
+
+def _config(
+    network: NetworkConfig, mode: str, *, listen: Sequence[str] = (), connect: Sequence[str] = (), sessions: int
+) -> dict[str, Any]:
+    answers = network.discovery and bool(listen)  # controllers, and robots behind routers, cannot be dialled
+    protocols = sorted({parse_endpoint(endpoint).protocol for endpoint in (*listen, *connect)})
+    return {
+        "mode": mode,
+        # Discovery never connects anything: the fleet file decides what belongs together.
+        "scouting": {
+            "multicast": {"enabled": answers, "listen": answers, "autoconnect": []},
+            "gossip": {"enabled": False},
+            "delay": 1,  # ms that opening waits for absent peers
+        },
+        "listen": {
+            "endpoints": [_listening(endpoint) for endpoint in listen],
+            "timeout_ms": 0,
+            "exit_on_failure": True,
+        },
+        "connect": {
+            "endpoints": list(connect),
+            # A client tries each endpoint once and then fails, since it would otherwise wait for the first one only.
+            # Peers and routers open at once and dial in the background. Both dial again when a link breaks.
+            "timeout_ms": 0 if mode == "client" else -1,
+            "exit_on_failure": False,
+            "retry": _retry(len(connect), protocols),
+        },
+        "transport": {
+            "shared_memory": {"enabled": False},  # a killed process would leak its segments
+            "unicast": {
+                "max_sessions": max(_MIN_SESSIONS, sessions),
+                "accept_pending": _MAX_HANDSHAKES,
+                "accept_timeout": _HANDSHAKE_MS,
+                "compression": {"enabled": network.compression},
+            },
+            "link": {
+                "protocols": protocols,
+                "tx": {"lease": round(network.lease_s * 1000), "queue": _QUEUE},
+                "rx": {"max_message_size": _MAX_MESSAGE_BYTES},
+            },
+        },
+    }
+
+
+@contextmanager
+def open_session(config: dict[str, Any], timeout_s: float = 5.0) -> Iterator[zenoh.Session]:
+    """Open a session for the length of a `with` block.
+
+    A client waits for the first router that answers. Peers and routers open without waiting; a refused link, for
+    example for a missing certificate, shows only as calls without replies.
+
+    Args:
+        config: a configuration from this module.
+        timeout_s: greatest real seconds for opening.
+
+    Raises:
+        UnavailableError: the port is in use, no router answers, or it took too long.
+        ProtocolError: zenoh does not take the configuration.
+
+    Thread: any; blocks while it opens, and up to CLOSE_TIMEOUT_S while it closes.
+    """
+    import zenoh
+
+    try:
+        checked = zenoh.Config.from_json5(json.dumps(config))
+    except zenoh.ZError as error:
+        raise ProtocolError(f"zenoh does not take the configuration: {_reason(error)}") from error
+    if config["listen"]["endpoints"]:
+        raise_file_limit()
+        with contextlib.suppress(AttributeError):  # another C library
+            ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
+    session = _open(checked, config, timeout_s)
+    try:
+        listening = (parse_endpoint(text) for text in endpoints_of(config)[: len(config["listen"]["endpoints"])])
+        most = ROUTER_STRANGERS if config["mode"] == "router" else ROBOT_STRANGERS
+        ports = frozenset(endpoint.port for endpoint in listening)
+        with guarding(ports, most, lambda: list(_linked_addresses(session, ports))):
+            yield session
+    finally:
+        _close(session, config)
+
+
+def _linked_addresses(session: zenoh.Session, ports: frozenset[int]) -> Iterator[str]:
+    """Yield the IP address of the other end of each link that was accepted at one of the ports."""
+    for link in session.info.links():
+        with contextlib.suppress(ValueError):
+            if parse_endpoint(str(link.src)).port in ports:
+                yield plain_address(parse_endpoint(str(link.dst)).host)
+
+
+def _open(checked: zenoh.Config, config: dict[str, Any], timeout_s: float) -> zenoh.Session:
+    import zenoh
+
+    end_s = REAL_TIME.now() + timeout_s
+    while True:
+        opening = _BoundedCall(lambda: zenoh.open(checked), "eal-net-open", discard=_close_now)
+        try:
+            return opening.result(max(end_s - REAL_TIME.now(), 0.0))
+        except TimeoutError:
+            places = ", ".join(endpoints_of(config))
+            raise UnavailableError(f"{places}: the network session did not open within {timeout_s:g} s") from None
+        except zenoh.ZError as error:
+            is_waiting = config["mode"] == "client" and "connect" in str(error)
+            if not is_waiting or REAL_TIME.now() + _RETRY_S >= end_s:
+                raise _open_error(error, config) from error
+        REAL_TIME.sleep(_RETRY_S)
+
+
+def _open_error(error: Exception, config: dict[str, Any]) -> EALError:
+    reason = _reason(error)
+    failed = next((endpoint for endpoint in endpoints_of(config) if endpoint in reason), None)
+    place = failed or ", ".join(endpoints_of(config))
+    if "in use" in reason:
+        return UnavailableError(f"{place}: cannot listen there: the port is in use by another program")
+    if "assign requested address" in reason:
+        return UnavailableError(f"{place}: cannot listen there: this machine has no such address")
+    if config["mode"] == "client":
+        return UnavailableError(f"{place}: no router answers there; `eal router` runs one")
+    return UnavailableError(f"{place}: the network session cannot be opened: {reason}")
+
+
+def _reason(error: Exception) -> str:
+    return _SOURCE_PLACE.sub("", str(error)).strip()
+
+
+def _close_now(session: zenoh.Session) -> None:
+    session.close()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
+
+
+def _close(session: zenoh.Session, config: dict[str, Any]) -> None:
+    closing = _BoundedCall(lambda: _close_now(session), "eal-net-close")
+    try:
+        closing.result(CLOSE_TIMEOUT_S)
+    except TimeoutError:
+        message = f"the network session did not close within {CLOSE_TIMEOUT_S:g} s and was abandoned"
+        get_logger().warning(message, endpoints=endpoints_of(config))
+
+
+class _BoundedCall(Generic[T]):
+    """Call into zenoh that may hang, in its own thread; `discard` gets a result that arrives after the time-out."""
+
+    def __init__(self, work: Callable[[], T], name: str, discard: Callable[[T], object] | None = None) -> None:
+        self._work = work
+        self._discard = discard
+        self._outcome: Future[T] = Future()
+        self._waiter = new_waiter()
+        threading.Thread(target=self._run, name=name, daemon=True).start()
+
+    def _run(self) -> None:
+        try:
+            self._outcome.set_result(self._work())
+        except Exception as error:  # noqa: BLE001  # raised again by result()
+            self._outcome.set_exception(error)
+        REAL_TIME.wake(self._waiter)
+
+    def result(self, timeout_s: float) -> T:
+        """Return the call's result or raise its error; TimeoutError if it takes longer. Thread: blocks the caller."""
+        try:
+            REAL_TIME.wait(self._waiter, timeout_s)
+            return self._outcome.result(timeout=0)
+        except (TimeoutError, KeyboardInterrupt):
+            self._outcome.add_done_callback(self._discard_result)
+            raise
+
+    def _discard_result(self, outcome: Future[T]) -> None:
+        if self._discard is not None and outcome.exception() is None:
+            self._discard(outcome.result())

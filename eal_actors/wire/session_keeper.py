@@ -1,0 +1,148 @@
+"""SessionKeeper: keeps a session open, and opens it again when its keys change, so that no restart is needed.
+
+zenoh reads certificates and access control when a session opens. A renewed certificate or a longer list of revoked ones
+takes effect by a new session: its predecessor's links end, and all controllers whose certificates still count connect
+again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from typing_extensions import override
+
+from eal_actors.actors.actor import EALActor
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import EALError, error_text
+from eal_actors.kernel.log import get_logger
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.managers.network_model import DEFAULT_NETWORK, NetworkConfig
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.messages import decode_call
+from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
+from eal_actors.wire.security.revocation import revoke
+from eal_actors.wire.session import open_session
+
+if TYPE_CHECKING:
+    import zenoh
+
+_JOIN_S: Final = 3.0
+
+
+class SessionKeeper(EALActor):
+    """Owns the session of a robot or a router.
+
+    Args:
+        name: name of the certificate of this end.
+        network: the fleet's network; without security nothing is watched.
+        configure: returns the session's zenoh configuration.
+
+    Thread: an actor, which blocks while it opens a session; it runs only in a fleet with security.
+    """
+
+    def __init__(self, name: str, network: NetworkConfig, configure: Callable[[], dict[str, Any]]) -> None:
+        super().__init__(f"{name} session", REAL_TIME)
+        self._configure = configure
+        self._keys = KeyWatch(None if network.security is None else network.security.keys, name)
+        self._on_session: Callable[[zenoh.Session], None] = lambda _: None
+        self._stack = ExitStack()
+
+    def open(self) -> zenoh.Session:
+        """Open the first session; see open_session. Thread: blocks the caller."""
+        return self._stack.enter_context(open_session(self._configure()))
+
+    def follow(self, on_session: Callable[[zenoh.Session], None]) -> None:
+        """Watch the keys from now on.
+
+        Args:
+            on_session: called with each later session, after its predecessor was closed. Thread: the keeper's.
+        """
+        self._on_session = on_session
+        if self._keys:
+            self.launch()
+
+    def close(self) -> None:
+        """Close the session. Thread: blocks the caller, for a bounded time."""
+        if self.thread is None:
+            self._stack.close()
+            return
+        self.end_soon()
+        self.thread.join(_JOIN_S)
+
+    @override
+    def on_start(self) -> None:
+        self._tick()
+
+    @override
+    def on_stop(self) -> None:
+        self._stack.close()
+
+    @override
+    def on_crash(self, error: BaseException) -> None:
+        get_logger().error("changed keys are no longer followed", actor=self.name, error=error_text(error))
+        self._stack.close()
+
+    def _tick(self) -> None:
+        if self._keys.has_changed():
+            self._reopen()
+        self.actor_inbox.call_later(WATCH_PERIOD_S, self._tick)
+
+    def _reopen(self) -> None:
+        import zenoh
+
+        log = get_logger(actor=self.name)
+        self._stack.close()
+        try:
+            self._on_session(self._stack.enter_context(open_session(self._configure())))
+        except (EALError, zenoh.ZError) as error:  # tried again with the next tick
+            log.error("the network cannot be opened with the changed keys; it is tried again", reason=error_text(error))
+            return
+        self._keys.accept()
+        log.info("the keys have changed: the network was opened again")
+
+
+@contextmanager
+def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[], dict[str, Any]]) -> Iterator[None]:
+    """Keep a router's session open for the length of a `with` block.
+
+    A router stores the revoked names that it forwards to robots, so that it follows them too.
+
+    Args:
+        fleet: its fleet; None for all fleets, without security.
+        name: name of its certificate.
+        configure: returns its zenoh configuration.
+
+    Raises:
+        UnavailableError: the port is in use.
+        ConfigError: the keys are missing.
+
+    Thread: blocks the caller while it opens and closes.
+    """
+    keeper = SessionKeeper(name, DEFAULT_NETWORK if fleet is None else fleet.network, configure)
+    security = None if fleet is None else fleet.network.security
+
+    def subscribe(session: zenoh.Session) -> None:
+        import zenoh
+
+        if fleet is not None and security is not None:
+            handler = zenoh.handlers.Callback(partial(_store_revoked, security.keys), indirect=True)
+            session.declare_subscriber(keys.revoke_keys(fleet.name), handler)
+
+    try:
+        subscribe(keeper.open())
+        keeper.follow(subscribe)
+        yield
+    finally:
+        keeper.close()
+
+
+def _store_revoked(folder: Path, call: zenoh.Sample) -> None:
+    try:
+        header, _ = decode_call(b"" if call.attachment is None else call.attachment.to_bytes())
+        revoke(folder, map(str, header.arguments))
+    except EALError as error:
+        get_logger().error("revoked names were not stored", reason=error.message)

@@ -1,0 +1,210 @@
+"""StreamPublisher: publishes a robot's streams while controllers request them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from typing_extensions import override
+
+from eal_actors.actors.actor import EALActor
+from eal_actors.actors.feeds import Item, StreamSpec
+from eal_actors.actors.handles import ResourceHandle, RobotHandle
+from eal_actors.device.data import EALData
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import BusyError, EALError, error_text
+from eal_actors.kernel.log import get_logger
+from eal_actors.wire.format import keys
+from eal_actors.wire.format.frames import StreamFrame, encode_frame, parse_stream_request, rate_text
+from eal_actors.wire.format.images import require_codec
+from eal_actors.wire.format.messages import CallHeader, RobotTime
+
+if TYPE_CHECKING:
+    import zenoh
+
+_MAX_STREAMS: Final = 64
+"""Limit of one certificate's streams of a robot; each is a resource, a rate and an encoding."""
+
+_TICK_S: Final = 0.5
+_JOIN_S: Final = 1.0
+
+
+class StreamPublisher(EALActor):
+    """Publishes the streams of one robot, each once for any number of readers.
+
+    Each stream has its own key, so a slow reader receives no more than it requested. Frames are encoded here, not in
+    the threads of resources and commands; a frame that is not yet encoded when the next one arrives is skipped. A full
+    link drops frames.
+
+    Thread: an actor, which starts with the first stream.
+    """
+
+    def __init__(self, fleet: str, robot: RobotHandle, session: zenoh.Session, era: str) -> None:
+        super().__init__(f"{robot.name} streams", robot.clock)
+        self._fleet = fleet
+        self._robot = robot
+        self._session = session
+        self._era = era
+        self._streams: dict[str, _PublishedStream] = {}
+        self._starting = threading.Lock()
+        self._log = get_logger(robot=robot.name)
+
+    def move_to(self, session: zenoh.Session) -> None:
+        """Publish on another session from now on. Thread: any."""
+        self._session = session
+
+    def serve(self, handle: ResourceHandle, header: CallHeader) -> None:
+        """Start, renew or end a controller's lease of a stream. Thread: any.
+
+        Raises:
+            ProtocolError: the request is malformed.
+            ArgumentError: the rate or the encoding does not exist, or does not fit the resource.
+            UnsupportedError: the resource has no value, or OpenCV is missing.
+            BusyError: the robot has too many streams.
+        """
+        spec, lease_s = parse_stream_request(header.arguments)
+        spec.check_resource(handle.info)
+        key = keys.stream_key(self._fleet, self._robot.name, handle.name, spec.encoding, rate_text(spec))
+        if lease_s:
+            require_codec(spec.encoding)
+            if key not in self._streams and self._count(header.client) >= _MAX_STREAMS:
+                raise BusyError(f"the robot publishes {_MAX_STREAMS} streams for this certificate already")
+        with self._starting:
+            if self.thread is None:
+                self.launch()
+        self._run_soon(lambda: self._renew(key, handle, spec, header.client, lease_s))
+
+    def _count(self, client: str) -> int:
+        """Return the number of streams that controllers with the certificate of a client read."""
+        owner = keys.certificate_id(client)
+        readers = [list(stream.leases) for stream in list(self._streams.values())]
+        return sum(any(keys.certificate_id(reader) == owner for reader in stream) for stream in readers)
+
+    def leave(self, client: str) -> None:
+        """End all leases of a controller. Thread: any."""
+        if self.thread is not None:
+            self._run_soon(lambda: self._forget(client))
+
+    def close(self) -> None:
+        """End every stream. Thread: blocks the caller, for a bounded time."""
+        if self.thread is not None:
+            self._run_soon(self._stop)
+            with self.clock.outside():
+                self.thread.join(_JOIN_S)
+
+    def _run_soon(self, action: Callable[[], None]) -> None:
+        try:
+            self.actor_inbox.call_soon(action)
+        except EALError:
+            self._log.debug("the streams have ended; an action is discarded")
+
+    # In its own thread.
+
+    @override
+    def on_start(self) -> None:
+        self._tick()
+
+    @override
+    def on_stop(self) -> None:
+        for stream in self._streams.values():
+            stream.feed.close()
+        self._streams.clear()
+
+    @override
+    def on_crash(self, error: BaseException) -> None:
+        self._log.error("the streams have crashed", error=error_text(error))
+        self.on_stop()
+
+    def _renew(self, key: str, handle: ResourceHandle, spec: StreamSpec, client: str, lease_s: float) -> None:
+        stream = self._streams.get(key)
+        if stream is None:
+            if not lease_s:
+                return
+            stream = self._streams[key] = _PublishedStream(self, key, handle, spec)
+        stream.leases[client] = REAL_TIME.now() + lease_s
+        if not lease_s:
+            self._forget(client, key)
+
+    def _forget(self, client: str, key: str | None = None) -> None:
+        for name, stream in self._streams.items():
+            if key in (None, name):
+                stream.leases.pop(client, None)
+        self._end_unread()
+
+    def _tick(self) -> None:
+        now_s = REAL_TIME.now()
+        for stream in self._streams.values():
+            stream.leases = {client: end_s for client, end_s in stream.leases.items() if end_s > now_s}
+        self._end_unread()
+        self.actor_inbox.call_later(self.clock.of_real(_TICK_S), self._tick)
+
+    def _end_unread(self) -> None:
+        for key in [key for key, stream in self._streams.items() if not stream.leases]:
+            self._streams.pop(key).feed.close()
+
+    def publish(self, stream: _PublishedStream) -> None:
+        """Send the newest value of a stream. Thread: any; does not block."""
+        self._run_soon(lambda: self._publish(stream))
+
+    def _publish(self, stream: _PublishedStream) -> None:
+        item = stream.take()
+        if self._streams.get(stream.key) is not stream or callable(item):
+            return
+        encoding = stream.spec.encoding
+        age_s = 0.0
+        if isinstance(item, EALData) and item.stamp_s is not None:
+            age_s = (self.clock.now() - item.stamp_s) / self.clock.of_real(1.0)
+        try:
+            envelope, payload = encode_frame(StreamFrame(item, self._now(), age_s), encoding)
+        except EALError as error:
+            envelope, payload = encode_frame(StreamFrame(error, self._now()), encoding)
+        import zenoh
+
+        try:
+            self._session.put(
+                stream.key,
+                bytes(payload),
+                attachment=envelope,
+                priority=zenoh.Priority.DATA_LOW,  # below calls and replies
+                congestion_control=zenoh.CongestionControl.DROP,
+            )
+        except Exception as error:  # noqa: BLE001  # zenoh's own: the session is being closed
+            self._log.debug("a frame could not be sent", key=stream.key, reason=error_text(error))
+
+    def _now(self) -> RobotTime:
+        return RobotTime(self._era, REAL_TIME.now())
+
+
+class _PublishedStream:
+    """One stream and its readers.
+
+    Attributes:
+        key: key on which it is published.
+        spec: its rate and encoding.
+        leases: by client, the real time at which its lease ends.
+        feed: source of its values.
+    """
+
+    def __init__(self, publisher: StreamPublisher, key: str, handle: ResourceHandle, spec: StreamSpec) -> None:
+        self.key = key
+        self.spec = spec
+        self.leases: dict[str, float] = {}
+        self._publisher = publisher
+        self._lock = threading.Lock()
+        self._item: Item | None = None
+        self.feed = handle.open_feed(spec, self.offer)
+
+    def offer(self, item: Item) -> None:
+        """Replace the newest value; see Sink."""
+        with self._lock:
+            is_first, self._item = self._item is None, item
+        if is_first:
+            self._publisher.publish(self)
+
+    def take(self) -> Item:
+        """Return the newest value."""
+        with self._lock:
+            item, self._item = self._item, None
+        assert item is not None  # noqa: S101  # each `publish` follows the first offer after a `take`
+        return item

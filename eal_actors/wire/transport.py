@@ -1,0 +1,134 @@
+"""Transport: sends and receives messages over one zenoh session; used by both ends.
+
+Why channels: a callback in zenoh's own threads takes the interpreter's lock from a foreign thread, which costs more
+than a hop between two Python threads. So each subscription has a channel and a Python thread that reads it. A full
+channel holds up zenoh's thread and with it the sender, as a full socket would; handlers do not block.
+
+Why declared keys: a message to a key that is declared carries a number in place of the text. A key is declared once it
+has been used a few times, since declaring thousands of keys that are used once would cost more than it saves.
+
+Thread: any.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from eal_actors.device.data import Payload
+from eal_actors.kernel.errors import error_text
+from eal_actors.kernel.log import get_logger
+
+if TYPE_CHECKING:
+    import zenoh
+
+_CAPACITY: Final = 64
+"""Messages that wait for the reader of a subscription; the engine itself holds many more in its link."""
+_DECLARE_AT: Final = 8
+"""Uses of a key after which it is declared."""
+_MAX_KEYS: Final = 4096
+"""Keys that are counted or declared; further ones are sent as text."""
+
+
+class Transport:
+    """Messages over one session, which outlives it.
+
+    Args:
+        session: an open session.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        import zenoh
+
+        self.session: Final = session
+        self._priorities = zenoh.Priority.DATA, zenoh.Priority.REAL_TIME
+        self._congestion = zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK
+        self._subscribers: list[zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]] = []
+        self._keys: dict[str, zenoh.KeyExpr | int] = {}
+
+    def put(
+        self,
+        key: str,
+        envelope: bytes | None,
+        payload: Payload = b"",
+        *,
+        is_urgent: bool = False,
+        is_last: bool = True,
+        is_vital: bool = True,
+    ) -> bool:
+        """Send a message; returns False if it could not be sent.
+
+        Args:
+            key: its key.
+            envelope: its envelope, if it has one.
+            payload: its payload.
+            is_urgent: whether it overtakes the messages that wait in the link.
+            is_last: whether no other message follows at once; others may be sent as a batch.
+            is_vital: whether it waits for a full link; others are dropped there.
+
+        Thread: any that may wait; blocks only while a link is full, at most until the engine closes that link.
+        """
+        known = self._keys.get(key, 0)
+        try:
+            self.session.put(
+                self._count(key, known) if isinstance(known, int) else known,
+                payload if type(payload) is bytes else bytes(payload),
+                attachment=envelope,
+                priority=self._priorities[is_urgent],
+                congestion_control=self._congestion[is_vital],
+                express=is_last,
+            )
+        except Exception as error:  # noqa: BLE001  # zenoh's own: the link broke, or the session is being closed
+            get_logger().debug("a message could not be sent", key=key, reason=error_text(error))
+            return False
+        return True
+
+    def _count(self, key: str, uses: int) -> zenoh.KeyExpr | str:
+        """Return what to send to: the declared key after some uses."""
+        if uses < _DECLARE_AT:
+            if uses or len(self._keys) < _MAX_KEYS:
+                self._keys[key] = uses + 1
+            return key
+        declared: zenoh.KeyExpr = self.session.declare_keyexpr(key)
+        self._keys[key] = declared
+        return declared
+
+    def receive(self, key: str, name: str, handle: Callable[[zenoh.Sample], None]) -> Callable[[], None]:
+        """Pass the messages of a key expression to a handler, in a thread of their own.
+
+        Args:
+            key: the key expression.
+            name: name of the thread.
+            handle: called with each message; must not block. What it raises is logged.
+
+        Returns:
+            A function that ends it; harmless if the session is closed.
+        """
+        import zenoh
+
+        subscriber = self.session.declare_subscriber(key, zenoh.handlers.FifoChannel(_CAPACITY))
+        channel = subscriber.handler  # a subscriber that is being read itself cannot be undeclared
+        self._subscribers.append(subscriber)  # it ends when it is forgotten
+
+        def read() -> None:
+            with contextlib.suppress(zenoh.ZError):  # it has ended
+                sample: zenoh.Sample | None = None
+                while True:
+                    handle_safely(channel.recv() if sample is None else sample)
+                    sample = channel.try_recv()  # keeps the interpreter's lock, which busy threads give up late
+
+        def handle_safely(sample: zenoh.Sample) -> None:
+            try:
+                handle(sample)
+            except Exception as error:  # noqa: BLE001  # one bad message must not end the thread
+                get_logger().exception("a message was not handled", key=key, error=error_text(error))
+
+        def end() -> None:
+            with contextlib.suppress(zenoh.ZError, ValueError):  # the session is closed, or it has ended
+                self._subscribers.remove(subscriber)
+                subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
+
+        threading.Thread(target=read, name=name, daemon=True).start()
+        return end

@@ -1,0 +1,35 @@
+"""The scene of a world, which its cameras share, and what moves in it."""
+
+from __future__ import annotations
+
+import threading
+from typing import Final
+from weakref import WeakKeyDictionary
+
+from ..robot import SimRobot
+from ..world import SimWorld
+from .movers import BoxAt, Mover, RobotAppearance, RobotAt
+from .scene import Scene
+
+_scenes: Final[WeakKeyDictionary[SimWorld, Scene]] = WeakKeyDictionary()
+_scenes_lock: Final = threading.Lock()
+
+
+def scene_of(world: SimWorld) -> Scene:
+    """Return the scene of a world; create it on first use. Thread: any."""
+    with _scenes_lock:
+        scene = _scenes.get(world)
+        if scene is None:
+            scene = _scenes[world] = Scene(world.model)
+        return scene
+
+
+def movers_of(world: SimWorld, viewer: SimRobot | None = None) -> list[Mover]:
+    """Return the boxes and the robots at their poses, without the viewer. Thread: inside `caught_up`."""
+    movers: list[Mover] = [BoxAt(number, *box.pose) for number, box in enumerate(world.boxes)]
+    for robot in world.robots:
+        if robot is not viewer:
+            make = robot.make
+            look = RobotAppearance(make.radius_m, make.height_m, make.body_colour, make.camera_height_m)
+            movers.append(RobotAt(look, *robot.pose, robot.turret_yaw_rad))
+    return movers

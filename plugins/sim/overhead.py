@@ -1,0 +1,115 @@
+"""Simulated cameras above the floor: real pixels, with markers on the robots, for the plugin `tracker`."""
+
+from __future__ import annotations
+
+import math
+import threading
+import zlib
+from typing import TYPE_CHECKING, Final
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from eal_actors.device.world import OverheadCamera
+from eal_actors.plugin import FleetServices, PluginContext, PluginError
+
+from .models import Make, outline_m
+from .world import SimWorld, world_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .camera.looking_down import MarkerPlate, OverheadRenderer
+
+PLATE_M: Final = 0.01
+"""Height of a marker over the highest part of its robot."""
+
+
+class SimulatedOverheadCamera:
+    """A camera above the floor of a simulated world.
+
+    Args:
+        world: the world.
+        name: the camera's name in the world file.
+        services: names the markers on the robots.
+
+    Thread: any; one lock.
+    """
+
+    def __init__(self, world: SimWorld, name: str, services: FleetServices) -> None:
+        self._world = world
+        self._camera: OverheadCamera = world.model.cameras[name]
+        self._seed = zlib.crc32(name.encode())
+        self._services = services
+        self._lock = threading.Lock()
+        self._renderer: OverheadRenderer | None = None
+        self._last: tuple[NDArray[np.uint8], float] | None = None
+
+    def frame(self) -> tuple[NDArray[np.uint8], float]:
+        """Return the picture of now and the time of its exposure; the first one takes longest.
+
+        Returns:
+            Blue, green and red, shape (height, width, 3), and seconds of the fleet's clock.
+        """
+        from .camera.shared import movers_of
+
+        with self._lock:
+            renderer = self._renderer or self._start()
+            with self._world.caught_up() as now_s:
+                if self._last is not None and self._last[1] == now_s:
+                    return self._last
+                movers, plates = movers_of(self._world), self._plates()
+            seed = (self._seed << 32) + round(now_s * 1e6)
+            self._last = renderer.picture(movers, plates, seed), now_s
+            return self._last
+
+    def _start(self) -> OverheadRenderer:
+        from .camera.looking_down import MarkerPlate, OverheadRenderer
+        from .camera.shared import scene_of
+
+        marks = self._world.model.markers
+        on_floor = [
+            MarkerPlate(marks.family, one.id, one.size_m, one.x_m, one.y_m, 1e-4, math.radians(one.yaw_deg))
+            for one in marks.floor
+        ]
+        self._renderer = OverheadRenderer(scene_of(self._world), self._camera, on_floor)
+        return self._renderer
+
+    def _plates(self) -> list[MarkerPlate]:
+        """Return the markers on the robots. Thread: inside `caught_up`."""
+        from .camera.looking_down import MarkerPlate
+
+        marks = self._world.model.markers
+        plates = []
+        for robot in self._world.robots:
+            if (number := self._services.markers.get(robot.name)) is not None:
+                x_m, y_m, yaw_rad = robot.pose
+                height_m = marker_height_m(robot.make)
+                plates.append(MarkerPlate(marks.family, number, marks.size_m, x_m, y_m, height_m, yaw_rad))
+        return plates
+
+
+def marker_height_m(make: Make) -> float:
+    """Return the height of the marker on a robot of a make over the floor."""
+    return outline_m(make.radius_m, make.height_m, make.camera_height_m)[-1][1] + PLATE_M
+
+
+def open_camera(context: PluginContext, url: str) -> SimulatedOverheadCamera:
+    """Return the camera of a URL `sim://world/<camera>`; the world file describes it under `cameras`.
+
+    Raises:
+        PluginError: the URL is invalid, the world has no such camera, or OpenCV is not installed.
+    """
+    parts = urlsplit(url)
+    name = parts.path.strip("/")
+    if parts.netloc != "world" or not name or "/" in name or parts.query or parts.fragment:
+        raise PluginError(f"camera {url!r}: a simulated camera has the form sim://world/<camera>")
+    world = world_of(context.services)
+    if name not in world.model.cameras:
+        known = ", ".join(world.model.cameras) or "none"
+        raise PluginError(f"camera {url!r}: the world {world.model.name!r} has no camera {name!r}; it has: {known}")
+    try:
+        import cv2  # noqa: F401  # the renderer needs it
+    except ImportError as error:
+        raise PluginError(f"camera {url!r}: pictures need OpenCV ({error}): pip install 'eal-actors[vision]'") from None
+    return SimulatedOverheadCamera(world, name, context.services)

@@ -1,0 +1,1 @@
+"""Poses of robots by markers on them and cameras above the floor."""

@@ -1,0 +1,105 @@
+"""Where the pictures of a tracker come from: a source of the plugin `camera`, or a simulated camera."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from eal_actors.plugin import PluginContext, PluginError
+
+from ..camera.reader import ReaderOptions, SourceReader
+from ..camera.source import PictureSource
+from .settings import SIMULATED, CameraSettings
+
+Image: TypeAlias = NDArray[np.uint8]
+
+
+class PictureFeed(ABC):
+    """Gives the newest picture and the time of its exposure. Thread: any."""
+
+    @abstractmethod
+    def newest(self) -> tuple[Image, float]:
+        """Return blue, green and red, (height, width, 3), and seconds of the fleet's clock. Does not wait for one.
+
+        Raises:
+            NotReadyError: the camera is lost, frozen, or at its end.
+        """
+
+    def why_not_ready(self) -> str | None:
+        """Return why there is no picture now, or None."""
+        return None
+
+    def close(self) -> None:  # noqa: B027  # most feeds have nothing to close
+        """Close the camera."""
+
+
+class SourceFeed(PictureFeed):
+    """Pictures that a thread reads from a camera, a stream or files.
+
+    Args:
+        reader: reads them; started here.
+        latency_s: from the middle of an exposure to the arrival of its picture.
+    """
+
+    def __init__(self, reader: SourceReader, latency_s: float) -> None:
+        self._reader = reader
+        self._latency_s = latency_s
+        reader.start()
+
+    @override
+    def newest(self) -> tuple[Image, float]:
+        picture = self._reader.latest()
+        return picture.image, picture.stamp_s - self._latency_s
+
+    @override
+    def why_not_ready(self) -> str | None:
+        return self._reader.why_not_ready()
+
+    @override
+    def close(self) -> None:
+        self._reader.close()
+
+
+class SimulatedFeed(PictureFeed):
+    """Pictures of a simulated world, each of the moment of the call."""
+
+    def __init__(self, camera: Any) -> None:
+        self._camera = camera
+
+    @override
+    def newest(self) -> tuple[Image, float]:
+        image, stamp_s = self._camera.frame()
+        return image, stamp_s
+
+
+def open_feed(context: PluginContext, name: str, settings: CameraSettings) -> PictureFeed:
+    """Open the pictures of a camera. An unplugged camera is no error: it is not ready.
+
+    Raises:
+        PluginError: there is no such simulated camera, or a file or folder is missing or unreadable.
+    """
+    if str(settings.source).startswith(SIMULATED):
+        return SimulatedFeed(context.simulated_camera(str(settings.source)))
+    source = PictureSource.of(settings.source)
+    opener = source.opener(loop=settings.loop, fps=settings.fps, fourcc=settings.fourcc, timeout_s=settings.timeout_s)
+    if not source.kind.is_live:
+        try:
+            if not Path(source.address).exists():
+                raise OSError(f"does not exist; the working directory is {Path.cwd()}")
+            opener().release()
+        except OSError as error:
+            raise PluginError(f"cameras.{name}: source {source.name!r}: {error}") from error
+    width, height = settings.lens.size_px
+    size = {"width": width, "height": height} if source.kind.is_live else {}
+    options = ReaderOptions(
+        name=source.name,
+        patience_s=settings.timeout_s,
+        wishes={**size, **({"fps": settings.fps} if settings.fps and source.kind.is_live else {})},
+        place={"robot": context.robot, "camera": name},
+    )
+    return SourceFeed(SourceReader(opener, options, context.clock), settings.latency_s)

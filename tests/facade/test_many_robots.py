@@ -1,0 +1,78 @@
+"""Fleet.read and Fleet.send: one call to many robots, one future of all answers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from eal_actors import Fleet
+from eal_actors.kernel.errors import (
+    ArgumentError,
+    CallCancelledError,
+    DeadlineError,
+    ResourceNotFoundError,
+    RobotNotFoundError,
+)
+
+FLEET = """\
+version: 1
+clock: {rate: max}
+robots:
+  "robot{n}": {count: 3, plugins: {sim: {model: roomba, noise: false}}}
+  evbot: {plugins: {sim: {model: evbot3, noise: false}}}
+"""
+NAMES = ["robot1", "robot2", "robot3"]
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Iterator[Fleet]:
+    file = tmp_path / "fleet.yaml"
+    file.write_text(FLEET)
+    with Fleet.load(file) as fleet:
+        yield fleet
+
+
+def test_values_and_statuses_come_by_robot(fleet: Fleet) -> None:
+    before = fleet.read(fleet, "Pose").get()
+    assert list(before) == [*NAMES, "evbot"]
+    assert fleet.send(NAMES, "Base", "f0.3").get() == dict.fromkeys(NAMES, 1)
+    after = fleet.read([fleet["robot2"], "robot1"], "Pose").get()
+    assert list(after) == ["robot2", "robot1"]
+    for name, pose in after.items():
+        assert pose.value[0] - before[name].value[0] == pytest.approx(0.3, abs=1e-6)
+
+
+def test_what_cannot_be_called_is_refused_before_anything_is_sent(fleet: Fleet) -> None:
+    with pytest.raises(ResourceNotFoundError, match="evbot"):
+        fleet.send(fleet, "Song", "play 1")
+    with pytest.raises(ArgumentError, match="twice"):
+        fleet.send(["robot1", fleet["robot1"]], "Base", "f0.3")
+    with pytest.raises(RobotNotFoundError):
+        fleet.read(["robot1", "robot9"], "Pose")
+    assert all(not robot.running for robot in fleet.values())
+    assert fleet.read([], "Pose").get() == {}
+
+
+def test_errors_fail_the_future_or_take_a_values_place(fleet: Fleet) -> None:
+    fleet["robot2"]["Faults"].set_config("dead", True).get()  # its link is cut
+    with pytest.raises(DeadlineError, match="robot2/Range"):
+        fleet.read(NAMES, "Range", timeout_s=1).get()
+    answers = fleet.read(NAMES, "Range", return_exceptions=True, timeout_s=1).get()
+    assert [isinstance(answer, DeadlineError) for answer in answers.values()] == [False, True, False]
+
+
+def test_cancelling_cancels_every_command(fleet: Fleet) -> None:
+    driving = fleet.send(NAMES, "Base", "f2", timeout_s=60)
+    fleet.clock.sleep(0.5)
+    assert driving.cancel()
+    with pytest.raises(CallCancelledError):
+        driving.get()
+    fleet.clock.sleep(0.1)
+    first = fleet.read(NAMES, "Pose").get()
+    fleet.clock.sleep(1.0)
+    second = fleet.read(NAMES, "Pose").get()
+    assert {name: list(pose.value) for name, pose in first.items()} == {
+        name: list(pose.value) for name, pose in second.items()
+    }

@@ -1,0 +1,149 @@
+"""The tracker on the pixels of a simulated camera, judged against the true poses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eal_actors.plugin import FleetServices, PluginContext, PluginError
+from plugins.sim.camera.looking_down import OverheadLens
+from plugins.sim.plugin import open_camera
+from plugins.tracker import plugin as tracker_plugin
+from plugins.tracker.lens import Lens
+from plugins.tracker.locating import square_corners
+from tests.manual_clock import ManualClock
+from tests.unit.plugins.tracker.rig import CEILING, STEP_S, Arena, groups, lens_of, world_model
+
+SMALL = {**CEILING, "width": 640, "height": 480}
+
+
+def small_arena(count: int = 3, **changes: Any) -> Arena:
+    """Return an arena whose camera has few pixels and whose markers are large, because pictures cost time."""
+    model = world_model({"ceiling": SMALL}, size_m=(4.2, 3.4))
+    markers = model.markers.model_copy(update={"size_m": 0.2})
+    return Arena(count, model=model.model_copy(update={"markers": markers}), markers=groups(count, 0.2), **changes)
+
+
+@pytest.fixture(scope="module")
+def arena() -> Arena:
+    return small_arena()
+
+
+def test_driving_robots_are_where_the_tracker_says(arena: Arena) -> None:
+    arena.drive()
+    errors, surprises = [], []
+    for _ in range(24):
+        fixes = arena.step()
+        away = arena.errors(fixes)
+        errors.append(away)
+        surprises += [one @ np.linalg.solve(fix.covariance, one) for one, fix in zip(away, fixes.fixes, strict=True)]
+    found = np.concatenate(errors)
+    assert len(found) == 24 * 3
+    assert np.percentile(np.hypot(found[:, 0], found[:, 1]), 95) < 0.005
+    assert np.degrees(np.percentile(np.abs(found[:, 2]), 95)) < 1
+    assert np.mean(surprises) < 6, "the covariance must not promise more than is true: 3 is right"
+    assert arena.kinds() == {}
+
+
+def test_a_fix_has_the_time_of_the_exposure_and_a_repeated_call_the_same_picture(arena: Arena) -> None:
+    fixes = arena.step()
+    assert fixes.stamp_s == pytest.approx(arena.clock.now(), abs=arena.world.tick_s)
+    assert fixes.rows().shape == (3, 13)
+    assert np.array_equal(arena.tracker.fixes().rows(), fixes.rows())
+
+
+def test_markers_are_drawn_where_opencv_projects_them(arena: Arena) -> None:
+    arena.step(STEP_S)
+    camera = arena.tracker.cameras["ceiling"]
+    lens = OverheadLens(arena.model.cameras["ceiling"])
+    marker_by_id = {marker.id: marker for marker in arena.model.markers.floor}
+    arena.clock.advance(1.0)  # so that the whole picture is searched
+    arena.tracker.fixes()
+    seen = [one for one in camera.detections if one.number in marker_by_id]
+    assert len(seen) >= 4
+    for one in seen:
+        marker = marker_by_id[one.number]
+        corners = square_corners(marker.size_m) + np.array([marker.x_m, marker.y_m])
+        places = lens.project(np.column_stack([corners, np.zeros(4)]))
+        assert np.abs(one.corners - places).max() < 0.3
+
+
+def test_the_same_seed_gives_the_same_fixes() -> None:
+    rows = []
+    for _ in range(2):
+        arena = small_arena(2)
+        arena.drive()
+        rows.append(np.concatenate([arena.step().rows() for _ in range(3)]))
+    assert np.array_equal(rows[0], rows[1])
+
+
+def test_a_robot_without_a_marker_in_the_settings_is_reported(arena: Arena) -> None:
+    lens = arena.model.cameras["ceiling"].model_dump()
+    fields = {
+        "cameras": {"ceiling": {"source": "sim://world/ceiling", "lens": lens_of(lens)}},
+        "markers": [{"ids": [0, 30], "size_m": 0.2, "height_m": 0.26}],
+    }
+    settings = tracker_plugin.Settings.model_validate(fields)
+    tracker = tracker_plugin.connect(PluginContext("cameras-2", "tracker", settings, arena.services)).tracker
+    for _ in range(24):
+        arena.clock.advance(STEP_S)
+        tracker.fixes()
+    assert {(one.kind, one.marker) for one in tracker.problems} == {
+        ("unknown_marker", 1),
+        ("unknown_marker", 2),
+        ("not_seen", 30),
+    }
+
+
+@pytest.mark.parametrize(
+    ("source", "problem"),
+    [
+        ("sim://world/wall", r"the world 'arena' has no camera 'wall'; it has: ceiling"),
+        ("sim://ceiling", r"a simulated camera has the form sim://world/<camera>"),
+    ],
+)
+def test_an_unknown_simulated_camera_is_refused(source: str, problem: str) -> None:
+    services = FleetServices(ManualClock(), 1, world_model(), open_camera=open_camera)
+    fields = {"cameras": {"a": {"source": source, "lens": lens_of(CEILING)}}, "markers": groups(1)}
+    context = PluginContext("cameras-1", "tracker", tracker_plugin.Settings.model_validate(fields), services)
+    with pytest.raises(PluginError, match=problem):
+        tracker_plugin.connect(context)
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"markers": [{"ids": [40], "size_m": 0.1, "height_m": 0.1}]}, "markers 40 are on robots and on the floor"),
+        ({"markers": [{"ids": [50], "size_m": 0.1, "height_m": 0.1}]}, "markers 50: the family 4x4_50 ends with 49"),
+    ],
+)
+def test_ids_that_cannot_be_are_refused(changes: dict[str, Any], problem: str) -> None:
+    services = FleetServices(ManualClock(), 1, world_model(), open_camera=open_camera)
+    fields = {"cameras": {"a": {"source": "sim://world/ceiling", "lens": lens_of(CEILING)}}, **changes}
+    context = PluginContext("cameras-1", "tracker", tracker_plugin.Settings.model_validate(fields), services)
+    with pytest.raises(PluginError, match=problem):
+        tracker_plugin.connect(context)
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"markers": [{"ids": [1, 1], "size_m": 0.1, "height_m": 0.1}]}, "markers 1 are listed twice"),
+        ({"markers": [{"ids": [-1], "size_m": 0.1, "height_m": 0.1}]}, "an id is 0 or more, not -1"),
+        ({"markers": []}, "at least 1"),
+        ({"cameras": {}}, "at least 1"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(changes: dict[str, Any], problem: str) -> None:
+    fields = {"cameras": {"a": {"source": 0, "lens": lens_of(CEILING)}}, "markers": groups(1), **changes}
+    with pytest.raises(ValueError, match=problem):
+        tracker_plugin.Settings.model_validate(fields)
+
+
+def test_rays_and_pixels_of_a_lens_are_inverse() -> None:
+    lens = Lens((1280, 960), (985.0, 985.0), (639.5, 479.5), CEILING["distortion"])
+    pixels = np.random.default_rng(3).uniform((0, 0), (1280, 960), (50, 2))
+    points = np.column_stack([lens.rays(pixels), np.ones(50)])
+    assert np.allclose(lens.pixels(points, np.zeros(3), np.zeros(3)), pixels, atol=1e-3)

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import stat
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from eal_actors.kernel.clock import wall_time
+from eal_actors.kernel.errors import ConfigError
+from eal_actors.wire.security.certificates import list_certificates, make_authority, make_certificate
+
+
+def read(file: Path) -> x509.Certificate:
+    return x509.load_pem_x509_certificate(file.read_bytes())
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    make_authority(tmp_path / "keys", "lab")
+    return tmp_path / "keys"
+
+
+def test_the_authority_signs_certificates_and_nothing_below_it_does(folder: Path) -> None:
+    authority = read(folder / "ca.pem")
+    certificate = read(make_certificate(folder, "r1", ["10.0.0.1"]).file)
+
+    authority.verify_directly_issued_by(authority)
+    certificate.verify_directly_issued_by(authority)
+    basic = authority.extensions.get_extension_for_class(x509.BasicConstraints)
+    assert (basic.critical, basic.value) == (True, x509.BasicConstraints(ca=True, path_length=0))
+    basic = certificate.extensions.get_extension_for_class(x509.BasicConstraints)
+    assert (basic.critical, basic.value) == (True, x509.BasicConstraints(ca=False, path_length=None))
+    assert authority.extensions.get_extension_for_class(x509.KeyUsage).value.key_cert_sign
+    assert not certificate.extensions.get_extension_for_class(x509.KeyUsage).value.key_cert_sign
+
+
+def test_a_certificate_names_its_owner_and_where_it_is_reached(folder: Path) -> None:
+    made = make_certificate(folder, "r1", ["10.0.0.1", "robot.local", "::1", "10.0.0.1"])
+    certificate = read(made.file)
+
+    assert [name.value for name in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)] == ["r1"]
+    names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert names.get_values_for_type(x509.DNSName) == ["robot.local"]
+    assert [str(address) for address in names.get_values_for_type(x509.IPAddress)] == ["10.0.0.1", "::1"]
+    usages = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+    assert set(usages) == {ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH}
+    assert made.hosts == ("10.0.0.1", "robot.local", "::1")
+
+
+def test_certificates_last_two_years_and_the_authority_ten(folder: Path) -> None:
+    now, certificate, authority = wall_time(), read(make_certificate(folder, "r1").file), read(folder / "ca.pem")
+
+    assert timedelta(hours=23) < now - certificate.not_valid_before_utc < timedelta(hours=25)
+    assert timedelta(days=824) < certificate.not_valid_after_utc - now < timedelta(days=826)
+    assert timedelta(days=3649) < authority.not_valid_after_utc - now < timedelta(days=3651)
+
+
+def test_private_keys_are_for_their_owner_alone(folder: Path) -> None:
+    make_certificate(folder, "r1")
+
+    for name in ("ca.key", "r1.key"):
+        assert stat.S_IMODE((folder / name).stat().st_mode) == 0o600
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert sorted(file.name for file in folder.iterdir()) == ["ca.key", "ca.pem", "r1.key", "r1.pem"]
+
+
+def test_nothing_is_overwritten_unless_forced(folder: Path) -> None:
+    make_certificate(folder, "r1")
+    before = {file: file.read_bytes() for file in folder.iterdir()}
+
+    with pytest.raises(ConfigError, match=r"r1\.key: is there already; --force replaces it"):
+        make_certificate(folder, "r1")
+    with pytest.raises(ConfigError, match=r"ca\.key: is there already"):
+        make_authority(folder, "lab")
+    assert {file: file.read_bytes() for file in folder.iterdir()} == before
+
+    make_certificate(folder, "r1", force=True)
+    assert (folder / "r1.key").read_bytes() != before[folder / "r1.key"]
+    assert stat.S_IMODE((folder / "r1.key").stat().st_mode) == 0o600
+
+
+def test_one_of_two_files_counts_as_there(folder: Path) -> None:
+    make_certificate(folder, "r1")
+    (folder / "r1.key").unlink()
+
+    with pytest.raises(ConfigError, match=r"r1\.pem: is there already"):
+        make_certificate(folder, "r1")
+
+
+@pytest.mark.parametrize("name", ["ca", "CA", "../r1", "", "1st", "a" * 65, "r 1"])
+def test_names_that_no_certificate_can_have(folder: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match="cannot be the name of a certificate"):
+        make_certificate(folder, name)
+
+
+def test_without_an_authority_nothing_is_made(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"ca\.key: is missing; `eal keys init` makes the fleet's authority"):
+        make_certificate(tmp_path, "r1")
+
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("file", ["ca.key", "ca.pem"])
+def test_a_damaged_authority_is_told(folder: Path, file: str) -> None:
+    (folder / file).write_text("no pem")
+
+    with pytest.raises(ConfigError, match=f"{file}: cannot be read as a"):
+        make_certificate(folder, "r1")
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+
+    with pytest.raises(ConfigError, match="cannot be written: Not a directory"):
+        make_authority(tmp_path / "file" / "keys", "lab")
+
+
+def test_the_list_begins_with_the_authority(folder: Path) -> None:
+    for name in ("zoe", "alice"):
+        make_certificate(folder, name)
+
+    found = list_certificates(folder)
+
+    assert [certificate.name for certificate in found] == ["ca", "alice", "zoe"]
+    assert [certificate.days_left for certificate in found] == [3649, 824, 824]
+    with pytest.raises(ConfigError, match="no such folder; `eal keys init` makes it"):
+        list_certificates(folder / "nowhere")
