@@ -13,7 +13,7 @@ from eal_actors.cli.output import print_line, stdout, write_json
 from eal_actors.cli.records import reading_run
 from eal_actors.device.world import WorldModel, load_world
 from eal_actors.kernel.bundled import find_file
-from eal_actors.kernel.errors import ConfigError, PlaceNotFoundError, Problem
+from eal_actors.kernel.errors import ConfigError, PlaceNotFoundError, Problem, UnsupportedError
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.recording import kept_world
 
@@ -79,9 +79,12 @@ def show_map(
 
 
 def _load(file: Path, resolution_m: float) -> _Source:
-    from eal_actors.device.navigation.map_file import load_map
-    from eal_actors.device.navigation.world_grid import grid_from_world
-    from eal_actors.recording.run_map import map_of_run
+    try:
+        from eal_actors.device.navigation.map_file import load_map
+        from eal_actors.device.navigation.world_grid import grid_from_world
+        from eal_actors.recording.run_map import map_of_run
+    except ImportError as error:
+        raise UnsupportedError("maps need numpy: pip install 'eal-actors[sim]'") from error
 
     if file.is_dir():
         with reading_run():
