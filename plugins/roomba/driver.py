@@ -29,7 +29,7 @@ _DETECT_LOW_S: Final = 0.5
 _WAKE_UP_S: Final = 3.0
 _FAREWELL_S: Final = 0.5
 _START: Final = bytes([Op.START])
-_STOPS_A_START: Final = 5
+_STOPS_A_START: Final = 6
 _STARTS: Final = _START * (2 * MAX_NOTES + 4)
 """More than the longest command, Song. Start ends control, and with it every motion."""
 

@@ -233,6 +233,15 @@ GROUP_BYTES: Final = (26, 10, 6, 10)
 """The size of each sensor group."""
 
 
+def is_group(group: int, data: bytes) -> bool:
+    """Return whether bytes can be a sensor group."""
+    try:
+        (Sensors, Contacts, Controls, PowerGroup)[group].decode(data)
+    except DataError:
+        return False
+    return True
+
+
 def _check(data: bytes, group: int) -> None:
     if len(data) != GROUP_BYTES[group]:
         raise DataError(f"SCI: sensor group {group} has {GROUP_BYTES[group]} bytes, not {len(data)}")

@@ -1,15 +1,19 @@
 """The replies to requests on a line that may lose, damage and delay them: which bytes are one, and whose they are.
 
-Replies have a known size and come in the order of their requests, without a number. Where more than one request may be
-unanswered, a reply belongs to the latest if it comes after the usual delay. Otherwise it belongs to the oldest, and
-nothing more is asked until the others have had the same time: a wrong pairing would go on forever.
+Replies have the sizes of the requested groups and come in the order of their requests, without a number. If more than
+one request may be unanswered, a reply belongs to the latest one that it can answer if it comes after the usual delay.
+Otherwise it belongs to the oldest such one, and nothing more is asked until the others have had the same time: a wrong
+pairing would go on forever.
 """
 
 from __future__ import annotations
 
 import enum
 from collections import deque
+from collections.abc import Sequence
 from typing import Final, NamedTuple
+
+from .groups import GROUP_BYTES, is_group
 
 QUIET_S: Final = 0.003
 """Silence after a whole reply; a byte more means that one was inserted."""
@@ -19,6 +23,7 @@ _UNUSUAL_S: Final = 0.005
 _DELAYS: Final = 4  # time limit of a reply, in usual delays
 _GROWTH: Final = 1.5
 _LONGEST_S: Final = 1.0
+_MOST_REQUESTS: Final = 16
 
 
 class ReplyState(enum.Enum):
@@ -32,50 +37,90 @@ class ReplyState(enum.Enum):
     """Nothing has come within the time limit."""
 
 
+class Request(NamedTuple):
+    """One request: its sensor group and its time."""
+
+    group: int
+    asked_s: float
+
+
 class Reply(NamedTuple):
     """One reply.
 
     Attributes:
+        group: the sensor group.
         data: its bytes.
         asked_s: the time of its request, or of an earlier one.
         jitter_s: by how much it may be later than usual after that time.
     """
 
+    group: int
     data: bytes
     asked_s: float
     jitter_s: float
 
 
+def _match_oldest(requests: Sequence[Request], data: bytes) -> list[Request] | None:
+    """Return the oldest requests that bytes answer, in order; None if there are none."""
+    if not data:
+        return []
+    for place, request in enumerate(requests):
+        size = GROUP_BYTES[request.group]
+        if is_group(request.group, data[:size]):
+            others = _match_oldest(requests[place + 1 :], data[size:])
+            if others is not None:
+                return [request, *others]
+    return None
+
+
+def _match_latest(requests: Sequence[Request], data: bytes) -> list[Request] | None:
+    """Return the latest requests that bytes answer, in order; None if there are none."""
+    if not data:
+        return []
+    for place in range(len(requests) - 1, -1, -1):
+        request, start = requests[place], len(data) - GROUP_BYTES[requests[place].group]
+        if start >= 0 and is_group(request.group, data[start:]):
+            others = _match_latest(requests[:place], data[:start])
+            if others is not None:
+                return [*others, request]
+    return None
+
+
 class ReplyReader:
-    """Collects the replies to requests of one kind.
+    """Collects the replies to requests of sensor groups.
 
     Args:
-        size: of a reply.
         most_s: time limit of the first reply; later ones follow the measured delay.
         least_s: the shortest time limit.
         gap_s: the longest silence within a reply.
 
     Attributes:
+        latest: the latest request.
         delay_s: usual time from a request to its reply; 0 until it is known.
     """
 
-    def __init__(self, size: int, most_s: float, least_s: float, gap_s: float) -> None:
+    def __init__(self, most_s: float, least_s: float, gap_s: float) -> None:
         self.delay_s = 0.0
         self._is_measured = False
-        self._size, self._least_s, self._gap_s = size, least_s, gap_s
+        self._least_s, self._gap_s = least_s, gap_s
         self._limit_s = most_s
         self._held = bytearray()
         self._byte_s = 0.0
-        self._unanswered: deque[float] = deque(maxlen=32)
-        self._asked_s = 0.0
+        self._unanswered: deque[Request] = deque(maxlen=_MOST_REQUESTS)
+        self.latest = Request(0, 0.0)
         self._others_until_s = 0.0
 
-    def ask(self, now_s: float) -> None:
+    def ask(self, group: int, now_s: float) -> None:
         """Record a request."""
-        while self._unanswered and now_s - self._unanswered[0] > _LONGEST_S:
+        while self._unanswered and now_s - self._unanswered[0].asked_s > _LONGEST_S:
             self._unanswered.popleft()
-        self._unanswered.append(now_s)
-        self._asked_s = now_s
+        self.latest = Request(group, now_s)
+        self._unanswered.append(self.latest)
+
+    @property
+    def held(self) -> int:
+        """Number of bytes received and not yet taken."""
+        return len(self._held)
 
     def clear(self) -> None:
         """Forget all requests and bytes."""
@@ -93,10 +138,17 @@ class ReplyReader:
         """Return the state of the reply; LOST and DAMAGED end the wait for it."""
         held, silent_s = len(self._held), now_s - self._byte_s
         if not held:
-            return ReplyState.LOST if now_s - self._asked_s >= self._limit_s else ReplyState.AWAITED
-        if silent_s < (self._gap_s if held % self._size else QUIET_S):
+            return ReplyState.LOST if now_s - self.latest.asked_s >= self._limit_s else ReplyState.AWAITED
+        is_whole = bool(self._answered())
+        if silent_s < (QUIET_S if is_whole else self._gap_s):
             return ReplyState.AWAITED
-        return ReplyState.DAMAGED if held % self._size else ReplyState.WHOLE
+        return ReplyState.WHOLE if is_whole else ReplyState.DAMAGED
+
+    def _answered(self) -> list[Request]:
+        """Return the requests that the bytes answer, oldest first; none if the bytes do not fit."""
+        held, requests = bytes(self._held), [*self._unanswered] or [self.latest]
+        is_usual = self._is_measured and self._byte_s - self.latest.asked_s <= _USUAL * self.delay_s + _UNUSUAL_S
+        return (_match_latest if is_usual else _match_oldest)(requests, held) or []
 
     def give_up(self, state: ReplyState) -> None:
         """End the wait for a reply that is LOST or DAMAGED."""
@@ -107,17 +159,18 @@ class ReplyReader:
 
     def take(self) -> list[Reply]:
         """Return the WHOLE replies, oldest first."""
-        replies = []
-        is_usual = self._is_measured and self._byte_s - self._asked_s <= _USUAL * self.delay_s + _UNUSUAL_S
-        if is_usual and len(self._held) == self._size:
-            while len(self._unanswered) > 1:  # they were lost
-                self._unanswered.popleft()
-        for start in range(0, len(self._held), self._size):
-            oldest_s = self._unanswered.popleft() if self._unanswered else self._asked_s
-            delay_s = self._byte_s - oldest_s
-            replies.append(Reply(bytes(self._held[start : start + self._size]), oldest_s, self._jitter_s(delay_s)))
+        replies, start, answered = [], 0, self._answered()
+        while self._unanswered and self._unanswered[0] not in answered:
+            self._unanswered.popleft()  # they were lost
+        for request in answered:
             if self._unanswered:
-                self._others_until_s = max(self._others_until_s, self._unanswered[-1] + delay_s)
+                self._unanswered.popleft()
+            delay_s, end = self._byte_s - request.asked_s, start + GROUP_BYTES[request.group]
+            data = bytes(self._held[start:end])
+            replies.append(Reply(request.group, data, request.asked_s, self._jitter_s(delay_s)))
+            start = end
+            if self._unanswered:
+                self._others_until_s = max(self._others_until_s, self._unanswered[-1].asked_s + delay_s)
             elif not self._others_until_s:
                 self._measure(delay_s)
         self._held.clear()

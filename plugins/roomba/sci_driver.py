@@ -13,9 +13,9 @@ from eal_actors.plugin import Clock, DataError
 
 from . import sci
 from .driver import RoombaDriver
-from .groups import GROUP_BYTES, Sensors
+from .groups import Contacts, Controls, PowerGroup, Sensors
 from .link import RoombaLink
-from .listening import LOOK_S, until
+from .listening import LOOK_S, READING_LASTS_S, until
 from .motion import slowed
 from .predicted_wheels import Travel
 from .reading import WheelCommand
@@ -27,9 +27,15 @@ _LIMITS_S: Final = (0.2, 0.05, 0.03)  # of the first reply, of any reply, and of
 _LOSSY_LIMITS_S: Final = (0.1, 0.06, 0.1)
 _DELAY_S: Final = 0.02  # of a command
 _LOSSY_DELAY_S: Final = 0.06
-_PERIOD_IN_MOTION_S: Final = 0.05
+_PERIOD_IN_MOTION_S: Final = 0.04
+_LOSSY_PERIOD_IN_MOTION_S: Final = 0.1  # so that counts tell which requests were lost
+_EARLY: Final = 0.9  # share of the period after which a poll counts as due
 _REREAD_S: Final = 0.05  # until a reading in doubt is repeated; the wheels have turned measurably by then
-_ASK: Final = sci.ask_sensors(0)
+_ALL, _CONTACTS, _CONTROLS, _POWER = 0, 1, 2, 3  # sensor groups
+_TRAVEL: Final = (_ALL, _CONTROLS)  # groups whose reply resets the counts
+_POWER_PERIOD_S: Final = 2.0
+_MANY_BYTES: Final = 20  # a damaged request was one of all sensors, which resets the counts
+_PROMPT_S: Final = 0.04  # a line with a longer delay is asked for all sensors at once
 
 
 class SciDriver(RoombaDriver):
@@ -49,11 +55,15 @@ class SciDriver(RoombaDriver):
     def __init__(self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str) -> None:
         super().__init__(link, clock, mode, poll_hz, name, WHEELBASE_M)
         limits_s, delay_s = (_LOSSY_LIMITS_S, _LOSSY_DELAY_S) if link.repeats > 1 else (_LIMITS_S, _DELAY_S)
-        self._replies = ReplyReader(GROUP_BYTES[0], *limits_s)
+        self._motion_period_s = _LOSSY_PERIOD_IN_MOTION_S if link.repeats > 1 else _PERIOD_IN_MOTION_S
+        self._replies = ReplyReader(*limits_s)
         self._judge = TravelJudge(delay_s)
         self._fault: str | None = None
-        self._unusual: Sensors | None = None
+        self._power: PowerGroup | None = None
+        self._unusual: PowerGroup | None = None
         self._lost_count = 0
+        self._contacts, self._contacts_s = Contacts(), -math.inf
+        self._travel_s = self._power_s = -math.inf
 
     @override
     def wheels(self, left_mm_s: int, right_mm_s: int) -> WheelCommand:
@@ -90,7 +100,7 @@ class SciDriver(RoombaDriver):
     @override
     def _longest_period_s(self) -> float:
         """A lost reply loses its travel, so replies must be frequent while the wheels turn."""
-        return _PERIOD_IN_MOTION_S if any(self._commanded_m_s) or self._must_stand else math.inf
+        return self._motion_period_s if any(self._commanded_m_s) or self._must_stand else math.inf
 
     @override
     def _note_wheels(self, left_m_s: float, right_m_s: float) -> None:
@@ -102,8 +112,21 @@ class SciDriver(RoombaDriver):
         self._fault = None
 
     def _poll_once(self) -> Generator[float, None, bool]:
-        """Ask, and wait for the reply; one in doubt is asked for again soon."""
-        yield from until(self._ask)
+        """Take a reading; while the wheels turn, their travel alone, because a short reply is lost less often."""
+        now_s, reading = self.clock.now(), self._reading
+        stands, is_slow = self._longest_period_s == math.inf, self.delay_s > _PROMPT_S
+        if stands or is_slow or reading is None or now_s - reading.stamp_s > self._lasts_s:
+            return (yield from self._exchange(_ALL))
+        if now_s - self._power_s > _POWER_PERIOD_S:
+            yield from self._exchange(_POWER)
+        is_good = yield from self._exchange(_CONTACTS)
+        if self.is_due(self._travel_s + _EARLY * self._motion_period_s):
+            is_good = yield from self._exchange(_CONTROLS)
+        return is_good
+
+    def _exchange(self, group: int) -> Generator[float, None, bool]:
+        """Ask for a group, and wait for the reply; return whether it is good. One in doubt is asked for again soon."""
+        yield from until(lambda: self._ask(group))
         is_good = False
         while True:
             with self._lock:
@@ -120,15 +143,17 @@ class SciDriver(RoombaDriver):
                     return is_good
             yield LOOK_S
 
-    def _ask(self) -> float | None:
+    def _ask(self, group: int) -> float | None:
         with self._lock:
             if not self.is_due(self._quiet_until_s):
                 return self._quiet_until_s - self.clock.now()
             now_s = self.clock.now()
             self._take_bytes(self._link.receive())  # a late reply contains travel too
-            self._link.ask(_ASK)
-            self._replies.ask(now_s)
-            self._judge.ask(now_s)
+            self._link.ask(sci.ask_sensors(group))
+            self._replies.ask(group, now_s)
+            if group in _TRAVEL:
+                self._travel_s = now_s
+                self._judge.ask(now_s)
             return None
 
     def _take_bytes(self, data: bytes) -> None:
@@ -141,43 +166,70 @@ class SciDriver(RoombaDriver):
             self._lose_reply(state)
 
     def _lose_reply(self, state: ReplyState) -> None:
+        group, size = self._replies.latest.group, self._replies.held
         self._replies.give_up(state)
         if state is ReplyState.DAMAGED:
-            self._judge.lose()
             self._log.debug("a reply is dropped", reason="bytes are missing, or too many")
-        else:
-            self._lost_count += 1
-            self._must_repeat |= self._lost_count > 1
-            if self._link.repeats == 1:  # a cable does not lose all bytes of a reply: the request was not received
-                self._judge.withdraw()
+            if group in _TRAVEL:
+                self._judge.lose()
+            elif size > _MANY_BYTES:
+                self._judge.ask(self._replies.latest.asked_s)
+            return
+        self._lost_count += 1
+        self._must_repeat |= self._lost_count > 1
+        if self._link.repeats == 1 and group in _TRAVEL:  # a cable does not lose whole replies: it was not asked
+            self._judge.withdraw()
 
     def _take_replies(self) -> bool:
         """Take whole replies; return whether the last one is believed. Thread: holds the lock."""
         is_good, self._lost_count = False, 0
         for reply in self._replies.take():
             try:
-                sensors = Sensors.decode(reply.data)
-                sensors.power.check()
+                is_good = self._take_reply(reply)
             except DataError as error:  # noise on the line
                 self._log.debug("a reply is dropped", reason=error.message)
-                self._judge.lose()
+                if reply.group in _TRAVEL:
+                    self._judge.lose()
                 is_good = False
-            else:
-                is_good = self._take_sensors(sensors, reply)
         if not is_good:
             self._next_poll_s = self.clock.now() + _REREAD_S
         return is_good
 
-    def _take_sensors(self, sensors: Sensors, reply: Reply) -> bool:
-        """Take a reply if it is plausible; return whether it is."""
-        if self._reading is not None and not sensors.power.follows(self._reading.power):
-            before, self._unusual = self._unusual, sensors
-            if before is None or not sensors.power.follows(before.power):
-                self._judge.lose()
-                return False
-        self._unusual = None
-        controls, is_new = sensors.controls, self._reading is None
-        if is_new:  # counts from before the first reading are not ours
+    def _take_reply(self, reply: Reply) -> bool:
+        """Take a reply if it is plausible; return whether it is.
+
+        Raises:
+            DataError: no Roomba sends this.
+        """
+        if reply.group == _CONTACTS:
+            self._contacts, self._contacts_s = Contacts.decode(reply.data), reply.asked_s
+            return True
+        if reply.group == _CONTROLS:
+            return self._take_controls(Controls.decode(reply.data), reply)
+        if reply.group == _POWER:
+            self._take_power(PowerGroup.decode(reply.data), reply)
+            return True
+        sensors = Sensors.decode(reply.data)
+        self._take_power(sensors.power, reply)
+        self._contacts, self._contacts_s = sensors.contacts, reply.asked_s
+        return self._take_controls(sensors.controls, reply)
+
+    def _take_power(self, power: PowerGroup, reply: Reply) -> None:
+        """Take what a reply says of the battery; a sudden change must be said twice.
+
+        Raises:
+            DataError: no battery of a Roomba is so, or changes so.
+        """
+        power.check()
+        if self._power is not None and not power.follows(self._power):
+            before, self._unusual = self._unusual, power
+            if before is None or not power.follows(before):
+                raise DataError("SCI: the battery cannot have changed so")
+        self._power, self._power_s, self._unusual = power, reply.asked_s, None
+
+    def _take_controls(self, controls: Controls, reply: Reply) -> bool:
+        """Take buttons and travel if they are plausible; return whether they are."""
+        if self._reading is None:  # counts from before the first reading are not ours
             self._judge.begin(reply.asked_s)
         else:
             counted = Travel(controls.distance_mm / 1000, controls.angle_mm / 1000)
@@ -189,7 +241,8 @@ class SciDriver(RoombaDriver):
                 self._fault = "two readings in a row cannot be true: the line is noisy, or the wheels do not obey"
             self._add_travel(*judgement.travel.wheels_m)
         has_turned = bool(controls.distance_mm or controls.angle_mm)
-        self._take(self._reading_of(reply.asked_s, sensors.contacts, sensors.power, controls.pressed, has_turned))
+        if self._power is not None and reply.asked_s - self._contacts_s <= READING_LASTS_S:
+            self._take(self._reading_of(reply.asked_s, self._contacts, self._power, controls.pressed, has_turned))
         return True
 
 

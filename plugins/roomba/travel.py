@@ -17,6 +17,7 @@ from typing import Final
 from .predicted_wheels import NOTHING, ROUNDING_M, AccelerationGauge, PredictedWheels, Travel
 
 _MAX_SPEED_M_S: Final = 0.6
+_MOST_ACCELERATION_M_S2: Final = 2.0  # of the wheels of any Roomba, with a margin
 _JITTER_S: Final = 0.02  # a Roomba counts every 15 ms, a simulated one every 20 ms
 _UNCERTAIN: Final = 0.03  # share of a predicted travel
 _UNSURE: Final = 0.02  # the same where nothing was counted
@@ -71,6 +72,7 @@ class TravelJudge:
         self.model = PredictedWheels(delay_s)
         self.doubt = NOTHING
         self._counted_s = -math.inf
+        self._late_s = 0.0
         self._requests: deque[tuple[float, bool]] = deque(maxlen=_MOST_REQUESTS)
         self._suspect: _Suspect | None = None
         self._gauge = AccelerationGauge()
@@ -120,7 +122,7 @@ class TravelJudge:
             self._gauge.add(counted, asked_s, self.model)
         else:
             self._gauge.cancel()
-        self._accept(asked_s, self._speeds_m_s(best.travel, self._counted_s, asked_s))
+        self._accept(asked_s, self._speeds_m_s(best.travel, self._counted_s, asked_s), jitter_s)
         return Judgement(best.travel)
 
     def _speeds_m_s(self, travel: Travel, since_s: float, until_s: float) -> tuple[float, float]:
@@ -151,7 +153,7 @@ class TravelJudge:
             whole = self.model.predict(self._counted_s, asked_s, factor, late_s)
             before = self.model.predict(self._counted_s, start_s, factor, late_s)
             since = whole.plus(before, -1.0)
-            tolerance = self._tolerance(since, asked_s, 0.0)
+            tolerance = self._tolerance(since, asked_s)
             if all(abs(since[place] - counted[place]) < tolerance[place] for place in (0, 1)):
                 likely.append(before)
         least, most = (Travel(*map(choose, zip(*likely, strict=True))) for choose in (min, max))
@@ -167,15 +169,20 @@ class TravelJudge:
 
     def _misfit(self, counted: Travel, start_s: float, asked_s: float, jitter_s: float) -> float:
         predicted, unknown = self.model.predict(start_s, asked_s), self.model.unknown(start_s, asked_s)
-        tolerance = self._tolerance(predicted, asked_s, jitter_s).plus(unknown, _UNKNOWN)
-        return max(abs(counted[place] - predicted[place]) / tolerance[place] for place in (0, 1))
+        tolerance = self._tolerance(predicted, asked_s).plus(unknown, _UNKNOWN)
+        late_s = self._late_s if start_s <= self._counted_s else 0.0
+        least, most = self.model.predict(start_s + late_s, asked_s), self.model.predict(start_s, asked_s + jitter_s)
+        return max(
+            max(min(least[place], most[place]) - counted[place], counted[place] - max(least[place], most[place]))
+            / tolerance[place]
+            for place in (0, 1)
+        )
 
-    def _tolerance(self, predicted: Travel, asked_s: float, jitter_s: float) -> Travel:
+    def _tolerance(self, predicted: Travel, asked_s: float) -> Travel:
         """Return by how much a count may differ from a prediction whose acceleration is right."""
         speed = Travel.of_wheels(*self.model.speeds_m_s(asked_s))
         ahead_m, arc_m = (
-            ROUNDING_M + _UNCERTAIN * abs(predicted[place]) + abs(speed[place]) * (_JITTER_S + jitter_s)
-            for place in (0, 1)
+            ROUNDING_M + _UNCERTAIN * abs(predicted[place]) + abs(speed[place]) * _JITTER_S for place in (0, 1)
         )
         return Travel(ahead_m, arc_m)
 
@@ -186,8 +193,7 @@ class TravelJudge:
             return []
         starts = self._starts(suspect.asked_s, asked_s)
         for first_s in self._starts(self._counted_s, suspect.asked_s):
-            reach_m = _MAX_SPEED_M_S * (suspect.asked_s - first_s + _JITTER_S)
-            if max(map(abs, suspect.counted.wheels_m)) > reach_m:
+            if not self._is_within_reach(suspect.counted, suspect.asked_s - first_s + suspect.jitter_s):
                 continue
             missing = self.model.predict(self._counted_s, first_s)
             unknown = Travel(*map(abs, missing))  # it may have disobeyed before, too
@@ -204,6 +210,16 @@ class TravelJudge:
                     travel = missing.plus(suspect.counted).plus(fit.travel)
                     fits.append(Explanation(fit.misfit, travel, fit.doubt.plus(unknown)))
         return fits
+
+    def _is_within_reach(self, travel: Travel, duration_s: float) -> bool:
+        """Return whether the wheels can have travelled so since the latest accepted count, whatever they obey."""
+        duration_s += _JITTER_S
+        gained_m = _MOST_ACCELERATION_M_S2 * duration_s**2 / 2
+        speeds_m_s = self.model.speeds_m_s(self._counted_s)
+        return all(
+            abs(wheel_m) <= min(abs(speed_m_s) * duration_s + gained_m, _MAX_SPEED_M_S * duration_s) + ROUNDING_M
+            for wheel_m, speed_m_s in zip(travel.wheels_m, speeds_m_s, strict=True)
+        )
 
     def _disobeying(self, suspect: _Suspect, first_s: float) -> Iterator[TravelJudge]:
         """Return judges of wheels that had turned as a suspect says, and obey, go on or stop since then."""
@@ -225,14 +241,14 @@ class TravelJudge:
             return Judgement(NOTHING, is_suspect=True)
         both, duration_s = self._suspect.counted.plus(counted), asked_s - self._counted_s
         predicted = self.model.predict(self._counted_s, asked_s)
-        is_possible = max(map(abs, both.wheels_m)) <= _MAX_SPEED_M_S * duration_s
+        is_possible = self._is_within_reach(both, duration_s)
         travel = both if is_possible else predicted
         self._add_doubt(both.plus(predicted, -1.0) if is_possible else predicted)
         self._accept(asked_s, self.model.speeds_m_s(asked_s))
         return Judgement(travel, is_false=True)
 
-    def _accept(self, asked_s: float, speeds_m_s: tuple[float, float]) -> None:
-        self._counted_s, self._suspect = asked_s, None
+    def _accept(self, asked_s: float, speeds_m_s: tuple[float, float], jitter_s: float = 0.0) -> None:
+        self._counted_s, self._late_s, self._suspect = asked_s, jitter_s, None
         self.model.restart(asked_s, speeds_m_s)
         self._requests = deque((request for request in self._requests if request[0] > asked_s), _MOST_REQUESTS)
 

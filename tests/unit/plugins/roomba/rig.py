@@ -219,8 +219,10 @@ class MoteRig(Rig):
 
 
 def without_polls(sent: bytes) -> bytes:
-    """Return what was sent besides Sensors 0."""
-    return sent.replace(bytes([142, 0]), b"")
+    """Return what was sent besides requests of sensors."""
+    for group in range(4):
+        sent = sent.replace(bytes([142, group]), b"")
+    return sent
 
 
 class SimulatedRig(Rig):

@@ -72,7 +72,7 @@ def test_a_battery_that_runs_low_and_out(kind: type[Rig]) -> None:
     rig = kind()
     drive = rig.begin("f5", 1.0)
     rig.body.charge.charge_ah = 0.027
-    rig.wait(0.2)
+    rig.wait(2.5)  # in motion the battery is read every two seconds
     assert RoombaBattery(rig.roomba).get_value().value == 0.01
     rig.emulator._has_device_detect = True  # so no byte wakes it
     rig.emulator.is_asleep = True  # it switches itself off, and its motors with it

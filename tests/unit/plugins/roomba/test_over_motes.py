@@ -51,7 +51,7 @@ def test_with_30_percent_lost_for_good_it_does_the_square_or_fails_loudly_and_st
 def test_lost_acknowledgements_cost_time_and_nothing_else() -> None:
     rig = MoteRig(ack_loss=0.2, seed=3)
     rig.do("f0.3")
-    assert rig.motes.duplicates > 1
+    assert rig.motes.duplicates > 0
     assert rig.body.pose[0] == pytest.approx(0.3, abs=0.02)
 
 
