@@ -143,5 +143,6 @@ def test_the_servo_of_a_vendor_s_library_conforms(tmp_path: Path) -> None:
     )
     code = block("python", '"""A servo of Dynamixel, through the library')
     assert check(tmp_path / "servo", manifest, code, {"emulator.py": SERVO}) == {
-        "keeps configuration": ("no configuration key is writable",)
+        "estimates its pose": ("it has no Pose that estimates",),
+        "keeps configuration": ("no configuration key is writable",),
     }
