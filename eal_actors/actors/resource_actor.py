@@ -111,6 +111,8 @@ class ResourceActor(ReadinessActor):
         """The time of the robot's next check whether the actor is stuck. The robot sets it to infinity first."""
         self._factory = factory
         self._callbacks = callbacks
+        self.any_thread = False
+        """Whether the resource allows calls in other threads; known once it is open."""
         self._is_open = False
         self._current: Call[Any] | None = None
         self._scheduled = ScheduledCommand(self.actor_inbox, self._execute)
@@ -128,6 +130,7 @@ class ResourceActor(ReadinessActor):
             resource.name = self.cell.name
             resource.open()
             self._is_open = True
+            self.any_thread = resource.any_thread
             info = resource.info()
             self._info = info
             self._methods = self._make_methods(resource, info)

@@ -152,7 +152,7 @@ class RobotActor(EALActor, RobotConnection):
             return
         actor.cell.info = info
         actor.cell.actor = actor
-        actor.cell.serve_now = actor.serve_now if actor.opened.any_thread else None
+        actor.cell.serve_now = actor.serve_now if actor.any_thread else None  # it may be closed by now
         self._starting.discard(name)
         self._log.debug("resource is up", resource=name)
         self._ready_if_all_up()
