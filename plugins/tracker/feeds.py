@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from eal_actors.plugin import PluginContext, PluginError
+from eal_actors.plugin import NotReadyError, PluginContext, PluginError
 
 from ..camera.reader import ReaderOptions, SourceReader
 from ..camera.source import PictureSource
@@ -58,7 +58,11 @@ class SourceFeed(PictureFeed):
 
     @override
     def why_not_ready(self) -> str | None:
-        return self._reader.why_not_ready()
+        try:
+            self._reader.latest()
+        except NotReadyError as error:  # also before the first picture
+            return error.message
+        return None
 
     @override
     def close(self) -> None:
