@@ -215,7 +215,7 @@ class ContactSearch:
         if due:
             alone = [robot for robot in driven if robot.free is None]
             numbers = {robot: number for number, robot in enumerate(alone)}
-            places = np.array([robot.pose[:2] for robot in alone]).reshape(-1, 2)
+            places = np.array([robot.pose[:2] for robot in alone], np.float64).reshape(-1, 2)
             if together.robots:
                 places = np.concatenate([places, together.places()])
             rows = [numbers[robot] if robot.free is None else len(alone) + together.column_of(robot) for robot in due]

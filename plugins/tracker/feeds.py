@@ -34,6 +34,11 @@ class PictureFeed(ABC):
         """Return why there is no picture now, or None."""
         return None
 
+    @property
+    def awaits_first(self) -> bool:
+        """Whether its first picture is still to come."""
+        return False
+
     def close(self) -> None:  # noqa: B027  # most feeds have nothing to close
         """Close the camera."""
 
@@ -58,11 +63,18 @@ class SourceFeed(PictureFeed):
 
     @override
     def why_not_ready(self) -> str | None:
+        return self._reader.why_not_ready()
+
+    @property
+    @override
+    def awaits_first(self) -> bool:
+        if self._reader.why_not_ready() is not None:
+            return False
         try:
             self._reader.latest()
-        except NotReadyError as error:  # also before the first picture
-            return error.message
-        return None
+        except NotReadyError:
+            return True
+        return False
 
     @override
     def close(self) -> None:

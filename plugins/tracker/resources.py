@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Generator
 
 import cv2
 import numpy as np
@@ -46,12 +47,15 @@ class FixesSensor(Resource):
         """Return the number of present problems; the request `report` names them."""
         return len(self._tracker.problems)
 
-    def get_value(self) -> EALData:
+    def get_value(self) -> EALData | Generator[float, None, EALData]:
         """Return a row for each robot in view, in the frame `map`, with the time of exposure.
 
         Raises:
             NotReadyError: no camera gives pictures, or too few floor markers are in view.
         """
+        return self._tracker.after_first_picture(self._fixes)
+
+    def _fixes(self) -> EALData:
         found = self._tracker.fixes()
         return EALData.of(found.rows(), frame_id="map", stamp_s=found.stamp_s)
 
@@ -80,12 +84,15 @@ class TrackedPicture(Resource):
     def not_ready(self) -> str | None:
         return self._tracker.why_not_ready()
 
-    def get_value(self) -> EALData:
+    def get_value(self) -> EALData | Generator[float, None, EALData]:
         """Return the pictures, shape (height, width, 3).
 
         Raises:
             NotReadyError: no camera gives pictures.
         """
+        return self._tracker.after_first_picture(self._picture)
+
+    def _picture(self) -> EALData:
         cameras = self._tracker.look()
         if not cameras:
             raise NotReadyError("; ".join(one.text for one in self._tracker.problems) or "no picture yet")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from eal_actors.plugin import FamilyName, FloorMarker, NotReadyError, get_logger
+from eal_actors.plugin import EALData, FamilyName, FloorMarker, NotReadyError, get_logger
 
 from .camera_tracker import CameraTracker
 from .feeds import PictureFeed
@@ -20,6 +20,7 @@ from .problems import ProblemList, TrackingProblem
 from .settings import MarkerGroup
 from .sightings import Sighting, fuse
 
+_LOOK_S: Final = 0.02  # between two looks for a first picture
 _LATE_S: Final = 0.2
 """Seconds by which a camera's picture may be older than the newest one."""
 _UNSEEN_S: Final = 0.5
@@ -102,6 +103,19 @@ class Tracker:
         """Return why no camera gives pictures; None if one does."""
         reasons = [feed.why_not_ready() for feed in self._feeds.values()]
         return None if None in reasons else "; ".join(filter(None, reasons))
+
+    def after_first_picture(self, value: Callable[[], EALData]) -> EALData | Generator[float, None, EALData]:
+        """Return a value, or an activity that returns it once a camera has given its first picture or has failed."""
+
+        def wait() -> Generator[float, None, EALData]:
+            while self._awaits_first():
+                yield _LOOK_S
+            return value()
+
+        return wait() if self._awaits_first() else value()
+
+    def _awaits_first(self) -> bool:
+        return all(feed.awaits_first for feed in self._feeds.values())
 
     def fixes(self) -> Fixes:
         """Return the poses in the newest pictures.

@@ -76,7 +76,8 @@ def test_progress_is_told_step_by_step(clock: ManualClock, robot: RobotHandle) -
     advance_until_done(clock, call)
     assert call.get() == 4
     assert [(progress.fraction, progress.text) for progress in heard] == [(n / 4, f"floor {n}") for n in range(4)]
-    assert [heard[n + 1].time_s - heard[n].time_s for n in range(3)] == pytest.approx([1.0] * 3)
+    steps_s = [heard[n + 1].time_s - heard[n].time_s for n in range(3)]
+    assert steps_s == pytest.approx([1.0] * 3, abs=0.2)  # the clock goes on while the actor works
     assert call.progress() is heard[-1]
 
 

@@ -18,7 +18,7 @@ def test_a_robot_of_this_process_answers_at_once_while_it_moves() -> None:
         answer = robot.ping()
         assert answer.done()
         ping = answer.get()
-        assert ping == Ping(RobotState.READY, ping.release, len(robot))
+        assert ping == Ping(RobotState.READY, ping.release, len(robot), running=ping.running)
         robot.stop("a dog").get()
         assert robot.ping().get().stopped == "a dog"
     assert robot.ping().get().state is RobotState.STOPPED
