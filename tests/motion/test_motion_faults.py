@@ -106,7 +106,7 @@ def test_a_robot_that_is_carried_away_comes_back() -> None:
         assert it.errors(1.0, 0.0, None)[0] < 0.01
 
 
-@pytest.mark.parametrize("kind", ["sim-evbot2", "evbot2", "evbot3", "oi"])
+@pytest.mark.parametrize("kind", ["sim-evbot2", "evbot3", "oi"])
 @pytest.mark.parametrize("end", ["halt", "deadline", "stop", "cancel", "newer"])
 def test_every_end_in_mid_motion_stops_the_motors(kind: str, end: str) -> None:
     with tracked(kind, 0) as it:
