@@ -9,7 +9,7 @@ import math
 import struct
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.device.data.c_types import (
     ARRAY_BY_DTYPE,
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 Payload = bytes | memoryview
+_MAX_S: Final = sys.float_info.max
 Stored = tuple[Any, Payload | None, int, tuple[int, ...] | None]
 """The content of an EALData: value, payload, length and shape; value or payload may be None until it is needed."""
 
@@ -280,3 +281,28 @@ def as_array(payload: Payload, shape: tuple[int, ...], c_type: CType) -> np.ndar
     except ImportError as error:
         raise DataError(f"value: an array of dtype {c_type.dtype} needs numpy; `payload` serves without") from error
     return np.ndarray(shape, c_type.dtype, buffer=payload)
+
+
+def array_content(value: Any) -> tuple[CType, Stored] | None:
+    """Return the C type and content of a numpy array; None for anything else. Does not import numpy."""
+    numpy = sys.modules.get("numpy")
+    if numpy is None or not isinstance(value, numpy.ndarray):
+        return None
+    if (c_type := ARRAY_BY_DTYPE.get(value.dtype.str)) is None:  # `infer` refuses it with a message
+        return None
+    view = value.view()
+    view.flags.writeable = False
+    return c_type, (view, None, view.nbytes, view.shape)
+
+
+def checked_meta(unit: object, frame_id: object, stamp_s: object) -> float | None:
+    """Return the time stamp as a float, or raise DataError for an invalid unit, frame or time stamp."""
+    if unit is not None and not isinstance(unit, str):
+        raise DataError(f"unit: {short_repr(unit)} is no str")
+    if frame_id is not None and not isinstance(frame_id, str):
+        raise DataError(f"frame_id: {short_repr(frame_id)} is no str")
+    if stamp_s is None:
+        return None
+    if isinstance(stamp_s, bool) or not isinstance(stamp_s, (int, float)) or not -_MAX_S <= stamp_s <= _MAX_S:
+        raise DataError(f"stamp_s: {short_repr(stamp_s)} is no finite number of seconds")
+    return float(stamp_s)
