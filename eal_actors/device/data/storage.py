@@ -9,7 +9,7 @@ import math
 import struct
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from eal_actors.device.data.c_types import (
     ARRAY_BY_DTYPE,
@@ -22,8 +22,6 @@ from eal_actors.device.data.c_types import (
     NUMBERS,
     PLAIN,
     SCALAR_BY_DTYPE,
-    SHOWN_BYTES,
-    SHOWN_ELEMENTS,
     TEXT,
     VOID,
     CType,
@@ -38,7 +36,6 @@ if TYPE_CHECKING:
     import numpy as np
 
 Payload = bytes | memoryview
-_MAX_S: Final = sys.float_info.max
 Stored = tuple[Any, Payload | None, int, tuple[int, ...] | None]
 """The content of an EALData: value, payload, length and shape; value or payload may be None until it is needed."""
 
@@ -258,17 +255,6 @@ def pack(c_type: CType, value: Any, length: int, shape: tuple[int, ...] | None) 
     return struct.pack(f"<{c_type.code}", value)
 
 
-def content_text(c_type: CType, value: Any, shape: tuple[int, ...] | None, payload: Payload) -> str:
-    """Return a value as text, short even for large values."""
-    if shape is not None:
-        return f"shape={shape}"
-    if not c_type.is_ptr or c_type == TEXT:
-        return short_repr(value)
-    if c_type.type is DataType.VOID:
-        return short_repr(bytes(payload[: SHOWN_BYTES + 1]))
-    return short_repr(unpack(c_type, payload[: (SHOWN_ELEMENTS + 1) * c_type.width]))
-
-
 def unpack(c_type: CType, payload: Payload) -> list[Any]:
     """Return the elements of a payload as Python values."""
     return list(struct.unpack(f"<{len(payload) // c_type.width}{c_type.code}", payload))
@@ -281,28 +267,3 @@ def as_array(payload: Payload, shape: tuple[int, ...], c_type: CType) -> np.ndar
     except ImportError as error:
         raise DataError(f"value: an array of dtype {c_type.dtype} needs numpy; `payload` serves without") from error
     return np.ndarray(shape, c_type.dtype, buffer=payload)
-
-
-def array_content(value: Any) -> tuple[CType, Stored] | None:
-    """Return the C type and content of a numpy array; None for anything else. Does not import numpy."""
-    numpy = sys.modules.get("numpy")
-    if numpy is None or not isinstance(value, numpy.ndarray):
-        return None
-    if (c_type := ARRAY_BY_DTYPE.get(value.dtype.str)) is None:  # `infer` refuses it with a message
-        return None
-    view = value.view()
-    view.flags.writeable = False
-    return c_type, (view, None, view.nbytes, view.shape)
-
-
-def checked_meta(unit: object, frame_id: object, stamp_s: object) -> float | None:
-    """Return the time stamp as a float, or raise DataError for an invalid unit, frame or time stamp."""
-    if unit is not None and not isinstance(unit, str):
-        raise DataError(f"unit: {short_repr(unit)} is no str")
-    if frame_id is not None and not isinstance(frame_id, str):
-        raise DataError(f"frame_id: {short_repr(frame_id)} is no str")
-    if stamp_s is None:
-        return None
-    if isinstance(stamp_s, bool) or not isinstance(stamp_s, (int, float)) or not -_MAX_S <= stamp_s <= _MAX_S:
-        raise DataError(f"stamp_s: {short_repr(stamp_s)} is no finite number of seconds")
-    return float(stamp_s)

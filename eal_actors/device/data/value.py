@@ -16,11 +16,13 @@ Source: thesis §4.6, B.1.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, Final, final
 
 from eal_actors.device.data.c_types import (
+    ARRAY_BY_DTYPE,
     BOOL,
     DOUBLE,
     INT,
@@ -34,20 +36,19 @@ from eal_actors.device.data.c_types import (
 from eal_actors.device.data.storage import (
     Payload,
     Stored,
-    array_content,
     as_array,
     as_bytes,
-    checked_meta,
     checked_shape,
-    content_text,
     infer,
     pack,
     read,
     store,
     unpack,
 )
-from eal_actors.device.data.texts import range_text, repr_of
+from eal_actors.device.data.texts import data_text, info_text, repr_of
 from eal_actors.kernel.errors import ArgumentError, DataError
+
+_MAX_S: Final = sys.float_info.max
 
 
 @final
@@ -121,7 +122,7 @@ class EALData:
             c_type = BOOL
         elif kind is EALData:
             return value.with_meta(unit=unit, frame_id=frame_id, stamp_s=stamp_s)  # type: ignore[no-any-return]
-        elif (array := array_content(value)) is not None:
+        elif (array := _array_content(value)) is not None:
             return self._fill(*array, unit, frame_id, stamp_s)
         elif (convert := getattr(kind, "__eal_data__", None)) is not None:
             return cls.of(convert(value), unit=unit, frame_id=frame_id, stamp_s=stamp_s)
@@ -190,7 +191,7 @@ class EALData:
         """
         if unit is None and frame_id is None and stamp_s is None:
             return self
-        stamp_s = checked_meta(unit, frame_id, stamp_s)
+        stamp_s = _checked_meta(unit, frame_id, stamp_s)
         return EALData._store(
             EALData.__new__(EALData),
             self._c_type,
@@ -204,7 +205,7 @@ class EALData:
         self, c_type: CType, stored: Stored, unit: str | None, frame_id: str | None, stamp_s: float | None
     ) -> EALData:
         if unit is not None or frame_id is not None or stamp_s is not None:
-            stamp_s = checked_meta(unit, frame_id, stamp_s)
+            stamp_s = _checked_meta(unit, frame_id, stamp_s)
         return self._store(c_type, stored, unit, frame_id, stamp_s)
 
     def _store(
@@ -316,12 +317,32 @@ class EALData:
         return self._c_type, self._length, self._shape, self._unit, self._frame_id, self._stamp_s
 
     def __repr__(self) -> str:
-        c_type = self._c_type
-        content = content_text(c_type, self._value, self._shape, b"" if self._shape is not None else self.payload)
-        size = f"[{self._length // c_type.width}]" if c_type.is_ptr else ""
-        meta = {"unit": self._unit, "frame_id": self._frame_id, "stamp_s": self._stamp_s}
-        notes = "".join(f", {name}={short_repr(note)}" for name, note in meta.items() if note is not None)
-        return f"EALData({c_type.name}{size} {content}{notes})"
+        return data_text(self)
+
+
+def _array_content(value: Any) -> tuple[CType, Stored] | None:
+    """Return the C type and content of a numpy array; None for anything else. Does not import numpy."""
+    numpy = sys.modules.get("numpy")
+    if numpy is None or not isinstance(value, numpy.ndarray):
+        return None
+    if (c_type := ARRAY_BY_DTYPE.get(value.dtype.str)) is None:  # `infer` refuses it with a message
+        return None
+    view = value.view()
+    view.flags.writeable = False
+    return c_type, (view, None, view.nbytes, view.shape)
+
+
+def _checked_meta(unit: object, frame_id: object, stamp_s: object) -> float | None:
+    """Return the time stamp as a float, or raise DataError for an invalid unit, frame or time stamp."""
+    if unit is not None and not isinstance(unit, str):
+        raise DataError(f"unit: {short_repr(unit)} is no str")
+    if frame_id is not None and not isinstance(frame_id, str):
+        raise DataError(f"frame_id: {short_repr(frame_id)} is no str")
+    if stamp_s is None:
+        return None
+    if isinstance(stamp_s, bool) or not isinstance(stamp_s, (int, float)) or not -_MAX_S <= stamp_s <= _MAX_S:
+        raise DataError(f"stamp_s: {short_repr(stamp_s)} is no finite number of seconds")
+    return float(stamp_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,11 +407,4 @@ class ValueInfo:
 
     def describe(self) -> str:
         """Return the type, range and unit as text, such as `double 0..360 deg`."""
-        shape = "(" + ", ".join("n" if size is None else str(size) for size in self.shape) + ")" if self.shape else ""
-        words = [
-            self.type.name.lower(),
-            shape,
-            range_text(self.minimum, self.maximum),
-            "|".join(map(str, self.choices)),
-        ]
-        return " ".join(word for word in (*words, self.unit) if word)
+        return info_text(self)
