@@ -1,9 +1,9 @@
 """The controller of a motion: from the robot's pose to the twist for the next step. It reads no clock and no sensor.
 
-On the way the robot aims at a point of the route a little ahead (pure pursuit); before a corner, at one straight on: the
-corner itself is soon so near that noise of the pose would swing the robot. It turns in place where that point is far to
-its side, and at corners. Within a few centimetres of the end it may drive backwards, so that it need not turn round for
-a correction. It ends with a turn in place to the goal's heading.
+On the way the robot aims at a point of the route a little ahead (pure pursuit). Before a corner that point is straight
+on: the corner itself is soon so near that noise of the pose would swing the robot. It turns in place where the point is
+far to its side, and at corners. Within a few centimetres of the end it may drive backwards, so that it need not turn
+round for a correction. It ends with a turn in place to the goal's heading.
 
 Source: R. C. Coulter, "Implementation of the Pure Pursuit Path Tracking Algorithm", CMU-RI-TR-92-01, 1992.
 """
@@ -29,7 +29,7 @@ _LOOK_AHEAD_M: Final = 0.12
 _LOOK_AHEAD_S: Final = 0.4
 _TURN_IN_PLACE_RAD: Final = math.radians(35)  # a point farther to the side is aimed at in place
 _AIMED_RAD: Final = math.radians(3)
-_PASSED_M: Final = 0.02  # before a corner
+_PASSED_M: Final = 0.01  # before a corner
 _NEAR_M: Final = 0.15  # from the end; the robot may drive backwards
 _STRAIGHT_M: Final = 0.03  # from the end; the robot only drives straight, since its bearing means little
 _STRAIGHT_RAD: Final = math.radians(15)

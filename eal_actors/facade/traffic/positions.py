@@ -26,12 +26,14 @@ class RobotPositions:
     Attributes:
         places: by the robot's name, where it is; of a robot that failed on its way, both ends of its last move.
         radii_m: the robots' radii, by name.
+        known: the robots that told their place when they were asked last.
     """
 
     def __init__(self, robots: Mapping[str, RobotHandle]) -> None:
         self._robots = robots
         self.places: dict[str, tuple[Point, ...]] = {}
         self.radii_m: dict[str, float] = {}
+        self.known: list[str] = []
 
     def read(self, travelling: Container[str], clock: Clock) -> dict[str, EALError]:
         """Ask all robots; return the errors of those that travel and whose pose is unknown.
@@ -57,6 +59,7 @@ class RobotPositions:
                 errors[name] = error if isinstance(error, EALError) else EALError(str(error), robot=name)
             elif name not in self.places and robots[name].state is RobotState.READY:
                 get_logger(robot=name).warning("its place is unknown: nobody can drive round it", reason=str(error))
+        self.known = [name for name in poses if poses[name].exception() is None]
         for name, radius in radii.items():
             self.radii_m[name] = float(radius.get().value) if radius.exception() is None else DEFAULT_RADIUS_M
         return errors
