@@ -38,6 +38,8 @@ from eal_actors.kernel.log import get_logger
 
 MOST_OBSTACLES: Final = 3
 """A robot that meets one more obstacle on no map gives up."""
+_GATHER_S: Final = 0.02
+"""Requests of one moment, each by a thread of its own, are planned together."""
 _OBSTACLE_RADIUS_M: Final = 0.2
 _OBSTACLE_GAP_M: Final = 0.05
 _OPEN_FLOOR_M: Final = 3.0
@@ -124,6 +126,7 @@ class TrafficControl:
 
     def _admit(self) -> bool:
         """Take over the requests; return False if there is nothing to do, and the thread ends."""
+        self._clock.sleep(_GATHER_S)
         with self._lock:
             requests = list(self._requests)
             self._requests.clear()

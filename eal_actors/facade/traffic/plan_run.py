@@ -43,6 +43,7 @@ class PlanRun:
         self._clock = clock
         self._waiter = new_waiter()
         self._heard: deque[Leg] = deque()
+        self._to_cut = list(self.legs.values())
         self._followers: dict[str, dict[str, None]] = {name: {} for name in plan.moves}
         for name, moves in plan.moves.items():
             for move in moves:
@@ -68,8 +69,10 @@ class PlanRun:
         if not self._must_end():
             self._send(self.legs)
         while any(not leg.trip.done() for leg in self.legs.values()):
-            if (self._must_end() or is_outdated()) and not any(leg.is_driving for leg in self.legs.values()):
-                return
+            if self._must_end() or is_outdated():
+                if not any(leg.is_driving for leg in self.legs.values()):
+                    return
+                self._cut_short()
             self._clock.wait(self._waiter, _LOOK_S)
             heard = dict.fromkeys(self._heard.popleft() for _ in range(len(self._heard)))
             touched: dict[str, None] = {}
@@ -79,6 +82,13 @@ class PlanRun:
             self._check_time()
             if not (self._must_end() or is_outdated()):
                 self._send(touched)
+
+    def _cut_short(self) -> None:
+        """Let everybody stop soon, once."""
+        legs, self._to_cut = self._to_cut, []
+        for leg in legs:
+            if not leg.trip.done():
+                leg.cut_short()
 
     def _must_end(self) -> bool:
         return bool(self.blocked) or any(leg.trip.done() and not leg.has_arrived for leg in self.legs.values())
