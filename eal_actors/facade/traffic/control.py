@@ -187,7 +187,7 @@ class TrafficControl:
             except TrafficError as error:
                 alternative = self._plan_with_bystanders(travellers)
                 if alternative is None:
-                    self._fail(error)
+                    self._fail_or_forget(error)
                     continue
                 plan = alternative
             for trip in self._trips.values():
@@ -227,9 +227,15 @@ class TrafficControl:
             for trip in errands.values():
                 trip.set(1)
 
-    def _fail(self, error: TrafficError) -> None:
-        """Fail the trips that have no plan; if one of them is new, all new ones, so that nobody of them moves."""
+    def _fail_or_forget(self, error: TrafficError) -> None:
+        """Fail the trips that have no plan; if one of them is new, all new ones, so that nobody of them moves.
+
+        What blocked others is no reason: it may have been their own wheels. It is forgotten until it is met again.
+        """
         names = self._trips.keys() & set(error.robots) or set(self._trips)
+        if self._obstacles and all(self._trips[name].hindrance is None for name in names):
+            self._obstacles.clear()
+            return
         if any(self._trips[name].is_new for name in names):
             names = {name for name, trip in self._trips.items() if trip.is_new}
         for name in [name for name in self._trips if name in names]:
