@@ -14,7 +14,6 @@ from eal_actors.device.data import EALData
 from eal_actors.device.motion.map_motions import MAX_WAYPOINTS
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.errors import EALError
-from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import CallHeader, encode_call
 from tests.net.rig import Rig
 from tests.security.forging import RawClient, make_keys, raw_client
@@ -51,13 +50,12 @@ MALFORMED = [
 ]
 
 
-@pytest.fixture(scope="module")
-def clients(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, RawClient]]:
+@pytest.fixture
+def clients(tmp_path: Path) -> Iterator[dict[str, RawClient]]:
     """Raw clients of a simulated robot by the names of their certificates."""
-    folder = tmp_path_factory.mktemp("motion")
     roles = {"controllers": ["controller", {"name": "mate", "resources": ["Camera"]}], "observers": ["display"]}
-    security = {"keys": str(make_keys(folder / "keys")), "roles": roles}
-    rig = Rig(folder, network={"security": security}, protocol="tls", extra={"clock": {"rate": 1}})
+    security = {"keys": str(make_keys(tmp_path / "keys")), "roles": roles}
+    rig = Rig(tmp_path, network={"security": security}, protocol="tls", extra={"clock": {"rate": 1}})
     rig.content["robots"]["r1"]["plugins"] = {"sim": {"model": "evbot3", "noise": False}}
     rig.write()
     with ExitStack() as stack:
@@ -73,30 +71,30 @@ def place_of(client: RawClient) -> list[float]:
     return [float(number) for pose in poses for number in pose.value]  # type: ignore[union-attr]  # asserted above
 
 
-@pytest.mark.parametrize("name", ["mate", "display"])
-def test_who_may_not_command_them_moves_neither_base_nor_pose(clients: dict[str, RawClient], name: str) -> None:
-    attacker, controller = clients[name], clients["controller"]
-    controller.ping()
-    before = place_of(controller)
-    for resource, method, arguments, data in MOVES:
-        for imitated in (attacker, controller):
-            time = controller.time
-            header = CallHeader(imitated.id, 1, 10**6, 60.0, 60.0, None, arguments, time.era, time.time_s, 0.0)
-            envelope, payload = encode_call(header, data)
-            attacker.put(resource, method, envelope, imitated.name, imitated.secret, bytes(payload))
-    attacker.ping()
-    assert controller.call("Base", "get_status") == 0
-    assert place_of(controller) == before
-
-
-@pytest.mark.parametrize(("resource", "command", "data"), MALFORMED)
-def test_a_malformed_place_or_fix_is_refused(
-    clients: dict[str, RawClient], resource: str, command: str, data: EALData | None
-) -> None:
+def test_who_may_not_command_them_moves_neither_base_nor_pose(clients: dict[str, RawClient]) -> None:
     controller = clients["controller"]
     controller.ping()
     before = place_of(controller)
-    assert isinstance(controller.call(resource, "send_cmd", command, data=data), EALError)
-    assert controller.call("Base", "get_status") == 0
-    assert place_of(controller) == before
-    assert isinstance(controller.call(keys.ROBOT, keys.PING), dict)
+    for attacker in (clients["mate"], clients["display"]):
+        for resource, method, arguments, data in MOVES:
+            for imitated in (attacker, controller):
+                time = controller.time
+                header = CallHeader(imitated.id, 1, 10**6, 60.0, 60.0, None, arguments, time.era, time.time_s, 0.0)
+                envelope, payload = encode_call(header, data)
+                attacker.put(resource, method, envelope, imitated.name, imitated.secret, bytes(payload))
+        attacker.ping()
+        assert controller.call("Base", "get_status") == 0
+        assert place_of(controller) == before
+    controller.call("Pose", "set_value", data=EALData.of([1.0, 0.0, 0.0]))
+    assert place_of(controller) != before, "the same message moves it if its sender may send it"
+
+
+def test_malformed_places_and_fixes_are_refused(clients: dict[str, RawClient]) -> None:
+    controller = clients["controller"]
+    controller.ping()
+    before = place_of(controller)
+    for resource, command, data in MALFORMED:
+        answer = controller.call(resource, "send_cmd", command, data=data)
+        assert isinstance(answer, EALError), (resource, command, data, answer)
+        assert controller.call("Base", "get_status") == 0
+        assert place_of(controller) == before
