@@ -14,6 +14,7 @@ from eal_actors.recording.arena import draw_arena, draw_grid, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
 
 _FREE_RGB: Final = (255, 255, 255)
 _UNKNOWN_RGB: Final = (190, 200, 210)
@@ -54,9 +55,6 @@ def draw_map(
     figure = new_figure(9.0, float(np.clip(8.0 * (north - south) / max(east - west, grid.resolution_m), 3.0, 16.0)))
     if figure is None:
         return None
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-    from matplotlib.patheffects import withStroke
     from matplotlib.transforms import Affine2D
 
     axes = figure.subplots()
@@ -67,27 +65,46 @@ def draw_map(
     axes.imshow(_colours(grid), origin="lower", extent=extent, interpolation="none", transform=turn + axes.transData)
     if world is not None:
         draw_arena(axes, world)
+    _draw_path(axes, path)
+    _draw_places(axes, places or {})
+    margin_m = 0.05 * max(east - west, north - south) + grid.resolution_m
+    axes.set(xlim=(west - margin_m, east + margin_m), ylim=(south - margin_m, north + margin_m))
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.set_title(title, loc="left", fontsize=12)
+    axes.legend(handles=_legend(has_path=bool(path)), loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    figure.savefig(out, bbox_inches="tight")
+    return out
+
+
+def _draw_path(axes: Axes, path: Sequence[tuple[float, float]]) -> None:
+    """Draw a path with its ends; the start is hollow."""
     if path:
         xs, ys = zip(*path, strict=True)
         axes.plot(xs, ys, **_PATH)
         axes.plot(xs[:1], ys[:1], "o", color=_PATH["color"], markerfacecolor="white", markersize=9, zorder=5)
         axes.plot(xs[-1:], ys[-1:], "o", color=_PATH["color"], markersize=9, zorder=5)
-    for name, (x_m, y_m) in (places or {}).items():
+
+
+def _draw_places(axes: Axes, places: Mapping[str, tuple[float, float]]) -> None:
+    """Draw places with their names."""
+    from matplotlib.patheffects import withStroke
+
+    for name, (x_m, y_m) in places.items():
         axes.plot([x_m], [y_m], markeredgecolor="white", **_PLACE)
         label: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 9}
         axes.annotate(name, (x_m, y_m), (0, 11), path_effects=[withStroke(linewidth=2.5, foreground="white")], **label)
-    margin_m = 0.05 * max(east - west, north - south) + grid.resolution_m
-    axes.set(xlim=(west - margin_m, east + margin_m), ylim=(south - margin_m, north + margin_m))
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    axes.set_title(title, loc="left", fontsize=12)
-    handles: list[Artist] = [
+
+
+def _legend(*, has_path: bool) -> list[Artist]:
+    """Return the entries of the legend."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    entries: list[Artist] = [
         Patch(facecolor=(colour[0] / 255, colour[1] / 255, colour[2] / 255), edgecolor="#7f7f7f", label=label)
         for colour, label in ((_OCCUPIED_RGB, "occupied"), (_INFLATED_RGB, "too near"), (_UNKNOWN_RGB, "unknown"))
     ]
-    handles += [Line2D([], [], label="path", **_PATH)] if path else []
-    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
-    figure.savefig(out, bbox_inches="tight")
-    return out
+    return [*entries, Line2D([], [], label="path", **_PATH)] if has_path else entries
 
 
 def _colours(grid: OccupancyGrid) -> np.ndarray:

@@ -22,8 +22,6 @@ from eal_actors.device.data.c_types import (
     NUMBERS,
     PLAIN,
     SCALAR_BY_DTYPE,
-    SHOWN_BYTES,
-    SHOWN_ELEMENTS,
     TEXT,
     VOID,
     CType,
@@ -255,17 +253,6 @@ def pack(c_type: CType, value: Any, length: int, shape: tuple[int, ...] | None) 
     if shape is not None:
         return memoryview(value.reshape(-1).view("u1"))
     return struct.pack(f"<{c_type.code}", value)
-
-
-def content_text(c_type: CType, value: Any, shape: tuple[int, ...] | None, payload: Payload) -> str:
-    """Return a value as text, short even for large values."""
-    if shape is not None:
-        return f"shape={shape}"
-    if not c_type.is_ptr or c_type == TEXT:
-        return short_repr(value)
-    if c_type.type is DataType.VOID:
-        return short_repr(bytes(payload[: SHOWN_BYTES + 1]))
-    return short_repr(unpack(c_type, payload[: (SHOWN_ELEMENTS + 1) * c_type.width]))
 
 
 def unpack(c_type: CType, payload: Payload) -> list[Any]:

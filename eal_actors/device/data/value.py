@@ -39,13 +39,13 @@ from eal_actors.device.data.storage import (
     as_array,
     as_bytes,
     checked_shape,
-    content_text,
     infer,
     pack,
     read,
     store,
     unpack,
 )
+from eal_actors.device.data.texts import data_text, info_text, repr_of
 from eal_actors.kernel.errors import ArgumentError, DataError
 
 _MAX_S: Final = sys.float_info.max
@@ -317,12 +317,7 @@ class EALData:
         return self._c_type, self._length, self._shape, self._unit, self._frame_id, self._stamp_s
 
     def __repr__(self) -> str:
-        c_type = self._c_type
-        content = content_text(c_type, self._value, self._shape, b"" if self._shape is not None else self.payload)
-        size = f"[{self._length // c_type.width}]" if c_type.is_ptr else ""
-        meta = {"unit": self._unit, "frame_id": self._frame_id, "stamp_s": self._stamp_s}
-        notes = "".join(f", {name}={short_repr(note)}" for name, note in meta.items() if note is not None)
-        return f"EALData({c_type.name}{size} {content}{notes})"
+        return data_text(self)
 
 
 def _array_content(value: Any) -> tuple[CType, Stored] | None:
@@ -412,23 +407,4 @@ class ValueInfo:
 
     def describe(self) -> str:
         """Return the type, range and unit as text, such as `double 0..360 deg`."""
-        shape = "(" + ", ".join("n" if size is None else str(size) for size in self.shape) + ")" if self.shape else ""
-        words = [
-            self.type.name.lower(),
-            shape,
-            range_text(self.minimum, self.maximum),
-            "|".join(map(str, self.choices)),
-        ]
-        return " ".join(word for word in (*words, self.unit) if word)
-
-
-def range_text(minimum: float | None, maximum: float | None) -> str:
-    """Return a range as text, such as `0..360` or `0..`; empty without limits."""
-    text = "..".join("" if limit is None else f"{limit:g}" for limit in (minimum, maximum))
-    return "" if text == ".." else text
-
-
-def repr_of(data: EALData) -> str:
-    """Return a value as its user wrote it, if that is short."""
-    value = data.value if data.shape is None else data
-    return repr(value if isinstance(value, int | float | str | None) else data)
+        return info_text(self)

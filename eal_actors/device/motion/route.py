@@ -85,6 +85,16 @@ class Route:
         share = min((along_m - self._starts_m[place]) / way_m, 1.0) if way_m else 0.0
         return ax + share * (bx - ax), ay + share * (by - ay)
 
+    def point_ahead(self, along_m: float) -> Point:
+        """Return the same; beyond the next corner, the point straight on."""
+        over_m = along_m - self.corner_m
+        if over_m <= 0:
+            return self.point_at(along_m)
+        place = self._starts_m.index(self.corner_m)
+        (ax, ay), (bx, by) = self._points[place - 1 : place + 1]
+        share = over_m / (self._starts_m[place] - self._starts_m[place - 1])
+        return bx + share * (bx - ax), by + share * (by - ay)
+
     def _place_of(self, along_m: float) -> int:
         return min(max(bisect.bisect_right(self._starts_m, along_m) - 1, 0), max(len(self._points) - 2, 0))
 

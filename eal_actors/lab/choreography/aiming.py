@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.kernel.errors import UnavailableError
-from eal_actors.lab.choreography.assigning import Point
 
 
 def turn_command(yaw_rad: float, to_rad: float) -> str:

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
+from eal_actors.device.navigation.assigning import assign_places
+from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.lab.choreography.assigning import Point, assign_places
 
 _ROUNDING_M: Final = 1e-9
 

@@ -10,9 +10,9 @@ from pydantic import ValidationError
 from eal_actors.actors.combine import gather
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.actors.many import read_many
+from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.device.world.model import Formation, formation_poses
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
-from eal_actors.lab.choreography.assigning import Point
 from eal_actors.lab.choreography.phasing import plan_phases
 from eal_actors.scenario.steps.python import StepContext
 

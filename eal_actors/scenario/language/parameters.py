@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from eal_actors.device.data.value import range_text
+from eal_actors.device.data.texts import range_text
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.kernel.yaml_tree import YamlTree, show

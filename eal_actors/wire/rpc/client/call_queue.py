@@ -35,6 +35,7 @@ from eal_actors.wire.format.messages import (
     RobotTime,
     encode_call,
 )
+from eal_actors.wire.rpc.client.call_arguments import is_small, split_arguments
 from eal_actors.wire.rpc.client.channel import Channel, PendingCall
 from eal_actors.wire.rpc.client.command_tracking import CommandTracker
 from eal_actors.wire.rpc.client.unanswered import UnansweredCalls
@@ -98,7 +99,7 @@ class CallQueue(UrgentMessage):
             self._admit(envelope)
             self._unanswered.add(envelope)
             is_next = self._controller.sender.is_idle and not (self._normal or self._urgent)
-            is_next = is_next and self.window.has_room_at_once and _is_small(envelope)
+            is_next = is_next and self.window.has_room_at_once and is_small(envelope)
             if not is_next:
                 self._normal.append(envelope)
         if is_next and self._sending.acquire(timeout=_PATIENCE_S):
@@ -222,7 +223,7 @@ class CallQueue(UrgentMessage):
 
     def _header(self, call: Call[Any], left_s: float, *, has_more: bool) -> tuple[CallHeader, EALData | None]:
         """Return the header and the value of a call; commands and stops have a stamp that proves their age."""
-        plain, data = _split_arguments(call)
+        plain, data = split_arguments(call)
         stamper = self._channel.stamper
         traceparent = "" if call.span is None else call.span.traceparent
         if call.method in keys.RETRYABLE_METHODS:
@@ -379,25 +380,3 @@ class _SentCall(PendingCall):
     def timed_out(self) -> None:
         self._queue.window.answered()
         self._queue.expire(self._call)
-
-
-def _split_arguments(call: Call[Any]) -> tuple[tuple[str | int, ...], EALData | None]:
-    """Return a call's arguments as its header and its payload carry them."""
-    if not call.arguments:
-        return (), None
-    plain: list[str | int] = []
-    data = None
-    for argument in call.arguments:
-        if isinstance(argument, EALData):
-            data = argument
-        elif argument is not None:
-            plain.append(argument)
-    return tuple(plain), data
-
-
-_SMALL_BYTES: Final = 32 * 1024
-
-
-def _is_small(call: Call[Any]) -> bool:
-    """Return whether a call fits into one batch of a link."""
-    return not any(type(item) is EALData and item.length > _SMALL_BYTES for item in call.arguments)
