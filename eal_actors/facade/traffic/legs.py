@@ -12,7 +12,7 @@ from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.device.navigation.traffic.planner import TrafficMove
 from eal_actors.facade.traffic.trips import Trip
 
-_PASSED_M: Final = 0.02
+_PASSED_M: Final = 0.005
 """A robot so near a place has left the one before: the margin between hulls allows for it."""
 _LAST_MOVES: Final = 2
 """A robot that must stop for a new plan goes so many places further: it may be near the next one already."""

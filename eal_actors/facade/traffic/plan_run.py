@@ -66,7 +66,8 @@ class PlanRun:
 
         Thread: blocks the caller.
         """
-        self._send(self.legs)
+        if not self._must_end():
+            self._send(self.legs)
         while any(not leg.trip.done() for leg in self.legs.values()):
             if self._must_end() or is_outdated():
                 if not any(leg.is_driving for leg in self.legs.values()):
@@ -78,7 +79,7 @@ class PlanRun:
             for leg in heard:
                 if self._update(leg):
                     touched |= {leg.trip.robot.name: None, **self._followers[leg.trip.robot.name]}
-            self._check_silence()
+            self._check_time()
             if not (self._must_end() or is_outdated()):
                 self._send(touched)
 
@@ -120,10 +121,14 @@ class PlanRun:
         self.blocked.append(leg)
         return False
 
-    def _check_silence(self) -> None:
-        for leg in self.legs.values():
-            if leg.is_driving and not leg.trip.done() and leg.silence_s() > SILENCE_S:
-                name = leg.trip.robot.name
+    def _check_time(self) -> None:
+        """Let trips fail whose deadline has passed, or whose robot is silent."""
+        for name, leg in self.legs.items():
+            if leg.trip.done():
+                continue
+            if leg.trip.deadline_s is not None and self._clock.now() >= leg.trip.deadline_s:
+                leg.trip.expire()
+            elif leg.is_driving and leg.silence_s() > SILENCE_S:
                 self._fail(
                     leg, UnavailableError(f"it has not been heard of for {SILENCE_S:g} s on its way", robot=name)
                 )

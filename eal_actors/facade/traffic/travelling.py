@@ -48,9 +48,9 @@ class TravellingRobots:
 
         The paths of all are planned together on the fleet's world. Each robot enters a piece of floor when those that
         pass it before have left, so delays and stops never make a collision. Robots of the fleet that are not sent
-        stand in the plan. If one fails on its way, it becomes an obstacle and the others are planned anew; so they are
-        when a newer `go_to` sends further robots, or sends one elsewhere, whose older trip fails with PreemptedError.
-        `halt`, `stop` and `close` cancel all trips.
+        stand, and make way only where there is no plan otherwise. If one fails on its way, the others are planned anew
+        round it, or it makes way for them; so they are when a newer `go_to` sends further robots, or sends one
+        elsewhere, whose older trip fails with PreemptedError. `halt`, `stop` and `close` cancel all trips.
 
         Args:
             goals: by robot, or its name: the name of a place in the world file; or (x_m, y_m) in the map frame; or

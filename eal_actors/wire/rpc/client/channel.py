@@ -24,6 +24,7 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, CallHeader, CallReply, RobotTime, encode_call
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.rpc.client.ping import ClockTracker
+from eal_actors.wire.rpc.client.value_memory import ValueMemory
 from eal_actors.wire.rpc.freshness import Stamper
 from eal_actors.wire.rpc.sender import UrgentMessage
 from eal_actors.wire.security.access import Rights
@@ -109,6 +110,7 @@ class Channel:
         stamper: numbers calls and stamps commands.
         pending: calls that wait for replies.
         rights: calls that the robot grants; None for all.
+        memory: memory that is shared with the robot.
 
     Thread: any; nothing blocks.
     """
@@ -122,6 +124,7 @@ class Channel:
         self.stamper: Final = Stamper(controller.client)
         self.pending: Final = PendingCalls()
         self.rights: Rights | None = None
+        self.memory: Final = ValueMemory(self)
         self._view = view
 
     @property

@@ -45,9 +45,11 @@ from eal_actors.wire.format.messages import (
 )
 from eal_actors.wire.rpc.clock_offset import fleet_time_of, real_time_of
 from eal_actors.wire.rpc.server.admission import Admission
+from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox
 from eal_actors.wire.rpc.server.request_handler import RequestHandler
 from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
+from eal_actors.wire.shared_memory import LEAST_BYTES, SharedValue
 from eal_actors.wire.streams.publisher import StreamPublisher
 
 if TYPE_CHECKING:
@@ -118,9 +120,17 @@ class RobotServer:
             self._era, _actuators(robot) if exclusive is None else exclusive, network.dead_man_s
         )
         self._running = RunningCommands()
-        self._publisher = StreamPublisher(fleet, robot, session, self._era)
+        self._memories = ControllerMemories(robot.name, is_enabled=network.shared_memory)
+        self._publisher = StreamPublisher(fleet, robot, session, self._era, self._memories.put)
         self._handler = RequestHandler(
-            robot, self._admission, self._running, self._publisher, self._publish, network.security, revoke
+            robot,
+            self._admission,
+            self._running,
+            self._publisher,
+            self._memories,
+            self._publish,
+            network.security,
+            revoke,
         )
         self._token: zenoh.LivelinessToken | None = None
         self._unlogged_stop: str | None = None
@@ -155,6 +165,7 @@ class RobotServer:
             token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
         self._on_close()
         self._publisher.close()
+        self._memories.close()
         self._is_closed = True
         REAL_TIME.wake(self._ended)
 
@@ -182,6 +193,7 @@ class RobotServer:
     def tick(self) -> None:
         """Check the dead-man's switch, long commands and the robot's state. Thread: the host's; does not block."""
         self._halt_silent()
+        self._memories.check()
         for command, reply_to in self._running.take_long(REAL_TIME.now() - ACCEPT_AFTER_S):
             self._outbox.expect(-1)
             self._answer(reply_to, ACCEPTED)
@@ -257,7 +269,7 @@ class RobotServer:
         timeout_s = self._clock.of_real(header.deadline_s)
         if method in keys.RETRYABLE_METHODS:
             call = _start_call(handle, method, header, data, timeout_s)
-            call.link(lambda done, _: self._answer(reply_to, self._outcome(done), send=self._outbox.publish_from_here))
+            call.link(lambda done, _: self._answer_reading(reply_to, self._outcome(done), header.client))
         elif method == keys.HALT or _is_stop(handle, method, header):
             self._admission.note_stop(header, handle.name)
             call = _start_call(handle, method, header, data, timeout_s)
@@ -346,16 +358,24 @@ class RobotServer:
         *,
         began_s: float | None = None,
         send: Callable[..., None] | None = None,
+        shared: SharedValue | None = None,
     ) -> None:
-        """Reply to a call."""
+        """Reply to a call; a value in shared memory is not sent."""
         time = RobotTime(self._era, REAL_TIME.now(), began_s)
-        if isinstance(answer, EALData) and self._outbox.is_full:
+        if isinstance(answer, EALData) and shared is None and self._outbox.is_full:
             answer = BusyError("too many values wait for the network; read them less often", robot=self._robot.name)
         try:
-            envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time))
+            envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time), shared)
         except EALError as error:  # too large, for example
             envelope, payload = encode_reply(CallReply(reply_to.sequence, error.at(self._robot.name), time))
         (send or self._outbox.publish)(reply_to.key, envelope, payload, is_urgent=reply_to.is_urgent)
+
+    def _answer_reading(self, reply_to: ReplyTo, answer: Answer, client: str) -> None:
+        """Reply to a call that changes nothing; its value may be handed over in shared memory."""
+        shared = None
+        if isinstance(answer, EALData) and answer.length >= LEAST_BYTES:
+            shared = self._memories.put(client, answer.payload)
+        self._answer(reply_to, answer, send=self._outbox.publish_from_here, shared=shared)
 
     def _answer_expected(self, reply_to: ReplyTo, answer: Answer, began_s: float | None = None) -> None:
         self._answer(reply_to, answer, began_s=began_s, send=self._outbox.publish_briefly)
