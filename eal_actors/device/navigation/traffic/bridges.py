@@ -41,15 +41,16 @@ def find_bridges(
     parts = _Parts(len(points))
     for here, there in edges:
         parts.join(here, there)
-    if parts.count <= 1:
-        return []
+    cells = [inflated.cell_at(*point) for point in points]
+    if parts.count <= len({inflated.regions[cell] for cell in cells if cell is not None}):
+        return []  # the lattice connects what the map connects
     found = []
-    before, place_of, meetings = _spread(inflated, points, parts)
+    before, place_of, meetings = _spread(inflated, cells, parts)
     for _, near, far in sorted(meetings):
         first, last = place_of[near], place_of[far]
         if parts.join(first, last):
-            cells = [*reversed(list(_back(before, near))), *_back(before, far)]
-            centres = [(float(x_m), float(y_m)) for x_m, y_m in inflated.centres(cells)]
+            crossed = [*reversed(list(_back(before, near))), *_back(before, far)]
+            centres = [(float(x_m), float(y_m)) for x_m, y_m in inflated.centres(crossed)]
             way = list(_straightened(inflated, [points[first], *centres, points[last]]))
             found.append((first, list(_divided(way, longest_m))[1:-1], last))
     return found
@@ -117,7 +118,7 @@ class _Parts:
 
 
 def _spread(
-    inflated: OccupancyGrid, points: Sequence[Point], parts: _Parts
+    inflated: OccupancyGrid, cells: Sequence[_Cell | None], parts: _Parts
 ) -> tuple[dict[_Cell, _Cell], dict[_Cell, int], list[tuple[int, _Cell, _Cell]]]:
     """Return each cell's predecessor and place, and where waves of different parts meet, with the length of the way."""
     blocked = np.pad(inflated.blocked, 1, constant_values=True).tolist()
@@ -125,8 +126,7 @@ def _spread(
     steps: dict[_Cell, int] = {}
     place_of: dict[_Cell, int] = {}
     meetings: list[tuple[int, _Cell, _Cell]] = []
-    for place, point in enumerate(points):
-        cell = inflated.cell_at(*point)
+    for place, cell in enumerate(cells):
         if cell is not None:
             before[cell], steps[cell], place_of[cell] = _NOWHERE, 0, place
     queue = deque(before)

@@ -120,9 +120,9 @@ def test_robots_that_only_make_way_end_anywhere() -> None:
 
 
 def test_those_that_prevent_a_plan_are_named() -> None:
-    """Two robots cannot swap in the corridor; the third one, in the open, is not concerned."""
+    """Two robots cannot swap in the corridor; the third one, in a room of its own, is not concerned."""
     cells = np.full((60, 60), 100, np.int8)
-    cells[5:15] = cells[25:55, 5:55] = 0
+    cells[5:15] = cells[35:45, 15:45] = 0
     grid = OccupancyGrid(cells, 0.05, GridOrigin(0.0, 0.0))
     travellers = _travellers((0.5, 0.5, 2.5, 0.5), (2.5, 0.5, 0.5, 0.5), (1.0, 2.0, 2.0, 2.0))
     with pytest.raises(TrafficError, match="r0, r1, r2 cannot all reach their goals; r0, r1 can make way") as caught:
