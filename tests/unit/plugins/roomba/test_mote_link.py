@@ -125,10 +125,10 @@ def test_it_tells_when_the_latest_commands_came() -> None:
     bench.line.acknowledges = True
     bench.wait(0.2)
     bench.wait(0.0)
-    assert bench.link.unsure_s == (0.0, pytest.approx(0.4))
+    assert bench.link.unsure_s == pytest.approx((0.0, 0.4))
     bench.link.send(b"b")
     bench.wait(0.0)
-    assert bench.link.unsure_s == (pytest.approx(0.4), pytest.approx(0.4))
+    assert bench.link.unsure_s == pytest.approx((0.4, 0.4))
 
 
 def test_one_packet_at_a_time_is_under_way() -> None:
