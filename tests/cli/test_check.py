@@ -147,7 +147,7 @@ def test_names_are_checked_as_paths_are(eal: Any, write: Any, monkeypatch: pytes
     assert "sim.yaml:3:1: nonsense" in eal("check", "sim").stdout  # a file of one's own wins
     done = eal("check", "serch")
     assert done.exit_code == 2
-    assert "no file of that name comes with the framework; there are: arena, dance, empty" in done.stdout
+    assert "no file of that name comes with the framework; there are: arena, ceiling, dance, empty" in done.stdout
 
 
 def test_a_scenario_may_run_a_bundled_one(eal: Any, write: Any) -> None:

@@ -74,7 +74,7 @@ class FormationStep(TimedStep):
         super().check_robots(check, path, here)
         where, inside = (*path, "formation"), check.enter(self.formation.role, here)
         check_driving(check, where, inside)
-        for _ in known_places(check, [self.formation.at], (*where, "at"), here):
+        for _ in known_places(check, (self.formation.at,), (*where, "at"), here):
             pass
         wanted = (self.formation.shape, self.formation.spacing_m)
         if here.are_known(list(expressions_in(wanted))):

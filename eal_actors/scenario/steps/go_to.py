@@ -128,7 +128,7 @@ class GoToStep(MapStep):
         if isinstance(self.go_to, PlaceArguments):
             where = (*path, self.kind, "place")
             is_shared = len(check.regular(here)) > 1 and not here.values.loops and not here.values.guards
-            for _, _, (place,) in known_places(check, [self.go_to.place], where, here):
+            for _, _, (place,) in known_places(check, (self.go_to.place,), where, here):
                 if is_shared and not self._is_of_robot(here) and not _takes_turns(here):
                     message = f"several robots would go to one place, {place_words(place)}; give each its own: `places`"
                     check.report(here, where, message)
