@@ -25,7 +25,6 @@ from eal_actors.kernel.errors import (
     StoppedError,
     UnavailableError,
 )
-from eal_actors.wire.rpc.sender import AT_ONCE
 from eal_actors.wire.rpc.server.host import RobotHost
 from tests.net.links import eventually
 from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, becomes, failure, ready
@@ -71,13 +70,11 @@ MAILBOX = 256
 def hold_up(remote: RobotHandle, gate: threading.Event) -> None:
     """Block outgoing calls until the gate opens, as a stalled link does."""
     controller = remote._actor._controller  # type: ignore[attr-defined]
-    for _ in range(AT_ONCE):  # as if so many calls were under way: no call is sent from its caller's thread
-        controller.window.sent()
+    controller.sender.window.sent()  # as if a call were under way: no call is sent from its caller's thread
 
     def wait() -> None:
         gate.wait(WAIT_S)
-        for _ in range(AT_ONCE):
-            controller.window.answered()
+        controller.sender.window.answered()
 
     controller.sender.actor_inbox.call_soon(wait)
 

@@ -109,6 +109,7 @@ class Channel:
         stamper: numbers calls and stamps commands.
         pending: calls that wait for replies.
         rights: calls that the robot grants; None for all.
+        process: the process that serves the robot, for batches; empty if it takes none.
 
     Thread: any; nothing blocks.
     """
@@ -122,6 +123,7 @@ class Channel:
         self.stamper: Final = Stamper(controller.client)
         self.pending: Final = PendingCalls()
         self.rights: Rights | None = None
+        self.process = ""
         self._view = view
 
     @property
@@ -233,12 +235,14 @@ class _Request(UrgentMessage, PendingCall):
         if not self._is_taken.acquire(blocking=False):
             return
         channel, header = self.channel, self.header
-        envelope, payload = encode_call(header._replace(has_more=not is_last))
+        envelope, payload = encode_call(header)
         self._sent_s = REAL_TIME.now()
         self.end_s = self._sent_s + header.ttl_s
         channel.pending.add(header.sequence, self)
-        put = channel.controller.put
-        if not put(channel.name, self.key, envelope, payload, is_urgent=self.is_urgent, is_last=is_last):
+        controller = channel.controller
+        if not self.is_urgent:
+            controller.sender.flush()  # it must not overtake the calls before it
+        if not controller.put(channel.name, self.key, envelope, payload, is_urgent=self.is_urgent, is_last=is_last):
             channel.pending.lose_all()
 
     @override

@@ -45,7 +45,7 @@ from eal_actors.wire.format.messages import (
 )
 from eal_actors.wire.rpc.clock_offset import fleet_time_of, real_time_of
 from eal_actors.wire.rpc.server.admission import Admission
-from eal_actors.wire.rpc.server.outbox import Outbox
+from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.request_handler import RequestHandler
 from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
 from eal_actors.wire.streams.publisher import StreamPublisher
@@ -81,6 +81,7 @@ class RobotServer:
         session: an open session, which outlives the server.
         network: the fleet's network.
         outbox: sends its replies and events.
+        process: identifier of its host.
         exclusive: names of the resources that one controller at a time may command; every actuator if None.
         revoke: adds names to the list of revoked certificates; runs in the host's thread.
         run_soon: runs an action in the host's thread.
@@ -99,6 +100,7 @@ class RobotServer:
         session: zenoh.Session,
         network: NetworkConfig,
         outbox: Outbox,
+        process: str,
         *,
         exclusive: Iterable[str] | None,
         revoke: Callable[[Iterable[str]], None],
@@ -120,7 +122,7 @@ class RobotServer:
         self._running = RunningCommands()
         self._publisher = StreamPublisher(fleet, robot, session, self._era)
         self._handler = RequestHandler(
-            robot, self._admission, self._running, self._publisher, self._publish, network.security, revoke
+            robot, process, self._admission, self._running, self._publisher, self._publish, network.security, revoke
         )
         self._token: zenoh.LivelinessToken | None = None
         self._unlogged_stop: str | None = None
@@ -183,7 +185,6 @@ class RobotServer:
         """Check the dead-man's switch, long commands and the robot's state. Thread: the host's; does not block."""
         self._halt_silent()
         for command, reply_to in self._running.take_long(REAL_TIME.now() - ACCEPT_AFTER_S):
-            self._outbox.expect(-1)
             self._answer(reply_to, ACCEPTED)
             command.call.arm()  # from now on its deadline stops it
         self._announce_commands()
@@ -219,13 +220,13 @@ class RobotServer:
 
     # Calls of controllers, in zenoh's threads.
 
-    def receive(self, route: keys.CallRoute, envelope: bytes, payload: bytes) -> None:
-        """Serve a call. Thread: the reader's; does not block."""
+    def receive(self, route: keys.CallRoute, envelope: bytes, payload: bytes, batch: ReplyBatch | None = None) -> None:
+        """Serve a call, of a batch if one is given. Thread: the reader's; does not block."""
         call = route.call
         reply_to = ReplyTo(route.answer_key, 0)
         try:
             header, data = decode_call(envelope, payload)
-            reply_to = ReplyTo(route.answer_key, header.sequence)
+            reply_to = ReplyTo(route.answer_key, header.sequence, False, batch)
             if header.client != route.client:
                 raise ProtocolError(f"a controller named {call.caller} calls in the name of another one")
             if header.era:  # a command, whose caller is named to others
@@ -278,11 +279,9 @@ class RobotServer:
         begin_by_s = self._clock.now() + begin_in_s
         start_s = None if header.start_s is None else fleet_time_of(self._clock, header.start_s)
         call_id = header.call_id
-        self._outbox.expect(1, has_more=header.has_more)
         try:
             call = _start_call(handle, method, header, data, left_s, begin_by_s, start_s)
         except EALError as error:
-            self._outbox.expect(-1)
             self._admission.finish(call_id, error)
             raise
         call.caller = self._admission.names.of(header.client)
@@ -299,7 +298,7 @@ class RobotServer:
         if began_s is not None:
             began_s = real_time_of(self._clock, began_s)
         if reply_to is not None:
-            self._answer_expected(reply_to, outcome, began_s)
+            self._answer(reply_to, outcome, began_s=began_s, send=self._outbox.publish_briefly)
         else:
             fields = {} if began_s is None else {"began_s": began_s}
             self._publish(RobotEvent("result", REAL_TIME.now(), command.call_id, outcome, fields))
@@ -312,9 +311,8 @@ class RobotServer:
             self._answer(reply_to, self._handler.release(header))
         elif method == keys.STOP:
             reason = " ".join(map(str, header.arguments))
-            self._outbox.expect(1, has_more=header.has_more)
             urgent = reply_to._replace(is_urgent=True)
-            self._robot.stop(reason).link(lambda done, _: self._answer_expected(urgent, self._outcome(done)))
+            self._robot.stop(reason).link(lambda done, _: self._answer(urgent, self._outcome(done)))
             self._unlogged_stop = reason
         elif method == keys.RESUME:
             self._log.warning("resumed")
@@ -355,11 +353,10 @@ class RobotServer:
             envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time))
         except EALError as error:  # too large, for example
             envelope, payload = encode_reply(CallReply(reply_to.sequence, error.at(self._robot.name), time))
+        batch = reply_to.batch
+        if batch is not None and not reply_to.is_urgent and batch.add(self._robot.name, envelope, payload):
+            return
         (send or self._outbox.publish)(reply_to.key, envelope, payload, is_urgent=reply_to.is_urgent)
-
-    def _answer_expected(self, reply_to: ReplyTo, answer: Answer, began_s: float | None = None) -> None:
-        self._answer(reply_to, answer, began_s=began_s, send=self._outbox.publish_briefly)
-        self._outbox.expect(-1)
 
     def _publish(self, event: RobotEvent, *, is_vital: bool = True) -> None:
         self._outbox.publish(self._event_key, *encode_event(event), is_vital=is_vital)
