@@ -93,8 +93,10 @@ class Call(Future[T]):
     def __init__(self, cell: ResourceCell, method: str, arguments: tuple[Any, ...], timeout_s: float) -> None:
         if timeout_s != timeout_s:  # NaN: the deadline would never pass
             raise ArgumentError(f"timeout_s must be seconds, not {timeout_s!r}", robot=cell.robot, resource=cell.name)
-        clock = cell.clock
-        super().__init__(clock, clock.now() + timeout_s, cell.timekeeper)
+        clock = self.clock = cell.clock  # what Future.__init__ does: every call is made here
+        self.deadline_s = clock.now() + timeout_s
+        self.timekeeper = cell.timekeeper
+        self._lock = threading.Lock()
         self.cell = cell
         self.method = method
         self.arguments = arguments

@@ -152,9 +152,17 @@ class ResourceActor(ReadinessActor):
 
     def _make_methods(self, resource: Resource, info: ResourceInfo) -> dict[str, Callable[..., Any]]:
         """Return for each method the function that runs it and converts its result."""
+        value = info.value
+
+        def get_value() -> Any:
+            result = resource.get_value()
+            if value is None and type(result) is EALData:  # the usual case of the most frequent method
+                return result
+            return converted(result, lambda result: data_of(result, value))
+
         return {
             "get_status": lambda: status_of(resource.get_status()),
-            "get_value": lambda: converted(resource.get_value(), lambda result: data_of(result, info.value)),
+            "get_value": get_value,
             "set_value": self._set_value,
             "send_req": self._send_req,
             "send_cmd": self._send_cmd,
@@ -228,12 +236,9 @@ class ResourceActor(ReadinessActor):
     # Calls.
 
     @override
-    def on_receive(self, message: Any) -> Any:
+    def _handle_receive(self, message: Any) -> Any:
         """Run a call. Thread: the actor's own."""
-        if isinstance(message, Call):
-            self._execute(message)
-            return None
-        return super().on_receive(message)
+        return self._execute(message) if isinstance(message, Call) else super()._handle_receive(message)
 
     def serve_now(self, call: Call[Any]) -> bool:
         """Run a call in the caller's thread, in this actor's place, if the actor is idle; else return False.

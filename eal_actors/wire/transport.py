@@ -116,14 +116,13 @@ class Transport:
             with contextlib.suppress(zenoh.ZError):  # it has ended
                 sample: zenoh.Sample | None = None
                 while True:
-                    handle_safely(channel.recv() if sample is None else sample)
+                    if sample is None:
+                        sample = channel.recv()
+                    try:
+                        handle(sample)
+                    except Exception as error:  # noqa: BLE001  # one bad message must not end the thread
+                        get_logger().exception("a message was not handled", key=key, error=error_text(error))
                     sample = channel.try_recv()  # keeps the interpreter's lock, which busy threads give up late
-
-        def handle_safely(sample: zenoh.Sample) -> None:
-            try:
-                handle(sample)
-            except Exception as error:  # noqa: BLE001  # one bad message must not end the thread
-                get_logger().exception("a message was not handled", key=key, error=error_text(error))
 
         def end() -> None:
             with contextlib.suppress(zenoh.ZError, ValueError):  # the session is closed, or it has ended

@@ -49,6 +49,8 @@ _READING: Final = int, bytes, int, int, float, float, _NONE, list, _NONE
 _COMMAND: Final = *_READING, str, float, float
 _USUAL_CALLS: Final = frozenset({_READING, _COMMAND, (*_COMMAND, bool)})
 """Types of the fields of the usual calls; only their numbers and arguments need a further check."""
+_USUAL_REPLIES: Final = frozenset({(int, int, int, list, str, float), (int, int, int, int, str, float)})
+"""The same of the usual replies: a value or an error, and a status."""
 
 
 class CallId(NamedTuple):
@@ -240,20 +242,25 @@ def encode_reply(reply: CallReply) -> tuple[bytes, Payload]:
     Raises:
         DataError: the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
     """
-    kind, body, payload = _answer_parts(reply.answer)
-    time = reply.time
-    known = () if time is None else time[:2] if time.began_s is None else time
-    return pack((PROTOCOL_VERSION, reply.sequence, kind, body, *known), "answer"), payload
+    sequence, answer, time = reply
+    kind, body, payload = _answer_parts(answer)
+    known = () if time is None else time[:2] if time[2] is None else time
+    return pack((PROTOCOL_VERSION, sequence, kind, body, *known), "answer"), payload
 
 
 def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> CallReply:
     """Return a reply, whose answer may be an error; ProtocolError if the bytes are no reply of this version."""
-    _, sequence, kind, body, era, time_s, began_s = optional_row(unpack(envelope, "answer"), "answer", 4, 3)
-    time = None
+    row = unpack(envelope, "answer")
+    is_usual = type(row) is list and tuple(map(type, row)) in _USUAL_REPLIES
+    if is_usual and row[0] == PROTOCOL_VERSION and row[1] >= 0 and math.isfinite(row[5]):
+        _, sequence, kind, body, *time = row
+        return CallReply(sequence, _answer_from(kind, body, payload, "answer"), RobotTime(*time))
+    _, sequence, kind, body, era, time_s, began_s = optional_row(row, "answer", 4, 3)
+    known = None
     if era is not None:
         began_s = None if began_s is None else checked_time(began_s, "answer: began_s")
-        time = RobotTime(checked_text(era, "answer: era"), checked_time(time_s, "answer: time_s"), began_s)
-    return CallReply(checked_count(sequence, "answer: sequence"), _answer_from(kind, body, payload, "answer"), time)
+        known = RobotTime(checked_text(era, "answer: era"), checked_time(time_s, "answer: time_s"), began_s)
+    return CallReply(checked_count(sequence, "answer: sequence"), _answer_from(kind, body, payload, "answer"), known)
 
 
 def encode_event(event: RobotEvent) -> tuple[bytes, Payload]:
@@ -310,10 +317,10 @@ def decode_heartbeat(envelope: Buffer) -> Heartbeat:
 
 
 def _answer_parts(answer: Answer) -> tuple[int, Any, Payload]:
+    if type(answer) is EALData:
+        return _DATA, data_header(answer), payload_of(answer)
     if isinstance(answer, int):
         return _STATUS, int(answer), _NO_PAYLOAD  # True is a status too
-    if isinstance(answer, EALData):
-        return _DATA, data_header(answer), payload_of(answer)
     if isinstance(answer, EALError):
         return _ERROR, error_body(answer), _NO_PAYLOAD
     if isinstance(answer, dict):

@@ -123,7 +123,8 @@ def _text_keys(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
 
 def data_header(data: EALData) -> tuple[Any, ...]:
     """Return the type header of a value: C type, shape, unit, frame and time."""
-    return data.c_type.full_name, data.shape, data.unit, data.frame_id, data.stamp_s
+    c_type, _, shape, unit, frame_id, stamp_s = data.description
+    return c_type.full_name, shape, unit, frame_id, stamp_s
 
 
 def data_from(header: object, payload: Buffer, what: str) -> EALData:
@@ -132,7 +133,9 @@ def data_from(header: object, payload: Buffer, what: str) -> EALData:
     Raises:
         ProtocolError: the header is invalid, or does not fit the payload.
     """
-    name, shape, unit, frame_id, stamp_s = checked_row(header, what, 5)
+    if type(header) is not list or len(header) != 5:
+        header = checked_row(header, what, 5)
+    name, shape, unit, frame_id, stamp_s = header
     form = _FORM_BY_C_NAME.get(name) if type(name) is str else None
     if form is None:
         raise ProtocolError(f"{what}: there is no type {short_repr(name)}, only {', '.join(_FORM_BY_C_NAME)}")
@@ -236,7 +239,10 @@ def checked_client(client: object, what: str) -> str:
     """Return a client id as hexadecimal digits."""
     if type(client) is not bytes or len(client) != _CLIENT_BYTES:
         raise ProtocolError(f"{what}: client {short_repr(client)} is not {_CLIENT_BYTES} bytes")
-    return client.hex()
+    return _hexadecimal(client)
+
+
+_hexadecimal: Final = lru_cache(maxsize=4096)(bytes.hex)
 
 
 def checked_count(count: object, what: str) -> int:

@@ -1,7 +1,7 @@
 """CallSender: sends the calls to all robots, those that wait together to one process in one message.
 
-A caller that is alone sends its own call. All others leave theirs to the sender, which takes what has gathered while the
-calls before were answered, at most for PAUSE_S: the more callers, the larger the batches. (Without the pause, eight
+A caller that is alone sends its own call. All others leave theirs to the sender, which takes what has gathered while
+the calls before were answered, at most for PAUSE_S: the more callers, the larger the batches. (Without the pause, eight
 callers settle into three groups that follow one another.)
 
 InFlightWindow limits how far calls run ahead of their replies. A process that serves a thousand robots takes their
@@ -38,54 +38,55 @@ PAUSE_S: Final = 0.001
 
 
 class InFlightWindow:
-    """Counter of the unanswered calls of one session. Thread: any, except `wait_for_room`."""
+    """Counter of the unanswered calls of one session.
+
+    Attributes:
+        in_flight: their number.
+
+    Thread: any, except for the methods that wait.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._in_flight = 0
+        self.in_flight = 0
         self._slow = 0
         self._resume_at: int | None = None  # calls in flight at which the waiting sender is woken
         self._waiter = new_waiter()
 
     @property
-    def is_idle(self) -> bool:
-        """Whether every call is answered."""
-        return not self._in_flight
-
-    @property
     def is_full(self) -> bool:
         """Whether the sender has to wait."""
-        return self._in_flight - self._slow >= WINDOW
+        return self.in_flight - self._slow >= WINDOW
 
     def sent(self) -> None:
         """Count a call that is about to be sent."""
         with self._lock:
-            self._in_flight += 1
+            self.in_flight += 1
 
     def answered(self) -> None:
         """Count a call that is answered or has failed."""
         with self._lock:
-            self._in_flight -= 1
-            if self._slow > self._in_flight:
-                self._slow = self._in_flight
-            has_room = self._resume_at is not None and self._in_flight - self._slow <= self._resume_at
+            self.in_flight -= 1
+            if self._slow > self.in_flight:
+                self._slow = self.in_flight
+            has_room = self._resume_at is not None and self.in_flight - self._slow <= self._resume_at
         if has_room:
             REAL_TIME.wake(self._waiter)
 
     def wait_for_room(self) -> None:
         """Wait until fewer calls are in flight. Thread: the sender's; blocks as long as replies arrive."""
-        while (in_flight := self._in_flight) - self._slow > _RESUME_AT:
-            if not self._wait(_RESUME_AT, PATIENCE_S) and self._in_flight >= in_flight:
-                self._slow = self._in_flight
+        while (in_flight := self.in_flight) - self._slow > _RESUME_AT:
+            if not self._wait(_RESUME_AT, PATIENCE_S) and self.in_flight >= in_flight:
+                self._slow = self.in_flight
 
     def wait_for_replies(self) -> None:
         """Wait a moment until every call is answered. Thread: the sender's; blocks for PAUSE_S at most."""
-        if self._in_flight > self._slow and not self._wait(0, PAUSE_S):
-            self._slow = self._in_flight
+        if self.in_flight > self._slow and not self._wait(0, PAUSE_S):
+            self._slow = self.in_flight
 
     def _wait(self, resume_at: int, patience_s: float) -> bool:
         with self._lock:
-            if self._in_flight - self._slow <= resume_at:
+            if self.in_flight - self._slow <= resume_at:
                 return True
             self._resume_at = resume_at
         is_woken = REAL_TIME.wait(self._waiter, patience_s)
@@ -144,7 +145,7 @@ class CallSender(Sender):
     @property
     def lets_callers_send(self) -> bool:
         """Whether a caller may send its call: nothing waits, nothing is in flight, and calls come one by one."""
-        return self.is_idle and self.window.is_idle and not self._has_crowd
+        return not (self._unsent or self.window.in_flight or self._has_crowd)
 
     @override
     def on_receive(self, message: Message) -> None:

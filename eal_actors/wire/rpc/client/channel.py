@@ -77,11 +77,14 @@ class PendingCalls:
         Returns:
             Whether any call waited for it.
         """
-        numbers = (reply.sequence,) if reply.sequence else list(self._pending)
-        calls = [call for number in numbers if (call := self._pending.pop(number, None)) is not None]
-        for call in calls:
-            call.answered(reply.answer, reply.time)
-        return bool(calls)
+        sequence, answer, time = reply
+        found = False
+        for number in (sequence,) if sequence else list(self._pending):
+            call = self._pending.pop(number, None)
+            if call is not None:
+                call.answered(answer, time)
+                found = True
+        return found
 
     def lose_all(self) -> None:
         """Report all as lost: the robot is unreachable."""

@@ -69,21 +69,20 @@ class Outbox(Sender):
         self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool = True, is_urgent: bool = False
     ) -> None:
         """Queue a message; a full link drops it unless it is vital. Thread: any; does not block."""
-        self._queue(_OutgoingMessage(self, key, envelope, payload, is_vital=is_vital, is_urgent=is_urgent))
+        message = _OutgoingMessage(self, key, envelope, payload, is_vital=is_vital, is_urgent=is_urgent)
+        if is_urgent:
+            self.urgent.submit(message)
+        else:
+            self._count(memoryview(payload).nbytes)
+            self.submit(message)
 
     def publish_from_here(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
         """Send a message in this thread, or queue it if another thread is sending.
 
         Thread: one that may wait for a link; see Message.send.
         """
-        message = _OutgoingMessage(self, key, envelope, payload, is_urgent=is_urgent)
-        if self._put_lock.acquire(blocking=False):
-            try:
-                self._put(message, is_last=True)
-            finally:
-                self._put_lock.release()
-        else:
-            self._queue(message)
+        if not self._put_here(key, envelope, payload, is_vital=True):
+            self.publish(key, envelope, payload, is_urgent=is_urgent)
 
     def publish_briefly(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
         """Send the outcome of a command in this thread if that takes no time, else queue it.
@@ -91,23 +90,24 @@ class Outbox(Sender):
         The thread is an actuator's, which no controller may block. So a full link drops the message after 1 ms,
         and the controller asks again; where that is likely, it is queued.
         """
-        message = _OutgoingMessage(self, key, envelope, payload, is_vital=False, is_urgent=is_urgent)
-        is_quiet = self.is_idle and not is_urgent
-        if is_quiet and REAL_TIME.now() - self._last_large_s > _QUIET_S and self._put_lock.acquire(blocking=False):
-            try:
-                self._put(message, is_last=True)
-            finally:
-                self._put_lock.release()
-        else:
-            message.is_vital = True
-            self._queue(message)
+        is_quiet = self.is_idle and not is_urgent and REAL_TIME.now() - self._last_large_s > _QUIET_S
+        if not is_quiet or not self._put_here(key, envelope, payload, is_vital=False):
+            self.publish(key, envelope, payload, is_urgent=is_urgent)
 
-    def _queue(self, message: _OutgoingMessage) -> None:
-        if message.is_urgent:
-            self.urgent.submit(message)
-        else:
-            self._count(memoryview(message.payload).nbytes)
-            self.submit(message)
+    def _put_here(self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool) -> bool:
+        """Send a message in this thread; return False if another thread is sending."""
+        if not self._put_lock.acquire(blocking=False):
+            return False
+        try:
+            self._note_size(payload)
+            self._transport.put(key, envelope, payload, is_vital=is_vital)
+        finally:
+            self._put_lock.release()
+        return True
+
+    def _note_size(self, payload: Payload) -> None:
+        if len(payload) > _LARGE_BYTES:
+            self._last_large_s = REAL_TIME.now()
 
     def _count(self, payload_bytes: int) -> None:
         if payload_bytes:  # most messages have none
@@ -124,8 +124,7 @@ class Outbox(Sender):
         self._count(-memoryview(message.payload).nbytes)
 
     def _put(self, message: _OutgoingMessage, *, is_last: bool) -> None:
-        if len(message.payload) > _LARGE_BYTES:
-            self._last_large_s = REAL_TIME.now()
+        self._note_size(message.payload)
         self._transport.put(
             message.key,
             message.envelope,

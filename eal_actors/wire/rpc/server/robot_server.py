@@ -236,8 +236,10 @@ class RobotServer:
             if header.traceparent:
                 with spans.within(header.traceparent):
                     self._dispatch(call, reply_to, header, data)
+            elif call.resource != keys.ROBOT:  # as _dispatch, for the most frequent calls
+                self._serve(self._robot[call.resource], call.method, reply_to, header, data)
             else:
-                self._dispatch(call, reply_to, header, data)
+                self._serve_robot(call, reply_to, header)
         except EALError as error:
             self._answer(reply_to, error.at(self._robot.name))
         except Exception as error:  # noqa: BLE001  # else the caller would get no reply at all
@@ -333,8 +335,8 @@ class RobotServer:
         if error is not None:
             return error if isinstance(error, EALError) else ResourceFaultError(error_text(error))
         value = done.get()
-        if isinstance(value, EALData) and value.stamp_s is not None:
-            return value.with_meta(stamp_s=real_time_of(self._clock, value.stamp_s))
+        if type(value) is EALData and (stamp_s := value.stamp_s) is not None:
+            return value.restamped(real_time_of(self._clock, stamp_s))
         return 1 if value is None else value
 
     def _answer(

@@ -42,4 +42,4 @@ def test_what_is_never_answered_holds_nobody_up_for_long() -> None:
         assert not window.is_full  # what is slow counts no more
     for _ in range(2 * WINDOW - 1):
         window.answered()
-    assert (window._in_flight, window._slow) == (0, 0)
+    assert (window.in_flight, window._slow) == (0, 0)
