@@ -257,6 +257,7 @@ class ResourceCell:
         owes_halt: whether a halt was accepted while the device was absent, and is still to be carried out.
         serve_now: runs a call in the caller's thread and returns True, if its actor is idle; None if the resource must
             have its own thread, or is in another process.
+        read_now: the same for readings by controllers, of a resource that implements `glance`: its values take no time.
         open_feed: opens a feed of a remote resource; None where streams poll in this process.
     """
 
@@ -282,6 +283,7 @@ class ResourceCell:
         self.error: EALError = UnavailableError("it has not started yet")
         self.owes_halt = False
         self.serve_now: Callable[[Call[Any]], bool] | None = None
+        self.read_now: Callable[[Call[Any]], bool] | None = None
         self.open_feed: OpenFeed | None = None
         self._close_callbacks: set[Callable[[EALError], None]] = set()
         self._is_closed = False
@@ -289,7 +291,7 @@ class ResourceCell:
     def close(self, error: EALError) -> None:
         """Close the slot for good and end the streams. Thread: its robot's actor."""
         self.error = error.copy()
-        self.actor = self.serve_now = None
+        self.actor = self.serve_now = self.read_now = None
         self._is_closed = True
         for callback in list(self._close_callbacks):
             callback(error)

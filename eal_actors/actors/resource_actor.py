@@ -113,6 +113,8 @@ class ResourceActor(ReadinessActor):
         self._callbacks = callbacks
         self.any_thread = False
         """Whether the resource allows calls in other threads; known once it is open."""
+        self.glances = False
+        """Whether the resource implements `glance`; known once it is open."""
         self._is_open = False
         self._current: Call[Any] | None = None
         self._scheduled = ScheduledCommand(self.actor_inbox, self._execute)
@@ -131,6 +133,7 @@ class ResourceActor(ReadinessActor):
             resource.open()
             self._is_open = True
             self.any_thread = resource.any_thread
+            self.glances = type(resource).glance is not Resource.glance
             info = resource.info()
             self._info = info
             self._methods = self._make_methods(resource, info)
@@ -351,9 +354,9 @@ class ResourceActor(ReadinessActor):
         self.close_motion(reason)
 
     def _send_cmd(self, cmd: str, data: EALData | None) -> Any:
-        if "send_cmd" in self._info.methods:  # otherwise it raises UnsupportedError and must not stop a motion
-            if self._motion is not None or self._scheduled.call is not None:
-                self._check_command(cmd, data)  # nor must an invalid command
+        is_moving = self._motion is not None or self._scheduled.call is not None
+        if is_moving and "send_cmd" in self._info.methods:  # otherwise it raises UnsupportedError and must stop nothing
+            self._check_command(cmd, data)  # nor must an invalid command
             self._preempt_motions(f"a newer command took over: {cmd!r}")
         return converted(self.opened.send_cmd(cmd, data), status_of)
 

@@ -95,7 +95,8 @@ class CallQueue(UrgentMessage):
             UnavailableError: the connection has ended.
         """
         with self._lock:
-            self._admit(envelope)
+            if self._end is not None or self._channel.rights is not None:
+                self._admit(envelope)
             self._unanswered.add(envelope)
             sender = self._controller.sender
             sends = sender.lets_callers_send and not (self._normal or self._urgent)
@@ -202,13 +203,12 @@ class CallQueue(UrgentMessage):
                 self.expire(call)
                 return None
         try:
-            header, data = self._header(call, left_s)
+            header, data, call_id = self._header(call, left_s)
             envelope, payload = encode_call(header, data)
         except EALError as error:
             self._unanswered.discard(call)
             call.settle(None, error.at(channel.name, name), self._controller.run_later)
             return None
-        call_id = header.call_id if header.era and method != keys.HALT else None
         if call_id is not None:
             self.tracker.commands[call_id] = call
         if call.span is not None:
@@ -228,14 +228,17 @@ class CallQueue(UrgentMessage):
         left_s = (call.deadline_s or 0.0) - clock.now()
         return (max(left_s, call.cell.timeout_s) if call.stops else left_s) / clock.of_real(1.0)
 
-    def _header(self, call: Call[Any], left_s: float) -> tuple[CallHeader, EALData | None]:
-        """Return the header and the value of a call; commands and stops have a stamp that proves their age."""
+    def _header(self, call: Call[Any], left_s: float) -> tuple[CallHeader, EALData | None, CallId | None]:
+        """Return the header and the value of a call, and the identifier of a command.
+
+        Commands and stops have a stamp that proves their age.
+        """
         plain, data = split_arguments(call)
         stamper = self._channel.stamper
         traceparent = "" if call.span is None else call.span.traceparent
         if call.method in keys.RETRYABLE_METHODS:
             head = stamper.client, stamper.epoch, stamper.number(), left_s, left_s, None, plain
-            return CallHeader(*head, traceparent=traceparent), data
+            return CallHeader(*head, traceparent=traceparent), data, None
         start_s = None if call.start_s is None else self._robot_time(call.start_s)
         if data is not None and data.stamp_s is not None:
             data = data.with_meta(stamp_s=self._robot_time(data.stamp_s))
@@ -246,7 +249,8 @@ class CallQueue(UrgentMessage):
         stamp = stamper.stamp(TTL_S, REAL_TIME.now())
         left_s = self._left_s(call)  # read after the stamp: their sum is never later than the deadline
         proof = stamp.era, stamp.echo_s, stamp.held_s
-        return CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *proof, traceparent=traceparent), data
+        header = CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *proof, traceparent=traceparent)
+        return header, data, None if call.method == keys.HALT else stamp.call
 
     def _robot_time(self, fleet_s: float) -> float:
         real_s = real_time_of(self._channel.clock, fleet_s)

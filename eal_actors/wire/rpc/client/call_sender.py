@@ -155,8 +155,10 @@ class CallSender(Sender):
         if self.window.is_full:
             self.flush()
             self.window.wait_for_room()
-        super().on_receive(message)
-        if self.actor_inbox.empty():
+        is_last = self.actor_inbox.empty()
+        message.send(is_last=is_last)
+        self._unsent.popleft()
+        if is_last:
             self.flush()
             self._is_gathering = False
 

@@ -1,6 +1,7 @@
 """RobotServer: offers the resources of a robot of this process to the controllers of a network.
 
-zenoh's threads only decode, check and queue calls in the resources' mailboxes. Replies are sent by the session's
+The reader's thread only decodes, checks and queues calls in the resources' mailboxes, and reads values that take no
+time (`Resource.glance`) while nothing waits there. Replies are sent by the session's
 outbox, so that a controller that does not read cannot block an actuator; replies to readings are sent by the
 resource's own thread if no other thread is sending.
 """
@@ -222,8 +223,7 @@ class RobotServer:
 
     def receive(self, route: keys.CallRoute, envelope: bytes, payload: bytes, batch: ReplyBatch | None = None) -> None:
         """Serve a call, of a batch if one is given. Thread: the reader's; does not block."""
-        call = route.call
-        reply_to = ReplyTo(route.answer_key, 0)
+        call, reply_to = route.call, None
         try:
             header, data = decode_call(envelope, payload)
             reply_to = ReplyTo(route.answer_key, header.sequence, False, batch)
@@ -241,10 +241,11 @@ class RobotServer:
             else:
                 self._serve_robot(call, reply_to, header)
         except EALError as error:
-            self._answer(reply_to, error.at(self._robot.name))
+            self._answer(reply_to or ReplyTo(route.answer_key, 0), error.at(self._robot.name))
         except Exception as error:  # noqa: BLE001  # else the caller would get no reply at all
             self._log.exception("a call failed", method=call.method, resource=call.resource)
-            self._answer(reply_to, ResourceFaultError(f"the server raised {error_text(error)}"))
+            failure = ResourceFaultError(f"the server raised {error_text(error)}")
+            self._answer(reply_to or ReplyTo(route.answer_key, 0), failure)
 
     def _dispatch(self, call: keys.CallKey, reply_to: ReplyTo, header: CallHeader, data: EALData | None) -> None:
         if call.resource == keys.ROBOT:
@@ -259,8 +260,11 @@ class RobotServer:
             raise DeadlineError(f"{method} came after its deadline; it was not executed")
         timeout_s = self._clock.of_real(header.deadline_s)
         if method in keys.RETRYABLE_METHODS:
+            send = self._outbox.publish_from_here
+            if method == "get_value" and handle.reads_now:  # perhaps in this thread, which must not wait for a link
+                send = self._outbox.publish_briefly
             call = _start_call(handle, method, header, data, timeout_s)
-            call.link(lambda done, _: self._answer(reply_to, self._outcome(done), send=self._outbox.publish_from_here))
+            call.link(lambda done, _: self._answer(reply_to, self._outcome(done), send=send))
         elif method == keys.HALT or _is_stop(handle, method, header):
             self._admission.note_stop(header, handle.name)
             call = _start_call(handle, method, header, data, timeout_s)
