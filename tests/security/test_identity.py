@@ -234,7 +234,7 @@ def test_nobody_is_shown_under_anothers_name(held: Scene) -> None:
 
     def is_shown() -> bool:  # a heartbeat may arrive after the handshake, by another thread
         mate.call(keys.ROBOT, keys.HELLO, "controller@desk")
-        return held.holder.ping()["holders"] == {"Arm": "mate (controller@desk)"}
+        return bool(held.holder.ping()["holders"] == {"Arm": "mate (controller@desk)"})
 
     assert eventually(is_shown)
 

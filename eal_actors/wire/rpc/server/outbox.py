@@ -22,8 +22,12 @@ from eal_actors.wire.rpc.sender import Message, Sender
 from eal_actors.wire.transport import Transport
 
 _LARGE_BYTES: Final = 32 * 1024
-_QUIET_S: Final = 2.0
+_LARGE_PAUSE_S: Final = 2.0
 """Real seconds after a large payload in which the link may still be full of it."""
+_SLOW_PUT_S: Final = 0.0009
+_SLOW_PAUSE_S: Final = 0.1
+"""Real seconds after a slow put in which no other thread tries again. A full link drops a message after 1 ms, so a
+controller that reads nothing takes at most 1 % of the time of the threads that serve the others."""
 
 MAX_BACKLOG_BYTES: Final = 64 * 1024 * 1024
 """Bytes of values that may wait to be sent; while more wait, further values are refused."""
@@ -43,7 +47,7 @@ class Outbox(Sender):
         self.urgent: Final = Sender(f"{name} for stops")
         self._transport = transport
         self._backlog_bytes = 0
-        self._last_large_s = -math.inf
+        self._busy_until_s = -math.inf  # as far as is known, a link may be full until then
         self._put_lock = threading.Lock()
         self._lock = threading.Lock()
 
@@ -85,14 +89,17 @@ class Outbox(Sender):
             self.publish(key, envelope, payload, is_urgent=is_urgent)
 
     def publish_briefly(self, key: str, envelope: bytes, payload: Payload, *, is_urgent: bool = False) -> None:
-        """Send the outcome of a command in this thread if that takes no time, else queue it.
+        """Send a message in this thread if that takes no time, else queue it.
 
-        The thread is an actuator's, which no controller may block. So a full link drops the message after 1 ms,
-        and the controller asks again; where that is likely, it is queued.
+        The thread is an actuator's or the reader's, which no controller may block. So a full link drops the message
+        after 1 ms, and the controller asks for a command's outcome again; where that is likely, it is queued.
         """
-        is_quiet = self.is_idle and not is_urgent and REAL_TIME.now() - self._last_large_s > _QUIET_S
+        now_s = REAL_TIME.now()
+        is_quiet = self.is_idle and not is_urgent and now_s >= self._busy_until_s
         if not is_quiet or not self._put_here(key, envelope, payload, is_vital=False):
             self.publish(key, envelope, payload, is_urgent=is_urgent)
+        elif REAL_TIME.now() - now_s >= _SLOW_PUT_S:
+            self._busy_until_s = max(self._busy_until_s, now_s + _SLOW_PAUSE_S)
 
     def _put_here(self, key: str, envelope: bytes, payload: Payload, *, is_vital: bool) -> bool:
         """Send a message in this thread; return False if another thread is sending."""
@@ -107,7 +114,7 @@ class Outbox(Sender):
 
     def _note_size(self, payload: Payload) -> None:
         if len(payload) > _LARGE_BYTES:
-            self._last_large_s = REAL_TIME.now()
+            self._busy_until_s = REAL_TIME.now() + _LARGE_PAUSE_S
 
     def _count(self, payload_bytes: int) -> None:
         if payload_bytes:  # most messages have none
