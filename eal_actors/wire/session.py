@@ -43,9 +43,8 @@ _RETRY_S: Final = 0.1
 _DIAL_MS: Final = 20
 """Time between two dials of an absent end."""
 _TLS_DIAL_MS: Final = 40
-"""The same with TLS, where each refused certificate occupies the other end's listener for 0.1 s. A growing period spares
-little, since a few refused ends occupy it anyway; and a restarted robot was back after up to a second, now after 60 ms.
-"""
+"""The same with TLS, where each refused certificate occupies the other end's listener for 0.1 s. A growing period would
+spare little, since a few refused ends occupy it anyway; and a restarted robot would be back after up to a second."""
 _MAX_DIAL_MS: Final = 1000
 _MAX_HANDSHAKES: Final = 2048
 """Simultaneous transport handshakes; fewer strangers that never finish theirs cannot keep others out."""
