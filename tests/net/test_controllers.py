@@ -123,10 +123,12 @@ def test_the_fleet_file_sets_the_size_of_a_mailbox(rig: Rig) -> None:
     rig.content["robots"]["r1"]["mailbox"] = 4
     rig.write()
     with rig.served_here() as fleet:
-        slow = fleet["r1"]["Gauge"].send_req("slow0.5")
-        reads = [fleet["r1"]["Gauge"].get_value() for _ in range(4)]
+        gate = threading.Event()
+        hold_up(fleet["r1"], gate)
+        reads = [fleet["r1"]["Gauge"].get_value() for _ in range(5)]
         assert "4 calls are pending" in str(failure(reads.pop(), BusyError))
-        gather([slow, *reads]).get()
+        gate.set()
+        gather(reads).get()
 
 
 def test_a_status_is_asked_for_while_no_more_calls_are_taken(rig: Rig, remote: RobotHandle) -> None:
