@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import gc
 import os
 import signal
 import sys
@@ -17,8 +18,9 @@ def main() -> None:
     """Run the program and exit."""
     # At its end the interpreter restores the default action, which would kill the process with another exit code.
     atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # runs last
+    gc.disable()  # loading makes much and drops nothing; enabled when the command is loaded
     try:
-        import_module("eal_actors.cli").main()  # loads for a second, several on a small board: Ctrl-C counts from here
+        import_module("eal_actors.cli").main()  # loads for a while, seconds on a small board: Ctrl-C counts from here
     except KeyboardInterrupt:
         sys.exit(_INTERRUPTED)
     finally:

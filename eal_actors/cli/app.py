@@ -2,42 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import sys
-from typing import Annotated, Any
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from typing import Annotated, Any, Final
 
 import typer
+from typer.main import get_group
 
 from eal_actors import __version__
-from eal_actors.cli import (
-    audit,
-    calibrate,
-    calibrate_camera,
-    call,
-    check,
-    dashboard,
-    dashboard_keys,
-    demo_network,
-    discover,
-    doctor,
-    keys_lifetime,
-    lab,
-    maps,
-    ping,
-    plugin,
-    ports,
-    records,
-    rehearse,
-    resources,
-    router,
-    run,
-    serve,
-    stitch,
-    stop,
-    sweep,
-    top,
-    tracker,
-    world,
-)
 from eal_actors.cli.exit_codes import EPILOG, ExitCode, report_error
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import EalCommand, EalCommandGroup, GlobalOptions, LogLevel
@@ -45,9 +19,85 @@ from eal_actors.cli.streams import failsafe_output
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import LogFormat, configure_logging
 
+_COMMANDS: Final = {
+    "run": "run:run_scenario",
+    "rehearse": "rehearse:rehearse_scenario",
+    "sweep": "sweep:sweep_scenario",
+    "calibrate": "calibrate_camera:app",
+    "report": "records:report_run",
+    "diff": "records:diff_runs",
+    "replay": "records:replay_run",
+    "check": "check:check_files",
+    "schema": "check:print_schema",
+    "world": "world:show_world",
+    "map": "maps:show_map",
+    "resources": "resources:list_resources",
+    "call": "call:call_method",
+    "stitch": "stitch:stitch_frames",
+    "serve": "serve:serve_robot",
+    "dashboard": "dashboard:show_dashboard",
+    "audit": "audit:show_audit",
+    "top": "top:show_top",
+    "ping": "ping:ping_robots",
+    "stop": "stop:stop_robots",
+    "resume": "stop:resume_robots",
+    "discover": "discover:discover_robots",
+    "doctor": "doctor:examine",
+    "ports": "ports:show_ports",
+    "router": "router:run_router",
+    "keys": "dashboard_keys:app",
+    "plugin": "plugin:app",
+    "tracker": "tracker:app",
+    "demo-network": "demo_network:demo_network",
+    "lab": "lab:run_lab",
+}
+"""The module of each command in this package, and its function or group."""
+
+_SETTINGS: Final[dict[str, dict[str, Any]]] = {
+    "call": {"context_settings": {"ignore_unknown_options": True}},  # -5 is a number
+    "demo-network": {"hidden": True},  # for `make demo-network`
+    "lab": {"hidden": True},  # for `make lab`
+}
+
+
+class _Commands(Mapping[str, Any]):
+    """The commands by name, each loaded when it is used: together they load for a second, longer on a small board."""
+
+    def __init__(self) -> None:
+        self._loaded: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._loaded:
+            module, attribute = _COMMANDS[name].split(":")
+            part = getattr(import_module(f"eal_actors.cli.{module}"), attribute)
+            parent = typer.Typer(callback=lambda: None, **_LOOK)
+            if isinstance(part, typer.Typer):
+                parent.add_typer(part, name=name)
+            else:
+                parent.command(name, cls=EalCommand, **_SETTINGS.get(name, {}))(part)
+            self._loaded[name] = get_group(parent).commands[name]
+        return self._loaded[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_COMMANDS)
+
+    def __len__(self) -> int:
+        return len(_COMMANDS)
+
 
 class _EalProgram(EalCommandGroup):
     """The only place that turns an error into a message and an exit code."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = _Commands()  # type: ignore[assignment]  # nothing is added
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Load the command; from here on garbage is collected, which `eal_actors.__main__` has disabled."""
+        try:
+            return super().resolve_command(ctx, args)
+        finally:
+            gc.enable()
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -59,6 +109,12 @@ class _EalProgram(EalCommandGroup):
             raise typer.Exit(ExitCode.INTERRUPTED) from None
 
 
+_LOOK: Final[dict[str, Any]] = {
+    "rich_markup_mode": "markdown",  # joins the lines of a paragraph
+    "pretty_exceptions_enable": False,
+    "add_completion": False,
+}
+
 app = typer.Typer(
     name="eal",
     cls=_EalProgram,
@@ -66,9 +122,7 @@ app = typer.Typer(
     "Put --log-format and --log-level before the command: `eal --log-level debug run ...`",
     epilog=EPILOG,
     no_args_is_help=True,
-    rich_markup_mode="markdown",  # joins the lines of a paragraph
-    pretty_exceptions_enable=False,
-    add_completion=False,
+    **_LOOK,
 )
 
 
@@ -89,43 +143,6 @@ def _global_options(
 ) -> None:
     context.obj = GlobalOptions(log_format, log_level)
     configure_logging(log_format, log_level)
-
-
-app.command("run", cls=EalCommand)(run.run_scenario)
-app.command("rehearse", cls=EalCommand)(rehearse.rehearse_scenario)
-app.command("sweep", cls=EalCommand)(sweep.sweep_scenario)
-calibrate.app.command("camera", cls=EalCommand)(calibrate_camera.calibrate_camera)
-app.add_typer(calibrate.app, name="calibrate")
-app.command("report", cls=EalCommand)(records.report_run)
-app.command("diff", cls=EalCommand)(records.diff_runs)
-app.command("replay", cls=EalCommand)(records.replay_run)
-app.command("check", cls=EalCommand)(check.check_files)
-app.command("schema", cls=EalCommand)(check.print_schema)
-app.command("world", cls=EalCommand)(world.show_world)
-app.command("map", cls=EalCommand)(maps.show_map)
-app.command("resources", cls=EalCommand)(resources.list_resources)
-app.command("call", cls=EalCommand, context_settings={"ignore_unknown_options": True})(
-    call.call_method
-)  # -5 is a number
-app.command("stitch", cls=EalCommand)(stitch.stitch_frames)
-app.command("serve", cls=EalCommand)(serve.serve_robot)
-app.command("dashboard", cls=EalCommand)(dashboard.show_dashboard)
-app.command("audit", cls=EalCommand)(audit.show_audit)
-app.command("top", cls=EalCommand)(top.show_top)
-app.command("ping", cls=EalCommand)(ping.ping_robots)
-app.command("stop", cls=EalCommand)(stop.stop_robots)
-app.command("resume", cls=EalCommand)(stop.resume_robots)
-app.command("discover", cls=EalCommand)(discover.discover_robots)
-app.command("doctor", cls=EalCommand)(doctor.examine)
-app.command("ports", cls=EalCommand)(ports.show_ports)
-app.command("router", cls=EalCommand)(router.run_router)
-keys_lifetime.app.command("dashboard", cls=EalCommand)(dashboard_keys.make_dashboard_certificate)
-keys_lifetime.app.command("operator", cls=EalCommand)(dashboard_keys.make_operator)
-app.add_typer(keys_lifetime.app, name="keys")
-app.add_typer(plugin.app, name="plugin")
-app.add_typer(tracker.app, name="tracker")
-app.command("demo-network", cls=EalCommand, hidden=True)(demo_network.demo_network)  # for `make demo-network`
-app.command("lab", cls=EalCommand, hidden=True)(lab.run_lab)  # for `make lab`
 
 
 def main() -> None:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 from rich.console import Console
 
+from eal_actors.cli.calibrate import app as calibrate_app
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
-from eal_actors.cli.options import JsonOption, OptionalFleetOption
+from eal_actors.cli.options import EalCommand, JsonOption, OptionalFleetOption
 from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
 from eal_actors.cli.tracker import SquareOption, SquaresOption, board_size, needs_opencv
 from eal_actors.facade.fleet import Fleet
@@ -22,8 +23,10 @@ if TYPE_CHECKING:
 
 _SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _PERIOD_S: Final = 0.4
+app = calibrate_app
 
 
+@app.command("camera", cls=EalCommand)
 def calibrate_camera(
     folder: Annotated[
         Path | None, typer.Argument(metavar="FOLDER", show_default=False, help="Folder of pictures of the board.")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import typer
 from rich.text import Text
 
+from eal_actors.cli.check_together import check_together
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import check_plugins
 from eal_actors.cli.options import JsonOption
@@ -59,9 +60,11 @@ def check_files(
     """Check fleet, scenario and world files, and print each problem as `file:line:column: path: message`.
 
     The content of a file determines its kind. The plugins of a fleet are imported to check their settings, but no
-    device is connected. The exit code is 2 if there are problems.
+    device is connected. With one fleet, each scenario is also checked against it: its roles, resources, commands and
+    values, on simulated robots. The exit code is 2 if there are problems.
     """
     results = [result for file in files for result in _check_named(file)]
+    results = _check_against_fleet(results)
     problems = sorted({problem for result in results for problem in result.problems})
     if as_json:
         write_json({"files": [asdict(result) for result in results]})
@@ -69,6 +72,23 @@ def check_files(
         _print_results(results, problems)
     if problems:
         raise typer.Exit(ExitCode.BAD_INPUT)
+
+
+def _check_against_fleet(results: list[FileCheck]) -> list[FileCheck]:
+    """Check the valid scenarios against the fleet, if exactly one is given and valid."""
+    fleets = {result.file for result in results if result.kind == "fleet" and not result.problems}
+    if len(fleets) != 1 or any(result.kind == "fleet" and result.problems for result in results):
+        return results
+    (fleet,) = fleets
+    checked = []
+    for result in results:
+        if result.kind == "scenario" and not result.problems:
+            found = check_together(result.file, fleet)
+            summary = ", ".join(filter(None, (result.summary, found.summary)))
+            checked.append(replace(result, summary=summary, problems=found.problems, warnings=found.warnings))
+        else:
+            checked.append(result)
+    return checked
 
 
 def _print_results(results: list[FileCheck], problems: list[Problem]) -> None:

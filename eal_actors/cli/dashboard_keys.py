@@ -9,7 +9,8 @@ from typing import Annotated, Final
 import typer
 
 from eal_actors.cli.keys import DirOption, ForceOption, HostOption
-from eal_actors.cli.options import FleetOption
+from eal_actors.cli.keys_lifetime import app as keys_app
+from eal_actors.cli.options import EalCommand, FleetOption
 from eal_actors.cli.output import print_line, short_path, stderr, stdout
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.kernel.strict_model import NAME_PATTERN
@@ -18,8 +19,10 @@ from eal_actors.managers.fleet_model import OperatorRole
 from eal_actors.wire.security.certificates import AUTHORITY, DASHBOARD, certificate_file, folder_of, make_certificate
 
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
+app = keys_app
 
 
+@app.command("dashboard", cls=EalCommand)
 def make_dashboard_certificate(
     fleet: FleetOption, host: HostOption = None, directory: DirOption = None, force: ForceOption = False
 ) -> None:
@@ -35,6 +38,7 @@ def make_dashboard_certificate(
     print_line(stderr(), f"Next: import {authority} into the operators' browsers as an authority for websites.", "dim")
 
 
+@app.command("operator", cls=EalCommand)
 def make_operator(
     name: Annotated[str, typer.Argument(metavar="NAME", show_default=False, help="Name of a person.")],
     role: Annotated[

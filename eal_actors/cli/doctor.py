@@ -14,7 +14,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.options import JsonOption, RobotsArgument
 from eal_actors.cli.output import counted, new_table, stdout, write_json
-from eal_actors.facade.connections import FLEET_VARIABLE
+from eal_actors.kernel.bundled import FLEET_VARIABLE
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.operate.doctor import Diagnostic, Severity, diagnose_fleet, diagnose_machine
 

@@ -11,12 +11,14 @@ import signal
 import threading
 from collections.abc import Callable
 from types import FrameType
-from typing import Any, Final, NoReturn, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NoReturn, Self, TypeVar
 
-from eal_actors.actors.future import Future
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.output import stderr
-from eal_actors.scenario import Run
+
+if TYPE_CHECKING:
+    from eal_actors.actors.future import Future
+    from eal_actors.scenario import Run
 
 T = TypeVar("T")
 

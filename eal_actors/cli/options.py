@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from eal_actors.facade.connections import FLEET_VARIABLE
+from eal_actors.kernel.bundled import FLEET_VARIABLE
 from eal_actors.kernel.log import LogFormat
 
 LogLevel = Literal["debug", "info", "warning", "error"]

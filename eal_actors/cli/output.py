@@ -16,7 +16,6 @@ from rich.table import Table
 from rich.text import Text
 
 from eal_actors.device.data import DataType, EALData
-from eal_actors.scenario.report.records import as_json
 
 _PIPE_WIDTH: Final = 160  # columns of a table in a pipe or a file: wide, so that lines stay whole for grep
 _MOST_ELEMENTS: Final = 32  # larger arrays are not printed in full
@@ -53,6 +52,8 @@ def print_line(console: Console, text: str | Text, style: str = "") -> None:
 
 def write_json(value: Any) -> None:
     """Write a value to stdout as strict JSON; `as_json` replaces numbers that JSON cannot hold."""
+    from eal_actors.scenario.report.records import as_json
+
     sys.stdout.write(as_json(value, indent=2, ensure_ascii=False) + "\n")
 
 

@@ -13,14 +13,15 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any, Final, TextIO, cast
+from typing import IO, TYPE_CHECKING, Any, Final, TextIO, cast
 
 import typer
 
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.kernel.log import get_logger
-from eal_actors.scenario import Listener, RunEvent
-from eal_actors.scenario.report.records import as_json
+
+if TYPE_CHECKING:
+    from eal_actors.scenario import Listener, RunEvent
 
 STDOUT: Final = "-"
 _READER_GONE: Final = (errno.EPIPE, errno.EIO)  # errors of writing to a closed pipe and to a closed terminal
@@ -112,6 +113,8 @@ def event_stream(target: str | None) -> Iterator[list[Listener]]:
 
 
 def _event_writer(stream: IO[str]) -> Listener:
+    from eal_actors.scenario.report.records import as_json
+
     is_open = True
 
     def write(event: RunEvent) -> None:

@@ -12,19 +12,16 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from eal_actors.actors.handles import RobotHandle
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import FLEET_VARIABLE
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.network_model import BEHIND_ROUTER, SECURE_PROTOCOLS, Endpoint, parse_endpoint
 from eal_actors.wire.rpc.client.discovery import robots_at
-
-FLEET_VARIABLE: Final = "EAL_FLEET"
-"""The environment variable with the default fleet file of `connect`."""
-
 
 # Robots by name or address.
 

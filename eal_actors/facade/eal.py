@@ -18,7 +18,6 @@ from eal_actors.device.info import ResourceInfo
 from eal_actors.device.resource import Resource
 from eal_actors.facade.blocking import BlockingParts
 from eal_actors.facade.connections import (
-    FLEET_VARIABLE,
     acquire_fleet,
     acquire_remote_fleet,
     add_connection,
@@ -29,7 +28,7 @@ from eal_actors.facade.connections import (
     unknown_robot,
 )
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.bundled import bundled_path, find_file
+from eal_actors.kernel.bundled import FLEET_VARIABLE, bundled_path, find_file
 from eal_actors.kernel.errors import RemoteError, RobotNotFoundError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.resources import EALResourceManager

@@ -26,7 +26,8 @@ FIX_RATE_HZ: Final = 10.0
 """How often a tracker is read, by the fleet's clock."""
 _RETRY_S: Final = 1.0
 _JOIN_S: Final = 5.0  # real seconds
-_FIXES: Final = ValueInfo(DataType.DOUBLE, shape=(None, 13))
+_ROW: Final = 13
+_FIXES: Final = ValueInfo(DataType.DOUBLE, shape=(None, _ROW))
 
 
 class FixForwarder:
@@ -113,10 +114,15 @@ class _TrackerThread:
         self._last_s = data.stamp_s
         self._trouble.pop(self._tracker.name, None)
         targets = self.targets
-        for marker, *numbers in data.value.tolist():
-            if (robot := targets.get(int(marker))) is not None and self._is_free(int(marker), robot):
-                fix = EALData.of(numbers, frame_id=data.frame_id, stamp_s=data.stamp_s)
-                self._send(int(marker), robot, fix)
+        numbers = data.value if isinstance(data.value, list | tuple) else data.value.ravel().tolist()
+        for place in range(0, len(numbers), _ROW):
+            number = numbers[place]
+            if number not in targets:  # also no number at all
+                continue
+            marker, robot = int(number), targets[int(number)]
+            if self._is_free(marker, robot):
+                pose = list(numbers[place + 1 : place + _ROW])
+                self._send(marker, robot, EALData.of(pose, frame_id=data.frame_id, stamp_s=data.stamp_s))
 
     def _send(self, marker: int, robot: RobotHandle, fix: EALData) -> None:
         try:

@@ -12,6 +12,9 @@ Kind = Literal["fleet", "scenario", "world"]
 
 _FOLDERS: Final[dict[Kind, str]] = {"fleet": "fleets", "scenario": "scenarios", "world": "fleets/worlds"}
 _SUFFIX: Final = ".yaml"
+FLEET_VARIABLE: Final = "EAL_FLEET"
+"""The environment variable with the default fleet file of `connect`."""
+
 _INSTALLED: Final = Path(__file__).parents[1] / "_bundled"
 """Their folder in a wheel; in a checkout they are beside the package."""
 

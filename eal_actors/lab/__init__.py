@@ -1,1 +1,1 @@
-"""Experiments: calibration, choreography, panoramas, rehearsals and parameter sweeps."""
+"""Experiments: calibration, changes between pictures, panoramas, rehearsals and parameter sweeps."""

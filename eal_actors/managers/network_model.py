@@ -146,6 +146,8 @@ class NetworkSection(StrictModel):
     """Seconds of silence of the controller after which a robot halts what it moves."""
     compression: bool = False
     """Compress all traffic; for slow links only, and nothing is compressed unless both ends do it."""
+    shared_memory: bool = True
+    """Hand large values, such as images, to controllers of the same user on the same machine in shared memory."""
     discovery: bool = False
     """Let listening robots and routers answer `eal discover`, a multicast."""
     routers: tuple[EndpointText, ...] = Field(default=(), strict=False)
@@ -197,6 +199,7 @@ class NetworkConfig:
         compression: whether all traffic is compressed.
         discovery: whether robots and routers answer a discovery by multicast.
         security: keys and roles, or None for an open network.
+        shared_memory: whether large values reach controllers on the same machine in shared memory.
     """
 
     lease_s: float = 2.0
@@ -205,6 +208,7 @@ class NetworkConfig:
     discovery: bool = False
     routers: tuple[str, ...] = ()
     security: SecurityConfig | None = None
+    shared_memory: bool = True
 
 
 DEFAULT_NETWORK: Final = NetworkConfig()

@@ -23,10 +23,8 @@ from .groups import Contacts
 from .motion import BRAKE_M_S2, MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionGoal, MotionProgress, TimedMotion
 from .predicted_wheels import Travel
 
-_MOST_DOUBT_M: Final = 0.03  # of the travel, in one straight drive
-_MOST_DOUBT_IN_A_TURN_M: Final = 0.005  # 2.2 degrees
-_MOST_OFF_M: Final = 0.03  # from the goal of a motion
-_MOST_OFF_RAD: Final = math.radians(3)
+_MOST_OFF_M: Final = 0.04  # from the goal of a motion, the doubt about the travel included
+_MOST_OFF_RAD: Final = math.radians(4)
 _HEADING_RAD: Final = math.radians(1.5)  # a straight drive turns back if it is off by more
 _ASTRAY_RAD: Final = math.radians(4)  # a straight drive stops to turn back
 _TURN_BACK_RAD_S: Final = math.radians(30)
@@ -125,8 +123,7 @@ class RoombaBase(DifferentialBase):
             goal = MotionGoal.of(self._roomba.latest().pose, distance_m, angle_rad)
             doubt = self._roomba.travel_doubt
             yield from self._travel(motion, goal)
-            self._check_doubt(doubt)
-            self._check_goal(goal)
+            self._check_goal(goal, *self._doubt(doubt, distance_m))
             return 1
         finally:
             self._in_motion = False
@@ -154,13 +151,14 @@ class RoombaBase(DifferentialBase):
         if abs(off_rad) > _HEADING_RAD:
             yield from self._travel(self._turning(off_rad, _TURN_BACK_RAD_S), goal)
 
-    def _check_goal(self, goal: MotionGoal) -> None:
-        """Raise ResourceFaultError if the robot does not stand at its goal."""
+    def _check_goal(self, goal: MotionGoal, doubt_m: float, doubt_rad: float) -> None:
+        """Raise ResourceFaultError if the robot may not stand at its goal."""
         off_m, off_rad = goal.off(self._roomba.latest().pose)
-        if off_m > _MOST_OFF_M or abs(off_rad) > _MOST_OFF_RAD:
+        if off_m + doubt_m > _MOST_OFF_M or abs(off_rad) + doubt_rad > _MOST_OFF_RAD:
             raise ResourceFaultError(
-                f"it stands {off_m:.3f} m and {math.degrees(abs(off_rad)):.1f} degrees from the end of the motion: "
-                "commands were lost or delayed on their way"
+                f"it stands {off_m:.3f} m and {math.degrees(abs(off_rad)):.1f} degrees from the end of the motion, "
+                f"which may be wrong by {doubt_m:.3f} m and {math.degrees(doubt_rad):.1f} degrees: "
+                "commands or readings were lost, damaged or delayed on their way"
             )
 
     def _come_to_rest(self) -> Activity:
@@ -200,13 +198,19 @@ class RoombaBase(DifferentialBase):
                 progress.command(velocity_mm_s, self._roomba.clock.now())
             yield min(left_m / max(velocity_mm_s, progress.velocity_mm_s) * 1000, self._roomba.next_look_s(), _STEP_S)
 
+    def _doubt(self, before: Travel, distance_m: float) -> tuple[float, float]:
+        """Return how far the position in m and the heading in rad may be wrong after a drive."""
+        doubt = self._roomba.travel_doubt.plus(before, -1.0)
+        doubt_rad = doubt.arc_m / (self.drivetrain.track_m / 2)
+        return doubt.ahead_m + abs(distance_m) * doubt_rad, doubt_rad
+
     def _check_doubt(self, before: Travel) -> None:
         """Raise ResourceFaultError if too much of the travel is not known."""
-        doubt = self._roomba.travel_doubt.plus(before, -1.0)
-        if doubt.ahead_m > _MOST_DOUBT_M or doubt.arc_m > _MOST_DOUBT_IN_A_TURN_M:
+        doubt_m, doubt_rad = self._doubt(before, 0.0)
+        if doubt_m > _MOST_OFF_M or doubt_rad > _MOST_OFF_RAD:
             raise ResourceFaultError(
                 "halted: readings were lost or damaged on their way, and with them what the wheels travelled, which "
-                f"may be wrong by {doubt.ahead_m:.3f} m ahead and {doubt.arc_m:.3f} m of each wheel in a turn"
+                f"may be wrong by {doubt_m:.3f} m and {math.degrees(doubt_rad):.1f} degrees"
             )
 
     def _check_motion(self, *, forward: bool) -> None:

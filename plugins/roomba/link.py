@@ -43,6 +43,11 @@ class RoombaLink(Protocol):
         ...
 
     @property
+    def late_s(self) -> float:
+        """Time from the first transmission of the latest command to the one that was acknowledged."""
+        ...
+
+    @property
     def is_busy(self) -> bool:
         """Whether the queue is not empty; then `receive` must be called often."""
         ...
@@ -152,6 +157,7 @@ class SerialLink(PortLink):
 
     repeats: Final = 1
     reading_lasts_s: Final = 0.0
+    late_s: Final = 0.0
     is_busy: Final = False
 
     @override

@@ -10,7 +10,7 @@ from typing_extensions import override
 from eal_actors.plugin import Clock, DataError, UnavailableError, get_logger
 
 from .link import Port, PortLink
-from .tinyos import Ack, TinyosFraming
+from .tinyos import FLAG, Ack, TinyosFraming
 
 ACK_TIMEOUT_S: Final = 0.1
 """Longest time until a packet is sent again; less if acknowledgements are fast."""
@@ -21,6 +21,7 @@ MOST_WAITING: Final = 32
 _CHUNK_BYTES: Final = 4096
 _REPEATS: Final = 3
 _READING_LASTS_S: Final = 1.0
+_CLOSING_FLAG: Final = bytes([FLAG])
 
 
 class MoteLink(PortLink):
@@ -51,7 +52,8 @@ class MoteLink(PortLink):
         self._in_flight: bytes | None = None
         self._sequence = 0
         self._attempts = 0
-        self._sent_s = 0.0
+        self._sent_s = self._first_sent_s = 0.0
+        self._late_s = 0.0
         self._ack_s = ACK_TIMEOUT_S
         self._opening = 0
         self._received = bytearray()
@@ -61,6 +63,11 @@ class MoteLink(PortLink):
     @override
     def is_busy(self) -> bool:
         return self._in_flight is not None or bool(self._waiting)
+
+    @property
+    @override
+    def late_s(self) -> float:
+        return self._late_s
 
     @override
     def send(self, data: bytes, *, supersedes: bool = False) -> None:
@@ -80,7 +87,7 @@ class MoteLink(PortLink):
     def ask(self, data: bytes) -> None:
         self._exchange()
         for packet in self._packets(data):
-            self._port.write(self._framing.packet(packet, None))
+            self._write(packet, None)
 
     def urge(self, data: bytes) -> None:
         """Send bytes at once, without waiting for the acknowledgement of the packet in flight."""
@@ -131,6 +138,7 @@ class MoteLink(PortLink):
         if isinstance(read, Ack):
             if self._in_flight is not None and read.sequence == self._sequence:
                 self._in_flight = None
+                self._late_s = self._sent_s - self._first_sent_s
                 if self._attempts == 1:
                     self._ack_s = min(max(_ACKS * (self._clock.now() - self._sent_s), _LEAST_ACK_S), ACK_TIMEOUT_S)
         elif read.sequence is None and self._framing.is_ours(read):  # with one, it is an echo of ours
@@ -141,6 +149,7 @@ class MoteLink(PortLink):
             self._in_flight = self._waiting.popleft()
             self._sequence = (self._sequence + 1) % 256
             self._attempts = 0
+            self._first_sent_s, self._late_s = self._clock.now(), 0.0
             self._transmit(self._in_flight)
 
     def _send_again(self) -> None:
@@ -155,6 +164,10 @@ class MoteLink(PortLink):
         self._transmit(self._in_flight)
 
     def _transmit(self, payload: bytes) -> None:
-        self._port.write(self._framing.packet(payload, self._sequence))
+        self._write(payload, self._sequence)
         self._attempts += 1
         self._sent_s = self._clock.now()
+
+    def _write(self, payload: bytes, sequence: int | None) -> None:
+        """Write a packet, with a second closing flag: without any, it would arrive when the next packet begins."""
+        self._port.write(self._framing.packet(payload, sequence) + _CLOSING_FLAG)

@@ -67,11 +67,17 @@ class PredictedWheels:
         self._at_s = -math.inf
         self._speeds_m_s = (0.0, 0.0)
         self._commands: deque[tuple[float, tuple[float, float]]] = deque([(-math.inf, (0.0, 0.0))], _MOST_COMMANDS)
+        self._commanded_s = -math.inf
 
     def command(self, speeds_m_s: tuple[float, float], now_s: float) -> None:
         """Record commanded speeds of the left and the right wheel."""
         if speeds_m_s != self._commands[-1][1]:
             self._commands.append((now_s, speeds_m_s))
+            self._commanded_s = now_s
+
+    def delay(self, late_s: float) -> None:
+        """Record by how much the latest command came late."""
+        self._commands[-1] = self._commanded_s + late_s, self._commands[-1][1]
 
     @property
     def target_m_s(self) -> tuple[float, float]:

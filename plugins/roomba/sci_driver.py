@@ -201,6 +201,8 @@ class SciDriver(RoombaDriver):
         Raises:
             DataError: no Roomba sends this.
         """
+        if self._link.late_s:
+            self._judge.model.delay(self._link.late_s)
         if reply.group == _CONTACTS:
             self._contacts, self._contacts_s = Contacts.decode(reply.data), reply.asked_s
             return True

@@ -122,15 +122,17 @@ class TravelJudge:
             self._gauge.add(counted, asked_s, self.model)
         else:
             self._gauge.cancel()
-        self._accept(asked_s, self._speeds_m_s(best.travel, self._counted_s, asked_s), jitter_s)
+        self._accept(asked_s, self._speeds_m_s(best.travel, self._counted_s, asked_s, jitter_s), jitter_s)
         return Judgement(best.travel)
 
-    def _speeds_m_s(self, travel: Travel, since_s: float, until_s: float) -> tuple[float, float]:
-        """Return the likely speeds of the wheels at the end of a travel."""
-        excess = travel.plus(self.model.predict(since_s, until_s), -1.0).wheels_m
+    def _speeds_m_s(self, travel: Travel, since_s: float, until_s: float, jitter_s: float = 0.0) -> tuple[float, float]:
+        """Return the likely speeds of the wheels at the end of a travel that may have been counted later."""
+        prompt, late = (self.model.predict(since_s, until_s + more_s).wheels_m for more_s in (0.0, jitter_s))
+        speeds_m_s = self.model.speeds_m_s(until_s)
         left_m_s, right_m_s = (
-            speed_m_s + more_m / (until_s - since_s + _SMOOTHING_S)
-            for speed_m_s, more_m in zip(self.model.speeds_m_s(until_s), excess, strict=True)
+            speeds_m_s[wheel]
+            + (moved_m - sorted((prompt[wheel], moved_m, late[wheel]))[1]) / (until_s - since_s + _SMOOTHING_S)
+            for wheel, moved_m in enumerate(travel.wheels_m)
         )
         return left_m_s, right_m_s
 
@@ -148,7 +150,7 @@ class TravelJudge:
         misfit = self._misfit(counted, start_s, asked_s, jitter_s)
         if start_s <= self._counted_s:
             return Explanation(misfit, missing.plus(counted), NOTHING)
-        likely = [missing]
+        likely = [missing, self.model.predict(min(self._counted_s + self._late_s, start_s), start_s)]
         for factor, late_s in self.model.variants:
             whole = self.model.predict(self._counted_s, asked_s, factor, late_s)
             before = self.model.predict(self._counted_s, start_s, factor, late_s)

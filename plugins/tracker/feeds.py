@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from eal_actors.plugin import NotReadyError, PluginContext, PluginError
+from eal_actors.plugin import Clock, NotReadyError, PluginContext, PluginError
 
 from ..camera.reader import ReaderOptions, SourceReader
 from ..camera.source import PictureSource
 from .settings import SIMULATED, CameraSettings
 
+_SLACK_S = 1e-6
 Image: TypeAlias = NDArray[np.uint8]
 
 
@@ -82,15 +83,26 @@ class SourceFeed(PictureFeed):
 
 
 class SimulatedFeed(PictureFeed):
-    """Pictures of a simulated world, each of the moment of the call."""
+    """Pictures of a simulated world.
 
-    def __init__(self, camera: Any) -> None:
+    Args:
+        camera: the simulated camera.
+        clock: the fleet's clock.
+        fps: pictures are at least 1 / fps apart; None for a picture of the moment of each call.
+    """
+
+    def __init__(self, camera: Any, clock: Clock, fps: float | None) -> None:
         self._camera = camera
+        self._clock = clock
+        self._period_s = 1.0 / fps if fps else 0.0
+        self._last: tuple[Image, float] | None = None
 
     @override
     def newest(self) -> tuple[Image, float]:
-        image, stamp_s = self._camera.frame()
-        return image, stamp_s
+        last = self._last
+        if last is None or self._clock.now() >= last[1] + self._period_s - _SLACK_S:
+            self._last = last = self._camera.frame()
+        return last
 
 
 def open_feed(context: PluginContext, name: str, settings: CameraSettings) -> PictureFeed:
@@ -100,7 +112,7 @@ def open_feed(context: PluginContext, name: str, settings: CameraSettings) -> Pi
         PluginError: there is no such simulated camera, or a file or folder is missing or unreadable.
     """
     if str(settings.source).startswith(SIMULATED):
-        return SimulatedFeed(context.simulated_camera(str(settings.source)))
+        return SimulatedFeed(context.simulated_camera(str(settings.source)), context.clock, settings.fps)
     source = PictureSource.of(settings.source)
     opener = source.opener(loop=settings.loop, fps=settings.fps, fourcc=settings.fourcc, timeout_s=settings.timeout_s)
     if not source.kind.is_live:

@@ -33,7 +33,7 @@ def connect(context: PluginContext) -> TrackerPlugin:
     family: FamilyName = settings.family or (world.markers.family if world is not None else "4x4_50")
     floor = settings.floor if settings.floor is not None else world.markers.floor if world is not None else ()
     _check_ids(settings, family, [marker.id for marker in floor])
-    tracker = Tracker(context.robot, family, settings.markers, floor)
+    tracker = Tracker(context.robot, family, settings.markers, floor, set(context.services.markers.values()))
     try:
         for name, camera in settings.cameras.items():
             tracker.add_camera(name, camera.lens.lens(), open_feed(context, name, camera))

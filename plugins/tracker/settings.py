@@ -42,7 +42,7 @@ class CameraSettings(PluginSettingsModel):
     latency_s: float = Field(default=0.0, ge=0, le=1)
     """Seconds from the middle of an exposure to the arrival of its picture."""
     fps: float | None = Field(default=None, ge=1, le=1000)
-    """Requested rate of a camera, or rate of a folder of images."""
+    """Requested rate of a camera, or rate of a folder of images or of a simulated camera."""
     fourcc: str | None = Field(default=None, pattern=r"^[ -~]{4}$")
     """Encoding of the pictures on the cable, such as MJPG."""
     loop: bool = False

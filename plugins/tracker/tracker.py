@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -67,6 +67,7 @@ class Tracker:
         family: of the markers.
         groups: the markers on robots.
         floor: the markers on the floor.
+        carried: the markers that robots of the fleet carry, to be reported while out of view; all of `groups` if empty.
 
     Attributes:
         cameras: what each camera sees, by name.
@@ -75,11 +76,17 @@ class Tracker:
     """
 
     def __init__(
-        self, robot: str, family: FamilyName, groups: Sequence[MarkerGroup], floor: Sequence[FloorMarker]
+        self,
+        robot: str,
+        family: FamilyName,
+        groups: Sequence[MarkerGroup],
+        floor: Sequence[FloorMarker],
+        carried: Collection[int] = (),
     ) -> None:
         self._family: FamilyName = family
         self._log = get_logger(robot=robot, resource="Fixes")
         self._groups: Mapping[int, MarkerGroup] = {number: group for group in groups for number in group.ids}
+        self._expected = [number for number in self._groups if not carried or number in carried]
         self._floor = {marker.id: _corners_on_floor(marker) for marker in floor}
         self._problems = ProblemList(self._log_problem)
         self._feeds: dict[str, PictureFeed] = {}
@@ -185,7 +192,7 @@ class Tracker:
         if not stamps or self._begun_s is None:
             return
         now_s, problems = max(stamps), []
-        for number in self._groups:
+        for number in self._expected:
             last_s = self._seen_s.get(number, self._begun_s)
             if now_s - last_s > _UNSEEN_S:
                 text = (

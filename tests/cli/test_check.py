@@ -147,10 +147,40 @@ def test_names_are_checked_as_paths_are(eal: Any, write: Any, monkeypatch: pytes
     assert "sim.yaml:3:1: nonsense" in eal("check", "sim").stdout  # a file of one's own wins
     done = eal("check", "serch")
     assert done.exit_code == 2
-    assert "no file of that name comes with the framework; there are: arena, dance, empty" in done.stdout
+    assert "no file of that name comes with the framework; there are: arena, ceiling, dance, empty" in done.stdout
 
 
 def test_a_scenario_may_run_a_bundled_one(eal: Any, write: Any) -> None:
     steps = "steps:\n  - scenario: dance\n    roles: {dancers: all}\n"
     file = write("outer.yaml", f"version: 1\nname: outer\nroles: {{all: {{}}}}\n{steps}")
     assert eal("check", file).exit_code == 0, eal("check", file).stdout
+
+
+def test_a_scenario_is_checked_against_the_one_fleet(eal: Any, write: Any) -> None:
+    sim = bundled_path("fleets/sim.yaml")
+    dance = eal("check", "scenarios/dance.yaml", sim)
+    assert dance.exit_code == 0, dance.stdout
+    assert dance.stdout.splitlines()[0].endswith("1 step, fits fleet 'sim')")
+    steps = """steps:
+  - on: ones
+    do:
+      - send_cmd: {resource: Base, cmd: f0.1}
+      - get_value: {resource: Rnge}
+      - for: {turn: [10, 20]}
+        do: [{send_cmd: {resource: Base, cmd: "q${turn}"}}]
+"""
+    wrong = write("wrong.yaml", f"version: 1\nname: wrong\nroles: {{ones: {{types: [sim]}}}}\n{steps}")
+    fleet = write("own.yaml", "version: 1\nrobots: {one: {type: a}}\ntypes: {a: {plugins: {sim: {model: roomba}}}}\n")
+    assert f"{wrong}:3:24: roles.ones.types[0]: " in eal("check", wrong, fleet).stdout
+    assert eal("check", wrong, fleet, sim).exit_code == 0  # which of the two it is for is not known
+    wrong.write_text(wrong.read_text().replace("[sim]", "[a]"))
+    told = eal("check", wrong, fleet)
+    assert told.exit_code == 2
+    places = dict.fromkeys(line.split(": ")[0] for line in told.stdout.splitlines()[1:])  # q10 and q20 have one place
+    assert list(places) == [f"{wrong}:8:31", f"{wrong}:10:47"]
+
+
+def test_what_cannot_be_simulated_is_said(eal: Any, slides: Path, move: Path) -> None:
+    told = eal("check", slides, move)
+    assert told.exit_code == 0
+    assert f"warning: {move} on {slides}: the calls were not checked: " in told.stderr

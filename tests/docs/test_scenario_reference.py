@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from eal_actors.device.world import load_world
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.bundled import bundled_path
 from eal_actors.managers.config import EALConfigManager
@@ -27,7 +28,8 @@ OTHER = (
 @pytest.fixture
 def sim() -> Iterator[Fleet]:
     config = EALConfigManager.load(bundled_path("fleets/sim.yaml")).fleet
-    with Fleet(replace(config, rate="max")) as fleet:
+    world = load_world(bundled_path("fleets/worlds/lab.yaml"))  # it has places
+    with Fleet(replace(config, rate="max", world=world)) as fleet:
         yield fleet
 
 

@@ -125,6 +125,15 @@ def test_a_robot_that_is_carried_is_found_again(tmp_path: Path, capsys: pytest.C
     assert "localised again from fixes" in "".join(capsys.readouterr())
 
 
+def test_nonsense_among_its_fixes_does_not_end_a_tracker(tmp_path: Path) -> None:
+    with tracked_fleet(tmp_path, {"roomba": sim("roomba")}, has_nonsense=True) as fleet:
+        robot = fleet["roomba"]
+        fleet.clock.sleep(1.0)
+        robot["TruePose"].set_value([2.0, 1.0, 2.0]).get()
+        fleet.clock.sleep(2.0)
+        assert errors_of(robot)[0] < 0.01
+
+
 def _with(config: FleetConfig, name: str, robot: RobotConfig) -> FleetConfig:
     return replace(config, robots={**config.robots, name: robot})
 

@@ -19,6 +19,7 @@ class Settings(PluginSettingsModel):
     std_m: float = 0.002
     std_rad: float = 0.006
     silent_after_s: float | None = None
+    has_nonsense: bool = False  # rows of markers that are no numbers, in an array or in a plain list
 
 
 class Fixes(Resource):
@@ -45,6 +46,10 @@ class Fixes(Resource):
             [marker, *(np.array(poses[name]) + std * self.random.standard_normal(3)), *covariance]
             for name, marker in self.settings.markers.items()
         ]
+        if self.settings.has_nonsense:
+            rows += [[marker, *rows[0][1:]] for marker in (np.nan, np.inf, -1e308, 1.5)]
+            if self.random.random() < 0.5:
+                return EALData.of(np.ravel(rows).tolist(), frame_id="map", stamp_s=stamp_s)
         return EALData.of(np.array(rows).reshape(-1, 13), frame_id="map", stamp_s=stamp_s)
 
 

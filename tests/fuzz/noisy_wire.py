@@ -1,32 +1,24 @@
 """A serial line that damages bytes, between a driver and the byte-level emulator of its device.
 
-The line is a pseudo-terminal, so the driver uses its real port. No thread runs: the device is advanced in fixed ticks
-whenever the driver reads or writes, and the number of the bytes in the terminal is known. So a run depends on nothing
-but its seed, however busy the machine is.
+The line is in memory: a pseudo-terminal hands each byte on in a thread of the kernel, which took most of the time of a
+run. Other tests have the drivers' real ports. No thread runs: the device is advanced in fixed ticks whenever the driver
+reads or writes. So a run depends on nothing but its seed, however busy the machine is.
 """
 
 from __future__ import annotations
 
-import fcntl
-import os
-import select
-import struct
-import termios
-import tty
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
-from eal_actors.plugin import BytePort, open_serial
+from eal_actors.plugin import BytePort
 
 KINDS: Final = ("flip", "drop", "double", "insert")
 TICK_S: Final = 0.005
 """Interval in which the device is advanced."""
 
-_PATIENCE_MS: Final = 30_000
-"""Real time for the terminal to carry bytes; it takes microseconds unless the machine is stuck."""
 _BITS_A_BYTE: Final = 10
 
 
@@ -145,61 +137,41 @@ class NoisyWire(BytePort):
         self.device = make(lambda: self._device_s)
         byte_s = _BITS_A_BYTE / line.baud_rate
         self._there, self._back = Flight(byte_s, line.there_s), Flight(byte_s, line.back_s)
-        self._unread = 0
-        self._far, near = os.openpty()
-        tty.setraw(self._far)
-        tty.setraw(near)
-        self._port: Any = open_serial(os.ttyname(near), baudrate=line.baud_rate)
-        self._port.write_timeout = None  # type: ignore[attr-defined]  # it counts real time, which a busy machine has none of
-        os.close(near)
+        self._arrived = bytearray()
 
     # The driver's side.
 
     @property
     def in_waiting(self) -> int:
         self._arrive()
-        return int(self._port.in_waiting)
+        return len(self._arrived)
 
     def write(self, data: bytes) -> int:
         self._advance()
-        self._port.write(data)
-        carried = b""
-        while len(carried) < len(data):
-            assert select.select([self._far], [], [], _PATIENCE_MS / 1000)[0], "the terminal carries nothing"
-            carried += os.read(self._far, len(data) - len(carried))
         if not self.is_cut:
-            self._there.put(self.damage.carry(carried, self.noise), self._clock())
+            self._there.put(self.damage.carry(data, self.noise), self._clock())
         self._advance()
         return len(data)
 
     def read(self, size: int = 1) -> bytes:
         self._arrive()
-        data = bytes(self._port.read(size))
-        self._unread -= len(data)
+        data = bytes(self._arrived[:size])
+        del self._arrived[:size]
         return data
 
     def reset_input_buffer(self) -> None:
         self._arrive()
-        self._port.reset_input_buffer()
-        self._unread = 0
+        self._arrived.clear()
 
     def close(self) -> None:
-        if self._far >= 0:
-            self._advance()
-            self._port.close()
-            os.close(self._far)
-            self._far = -1
+        self._advance()
 
     # The device's side.
 
     def _arrive(self) -> None:
-        """Put what has arrived by now into the terminal."""
+        """Take what has arrived by now."""
         self._advance()
-        if not (data := self._back.take(self._clock())):
-            return
-        self._unread += os.write(self._far, data)
-        while _readable(self._port.fileno()) < self._unread:  # the kernel moves them in a thread of its own
-            select.select([self._port.fileno()], [], [], 0.0001)
+        self._arrived += self._back.take(self._clock())
 
     def _advance(self) -> None:
         """Let the device do what it does until now."""
@@ -217,8 +189,3 @@ class NoisyWire(BytePort):
     def settle(self) -> None:
         """Advance the device to the driver's time."""
         self._advance()
-
-
-def _readable(descriptor: int) -> int:
-    count: int = struct.unpack("i", fcntl.ioctl(descriptor, termios.FIONREAD, bytes(4)))[0]
-    return count

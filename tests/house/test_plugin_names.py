@@ -23,8 +23,9 @@ ROOT = Path(__file__).parents[2]
 NAMES = sorted(manifest.parent.name for manifest in (ROOT / "plugins").glob("*/plugin.yaml"))
 
 WORDS = {
-    ("cli/app.py", "camera"): "the command `eal calibrate camera`",
+    ("cli/calibrate_camera.py", "camera"): "the command `eal calibrate camera`",
     ("cli/app.py", "replay"): "the command `eal replay`",
+    ("cli/app.py", "tracker:app"): "the commands `eal tracker ...`",
     ("cli/app.py", "tracker"): "the commands `eal tracker ...`",
     ("cli/records.py", "replay.yaml"): "the file that `eal replay` writes",
     ("managers/manifest.py", "camera"): "a kind of device",

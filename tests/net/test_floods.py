@@ -28,7 +28,7 @@ FLOODS: dict[str, Callable[[RobotHandle], Any]] = {
 @contextmanager
 def hosted(folder: Path) -> Iterator[tuple[Process, Fleet]]:
     """Serve robots by one other process, and connect to them."""
-    rig = Rig(folder)
+    rig = Rig(folder, network={"shared_memory": False})  # images are to fill the link
     with process(["-m", "tests.net.host", str(rig.file), str(ROBOTS)], folder) as host:
         host.wait_until_listening()
         with ready(Fleet(crowd(rig.config, ROBOTS))) as fleet:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import zenoh
 
+from eal_actors.device.data import EALData
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.keys import client_id
@@ -91,12 +92,13 @@ class RawClient:
         assert answer.attachment is not None
         self._heard.put((answer.attachment.to_bytes(), answer.payload.to_bytes()))
 
-    def call(self, resource: str, method: str, *arguments: str | int) -> Answer:
+    def call(self, resource: str, method: str, *arguments: str | int, data: EALData | None = None) -> Answer:
         """Call a method as an honest controller does, and return the answer."""
         self.sequence += 1
         time = self.time
         header = CallHeader(self.id, self.epoch, self.sequence, 60.0, 60.0, None, arguments, time.era, time.time_s, 0.0)
-        self.put(resource, method, encode_call(header)[0])
+        envelope, payload = encode_call(header, data)
+        self.put(resource, method, envelope, payload=bytes(payload))
         while True:
             reply = decode_reply(*self._heard.get(timeout=WAIT_S))
             if reply.time is not None:
@@ -111,11 +113,17 @@ class RawClient:
         return answer
 
     def put(
-        self, resource: str, method: str, envelope: bytes, name: str | None = None, client: str | None = None
+        self,
+        resource: str,
+        method: str,
+        envelope: bytes,
+        name: str | None = None,
+        client: str | None = None,
+        payload: bytes = b"",
     ) -> None:
         """Send a call in anybody's name."""
         key = f"eal/f/r1/{resource}/{method}/{name or self.name}/{client or self.secret}"
-        self.publish(key, b"", envelope)
+        self.publish(key, payload, envelope)
 
     def beat(self, name: str | None = None, client: str | None = None, claimed: str | None = None) -> None:
         """Send a heartbeat in anybody's name."""

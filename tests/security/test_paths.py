@@ -15,7 +15,7 @@ from eal_actors.cli.plugin import write_plugin
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ConfigError, ScenarioError
 from eal_actors.lab.calibration.step import fit_umbmark
-from eal_actors.lab.choreography.views import compare_views
+from eal_actors.lab.changes.step import compare_views
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.manifest import ManifestFile
 from eal_actors.managers.plugins import EALPluginManager

@@ -13,8 +13,8 @@ from eal_actors.actors.future import Future
 from eal_actors.testing import Simulation
 
 RADII_M: Final = {"evbot2": 0.18, "evbot3": 0.20, "roomba": 0.17}
-TICK_S: Final = 0.02
-FIX_TICKS: Final = 5
+TICK_S: Final = 0.05
+FIX_TICKS: Final = 2
 FIX_M: Final = 0.002
 FIX_RAD: Final = math.radians(0.3)
 
@@ -71,7 +71,7 @@ class TravelWatch:
         while not is_over():
             where = ", ".join(f"{name} {self.pose(name)}" for name in self.radii_m)
             assert self.simulation.now_s < end_s, f"not over after {most_s} s: {where}"
-            for _ in range(5):
+            for _ in range(2):
                 self.tick()
 
     def until_done(self, future: Future[Any], most_s: float = 600.0) -> BaseException | None:

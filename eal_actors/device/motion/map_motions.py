@@ -19,6 +19,12 @@ if TYPE_CHECKING:
 BLOCKED: Final = 2
 """The status of a base that is driven, but held by something."""
 
+MAX_WAYPOINTS: Final = 10_000
+"""Waypoints of a path. A base answers nothing while it makes a route: ten thousand points take 30 ms, half a million
+took seconds, in which it could not be stopped."""
+MAX_PLACE_M: Final = 1e6
+"""Greatest coordinate of a place; beyond, the motion of a step is lost in the rounding."""
+
 _GOAL: Final = ValueInfo(DataType.DOUBLE, "m", shape=(None,), description="x_m, y_m and perhaps yaw_rad, in the map")
 _PATH: Final = ValueInfo(DataType.DOUBLE, "m", shape=(None, 2), description="waypoints x_m, y_m, in the map")
 _UNCERTAINTY: Final = ValueInfo(DataType.DOUBLE, "m", 0.01, 100)
@@ -73,7 +79,7 @@ class MapMotions(Resource, ABC):
         """Drive to a place in the map frame; with a third number, turn to that heading there.
 
         Raises:
-            ArgumentError: the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers.
+            ArgumentError: the goal is no [x_m, y_m] or [x_m, y_m, yaw_rad] of finite numbers, or too far away.
             UnsupportedError: the driver estimates no pose.
         """
         numbers = [float(number) for number in goal]
@@ -86,9 +92,12 @@ class MapMotions(Resource, ABC):
         """Drive along waypoints in the map frame to the last one; it turns in place at corners.
 
         Raises:
-            ArgumentError: there is no waypoint, or a number is not finite.
+            ArgumentError: there are none or too many waypoints, a number is not finite, or a place is too far away.
             UnsupportedError: the driver estimates no pose.
         """
+        count = len(path) // 2 if isinstance(path, list | tuple) else len(path)
+        if count > MAX_WAYPOINTS:
+            raise ArgumentError(f"follow takes at most {MAX_WAYPOINTS:,} waypoints, not {count:,}")
         numbers = path if isinstance(path, list | tuple) else path.ravel().tolist()
         points = [(float(x_m), float(y_m)) for x_m, y_m in zip(numbers[::2], numbers[1::2], strict=True)]
         if not points or not all(math.isfinite(number) for point in points for number in point):
@@ -108,6 +117,9 @@ class MapMotions(Resource, ABC):
     def _drive(self, points: list[Point], yaw_rad: float | None) -> Activity:
         if self._context is None:
             raise UnsupportedError("the driver of this base estimates no pose, so it cannot drive to a place")
+        for x_m, y_m in points:
+            if max(abs(x_m), abs(y_m)) > MAX_PLACE_M:
+                raise ArgumentError(f"the place {x_m:g}, {y_m:g} is over {MAX_PLACE_M:g} m from the map's origin")
         clock, localizer, limits = self._context.clock, self._context.localizer, self.motion_limits()
         here = localizer.estimate(clock.now())
         controller = RouteController(Route([(here.x_m, here.y_m), *points]), yaw_rad, limits)

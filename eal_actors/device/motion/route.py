@@ -13,6 +13,7 @@ Point: TypeAlias = tuple[float, float]
 _CORNER_RAD: Final = math.radians(30)
 """A sharper bend is a corner: the robot drives to it and turns in place, so that it never cuts it."""
 _SAME_M: Final = 1e-4
+"""Points that are nearer to the former one are left out, but for the last."""
 _WINDOW_M: Final = 0.3
 """The robot is searched so far along the route, so that a route that crosses itself is driven in order."""
 
@@ -30,7 +31,11 @@ class Route:
 
     def __init__(self, points: Sequence[Point]) -> None:
         self._points = [points[0]]
-        self._points += [there for here, there in itertools.pairwise(points) if math.dist(here, there) > _SAME_M]
+        for point in points[1:]:
+            if math.dist(self._points[-1], point) > _SAME_M:
+                self._points.append(point)
+        if len(self._points) > 1:
+            self._points[-1] = points[-1]
         ways_m = [math.dist(here, there) for here, there in itertools.pairwise(self._points)]
         self._starts_m = [0.0, *itertools.accumulate(ways_m)]
         self._corners_m = [self._starts_m[place] for place in range(1, len(ways_m)) if self._is_corner(place)]
@@ -79,6 +84,16 @@ class Route:
         way_m = math.dist((ax, ay), (bx, by))
         share = min((along_m - self._starts_m[place]) / way_m, 1.0) if way_m else 0.0
         return ax + share * (bx - ax), ay + share * (by - ay)
+
+    def point_ahead(self, along_m: float) -> Point:
+        """Return the same; beyond the next corner, the point straight on."""
+        over_m = along_m - self.corner_m
+        if over_m <= 0:
+            return self.point_at(along_m)
+        place = self._starts_m.index(self.corner_m)
+        (ax, ay), (bx, by) = self._points[place - 1 : place + 1]
+        share = over_m / (self._starts_m[place] - self._starts_m[place - 1])
+        return bx + share * (bx - ax), by + share * (by - ay)
 
     def _place_of(self, along_m: float) -> int:
         return min(max(bisect.bisect_right(self._starts_m, along_m) - 1, 0), max(len(self._points) - 2, 0))

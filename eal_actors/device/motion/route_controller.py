@@ -1,8 +1,9 @@
 """The controller of a motion: from the robot's pose to the twist for the next step. It reads no clock and no sensor.
 
-On the way the robot aims at a point of the route a little ahead (pure pursuit). It turns in place where that is far to
-its side, and at corners. Within a few centimetres of the end it may drive backwards, so that it need not turn round for
-a correction. It ends with a turn in place to the goal's heading.
+On the way the robot aims at a point of the route a little ahead (pure pursuit). Before a corner that point is straight
+on: the corner itself is soon so near that noise of the pose would swing the robot. It turns in place where the point is
+far to its side, and at corners. Within a few centimetres of the end it may drive backwards, so that it need not turn
+round for a correction. It ends with a turn in place to the goal's heading.
 
 Source: R. C. Coulter, "Implementation of the Pure Pursuit Path Tracking Algorithm", CMU-RI-TR-92-01, 1992.
 """
@@ -28,7 +29,7 @@ _LOOK_AHEAD_M: Final = 0.12
 _LOOK_AHEAD_S: Final = 0.4
 _TURN_IN_PLACE_RAD: Final = math.radians(35)  # a point farther to the side is aimed at in place
 _AIMED_RAD: Final = math.radians(3)
-_PASSED_M: Final = 0.02  # before a corner
+_PASSED_M: Final = 0.01  # before a corner
 _NEAR_M: Final = 0.15  # from the end; the robot may drive backwards
 _STRAIGHT_M: Final = 0.03  # from the end; the robot only drives straight, since its bearing means little
 _STRAIGHT_RAD: Final = math.radians(15)
@@ -96,6 +97,7 @@ class RouteController:
         self._yaw_rad = yaw_rad
         self._limits = limits
         self._twist = STANDSTILL
+        self._rolling_m_s = 0.0
         self._is_at_end = False
         self._is_turning = False
         self.is_at_goal = False
@@ -130,6 +132,9 @@ class RouteController:
         gain_m_s, gain_rad_s = (
             limit * duration_s for limit in (self._limits.acceleration_m_s2, self._limits.turn_acceleration_rad_s2)
         )
+        self._rolling_m_s = max(abs(self._twist.speed_m_s), self._rolling_m_s - gain_m_s)
+        if not twist.speed_m_s and self._rolling_m_s > gain_m_s:
+            twist = STANDSTILL  # a wheel that brakes for a turn lags behind, and the robot drives on: it stops first
         self._twist = PlanarTwist(
             _gained(self._twist.speed_m_s, twist.speed_m_s, gain_m_s),
             _gained(self._twist.turn_rate_rad_s, twist.turn_rate_rad_s, gain_rad_s),
@@ -165,18 +170,17 @@ class RouteController:
         if route.corner_m < route.length_m and route.corner_m - route.travelled_m < _PASSED_M:
             route.pass_corner()
             self._is_turning = True
-        corner_m = route.corner_m
-        look_m = max(_LOOK_AHEAD_M, _LOOK_AHEAD_S * abs(self._twist.speed_m_s))
-        aim_m = min(route.travelled_m + look_m, corner_m)
-        ahead_m, side_m = _seen_from(pose, route.point_at(aim_m))
-        distance_m, is_last = math.hypot(ahead_m, side_m), aim_m >= route.length_m
+        aim_m = route.travelled_m + max(_LOOK_AHEAD_M, _LOOK_AHEAD_S * abs(self._twist.speed_m_s))
+        is_last = route.corner_m >= route.length_m <= aim_m
+        ahead_m, side_m = _seen_from(pose, route.end if is_last else route.point_ahead(aim_m))
+        distance_m = math.hypot(ahead_m, side_m)
         sense = -1.0 if is_last and ahead_m < 0 and distance_m < _NEAR_M else 1.0
         bearing_rad = math.atan2(sense * side_m, sense * ahead_m)
         if self._is_turning or abs(bearing_rad) > _TURN_IN_PLACE_RAD:
             self._is_turning = abs(bearing_rad) > _AIMED_RAD
             if self._is_turning:
                 return self._turn(bearing_rad)
-        to_stop_m = distance_m if aim_m >= corner_m else corner_m - route.travelled_m
+        to_stop_m = distance_m if is_last else route.corner_m - route.travelled_m
         self.turn_left_rad = None
         speed_m_s = min(self._limits.speed_m_s, self._braking_m_s(to_stop_m))
         is_straight = is_last and distance_m < _STRAIGHT_M and abs(bearing_rad) < _STRAIGHT_RAD

@@ -19,6 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eal_actors.device.navigation.regions import label_regions
 from eal_actors.kernel.errors import ArgumentError
 
 UNKNOWN: Final = -1
@@ -164,6 +165,11 @@ class OccupancyGrid:
         above = np.minimum(high + _ROUNDING, rows - 1).astype(int) + 1
         column = np.arange(first, last + 1)
         return not (self._blocked_below[above, column] > self._blocked_below[lowest, column]).any()
+
+    @cached_property
+    def regions(self) -> NDArray[np.int32]:
+        """The connected part of the free floor that each cell is in: 1 and more, 0 if blocked."""
+        return label_regions(self.blocked)
 
     @cached_property
     def _blocked_below(self) -> NDArray[np.int32]:

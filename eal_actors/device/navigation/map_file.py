@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
 import yaml
@@ -21,8 +21,12 @@ from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.kernel.yaml_tree import YamlTree, show
 
 Shades = NDArray[np.float64]
-"""Brightness of each pixel from 0 to 1, and in a second layer its opacity."""
+"""Brightness or opacity of pixels, from 0 to 1."""
 
+_FORMATS: Final = ("PPM", "PNG", "BMP", "JPEG")
+"""The only decoders of Pillow that see the file: another one runs PostScript."""
+_BAND: Final = 2**19
+"""Pixels that are worked on at a time."""
 _FREE_SHADE: Final = 254
 _UNKNOWN_SHADE: Final = 205
 """The greys that map_saver writes; with `_FREE_THRESH`, 205 is unknown to every reader."""
@@ -78,8 +82,10 @@ def load_map(path: str | Path) -> OccupancyGrid:
         settings = MapFile.model_validate(tree.root)
     except ValidationError as error:
         raise ConfigError(problems_from(error, tree, MapFile)) from None
-    shades, alphas = _picture(tree, Path(path).parent / settings.image)
-    cells = np.flipud(_cells(settings, shades, alphas))  # the first row of a picture is its upper one
+    size, pixels, has_alpha = _picture(tree, Path(path).parent / settings.image)
+    bands = np.array_split(pixels, math.ceil(len(pixels) / _BAND))  # real numbers of all would take a gigabyte
+    cells = np.concatenate([_cells(settings, *_shades(band, has_alpha=has_alpha)) for band in bands])
+    cells = np.flipud(cells.reshape(size))  # the first row of a picture is its upper one
     return OccupancyGrid(np.ascontiguousarray(cells), settings.resolution, GridOrigin(*settings.origin))
 
 
@@ -133,21 +139,30 @@ def _cells(settings: MapFile, shades: Shades, alphas: Shades | None) -> NDArray[
     return cells.astype(np.int8)
 
 
-def _picture(tree: YamlTree, path: Path) -> tuple[Shades, Shades | None]:
-    """Return brightness and opacity of a picture's pixels, or None for the opacity of one without."""
+def _shades(pixels: NDArray[Any], *, has_alpha: bool) -> tuple[Shades, Shades | None]:
+    """Return brightness and opacity of pixels, or None for the opacity of those without."""
+    if pixels.ndim == 1:
+        return pixels / 65535, None
+    parts = pixels / 255
+    return parts[:, :3].mean(axis=1), parts[:, 3] if has_alpha else None
+
+
+def _picture(tree: YamlTree, path: Path) -> tuple[tuple[int, int], NDArray[Any], bool]:
+    """Return the rows and columns of a picture, its pixels of 16 bits or of RGBA, and whether they have an opacity."""
     try:
         from PIL import Image, UnidentifiedImageError
     except ImportError as error:
         raise UnsupportedError("maps of pictures need Pillow: pip install 'eal-actors[sim]'") from error
     try:
-        with Image.open(path) as picture:
+        with Image.open(path, formats=_FORMATS) as picture:
             if math.prod(picture.size) > MAX_CELLS:
                 size = f"{picture.width} x {picture.height} pixels"
                 raise _problem(tree, f"{path} has {size}; at most {MAX_CELLS:,} are allowed")
-            if picture.mode.startswith("I"):  # 16 bits
-                return np.asarray(picture, np.float64) / 65535, None
+            rows_columns = picture.height, picture.width
+            if picture.mode.startswith("I"):
+                return rows_columns, np.asarray(picture).ravel(), False
             has_alpha = picture.has_transparency_data
-            pixels = np.asarray(picture.convert("RGBA"), np.float64) / 255
+            return rows_columns, np.asarray(picture.convert("RGBA")).reshape(-1, 4), has_alpha
     except FileNotFoundError:
         near = [file.name for file in path.parent.glob("*") if file.suffix in (".pgm", ".png", ".bmp", ".jpg", ".jpeg")]
         raise _problem(tree, f"no such file: {path}{did_you_mean(path.name, near)}") from None
@@ -155,7 +170,6 @@ def _picture(tree: YamlTree, path: Path) -> tuple[Shades, Shades | None]:
         raise _problem(tree, f"{path} is no picture; PGM, PNG, BMP and JPEG are") from None
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise _problem(tree, f"{path} cannot be read: {error}") from error
-    return pixels[..., :3].mean(axis=2), pixels[..., 3] if has_alpha else None
 
 
 def _problem(tree: YamlTree, message: str) -> ConfigError:

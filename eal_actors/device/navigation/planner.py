@@ -82,9 +82,9 @@ def plan_path(grid: OccupancyGrid, start: Point, goal: Point, *, most_cells: int
         start_cell = _cell_of(grid, lead[-1], "start")
     if grid.is_line_free(lead[-1], goal):
         return PlannedPath((*lead, goal))
-    cells = _search(grid.blocked, start_cell, goal_cell, most_cells)
-    if cells is None:
+    if grid.regions[start_cell] != grid.regions[goal_cell]:
         raise NoPathError(f"no path leads from {_shown(start)} to {_shown(goal)}: obstacles separate them")
+    cells = _search(grid.blocked, start_cell, goal_cell, most_cells)
     points = [lead[-1], *((x, y) for x, y in grid.centres(cells[1:-1]).tolist()), goal]
     return PlannedPath((*lead[:-1], *_tauten(grid, points)))
 
@@ -133,8 +133,8 @@ def _way_out(grid: OccupancyGrid, start: Point) -> Point:
     raise NoPathError(f"the start {_shown(start)} is too near to an obstacle, and no straight line leads out of there")
 
 
-def _search(blocked: Mask, start: _Cell, goal: _Cell, most_cells: int) -> list[_Cell] | None:
-    """Return the cells of a shortest path over eight neighbours, or None if there is none.
+def _search(blocked: Mask, start: _Cell, goal: _Cell, most_cells: int) -> list[_Cell]:
+    """Return the cells of a shortest path over eight neighbours; both ends are in one region, so there is one.
 
     Raises:
         NoPathError: it entered `most_cells`.
@@ -150,10 +150,7 @@ def _search(blocked: Mask, start: _Cell, goal: _Cell, most_cells: int) -> list[_
     cost, parent = {first: 0.0}, {first: first}
     heap = [(0.0, first)]
     entered = 0
-    while heap:
-        here = heapq.heappop(heap)[1]
-        if here == last:
-            return _trace(parent, here, width)
+    while (here := heapq.heappop(heap)[1]) != last:
         if closed[here]:
             continue
         closed[here] = 1
@@ -171,7 +168,7 @@ def _search(blocked: Mask, start: _Cell, goal: _Cell, most_cells: int) -> list[_
                 row, column = divmod(there, width)
                 high, wide = abs(row - goal_row), abs(column - goal_column)
                 heapq.heappush(heap, (new + max(high, wide) + (_DIAGONAL - 1) * min(high, wide), there))
-    return None
+    return _trace(parent, last, width)
 
 
 def _trace(parent: dict[int, int], last: int, width: int) -> list[_Cell]:

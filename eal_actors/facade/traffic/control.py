@@ -4,8 +4,9 @@
 - A robot enters a place when those that pass it before have left. This order is the plan; its times are not. So delays,
   stops and slow robots cost time and nothing else.
 - Whatever changes the plan (a new goal, a robot that fails, an obstacle on no map) waits until the moves that were sent
-  are over. Then the poses are read and everybody is planned anew. A robot that has failed, and one that was not sent,
-  stands: the others drive round it.
+  are over. Then the poses are read and everybody is planned anew.
+- Robots that are not on their way stand: the others drive round them. Where there is no plan for that, those that can
+  make way; see `Bystanders`. Only what has no plan even then fails.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -26,15 +28,18 @@ from eal_actors.device.navigation.traffic.planner import TrafficPlan, plan_traff
 from eal_actors.device.navigation.traffic.roadmap import StandingDisc, Traveller
 from eal_actors.device.navigation.world_grid import RESOLUTION_M, grid_from_world
 from eal_actors.device.world import WorldModel
+from eal_actors.facade.traffic.bystanders import Bystanders
 from eal_actors.facade.traffic.plan_run import PlanRun
 from eal_actors.facade.traffic.positions import RobotPositions
 from eal_actors.facade.traffic.trips import Journey, Trip, TripGoal
 from eal_actors.kernel.clock import Clock
-from eal_actors.kernel.errors import PreemptedError, UnavailableError
+from eal_actors.kernel.errors import EALError, PreemptedError, UnavailableError
 from eal_actors.kernel.log import get_logger
 
 MOST_OBSTACLES: Final = 3
 """A robot that meets one more obstacle on no map gives up."""
+_GATHER_S: Final = 0.02
+"""Requests of one moment, each by a thread of its own, are planned together."""
 _OBSTACLE_RADIUS_M: Final = 0.2
 _OBSTACLE_GAP_M: Final = 0.05
 _OPEN_FLOOR_M: Final = 3.0
@@ -56,6 +61,7 @@ class TrafficControl:
         self._world = world
         self._seed = seed
         self._positions = RobotPositions(robots)
+        self._bystanders = Bystanders(robots, self._positions, clock)
         self._lock = threading.Lock()
         self._requests: deque[Trip] = deque()
         self._thread: threading.Thread | None = None
@@ -77,10 +83,13 @@ class TrafficControl:
 
     def cancel(self) -> None:
         """Cancel all trips and halt their robots. Thread: any; does not block."""
-        with self._lock:
-            trips = [*self._requests, *self._trips.values()]
-        for trip in trips:
-            trip.cancel()
+        while True:
+            with self._lock:
+                trips = [trip for trip in (*self._requests, *self._trips.values()) if not trip.done()]
+            if not trips:
+                return
+            for trip in trips:
+                trip.cancel()
 
     def close(self, timeout_s: float) -> None:
         """Cancel all trips, and wait for the thread to end. Thread: blocks the caller."""
@@ -117,23 +126,36 @@ class TrafficControl:
 
     def _admit(self) -> bool:
         """Take over the requests; return False if there is nothing to do, and the thread ends."""
+        self._clock.sleep(_GATHER_S)
         with self._lock:
             requests = list(self._requests)
             self._requests.clear()
-            replaced = [self._trips[trip.robot.name] for trip in requests if trip.robot.name in self._trips]
-            self._trips |= {trip.robot.name: trip for trip in requests}
-            self._trips = {name: trip for name, trip in self._trips.items() if not trip.done()}
+            replaced = [self._trips.pop(trip.robot.name) for trip in requests if trip.robot.name in self._trips]
+            for name, trip in list(self._trips.items()):
+                if trip.done() or trip.makes_way:
+                    self._end(name)
+            self._trips |= {trip.robot.name: trip for trip in requests if not trip.done()}
             if not self._trips:
                 self._thread, self._run = None, None
                 self._obstacles.clear()
+                self._bystanders.clear()
         for trip in replaced:
             trip.fail(PreemptedError("a newer go_to replaced this one", robot=trip.robot.name))
         return bool(self._trips)
 
+    def _end(self, name: str, error: EALError | None = None) -> None:
+        """Take a trip out; it fails if there is an error, and one that only makes way is over wherever the robot is."""
+        trip = self._trips.pop(name)
+        if error is not None:
+            trip.fail(error)
+        elif trip.makes_way:
+            trip.set(1)
+        self._bystanders.note(trip)
+
     def _drive(self) -> None:
         """Plan, and carry the plan out until all trips have ended or it must be planned anew."""
         for name, error in self._positions.read(self._trips, self._clock).items():
-            self._trips.pop(name).fail(error)
+            self._end(name, error)
         plan = self._plan()
         starts = {name: self._positions.places[name][0] for name in plan.moves}
         self._run = run = PlanRun(plan, self._trips, starts, self._clock)
@@ -162,30 +184,58 @@ class TrafficControl:
             travellers = [
                 Traveller(name, places[name][0], trip.goal.point, radii_m[name]) for name, trip in self._trips.items()
             ]
-            standing = [
-                StandingDisc(name, place, radii_m[name])
-                for name in places
-                if name not in self._trips
-                for place in places[name]
-            ]
-            grid = self._grid if self._grid is not None else open_floor(travellers)
             try:
-                plan = plan_traffic(grid, travellers, [*standing, *self._obstacles], seed=self._seed)
+                plan = self._plan_for(travellers)
             except TrafficError as error:
-                self._fail(error)
-                continue
+                alternative = self._plan_with_bystanders(travellers)
+                if alternative is None:
+                    self._fail(error)
+                    continue
+                plan = alternative
             for trip in self._trips.values():
                 trip.is_new = False
-            return plan
+            return replace(plan, moves={name: moves for name, moves in plan.moves.items() if name in self._trips})
+
+    def _plan_for(self, travellers: Sequence[Traveller]) -> TrafficPlan:
+        grid = self._grid if self._grid is not None else open_floor(travellers)
+        standing = self._bystanders.standing(traveller.name for traveller in travellers)
+        return plan_traffic(grid, travellers, [*standing, *self._obstacles], seed=self._seed)
+
+    def _plan_with_bystanders(self, travellers: Sequence[Traveller]) -> TrafficPlan | None:
+        """Plan with those that can make way; those that cannot even so stand. Return None if there is no plan."""
+        movable = {traveller.name: traveller for traveller in self._bystanders.movable(self._trips)}
+        while movable:
+            try:
+                plan = self._plan_for([*travellers, *movable.values()])
+            except TrafficError as error:
+                stuck = movable.keys() & set(error.robots)
+                if not stuck:
+                    return None
+                for name in stuck:
+                    del movable[name]
+            else:
+                self._send_away([movable[name] for name in movable if plan.moves[name]])
+                return plan
+        return None
+
+    def _send_away(self, bystanders: Sequence[Traveller]) -> None:
+        """Begin the trips of those that make way; none of them moves if all others were cancelled meanwhile."""
+        latest_s = max(trip.deadline_s or 0.0 for trip in self._trips.values()) - self._clock.now()
+        errands = {one.name: self._bystanders.errand(one, latest_s, self._give_up) for one in bystanders}
+        with self._lock:
+            is_over = all(trip.done() for trip in self._trips.values())
+            self._trips |= errands
+        if is_over:
+            for trip in errands.values():
+                trip.set(1)
 
     def _fail(self, error: TrafficError) -> None:
         """Fail the trips that have no plan; if one of them is new, all new ones, so that nobody of them moves."""
-        names = set(error.robots or self._trips)
+        names = self._trips.keys() & set(error.robots) or set(self._trips)
         if any(self._trips[name].is_new for name in names):
             names = {name for name, trip in self._trips.items() if trip.is_new}
         for name in [name for name in self._trips if name in names]:
-            trip = self._trips.pop(name)
-            trip.fail(trip.hindrance or error.copy())
+            self._end(name, self._trips[name].hindrance or error.copy())
 
 
 def open_floor(travellers: Sequence[Traveller]) -> OccupancyGrid:

@@ -12,8 +12,10 @@ from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.device.navigation.traffic.planner import TrafficMove
 from eal_actors.facade.traffic.trips import Trip
 
-_PASSED_M: Final = 0.02
+_PASSED_M: Final = 0.005
 """A robot so near a place has left the one before: the margin between hulls allows for it."""
+_LAST_MOVES: Final = 2
+"""A robot that must stop for a new plan goes so many places further: it may be near the next one already."""
 _CALL_S: Final = 20.0
 _CALL_S_PER_M: Final = 30.0
 _CALL_S_PER_MOVE: Final = 8.0
@@ -85,17 +87,25 @@ class Leg:
         ):
             cleared += 1
         if cleared > self._sent and (self.call is None or self._sent - self.done <= 1):
-            self._sent, self._sent_from = cleared, self.done
-            way = self._places[self.done : cleared + 1]
-            length_m = sum(itertools.starmap(math.dist, itertools.pairwise(way)))
-            timeout_s = _CALL_S + _CALL_S_PER_M * length_m + _CALL_S_PER_MOVE * len(way)
-            self._start(self.trip.robot.base.follow(way[1:], timeout_s=timeout_s))
+            self._follow(cleared)
         elif self.call is None and self.done == len(self.moves):
             goal = self.trip.goal
             if self.moves and goal.yaw_deg is None:
                 self.has_arrived = True
             else:
                 self._start(self.trip.robot.base.go_to(*goal.point, goal.yaw_deg, timeout_s=_CALL_S + _CALL_S_PER_MOVE))
+
+    def cut_short(self) -> None:
+        """Let the running command end after the next places, because the plan is outdated."""
+        if self.is_driving and self.done + _LAST_MOVES < self._sent:
+            self._follow(self.done + _LAST_MOVES)
+
+    def _follow(self, end: int) -> None:
+        self._sent, self._sent_from = end, self.done
+        way = self._places[self.done : end + 1]
+        length_m = sum(itertools.starmap(math.dist, itertools.pairwise(way)))
+        timeout_s = _CALL_S + _CALL_S_PER_M * length_m + _CALL_S_PER_MOVE * len(way)
+        self._start(self.trip.robot.base.follow(way[1:], timeout_s=timeout_s))
 
     def _start(self, call: Call[int]) -> None:
         self.call = call

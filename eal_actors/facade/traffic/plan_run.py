@@ -43,6 +43,7 @@ class PlanRun:
         self._clock = clock
         self._waiter = new_waiter()
         self._heard: deque[Leg] = deque()
+        self._to_cut = list(self.legs.values())
         self._followers: dict[str, dict[str, None]] = {name: {} for name in plan.moves}
         for name, moves in plan.moves.items():
             for move in moves:
@@ -65,19 +66,29 @@ class PlanRun:
 
         Thread: blocks the caller.
         """
-        self._send(self.legs)
+        if not self._must_end():
+            self._send(self.legs)
         while any(not leg.trip.done() for leg in self.legs.values()):
-            if (self._must_end() or is_outdated()) and not any(leg.is_driving for leg in self.legs.values()):
-                return
+            if self._must_end() or is_outdated():
+                if not any(leg.is_driving for leg in self.legs.values()):
+                    return
+                self._cut_short()
             self._clock.wait(self._waiter, _LOOK_S)
             heard = dict.fromkeys(self._heard.popleft() for _ in range(len(self._heard)))
             touched: dict[str, None] = {}
             for leg in heard:
                 if self._update(leg):
                     touched |= {leg.trip.robot.name: None, **self._followers[leg.trip.robot.name]}
-            self._check_silence()
+            self._check_time()
             if not (self._must_end() or is_outdated()):
                 self._send(touched)
+
+    def _cut_short(self) -> None:
+        """Let everybody stop soon, once."""
+        legs, self._to_cut = self._to_cut, []
+        for leg in legs:
+            if not leg.trip.done():
+                leg.cut_short()
 
     def _must_end(self) -> bool:
         return bool(self.blocked) or any(leg.trip.done() and not leg.has_arrived for leg in self.legs.values())
@@ -110,10 +121,14 @@ class PlanRun:
         self.blocked.append(leg)
         return False
 
-    def _check_silence(self) -> None:
-        for leg in self.legs.values():
-            if leg.is_driving and not leg.trip.done() and leg.silence_s() > SILENCE_S:
-                name = leg.trip.robot.name
+    def _check_time(self) -> None:
+        """Let trips fail whose deadline has passed, or whose robot is silent."""
+        for name, leg in self.legs.items():
+            if leg.trip.done():
+                continue
+            if leg.trip.deadline_s is not None and self._clock.now() >= leg.trip.deadline_s:
+                leg.trip.expire()
+            elif leg.is_driving and leg.silence_s() > SILENCE_S:
                 self._fail(
                     leg, UnavailableError(f"it has not been heard of for {SILENCE_S:g} s on its way", robot=name)
                 )

@@ -26,12 +26,14 @@ class RobotPositions:
     Attributes:
         places: by the robot's name, where it is; of a robot that failed on its way, both ends of its last move.
         radii_m: the robots' radii, by name.
+        known: the robots that told their place when they were asked last.
     """
 
     def __init__(self, robots: Mapping[str, RobotHandle]) -> None:
         self._robots = robots
         self.places: dict[str, tuple[Point, ...]] = {}
         self.radii_m: dict[str, float] = {}
+        self.known: list[str] = []
 
     def read(self, travelling: Container[str], clock: Clock) -> dict[str, EALError]:
         """Ask all robots; return the errors of those that travel and whose pose is unknown.
@@ -43,20 +45,25 @@ class RobotPositions:
         timeout_s = clock.of_real(_READ_TIMEOUT_S)
         robots = {name: robot for name, robot in self._robots.items() if "Base" in robot and "Pose" in robot}
         poses = {name: robot.pose.get(timeout_s=timeout_s) for name, robot in robots.items()}
-        radii = {
-            name: robot["Base"].get_config("radius_m", timeout_s=timeout_s)
-            for name, robot in robots.items()
-            if name not in self.radii_m
-        }
+        self._read_radii(robots, timeout_s)
+        self.known = []
         errors: dict[str, EALError] = {}
         for name, pose in poses.items():
             error = pose.exception()
             if error is None:
+                self.known.append(name)
                 self.places[name] = ((pose.get().x_m, pose.get().y_m),)
             elif name in travelling:
                 errors[name] = error if isinstance(error, EALError) else EALError(str(error), robot=name)
             elif name not in self.places and robots[name].state is RobotState.READY:
                 get_logger(robot=name).warning("its place is unknown: nobody can drive round it", reason=str(error))
+        return errors
+
+    def _read_radii(self, robots: Mapping[str, RobotHandle], timeout_s: float) -> None:
+        radii = {
+            name: robot["Base"].get_config("radius_m", timeout_s=timeout_s)
+            for name, robot in robots.items()
+            if name not in self.radii_m
+        }
         for name, radius in radii.items():
             self.radii_m[name] = float(radius.get().value) if radius.exception() is None else DEFAULT_RADIUS_M
-        return errors

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.actors.many import by_robot, read_many
 from eal_actors.facade.traffic.trips import Journey, TripGoal
 from eal_actors.kernel.errors import ArgumentError
 
@@ -47,9 +48,9 @@ class TravellingRobots:
 
         The paths of all are planned together on the fleet's world. Each robot enters a piece of floor when those that
         pass it before have left, so delays and stops never make a collision. Robots of the fleet that are not sent
-        stand in the plan. If one fails on its way, it becomes an obstacle and the others are planned anew; so they are
-        when a newer `go_to` sends further robots, or sends one elsewhere, whose older trip fails with PreemptedError.
-        `halt`, `stop` and `close` cancel all trips.
+        stand, and make way only where there is no plan otherwise. If one fails on its way, the others are planned anew
+        round it, or it makes way for them; so they are when a newer `go_to` sends further robots, or sends one
+        elsewhere, whose older trip fails with PreemptedError. `halt`, `stop` and `close` cancel all trips.
 
         Args:
             goals: by robot, or its name: the name of a place in the world file; or (x_m, y_m) in the map frame; or
@@ -76,14 +77,81 @@ class TravellingRobots:
                 raise ArgumentError(f"robot {handle.name!r} is given twice")
             for part in ("Base", "Pose"):
                 _ = handle[part]
-            if isinstance(place, str):
-                named = self.place(place)
-                trips[handle] = TripGoal((named.x_m, named.y_m), named.yaw_deg)
-            else:
-                trips[handle] = goal_of(place, handle.name)
+            trips[handle] = self._goal_of(place, f"the goal of {handle.name}")
         if not timeout_s > 0:
             raise ArgumentError(f"timeout_s must be over 0 s, not {timeout_s!r}")
         return self._traffic_control().start(trips, timeout_s)
+
+    def visit(
+        self, robot: RobotHandle | str, places: Iterable[Place], *, timeout_s: float = JOURNEY_TIMEOUT_S
+    ) -> Iterator[Place]:
+        """Bring a robot to places one after another; yield each when the robot is there.
+
+            for place in fleet.visit("evbot3-1", ["shelf", "dock"]):
+                print(place, fleet["evbot3-1"].camera.frame().get().shape)
+
+        Args:
+            robot: the robot, or its name.
+            places: as for `go_to`.
+            timeout_s: seconds of the fleet's clock to each place.
+
+        Raises:
+            EALError: as for `go_to`.
+
+        Thread: any; blocks the caller.
+        """
+        for place in places:
+            self.go_to({robot: place}, timeout_s=timeout_s).get()
+            yield place
+
+    def form(
+        self,
+        robots: Iterable[RobotHandle | str],
+        shape: str,
+        *,
+        spacing_m: float,
+        at: Place = (0.0, 0.0, 0.0),
+        timeout_s: float = JOURNEY_TIMEOUT_S,
+    ) -> Journey:
+        """Let robots take up the places of a shape, with a short way for each.
+
+            fleet.form(fleet.select(tags=["tracked"]), "wedge", spacing_m=1.0, at="dock").get()
+
+        Args:
+            robots: the robots, or their names.
+            shape: line, column, grid, circle or wedge.
+            spacing_m: distance between neighbours.
+            at: the centre, as for `go_to`; the shape faces its heading.
+            timeout_s: as for `go_to`.
+
+        Raises:
+            EALError: as for `go_to`, or a robot's pose cannot be read.
+            ArgumentError: there is no such shape, or a number is out of its range.
+
+        Thread: any; blocks the caller until the poses of the robots are known.
+        """
+        from eal_actors.facade.traffic.formations import formation_goals  # pydantic and the world are slow to import
+
+        handles = [robot if isinstance(robot, RobotHandle) else self[robot] for robot in robots]
+        poses = by_robot([robot["Pose"] for robot in handles], read_many([robot["Pose"] for robot in handles])).get()
+        starts = {name: (float(pose.value[0]), float(pose.value[1])) for name, pose in poses.items()}
+        return self.go_to(formation_goals(starts, shape, spacing_m, self.pose_at(at)), timeout_s=timeout_s)
+
+    def pose_at(self, place: Place) -> tuple[float, float, float]:
+        """Return x_m, y_m and yaw_deg of a place; the heading is 0 if the place has none.
+
+        Raises:
+            PlaceNotFoundError: the world has no place of the name.
+            ArgumentError: it is no place.
+        """
+        goal = self._goal_of(place, "the place")
+        return (*goal.point, goal.yaw_deg or 0.0)
+
+    def _goal_of(self, place: Place, what: str) -> TripGoal:
+        if not isinstance(place, str):
+            return goal_of(place, what)
+        named = self.place(place)
+        return TripGoal((named.x_m, named.y_m), named.yaw_deg)
 
     def _traffic_control(self) -> TrafficControl:
         from eal_actors.facade.traffic.control import TrafficControl  # it needs numpy, which small boards do without
@@ -103,7 +171,7 @@ class TravellingRobots:
             self._traffic.close(timeout_s)
 
 
-def goal_of(place: Sequence[float], robot: str) -> TripGoal:
+def goal_of(place: Sequence[float], what: str) -> TripGoal:
     """Return the goal at a position, perhaps with a heading.
 
     Raises:
@@ -114,7 +182,5 @@ def goal_of(place: Sequence[float], robot: str) -> TripGoal:
     except (TypeError, ValueError):
         numbers = []
     if len(numbers) not in {2, 3} or not all(map(math.isfinite, numbers)):
-        raise ArgumentError(
-            f"the goal of {robot} must be the name of a place, (x_m, y_m) or (x_m, y_m, yaw_deg), not {place!r}"
-        )
+        raise ArgumentError(f"{what} must be the name of a place, (x_m, y_m) or (x_m, y_m, yaw_deg), not {place!r}")
     return TripGoal((numbers[0], numbers[1]), numbers[2] if len(numbers) == 3 else None)

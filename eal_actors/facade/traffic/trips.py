@@ -44,6 +44,8 @@ class Trip(Future[int]):
         obstacles: how many obstacles on no map it has met.
         hindrance: the error of the last of them.
         is_new: whether it has not been planned yet.
+        makes_way: whether it only leaves a place to others.
+        journey: which it is a part of; None for a robot that was not sent.
     """
 
     def __init__(
@@ -55,6 +57,8 @@ class Trip(Future[int]):
         self.obstacles = 0
         self.hindrance: EALError | None = None
         self.is_new = True
+        self.makes_way = False
+        self.journey: Journey | None = None
         self._give_up = give_up
 
     @override
@@ -71,7 +75,8 @@ class Journey(Future[dict[str, int]]):
     """The trips of some robots; done when each has arrived or failed.
 
     Its result is 1 for each robot's name. It fails with the error of the first robot, in the order given, that has not
-    arrived; `arrivals` has the outcome of each. Cancelling it stops the robots.
+    arrived; `arrivals` has the outcome of each. It also waits for robots that have arrived, made way for others and are
+    on their way back. Cancelling it stops the robots.
 
     Attributes:
         arrivals: the future of each robot's arrival, by name.
@@ -80,21 +85,27 @@ class Journey(Future[dict[str, int]]):
     def __init__(self, clock: Clock, trips: Sequence[Trip]) -> None:
         super().__init__(clock, max((trip.deadline_s or 0.0 for trip in trips), default=None))
         self.arrivals: Mapping[str, Future[int]] = {trip.robot.name: trip for trip in trips}
-        self._trips = trips
+        self._trips = [*trips]
         if not trips:
             self.set({})
         for trip in trips:
+            trip.journey = self
             trip.link(self._note)
+
+    def await_return(self, trip: Trip) -> None:
+        """Wait for a robot that has arrived and makes way, too; whether it returns does not change the outcome."""
+        self._trips.append(trip)
+        trip.link(self._note)
 
     def _note(self, _: Future[int], call_soon: CallSoon | None) -> None:
         if not all(trip.done() for trip in self._trips):
             return
-        error = next((error for trip in self._trips if (error := trip.exception()) is not None), None)
+        error = next((error for trip in self.arrivals.values() if (error := trip.exception()) is not None), None)
         self._finish(dict.fromkeys(self.arrivals, 1) if error is None else None, error, call_soon)
 
     @override
     def describe(self) -> str:
-        return f"go_to of {len(self._trips)} robots"
+        return f"go_to of {len(self.arrivals)} robots"
 
     @override
     def expire(self) -> None:

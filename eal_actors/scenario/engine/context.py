@@ -29,6 +29,7 @@ from eal_actors.scenario.report.events import LogLine, RobotDropped, RobotReplac
 from eal_actors.scenario.report.summary import ErrorReport, StartReport, StepRecord
 
 if TYPE_CHECKING:  # a plan has steps, which import this module
+    from eal_actors.facade.fleet import Fleet
     from eal_actors.scenario.engine.plan import Plan
 
 T = TypeVar("T")
@@ -60,7 +61,7 @@ class RunContext:
         plan: the plan.
         robots: the robots by name.
         loop: the event loop.
-        seed: of the fleet.
+        fleet: the fleet.
         folder: the folder of saved answers; None only if none is saved.
         emit: records an event.
         fail: reports an error of the engine itself.
@@ -85,7 +86,7 @@ class RunContext:
         plan: Plan,
         robots: Mapping[str, Participant],
         loop: EventLoop,
-        seed: int,
+        fleet: Fleet,
         folder: Path | None,
         emit: Emit,
         fail: Callable[[BaseException], None],
@@ -94,7 +95,8 @@ class RunContext:
         self.robots = robots
         self.loop = loop
         self.clock: Clock = loop.clock
-        self.seed = seed
+        self.fleet = fleet
+        self.seed = fleet.config.seed
         self.folder = folder
         self.emit = emit
         self.fail = fail

@@ -78,7 +78,14 @@ def make_plan(
     if problems := [
         *python.problems,
         *shared_robots(scenario, bound.roles),
-        *check_on_robots(scenario, bound.roles, facts, spares=bound.spares, seed=fleet.config.seed),
+        *check_on_robots(
+            scenario,
+            bound.roles,
+            facts,
+            spares=bound.spares,
+            seed=fleet.config.seed,
+            world=fleet.config.world,
+        ),
     ]:
         raise ConfigError(problems)
     live = {role: sum(robot not in lost for robot in names) for role, names in bound.roles.items()}

@@ -102,7 +102,7 @@ class Run:
             resumption.require_safe(plan.scenario)
         self._loop = EventLoop(fleet.clock)
         self._robots = {name: Participant(fleet[name]) for name in plan.robots}
-        self._run = RunContext(plan, self._robots, self._loop, fleet.config.seed, directory, self._emit, self._fail)
+        self._run = RunContext(plan, self._robots, self._loop, fleet, directory, self._emit, self._fail)
         self._future = _RunFuture(self, fleet.clock)
         self._phase = _Phase.STEPS
         self._next_step = 0

@@ -13,7 +13,8 @@ from typing import Any, Final, NamedTuple
 
 from eal_actors.device.data import EALData
 from eal_actors.device.info import METHODS, ResourceInfo, unknown_name
-from eal_actors.kernel.errors import ArgumentError, EALError, Problem
+from eal_actors.device.world import WorldModel
+from eal_actors.kernel.errors import ArgumentError, EALError, PlaceNotFoundError, Problem
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.language.binding import RobotFacts
 from eal_actors.scenario.language.expressions import (
@@ -83,6 +84,7 @@ def check_on_robots(
     *,
     spares: Mapping[str, Sequence[str]] | None = None,
     seed: int = 0,
+    world: WorldModel | None = None,
 ) -> list[Problem]:
     """Return what the robots cannot do: every call, with every value of every loop around it.
 
@@ -94,8 +96,9 @@ def check_on_robots(
         robots: their abilities; a robot without an entry is not checked.
         spares: the robots that may replace one in each role.
         seed: of the fleet.
+        world: of the fleet, with its places.
     """
-    check = RobotCheck(robots, spares or {})
+    check = RobotCheck(robots, spares or {}, world)
     everyone = {role: (*names, *(spares or {}).get(role, ())) for role, names in roles.items()}
     with check.budget.applied():
         check.visit_file(RobotScope(scenario, everyone, StaticValues({**scenario.parameters, "run": {"seed": seed}})))
@@ -108,14 +111,18 @@ class RobotCheck:
     Args:
         robots: the abilities of the robots, by name.
         spares: the robots that may replace one in each role.
+        world: of the fleet.
 
     Attributes:
         budget: the work that its expressions may do.
     """
 
-    def __init__(self, robots: Mapping[str, RobotFacts], spares: Mapping[str, Sequence[str]]) -> None:
+    def __init__(
+        self, robots: Mapping[str, RobotFacts], spares: Mapping[str, Sequence[str]], world: WorldModel | None
+    ) -> None:
         self.budget = WorkBudget("the expressions of this scenario", MAX_WORK)
         self._robots = robots
+        self._world = world
         self._spares = {spare for names in spares.values() for spare in names}
         self._kinds = _number_kinds(robots)
         self._found: dict[tuple[int, YamlPath, str], tuple[Callable[[str], Problem], dict[str, None]]] = {}
@@ -203,12 +210,22 @@ class RobotCheck:
         """Return the numbers that a robot may have in its role: a spare may replace any robot."""
         if here.is_of_one:
             return [(0, 1)]
-        regular = [name for name in here.roles[here.role] if name not in self._spares]
+        regular = self.regular(here)
         if robot in regular:
             return [(regular.index(robot), len(regular))]
         return [(index, len(regular)) for index in range(len(regular))]
 
+    def regular(self, here: RobotScope) -> list[str]:
+        """Return the robots of the role of the `on`, without spares."""
+        return [name for name in here.roles[here.role] if name not in self._spares]
+
     # What steps have in common.
+
+    def require_place(self, name: str) -> None:
+        """Raise PlaceNotFoundError unless the fleet's world has a place of this name."""
+        if self._world is None:
+            raise PlaceNotFoundError(f"no place {name!r}: the fleet has no world; give its file a `world`")
+        self._world.place(name)
 
     def number(self, text: str, wanted: Wanted, path: YamlPath, here: RobotScope) -> None:
         """Check a number of a step that is an expression, as far as it is known."""

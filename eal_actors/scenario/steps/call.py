@@ -85,6 +85,17 @@ class CallStep(TimedStep):
             for name, value in self.fields().items()
         }
 
+    def begin(
+        self, run: RunContext, robot: Participant, resource: str, fields: Mapping[str, Any], timeout_s: float | None
+    ) -> Future[Any]:
+        """Begin the call and return its answer.
+
+        Raises:
+            EALError: the robot has no such resource, or the arguments are wrong.
+        """
+        answer: Future[Any] = getattr(robot.handle[resource], self.method)(**fields, timeout_s=timeout_s)
+        return answer
+
     def call_words(self, resource: str, fields: Mapping[str, Any]) -> str:
         """Return a call as one line of a report; values that need readings are as written."""
         return " ".join([self.kind, resource, *(str(value) for value in fields.values() if value is not None)])
@@ -293,7 +304,7 @@ class _CallAction(StepAction):
             self._describe(names)
         timeout_s = step.deadline_s(context, names)
         robot = context.required_robot
-        method = getattr(robot.handle[self.resource or ""], step.method)
+        resource = self.resource or ""
         start: SynchronizedStart | None = None
         if step.is_together and self._is_first:
             self._is_first = False
@@ -301,9 +312,9 @@ class _CallAction(StepAction):
         self.is_begun = True
         context.task.touch(self.resource)
         if start is None:
-            future: Future[Any] = method(**self._fields, timeout_s=timeout_s)
+            future = step.begin(run, robot, resource, self._fields, timeout_s)
         else:
-            future = start.begin(method, self._fields, timeout_s)
+            future = start.begin(getattr(robot.handle[resource], step.method), self._fields, timeout_s)
         try:
             yield from run.wait(context, future)
         finally:

@@ -10,7 +10,8 @@ from eal_actors.kernel.errors import ScenarioError
 from eal_actors.scenario.language.expressions import Namespace
 from eal_actors.scenario.language.values import Text, Value
 from eal_actors.scenario.steps.call import ResourceArguments
-from eal_actors.scenario.steps.go_to import MapStep, number_of
+from eal_actors.scenario.steps.go_to import MapStep
+from eal_actors.scenario.steps.places import number_of
 from eal_actors.scenario.steps.wording import short_value
 
 

@@ -4,26 +4,66 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import BaseModel, Discriminator, Tag
 from typing_extensions import override
 
+from eal_actors.actors.future import Future
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.scenario.language.expressions import Namespace
+from eal_actors.kernel.yaml_tree import YamlPath
+from eal_actors.scenario.engine.context import RunContext
+from eal_actors.scenario.engine.frames import Participant
+from eal_actors.scenario.language.expressions import Namespace, expressions_in
+from eal_actors.scenario.language.robot_check import RobotCheck, RobotScope
+from eal_actors.scenario.language.scope import Scope, ScopeCheck
 from eal_actors.scenario.language.values import Text, Value
 from eal_actors.scenario.steps.call import ResourceArguments, StartStep
-from eal_actors.scenario.steps.wording import short_value
+from eal_actors.scenario.steps.for_ import LoopValues
+from eal_actors.scenario.steps.places import (
+    BASE,
+    begin_trip,
+    check_driving,
+    known_places,
+    number_of,
+    place_of,
+    place_words,
+    places_of,
+)
 
 
-class PlaceArguments(ResourceArguments):
-    """A place in the map frame."""
+class PositionArguments(ResourceArguments):
+    """A position in the map frame, to which the base drives in a straight line."""
 
-    resource: Text = "Base"
+    resource: Text = BASE
     """The base."""
     x_m: Value
     y_m: Value
     yaw_deg: Value | None = None
-    """The heading at the place, counter-clockwise from the map's x axis; any if it is missing."""
+    """The heading there, counter-clockwise from the map's x axis; any if it is missing."""
+
+
+class PlaceArguments(ResourceArguments):
+    """A place, to which the robot drives round obstacles and other robots."""
+
+    resource: Text = BASE
+    """The base."""
+    place: Value
+    """The name of a place of the fleet's world, or [x_m, y_m], or [x_m, y_m, yaw_deg]."""
+
+
+class PlacesArguments(ResourceArguments):
+    """The places of all robots of the role, which go there together."""
+
+    resource: Text = BASE
+    """The base."""
+    places: LoopValues
+    """A place for each robot, in the order of the role."""
+
+
+def _form(value: object) -> str:
+    keys = value if isinstance(value, Mapping) else type(value).model_fields if isinstance(value, BaseModel) else ()
+    return next((key for key in ("places", "place") if key in keys), "position")
 
 
 class MapStep(StartStep):
@@ -41,30 +81,79 @@ class MapStep(StartStep):
 
 
 class GoToStep(MapStep):
-    """Drive to a place in the map frame, in a straight line; the step is over at rest there."""
+    """Drive to a place in the map frame; the step is over at rest there."""
 
     kind = "go_to"
-    go_to: PlaceArguments
+    go_to: Annotated[
+        Annotated[PositionArguments, Tag("position")]
+        | Annotated[PlaceArguments, Tag("place")]
+        | Annotated[PlacesArguments, Tag("places")],
+        Discriminator(_form),
+    ]
 
     @override
     def resolved_fields(self, names: Namespace) -> dict[str, Any]:
         found = super().resolved_fields(names)
+        if isinstance(self.go_to, PlaceArguments):
+            return {"place": place_of(found["place"])}
+        if isinstance(self.go_to, PlacesArguments):
+            places, index = places_of(found["places"]), int(names.variables["index"])  # type: ignore[call-overload]
+            if index >= len(places):
+                raise ScenarioError(f"there are {len(places)} places, but this is robot {index + 1} of the role")
+            return {"place": places[index]}
         goal = [number_of(found["x_m"], "x_m"), number_of(found["y_m"], "y_m")]
         if found["yaw_deg"] is not None:
             goal.append(math.radians(number_of(found["yaw_deg"], "yaw_deg")))
         return {"cmd": "goto", "data": goal}
 
+    @override
+    def call_words(self, resource: str, fields: Mapping[str, Any]) -> str:
+        if isinstance(self.go_to, PositionArguments):
+            return super().call_words(resource, fields)
+        return f"{self.kind} {place_words(fields['place'])}" if "place" in fields else self.kind
 
-def number_of(value: object, what: str) -> float:
-    """Return a value of an expression as a finite number.
+    @override
+    def check_placement(self, check: ScopeCheck, path: YamlPath, scope: Scope) -> None:
+        super().check_placement(check, path, scope)
+        if self.together and not isinstance(self.go_to, PositionArguments):
+            check.report((*path, "together"), "is for x_m and y_m: trips to places begin as their plan says", key=True)
 
-    Raises:
-        ScenarioError: it is none.
-    """
-    try:
-        number = float(value)  # type: ignore[arg-type]  # of a number, also of numpy; anything else raises
-    except (TypeError, ValueError):
-        number = math.nan
-    if isinstance(value, bool | str) or not math.isfinite(number):
-        raise ScenarioError(f"{what} must be a finite number, not {short_value(value)}")
-    return number
+    @override
+    def check_robots(self, check: RobotCheck, path: YamlPath, here: RobotScope) -> None:
+        if isinstance(self.go_to, PositionArguments):
+            super().check_robots(check, path, here)
+            return
+        self.check_numbers(check, path, here)
+        check_driving(check, (*path, self.kind), here)
+        if isinstance(self.go_to, PlaceArguments):
+            where = (*path, self.kind, "place")
+            is_shared = len(check.regular(here)) > 1 and not here.values.loops and not here.values.guards
+            for _, _, (place,) in known_places(check, (self.go_to.place,), where, here):
+                if is_shared and not self._is_of_robot(here) and not _takes_turns(here):
+                    message = f"several robots would go to one place, {place_words(place)}; give each its own: `places`"
+                    check.report(here, where, message)
+            return
+        where = (*path, self.kind, "places")
+        count = len(check.regular(here))
+        for _, _, places in known_places(check, self.go_to.places, where, here):
+            if len(places) < count:
+                check.report(here, where, f"{len(places)} places are too few for the {count} robots of the role")
+            for place in dict.fromkeys(place for place in places if places.count(place) > 1):
+                check.report(here, where, f"two robots would go to one place, {place_words(place)}")
+
+    def _is_of_robot(self, here: RobotScope) -> bool:
+        """Return whether the place differs from robot to robot."""
+        return here.values.needs_facts(expressions_in(self.fields()["place"]))
+
+    @override
+    def begin(
+        self, run: RunContext, robot: Participant, resource: str, fields: Mapping[str, Any], timeout_s: float | None
+    ) -> Future[Any]:
+        if isinstance(self.go_to, PositionArguments):
+            return super().begin(run, robot, resource, fields, timeout_s)
+        return begin_trip(run, robot.handle, fields["place"], timeout_s)
+
+
+def _takes_turns(here: RobotScope) -> bool:
+    """Return whether the robots of a scenario wait for each other, so that one may leave before the next comes."""
+    return any(step.kind == "wait_for" for _, step in here.scenario.file.walk())

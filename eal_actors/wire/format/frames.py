@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, cast
 
@@ -16,20 +17,29 @@ from eal_actors.wire.format.packing import (
     MAX_PAYLOAD_BYTES,
     PROTOCOL_VERSION,
     Buffer,
+    checked_client,
     checked_row,
     data_from,
     data_header,
     error_body,
     error_from,
+    optional_row,
     pack,
+    packed_client,
+    shared_from,
+    unpack,
     unpack_row,
 )
+from eal_actors.wire.shared_memory import SharedValue
 
 LEASE_S: Final = 3.0
 """Real seconds for which a robot publishes to a reader that does not renew its request."""
 
 _MAX_LEASE_MS: Final = 10_000
 _DATA, _ERROR = 1, 2
+
+Share = Callable[[Payload], Sequence[tuple[str, SharedValue | None]]]
+"""Writes a payload into the memory of each reader; returns the reader and the place, None if there is no room."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +57,13 @@ class StreamFrame:
     age_s: float = 0.0
 
 
-def encode_frame(frame: StreamFrame, encoding: Encoding) -> tuple[bytes, Payload]:
-    """Return a frame's envelope and payload.
+def encode_frame(frame: StreamFrame, encoding: Encoding, share: Share = lambda _: ()) -> tuple[bytes, Payload]:
+    """Return a frame's envelope and payload, which is empty if all readers find it in shared memory.
+
+    Args:
+        frame: the frame.
+        encoding: how its value is encoded.
+        share: hands the payload to each reader in shared memory; see Share.
 
     Raises:
         DataError: the value is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
@@ -62,8 +77,21 @@ def encode_frame(frame: StreamFrame, encoding: Encoding) -> tuple[bytes, Payload
             limit = f"more than the {MAX_PAYLOAD_BYTES} that one message may carry"
             raise DataError(f"a value of {content.length} bytes cannot be streamed, {limit}")
         payload = content.payload if encoding == "raw" else encode_image(content, encoding)
-    row = (PROTOCOL_VERSION, kind, body, frame.time.era, frame.time.time_s, frame.age_s, encoding)
-    return pack(row, "frame"), payload
+    row = PROTOCOL_VERSION, kind, body, frame.time.era, frame.time.time_s, frame.age_s, encoding
+    places = share(payload)
+    shared = [(packed_client(client), *place) for client, place in places if place is not None]
+    is_everywhere = len(shared) == len(places) > 0
+    return pack((*row, shared) if shared else row, "frame"), b"" if is_everywhere else payload
+
+
+def shared_place(envelope: Buffer, client: str) -> SharedValue | None:
+    """Return where a reader finds a frame's payload in shared memory; ProtocolError if the bytes are no frame."""
+    shared = optional_row(unpack(envelope, "frame"), "frame", 7, 1)[7]
+    for row in shared if type(shared) is list else ():
+        reader, *place = checked_row(row, "frame: shared memory", 5)
+        if checked_client(reader, "frame: shared memory") == client:
+            return shared_from(place, "frame")
+    return None
 
 
 def decode_frame(envelope: Buffer, payload: Buffer) -> StreamFrame:

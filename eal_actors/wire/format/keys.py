@@ -47,7 +47,8 @@ CANCEL: Final = "cancel"  # robot: cancels a running command
 LEAVE: Final = "leave"  # robot: disconnects a controller; resources that it commanded are halted
 RELEASE: Final = "release"  # robot: ends a controller's leases of some resources; what it commanded there is halted
 REVOKE: Final = "revoke"  # robot: adds names to its list of revoked certificates; for AUTHORITY_CALLER alone
-ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE, RELEASE, REVOKE)
+MEMORY: Final = "memory"  # robot: opens memory that the controller shares, so that large values need no link
+ROBOT_METHODS: Final = (HELLO, PING, STOP, RESUME, REATTACH, CANCEL, LEAVE, RELEASE, REVOKE, MEMORY)
 
 HALT: Final = "halt"  # resource: stops motion
 INFO: Final = "info"  # resource: returns its ResourceInfo

@@ -10,13 +10,13 @@ Thread: any; nothing here keeps state.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, TypeAlias, final
 
 from eal_actors.device.data import EALData, Payload
 from eal_actors.device.data.c_types import short_repr
-from eal_actors.kernel.errors import EALError, ProtocolError
+from eal_actors.kernel.errors import EALError, ProtocolError, UnavailableError
 from eal_actors.wire.format.packing import (
     MAX_CALL_BYTES,
     PROTOCOL_VERSION,
@@ -38,12 +38,15 @@ from eal_actors.wire.format.packing import (
     pack,
     packed_client,
     payload_of,
+    shared_from,
     unpack,
     unpack_map,
 )
+from eal_actors.wire.shared_memory import SharedValue
 
 _STATUS, _DATA, _ERROR, _FIELDS, _ACCEPTED = range(5)
 _NO_PAYLOAD: Final = b""
+_NO_TIME: Final = (None, None, None)
 _NONE: Final = type(None)
 _READING: Final = int, bytes, int, int, float, float, _NONE, list, _NONE
 _COMMAND: Final = *_READING, str, float, float
@@ -146,6 +149,10 @@ class CallReply(NamedTuple):
     time: RobotTime | None = None
 
 
+TakeShared: TypeAlias = Callable[[SharedValue], bytes]
+"""Takes a value out of shared memory; see ValueMemory.take."""
+
+
 @dataclass(frozen=True, slots=True)
 class RobotEvent:
     """Event that a robot publishes to all its controllers.
@@ -236,31 +243,45 @@ def _checked_call(row: object) -> list[Any]:
     ]
 
 
-def encode_reply(reply: CallReply) -> tuple[bytes, Payload]:
-    """Return a reply's envelope and payload.
+def encode_reply(reply: CallReply, shared: SharedValue | None = None) -> tuple[bytes, Payload]:
+    """Return a reply's envelope and payload, which is empty if the value is in shared memory.
 
     Raises:
         DataError: the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
     """
     sequence, answer, time = reply
     kind, body, payload = _answer_parts(answer)
+    if shared is not None:
+        return pack((PROTOCOL_VERSION, sequence, kind, body, *(time or _NO_TIME), shared), "answer"), _NO_PAYLOAD
     known = () if time is None else time[:2] if time[2] is None else time
     return pack((PROTOCOL_VERSION, sequence, kind, body, *known), "answer"), payload
 
 
-def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD) -> CallReply:
-    """Return a reply, whose answer may be an error; ProtocolError if the bytes are no reply of this version."""
+def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD, take: TakeShared | None = None) -> CallReply:
+    """Return a reply, whose answer may be an error; ProtocolError if the bytes are no reply of this version.
+
+    Args:
+        envelope: its envelope.
+        payload: its payload.
+        take: returns a value in shared memory; UnavailableError, if it has gone, becomes the answer.
+    """
     row = unpack(envelope, "answer")
     is_usual = type(row) is list and tuple(map(type, row)) in _USUAL_REPLIES
     if is_usual and row[0] == PROTOCOL_VERSION and row[1] >= 0 and math.isfinite(row[5]):
-        _, sequence, kind, body, *time = row
-        return CallReply(sequence, _answer_from(kind, body, payload, "answer"), RobotTime(*time))
-    _, sequence, kind, body, era, time_s, began_s = optional_row(row, "answer", 4, 3)
-    known = None
+        _, sequence, kind, body, *known = row
+        return CallReply(sequence, _answer_from(kind, body, payload, "answer"), RobotTime(*known))
+    _, sequence, kind, body, era, time_s, began_s, shared = optional_row(row, "answer", 4, 4)
+    time = None
     if era is not None:
         began_s = None if began_s is None else checked_time(began_s, "answer: began_s")
-        known = RobotTime(checked_text(era, "answer: era"), checked_time(time_s, "answer: time_s"), began_s)
-    return CallReply(checked_count(sequence, "answer: sequence"), _answer_from(kind, body, payload, "answer"), known)
+        time = RobotTime(checked_text(era, "answer: era"), checked_time(time_s, "answer: time_s"), began_s)
+    sequence = checked_count(sequence, "answer: sequence")
+    if shared is not None and take is not None:
+        try:
+            payload = take(shared_from(shared, "answer"))
+        except UnavailableError as error:
+            return CallReply(sequence, error, time)
+    return CallReply(sequence, _answer_from(kind, body, payload, "answer"), time)
 
 
 def encode_event(event: RobotEvent) -> tuple[bytes, Payload]:

@@ -17,6 +17,7 @@ from eal_actors.device.data.c_types import C_TYPES, short_repr
 from eal_actors.device.data.storage import as_bytes
 from eal_actors.kernel import errors
 from eal_actors.kernel.errors import ConfigError, DataError, EALError, ProtocolError
+from eal_actors.wire.shared_memory import SharedValue
 
 PROTOCOL_VERSION: Final = 3
 """Incremented when an older reader would misunderstand a message; see docs/reference/wire-format.md."""
@@ -158,6 +159,11 @@ def optional_data_from(header: object, payload: Buffer, what: str) -> EALData | 
     if len(checked_payload(payload, what)):
         raise ProtocolError(f"{what}: a payload without a type")
     return None
+
+
+def shared_from(row: object, what: str) -> SharedValue:
+    """Return the place of a value in shared memory; ProtocolError if the row is none."""
+    return SharedValue(*(checked_count(field, f"{what}: shared memory:") for field in checked_row(row, what, 4)))
 
 
 def payload_of(data: EALData, most: int = MAX_PAYLOAD_BYTES) -> Payload:

@@ -2,18 +2,21 @@
 
 zenoh accepts every connection at once, and takes no bound. Measured with version 1.10: once `accept` fails for want of
 a descriptor, its TLS listener no longer looks at the handshakes under way, so none of them ends, and the robot is
-unreachable until a restart. The guard prevents that. It shares the listening socket with the engine:
+unreachable until a restart. Each handshake that fails also costs that listener 0.1 s, in which no other one advances.
+The guard prevents both. It shares the listening socket with the engine:
 
-- While too many connections have no finished handshake, or descriptors are short, the kernel drops the packets of new
-  ones (packet_filter), and those that wait to be accepted are closed. Links that exist are not touched, and refused
+- The queue of connections that wait to be accepted is short. A burst of 500 left 150 handshakes to fail on a busy
+  machine, which kept new controllers out for 20 to 34 s; with the short queue it leaves 30 to 60.
+- While too many connections have no finished handshake, the kernel drops the packets of new ones from the addresses
+  that most of them have (packet_filter), and those that wait are closed. Links that exist are not touched, and refused
   controllers dial again.
-- Addresses that have had a link are known. Their new connections pass meanwhile, unless the strangers share them.
+- Where that does not suffice, for too many addresses, and while descriptors are short, only addresses that have had a
+  link pass, unless strangers share them.
 - From three quarters of the descriptors on, new connections are refused. A burst may use up all of them before the
   guard looks; it holds some, and frees them then, so that `accept` works again.
 
-Limits: each failed TLS handshake costs the engine's listener 0.1 s, hence the small bounds. While strangers keep the
-bound reached, no controller from a new address gets in. TCP_DEFER_ACCEPT was tried: silent connections wait in the
-kernel then, and come in after the attack.
+Limits: no new connection gets in from an address that strangers share. From many addresses they keep all out that have
+had no link. TCP_DEFER_ACCEPT was tried: silent connections wait in the kernel then, and come in after the attack.
 """
 
 from __future__ import annotations
@@ -33,7 +36,13 @@ from typing import Final
 
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.log import get_logger
-from eal_actors.wire.security.packet_filter import MAX_ADDRESSES, drop_packets, pass_packets, plain_address
+from eal_actors.wire.security.packet_filter import (
+    MAX_ADDRESSES,
+    PacketRule,
+    filter_packets,
+    pass_packets,
+    plain_address,
+)
 
 MAX_FILES: Final = 65_536
 """Open files that a listening process asks for, if its hard limit allows them."""
@@ -44,7 +53,9 @@ ROUTER_STRANGERS: Final = 256
 """The same of a router, to which a whole fleet may connect at once."""
 _SPARE: Final = 64
 _SHARE: Final = 4
-"""Part of the bound from which a known address does not pass, and below which all addresses pass again."""
+"""Part of the bound from which an address is refused, and below which all addresses pass again."""
+_QUEUE_SHARE: Final = 12
+"""Part of the bound that may wait to be accepted; the kernel asks others to try again after a second."""
 _LOOK_S: Final = 0.25
 _BUSY_LOOK_S: Final = 0.005
 _WARN_EACH_S: Final = 10.0
@@ -148,7 +159,7 @@ class AcceptGuard:
         self._linked = linked
         self._known: dict[str, None] = {}  # the addresses that have had links, the latest last
         self._strangers: Counter[str] = Counter()
-        self._passing: frozenset[str] | None = None  # while the filter is on
+        self._rule: PacketRule | None = None  # while the filter is on
         self._has_waiting = False
         self._usual_files = _count_files()
         self._most_files = file_limit - file_limit // 4
@@ -159,6 +170,7 @@ class AcceptGuard:
         self._ends = False
         self.refused = 0
         for listener in listeners:
+            listener.listen(most // _QUEUE_SHARE)
             self._poll.register(listener, select.EPOLLIN | select.EPOLLET)
         self._thread = threading.Thread(target=self._run, name="eal-net-guard", daemon=True)
         self._thread.start()
@@ -175,13 +187,12 @@ class AcceptGuard:
 
     def _run(self) -> None:
         while not self._ends:
-            linked = self._learn()
-            is_crowded = self._is_crowded(linked)
-            if is_crowded:
-                self._shut()
-            elif self._passing is not None:
+            rule = self._needed_rule(self._learn())
+            if rule is not None:
+                self._shut(rule)
+            elif self._rule is not None:
                 self._open()
-            self._poll.poll(_BUSY_LOOK_S if is_crowded else _LOOK_S)
+            self._poll.poll(_LOOK_S if rule is None else _BUSY_LOOK_S)
 
     def _learn(self) -> list[str]:
         """Remember the addresses of links, and return them."""
@@ -193,42 +204,51 @@ class AcceptGuard:
             del self._known[next(iter(self._known))]
         return linked
 
-    def _is_crowded(self, linked: list[str]) -> bool:
+    def _needed_rule(self, linked: list[str]) -> PacketRule | None:
+        """Return which packets are to be dropped; None if there is no crowd."""
+        share = self._most // _SHARE
+        most = self._most if self._rule is None else share  # so that it opens seldom
         try:
             files = _count_files()
-            most = self._most if self._passing is None else self._most // _SHARE  # so that it opens seldom
             if files <= self._usual_files + most:  # the usual case, which costs little
-                return False
-            self._strangers = self._connected()
-            self._strangers.subtract(linked)
-            return files > self._most_files or self._strangers.total() > most
+                return None
+            self._strangers = self._connected() - Counter(linked)
+            if files <= self._most_files:
+                total = self._strangers.total()
+                if total <= most:
+                    return None
+                crowds = [it for it, count in self._strangers.most_common(MAX_ADDRESSES) if count >= share]
+                has_many_sources = self._rule is not None and not self._rule.are_dropped
+                if total - sum(self._strangers[it] for it in crowds) <= (share if has_many_sources else self._most):
+                    return PacketRule(tuple(sorted(crowds)), are_dropped=True)
         except OSError:  # no descriptor is free
-            return True
+            pass
+        return PacketRule(tuple(sorted(it for it in self._known if self._strangers[it] < share)), are_dropped=False)
 
-    def _shut(self) -> None:
-        """Have the kernel drop packets of new connections, except from known addresses that strangers do not share."""
-        passing = frozenset(it for it in self._known if self._strangers[it] < self._most // _SHARE)
-        if passing != self._passing:
+    def _shut(self, rule: PacketRule) -> None:
+        """Have the kernel drop packets by a rule."""
+        if rule != self._rule:
             for listener in self._listeners:
-                drop_packets(listener, passing)
-            if self._passing is None:
+                filter_packets(listener, rule)
+            if self._rule is None:
                 self._has_waiting = True
                 for _ in range(len(self._spare) // 2):  # `accept` fails while no descriptor is free
                     os.close(self._spare.pop())
-            self._passing = passing
+            self._rule = rule
         if self._has_waiting:
             self._refuse_waiting()
         now_s = REAL_TIME.now()
         if now_s >= self._warn_at_s:
             self._warn_at_s = now_s + _WARN_EACH_S
             message = "too many connections: new ones are refused until others end"
-            get_logger().warning(message, strangers=self._strangers.total(), passing=sorted(passing))
+            addresses = {"refused" if rule.are_dropped else "passing": list(rule.addresses)}
+            get_logger().warning(message, strangers=self._strangers.total(), **addresses)
 
     def _open(self) -> None:
         """Let new connections pass again."""
         for listener in self._listeners:
             pass_packets(listener)
-        self._passing = None
+        self._rule = None
         self._take_spare()
 
     def _take_spare(self) -> None:

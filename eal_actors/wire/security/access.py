@@ -25,9 +25,16 @@ from eal_actors.wire.security.revocation import revoked_names
 
 OBSERVER_METHODS: Final = ("get_status", "get_value", "send_req", "read_comm", "get_config", keys.INFO)
 """Methods of a resource that an observer may call."""
-OBSERVER_ROBOT_METHODS: Final = (keys.HELLO, keys.PING)
+OBSERVER_ROBOT_METHODS: Final = (keys.HELLO, keys.PING, keys.MEMORY)
 """Methods of a robot that an observer may call."""
-LIMITED_ROBOT_METHODS: Final = (keys.HELLO, keys.PING, keys.REATTACH, keys.STOP, keys.CANCEL, keys.LEAVE, keys.RELEASE)
+LIMITED_ROBOT_METHODS: Final = (
+    *OBSERVER_ROBOT_METHODS,
+    keys.REATTACH,
+    keys.STOP,
+    keys.CANCEL,
+    keys.LEAVE,
+    keys.RELEASE,
+)
 """Methods of a robot that a controller of single resources may call; who moves a robot may stop it."""
 
 _PUBLISH: Final = ("put",)

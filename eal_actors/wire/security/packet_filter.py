@@ -1,4 +1,4 @@
-"""Packet filters for listening TCP sockets: the kernel drops packets of new connections, except from some addresses.
+"""Packet filters for listening TCP sockets: the kernel drops the packets of new connections by their IP address.
 
 Links that exist have sockets of their own, which no filter touches.
 
@@ -11,8 +11,7 @@ import ctypes
 import ipaddress
 import socket
 import struct
-from collections.abc import Collection
-from typing import Final
+from typing import Final, NamedTuple
 
 MAX_ADDRESSES: Final = 16
 """Addresses of each IP version in a filter; a jump of classic BPF passes 255 instructions."""
@@ -32,9 +31,21 @@ _DROP: Final[_Instruction] = (_RETURN, 0, 0, 0)
 _PASS: Final[_Instruction] = (_RETURN, 0, 0, _ALL)
 
 
-def drop_packets(listener: socket.socket, except_from: Collection[str] = ()) -> None:
-    """Drop the packets of new connections, except from some IP addresses, at most MAX_ADDRESSES of each version."""
-    program = b"".join(struct.pack("HBBI", *instruction) for instruction in _program(except_from))
+class PacketRule(NamedTuple):
+    """Which packets of new connections pass.
+
+    Attributes:
+        addresses: IP addresses; the first MAX_ADDRESSES of each version count.
+        are_dropped: packets from these are dropped and all others pass; else these pass and all others are dropped.
+    """
+
+    addresses: tuple[str, ...]
+    are_dropped: bool
+
+
+def filter_packets(listener: socket.socket, rule: PacketRule) -> None:
+    """Drop packets of new connections, by a rule that replaces the present one."""
+    program = b"".join(struct.pack("HBBI", *instruction) for instruction in _program(rule))
     kept = ctypes.create_string_buffer(program, len(program))
     filter_program = struct.pack("HP", len(program) // 8, ctypes.addressof(kept))
     listener.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, filter_program)
@@ -55,21 +66,22 @@ def plain_address(text: str) -> str:
     return str(getattr(address, "ipv4_mapped", None) or address)
 
 
-def _program(passing: Collection[str]) -> list[_Instruction]:
-    addresses = [ipaddress.ip_address(text) for text in passing]
+def _program(rule: PacketRule) -> list[_Instruction]:
+    listed, others = (_DROP, _PASS) if rule.are_dropped else (_PASS, _DROP)
+    addresses = [ipaddress.ip_address(text) for text in rule.addresses]
     v4 = [address.packed for address in addresses if address.version == 4][:MAX_ADDRESSES]
     v6 = [address.packed for address in addresses if address.version == 6][:MAX_ADDRESSES]
-    of_v4 = [line for address in v4 for line in _if_source(address, _SOURCE_V4)] + [_DROP]
-    of_v6 = [line for address in v6 for line in _if_source(address, _SOURCE_V6)] + [_DROP]
+    of_v4 = [line for address in v4 for line in _if_source(address, _SOURCE_V4, listed)] + [others]
+    of_v6 = [line for address in v6 for line in _if_source(address, _SOURCE_V6, listed)] + [others]
     version = [(_LOAD_BYTE, 0, 0, _NET), (_SHIFT_RIGHT, 0, 0, 4), (_JUMP_IF_EQUAL, 0, len(of_v4), 4)]
     return version + of_v4 + of_v6
 
 
-def _if_source(address: bytes, offset: int) -> list[_Instruction]:
-    """Return instructions that pass a packet from an address, and continue behind them otherwise."""
+def _if_source(address: bytes, offset: int, verdict: _Instruction) -> list[_Instruction]:
+    """Return instructions that end with a verdict on a packet from an address, and continue behind them otherwise."""
     words = struct.unpack(f">{len(address) // 4}I", address)
     lines: list[_Instruction] = []
     for number, word in enumerate(words):
         behind = 2 * (len(words) - number) - 1
         lines += [(_LOAD_WORD, 0, 0, _NET + offset + 4 * number), (_JUMP_IF_EQUAL, 0, behind, word)]
-    return [*lines, _PASS]
+    return [*lines, verdict]

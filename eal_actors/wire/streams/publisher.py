@@ -11,7 +11,7 @@ from typing_extensions import override
 from eal_actors.actors.actor import EALActor
 from eal_actors.actors.feeds import Item, StreamSpec
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
-from eal_actors.device.data import EALData
+from eal_actors.device.data import EALData, Payload
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import BusyError, EALError, error_text
 from eal_actors.kernel.log import get_logger
@@ -19,6 +19,7 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.frames import StreamFrame, encode_frame, parse_stream_request, rate_text
 from eal_actors.wire.format.images import require_codec
 from eal_actors.wire.format.messages import CallHeader, RobotTime
+from eal_actors.wire.shared_memory import SharedValue
 
 if TYPE_CHECKING:
     import zenoh
@@ -40,12 +41,20 @@ class StreamPublisher(EALActor):
     Thread: an actor, which starts with the first stream.
     """
 
-    def __init__(self, fleet: str, robot: RobotHandle, session: zenoh.Session, era: str) -> None:
+    def __init__(
+        self,
+        fleet: str,
+        robot: RobotHandle,
+        session: zenoh.Session,
+        era: str,
+        share: Callable[[str, Payload], SharedValue | None],
+    ) -> None:
         super().__init__(f"{robot.name} streams", robot.clock)
         self._fleet = fleet
         self._robot = robot
         self._session = session
         self._era = era
+        self._share = share
         self._streams: dict[str, _PublishedStream] = {}
         self._starting = threading.Lock()
         self._log = get_logger(robot=robot.name)
@@ -156,7 +165,11 @@ class StreamPublisher(EALActor):
         if isinstance(item, EALData) and item.stamp_s is not None:
             age_s = (self.clock.now() - item.stamp_s) / self.clock.of_real(1.0)
         try:
-            envelope, payload = encode_frame(StreamFrame(item, self._now(), age_s), encoding)
+            frame = StreamFrame(item, self._now(), age_s)
+            readers = stream.leases
+            envelope, payload = encode_frame(
+                frame, encoding, lambda it: [(client, self._share(client, it)) for client in readers]
+            )
         except EALError as error:
             envelope, payload = encode_frame(StreamFrame(error, self._now()), encoding)
         import zenoh

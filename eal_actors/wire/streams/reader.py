@@ -12,7 +12,7 @@ from eal_actors.device.data import EALData
 from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.errors import EALError
 from eal_actors.wire.format import keys
-from eal_actors.wire.format.frames import LEASE_S, canonical, decode_frame, rate_text, stream_request
+from eal_actors.wire.format.frames import LEASE_S, canonical, decode_frame, rate_text, shared_place, stream_request
 from eal_actors.wire.format.images import require_codec
 from eal_actors.wire.format.messages import Answer
 from eal_actors.wire.rpc.client.channel import Channel
@@ -102,21 +102,38 @@ class RemoteFeeds:
 
     def _renew(self, subscription: _Subscription) -> None:
         if subscription.undeclare is None:
-            subscription.undeclare = self._channel.controller.subscribe(subscription.key, subscription.on_sample)
+            on_sample = partial(self._receive, subscription)
+            subscription.undeclare = self._channel.controller.subscribe(subscription.key, on_sample)
         self._request(subscription, LEASE_S)
 
     def _request(self, subscription: _Subscription, lease_s: float) -> None:
         arguments = stream_request(subscription.spec, lease_s)
         self._channel.request(keys.STREAM, arguments, LEASE_S, subscription.on_answer, subscription.resource)
 
-    def read(self, sample: zenoh.Sample, arrived_s: float) -> EALData:
+    def _receive(self, subscription: _Subscription, sample: zenoh.Sample) -> None:
+        """Pass an encoded frame to the feeds; readers decode it. Thread: zenoh's.
+
+        A payload in shared memory is taken out at once, since nobody may read this frame.
+        """
+        arrived_s, memory = REAL_TIME.now(), self._channel.memory
+        attachment, payload = sample.attachment, sample.payload
+        envelope = attachment.to_bytes() if attachment is not None else b""
+        memory.note(len(payload))
+        try:
+            place = shared_place(envelope, self._channel.controller.client) if memory.is_shared else None
+            item = partial(self._read, envelope, payload if place is None else memory.take(place), arrived_s)
+        except EALError as error:
+            subscription.offer(error)
+        else:
+            subscription.offer(item)
+
+    def _read(self, envelope: bytes, payload: bytes | zenoh.ZBytes, arrived_s: float) -> EALData:
         """Return the value of a frame, its stamp in our fleet's time. Thread: that of the stream's reader.
 
         Raises:
             EALError: the robot sent an error instead of a value, or the frame is malformed.
         """
-        attachment = sample.attachment
-        frame = decode_frame(attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+        frame = decode_frame(envelope, payload if isinstance(payload, bytes) else payload.to_bytes())
         if isinstance(frame.content, EALError):
             raise frame.content
         sent_s, _ = self._channel.clock_tracker.sent_s(frame.time, arrived_s)
@@ -133,17 +150,15 @@ class _Subscription:
         self.feeds: tuple[_RemoteFeed, ...] = ()
         self.undeclare: Callable[[], None] | None = None
 
-    def on_sample(self, sample: zenoh.Sample) -> None:
-        """Pass an encoded frame to the feeds; readers decode it. Thread: zenoh's."""
-        arrived_s = REAL_TIME.now()
+    def offer(self, item: Item) -> None:
+        """Pass a frame or an error to the feeds. Thread: any."""
         for feed in self.feeds:
-            feed.on_sample(sample, arrived_s)
+            feed.offer(item)
 
     def on_answer(self, answer: Answer) -> None:
         """Pass the error of a refused request to the feeds."""
         if isinstance(answer, EALError):
-            for feed in self.feeds:
-                feed.offer(answer)
+            self.offer(answer)
 
     def end(self) -> None:
         """End the subscription."""
@@ -161,10 +176,6 @@ class _RemoteFeed:
         self.is_closed = False
         self._feeds = feeds
         self._sink = sink
-
-    def on_sample(self, sample: zenoh.Sample, arrived_s: float) -> None:
-        """Offer an encoded frame. Thread: zenoh's."""
-        self.offer(partial(self._feeds.read, sample, arrived_s))
 
     def offer(self, item: Item) -> None:
         """Pass an item over the link, which may inject faults."""

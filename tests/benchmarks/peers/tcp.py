@@ -31,7 +31,9 @@ class TcpServer(socketserver.ThreadingTCPServer):
         super().__init__((HOST, port), _Handler)
 
 
-class _Handle:
+class TcpClient:
+    """One connection."""
+
     def __init__(self, port: int) -> None:
         self.peer = socket.create_connection((HOST, port), GIVE_UP_S)
         self.peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -70,8 +72,8 @@ class Tcp(SyncPeer):
 
     name = "raw TCP"
 
-    def handle(self) -> _Handle:
-        return _Handle(self.port)
+    def handle(self) -> TcpClient:
+        return TcpClient(self.port)
 
     def fan_out(self, count: int) -> float:
         """A connection to each robot; all are asked before the first answer is read."""

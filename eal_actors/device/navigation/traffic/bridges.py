@@ -1,7 +1,7 @@
-"""Bridges: ways between parts of a lattice that its places miss, such as through a narrow door.
+"""Bridges: ways that a lattice misses, such as through a narrow door or out of a niche.
 
 A wave from all places at once goes over the free cells of the map. Where the waves of two parts meet first, the way
-back to both places is a bridge.
+back to both places is a bridge. Out of a niche a wave from there goes to the nearest place.
 """
 
 from __future__ import annotations
@@ -14,11 +14,14 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from eal_actors.device.navigation.grid import OccupancyGrid
+from eal_actors.device.navigation.grid import OCCUPIED, OccupancyGrid
 from eal_actors.device.navigation.traffic.lattice import Edge, Point
 
 Bridge: TypeAlias = tuple[int, list[Point], int]
 """A place, the points between, and another place."""
+
+Disc: TypeAlias = tuple[Point, float]
+"""The middle of what stands, and the distance in m that the robot's centre must keep from there."""
 
 _Cell: TypeAlias = tuple[int, int]
 _NOWHERE: Final = (-1, -1)
@@ -38,18 +41,60 @@ def find_bridges(
     parts = _Parts(len(points))
     for here, there in edges:
         parts.join(here, there)
-    if parts.count <= 1:
-        return []
+    cells = [inflated.cell_at(*point) for point in points]
+    if parts.count <= len({inflated.regions[cell] for cell in cells if cell is not None}):
+        return []  # the lattice connects what the map connects
     found = []
-    before, place_of, meetings = _spread(inflated, points, parts)
+    before, place_of, meetings = _spread(inflated, cells, parts)
     for _, near, far in sorted(meetings):
         first, last = place_of[near], place_of[far]
         if parts.join(first, last):
-            cells = [*reversed(list(_back(before, near))), *_back(before, far)]
-            centres = [(float(x_m), float(y_m)) for x_m, y_m in inflated.centres(cells)]
+            crossed = [*reversed(list(_back(before, near))), *_back(before, far)]
+            centres = [(float(x_m), float(y_m)) for x_m, y_m in inflated.centres(crossed)]
             way = list(_straightened(inflated, [points[first], *centres, points[last]]))
             found.append((first, list(_divided(way, longest_m))[1:-1], last))
     return found
+
+
+def way_out(
+    inflated: OccupancyGrid,
+    niche: Point,
+    points: Sequence[Point],
+    discs: Sequence[tuple[Point, float]],
+    longest_m: float,
+) -> tuple[list[Point], int] | None:
+    """Return the points between a niche and the nearest place of the lattice, and that place; None if no way is free.
+
+    Args:
+        inflated: the map for the robot's centre.
+        niche: where no place is in sight.
+        points: the places of the lattice.
+        discs: what else stands.
+        longest_m: length of the longest straight piece.
+    """
+    cells, half_m = inflated.cells.copy(), inflated.resolution_m / math.sqrt(2)
+    centres = inflated.centres(np.argwhere(np.ones_like(inflated.blocked))) if discs else np.empty((0, 2))
+    for at, keep_m in discs:
+        keep_m = min(keep_m + half_m, math.dist(at, niche) - half_m)  # a niche that is too near is left all the same
+        cells[(np.hypot(*(centres - at).T) < keep_m).reshape(cells.shape)] = OCCUPIED
+    clear = OccupancyGrid(cells, inflated.resolution_m, inflated.origin)
+    start = clear.cell_at(*niche)
+    if start is None:
+        return None
+    place_of = {clear.cell_at(*point): number for number, point in enumerate(points)}
+    before, queue, blocked = {start: _NOWHERE}, deque([start]), np.pad(clear.blocked, 1, constant_values=True).tolist()
+    while queue:
+        cell = queue.popleft()
+        if cell in place_of:
+            place = place_of[cell]
+            between = clear.centres([*reversed(list(_back(before, cell)))][1:-1]).tolist()
+            way = _straightened(clear, [niche, *((x_m, y_m) for x_m, y_m in between), points[place]])
+            return list(_divided(list(way), longest_m))[1:-1], place
+        for beside in _beside(cell):
+            if beside not in before and not blocked[beside[0] + 1][beside[1] + 1]:
+                before[beside] = cell
+                queue.append(beside)
+    return None
 
 
 class _Parts:
@@ -73,7 +118,7 @@ class _Parts:
 
 
 def _spread(
-    inflated: OccupancyGrid, points: Sequence[Point], parts: _Parts
+    inflated: OccupancyGrid, cells: Sequence[_Cell | None], parts: _Parts
 ) -> tuple[dict[_Cell, _Cell], dict[_Cell, int], list[tuple[int, _Cell, _Cell]]]:
     """Return each cell's predecessor and place, and where waves of different parts meet, with the length of the way."""
     blocked = np.pad(inflated.blocked, 1, constant_values=True).tolist()
@@ -81,14 +126,13 @@ def _spread(
     steps: dict[_Cell, int] = {}
     place_of: dict[_Cell, int] = {}
     meetings: list[tuple[int, _Cell, _Cell]] = []
-    for place, point in enumerate(points):
-        cell = inflated.cell_at(*point)
+    for place, cell in enumerate(cells):
         if cell is not None:
             before[cell], steps[cell], place_of[cell] = _NOWHERE, 0, place
     queue = deque(before)
     while queue:
-        cell = row, column = queue.popleft()
-        for beside in ((row, column + 1), (row + 1, column), (row, column - 1), (row - 1, column)):
+        cell = queue.popleft()
+        for beside in _beside(cell):
             if beside in before:
                 if parts.root(place_of[beside]) != parts.root(place_of[cell]):
                     meetings.append((steps[cell] + steps[beside], cell, beside))
@@ -96,6 +140,11 @@ def _spread(
                 before[beside], steps[beside], place_of[beside] = cell, steps[cell] + 1, place_of[cell]
                 queue.append(beside)
     return before, place_of, meetings
+
+
+def _beside(cell: _Cell) -> tuple[_Cell, ...]:
+    row, column = cell
+    return (row, column + 1), (row + 1, column), (row, column - 1), (row - 1, column)
 
 
 def _back(before: dict[_Cell, _Cell], cell: _Cell) -> Iterator[_Cell]:

@@ -24,11 +24,24 @@ _FIRST_WORK: Final = 100
 problems are solved quickly by most of them."""
 
 
-class NoPlanError(Exception):
+class SearchError(Exception):
+    """No plan was found.
+
+    Attributes:
+        late: the travellers that were not at their goals where the fewest were not. For all others there is a plan in
+            which these only make way.
+    """
+
+    def __init__(self, late: tuple[int, ...]) -> None:
+        super().__init__(late)
+        self.late = late
+
+
+class NoPlanError(SearchError):
     """There is no plan; the search has seen all reachable configurations."""
 
 
-class PlanWorkError(Exception):
+class PlanWorkError(SearchError):
     """No plan was found within the bound of work."""
 
 
@@ -57,15 +70,16 @@ def search(problem: TrafficProblem, seed: int, max_work: int) -> list[Path]:
         NoPlanError: there is no plan.
         PlanWorkError: the bound was reached.
     """
-    left, bound = max_work, _FIRST_WORK * problem.size
+    left, bound, late = max_work, _FIRST_WORK * problem.size, problem.late(problem.starts)
     for attempt in itertools.count():
         bound = min(2 * bound, left)
         try:
             return _attempt(problem, random.Random(f"{seed} {attempt}"), bound)  # noqa: S311
-        except PlanWorkError:
+        except PlanWorkError as error:
+            late = min(late, error.late, key=len)
             left -= bound
             if left <= 0:
-                raise
+                raise PlanWorkError(late) from None
     raise AssertionError
 
 
@@ -78,15 +92,16 @@ def _attempt(problem: TrafficProblem, chance: random.Random, max_work: int) -> l
     )
     known = {first.config: first}
     open_nodes = [first]
-    while open_nodes:
+    least = problem.late(problem.starts)
+    while least:
+        if not open_nodes:
+            raise NoPlanError(least)
         node = open_nodes[-1]
-        if node.config == problem.goals:
-            return _paths_to(node)
         if not node.constraints:
             open_nodes.pop()
             continue
         if generator.work > max_work:
-            raise PlanWorkError
+            raise PlanWorkError(least)
         constraint = node.constraints.popleft()
         _grow(problem, node, constraint, chance)
         config = generator.generate(node.config, node.order, constraint)
@@ -95,10 +110,9 @@ def _attempt(problem: TrafficProblem, chance: random.Random, max_work: int) -> l
             continue
         if config not in known:
             known[config] = _Node(config, node, _priorities(problem, node, config))
-            open_nodes.append(known[config])
-        else:
-            open_nodes.append(known[config])
-    raise NoPlanError
+            least = min(least, problem.late(config), key=len)
+        open_nodes.append(known[config])
+    return _paths_to(open_nodes[-1])
 
 
 def _grow(problem: TrafficProblem, node: _Node, constraint: _Constraint, chance: random.Random) -> None:
@@ -111,10 +125,11 @@ def _grow(problem: TrafficProblem, node: _Node, constraint: _Constraint, chance:
 
 
 def _priorities(problem: TrafficProblem, node: _Node, config: tuple[int, ...]) -> list[float]:
-    """Return the priorities after a step: they grow until a traveller is at its goal."""
+    """Return the priorities after a step: they grow until a traveller is at its goal, if it has to be there."""
+    anywhere = problem.anywhere
     return [
-        priority - int(priority) if place == goal else priority + 1
-        for priority, place, goal in zip(node.priorities, config, problem.goals, strict=True)
+        priority - int(priority) if place == goal or number in anywhere else priority + 1
+        for number, (priority, place, goal) in enumerate(zip(node.priorities, config, problem.goals, strict=True))
     ]
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from eal_actors.device.navigation.grid import OccupancyGrid
 from eal_actors.device.navigation.traffic.action_graph import action_graph
 from eal_actors.device.navigation.traffic.errors import TrafficError
-from eal_actors.device.navigation.traffic.lacam import NoPlanError, PlanWorkError, search
+from eal_actors.device.navigation.traffic.lacam import NoPlanError, SearchError, search
 from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.device.navigation.traffic.problem import FAR, TrafficProblem, cost_of
 from eal_actors.device.navigation.traffic.refining import refine
@@ -86,16 +86,15 @@ def plan_traffic(
     _check_reachable(problem, travellers)
     try:
         paths = search(problem, seed, SEARCH_WORK)
-    except NoPlanError:
+    except SearchError as error:
+        late = [travellers[number] for number in error.late]
         raise TrafficError(
-            f"{_names(travellers)} cannot all reach their goals: no order of their moves leads there, with "
-            f"{roadmap.clearance_m:.2f} m between their centres"
+            f"{_names(travellers)} cannot all reach their goals; {_names(late)} can make way for the others: "
+            f"{_why_no_plan(error, roadmap.clearance_m)}",
+            robots=[traveller.name for traveller in late],
         ) from None
-    except PlanWorkError:
-        raise TrafficError(
-            f"no plan was found for {_names(travellers)} within the bound of work; it may be that there is none. "
-            "Send fewer robots at once, or give them more room"
-        ) from None
+    if problem.anywhere:
+        problem = replace(problem, goals=tuple(path[-1] for path in paths), anywhere=frozenset())
     paths = refine(problem, paths, seed, REFINE_WORK_EACH * len(travellers))
     names = [traveller.name for traveller in travellers]
     points = [(float(x_m), float(y_m)) for x_m, y_m in roadmap.points]
@@ -117,6 +116,15 @@ def _check_reachable(problem: TrafficProblem, travellers: Sequence[Traveller]) -
                 f"{point_text(traveller.start)}: no way is free that is wide enough",
                 robots=[traveller.name],
             )
+
+
+def _why_no_plan(error: SearchError, clearance_m: float) -> str:
+    if isinstance(error, NoPlanError):
+        return f"no order of their moves leads there, with {clearance_m:.2f} m between their centres"
+    return (
+        "no plan was found within the bound of work; it may be that there is none. Send fewer robots at once, or give "
+        "them more room"
+    )
 
 
 def _names(travellers: Sequence[Traveller]) -> str:

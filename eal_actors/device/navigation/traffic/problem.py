@@ -42,6 +42,7 @@ class TrafficProblem:
             from, the ends included. It contains both directions.
         own_neighbours: for each traveller, additional neighbours of places, which nobody else can use.
         lattice: the number of places of the lattice; those with higher numbers are between them.
+        anywhere: travellers that only make way: they may end anywhere, the nearer to their goals the better.
     """
 
     neighbours: Sequence[Sequence[int]]
@@ -50,11 +51,17 @@ class TrafficProblem:
     blocks: Mapping[tuple[int, int], frozenset[int]] = field(default_factory=dict)
     own_neighbours: Mapping[int, Mapping[int, Sequence[int]]] = field(default_factory=dict)
     lattice: int = FAR
+    anywhere: frozenset[int] = frozenset()
 
     @property
     def size(self) -> int:
         """The number of travellers."""
         return len(self.starts)
+
+    def late(self, places: Sequence[int]) -> tuple[int, ...]:
+        """Return the travellers that are not where they must be in the end."""
+        pairs = enumerate(zip(places, self.goals, strict=True))
+        return tuple(number for number, (place, goal) in pairs if place != goal and number not in self.anywhere)
 
     @cached_property
     def distances(self) -> list[list[int]]:

@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 
 from eal_actors.device.navigation.grid import OccupancyGrid
-from eal_actors.device.navigation.traffic.bridges import find_bridges
+from eal_actors.device.navigation.traffic.bridges import find_bridges, way_out
 from eal_actors.device.navigation.traffic.errors import TrafficError
 from eal_actors.device.navigation.traffic.lattice import Edge, Point, lay_lattice
 from eal_actors.device.navigation.traffic.problem import TrafficProblem
@@ -37,6 +37,8 @@ _LONGEST_OWN: Final = 1.5  # pitches
 _MOST_OWN: Final = 6
 _START_SHARES: Final = (1.0, 0.75, 0.5)
 """Shares of its radius with which a robot's start may be free: it may stand at a wall, and poses err."""
+_GOAL_SHARE: Final = 0.5
+"""The share of the margin that a goal must be off what stands: only the robot that comes there strays."""
 _ROUNDING_M: Final = 1e-6
 
 
@@ -49,12 +51,14 @@ class Traveller:
         start: x and y in m, in the map frame.
         goal: x and y in m.
         radius_m: of its hull.
+        makes_way: whether it may end anywhere; its goal is its start.
     """
 
     name: str
     start: Point
     goal: Point
     radius_m: float
+    makes_way: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +123,9 @@ class RoadmapBuilder:
             TrafficError: the map is too large, a start or goal is not free, or two goals are too near to each other.
         """
         numbers = range(len(self._travellers))
-        for number in numbers:
-            self._check_goal(number)
+        bound = [number for number in numbers if not self._travellers[number].makes_way]
+        for place, number in enumerate(bound):
+            self._check_goal(number, bound[:place])
         self._add_lattice()
         nodes = np.array(self._points, np.float64).reshape(-1, 2)
         self._add_bridges()
@@ -136,22 +141,23 @@ class RoadmapBuilder:
             own.setdefault(number, {}).setdefault(here, []).append(there)
             own[number].setdefault(there, []).append(here)
         blocks = self._blocks(points, len(nodes), {start for start in starts if start >= len(nodes)})
-        problem = TrafficProblem(neighbours, tuple(starts), tuple(goals), blocks, own, len(nodes))
+        anywhere = frozenset(numbers) - frozenset(bound)
+        problem = TrafficProblem(neighbours, tuple(starts), tuple(goals), blocks, own, len(nodes), anywhere)
         return Roadmap(points, problem, self._clearance_m)
 
     # Checks.
 
-    def _check_goal(self, number: int) -> None:
+    def _check_goal(self, number: int, before: Sequence[int]) -> None:
         traveller = self._travellers[number]
         goal = f"the goal of {traveller.name}, {point_text(traveller.goal)},"
         if not self._inflated_by(traveller.radius_m).is_free(*traveller.goal):
             raise TrafficError(f"{goal} {self._why_not_free(traveller)}", robots=[traveller.name])
         for thing in self._standing:
-            if math.dist(traveller.goal, thing.at) < self._clearance_of(thing, traveller.radius_m):
+            if math.dist(traveller.goal, thing.at) < self._clearance_of(thing, traveller.radius_m, _GOAL_SHARE):
                 raise TrafficError(
                     f"{goal} is occupied: {thing.name} is at {point_text(thing.at)}", robots=[traveller.name]
                 )
-        for other in self._travellers[:number]:
+        for other in (self._travellers[earlier] for earlier in before):
             apart_m = math.dist(traveller.goal, other.goal)
             if apart_m < self._clearance_m - _ROUNDING_M:
                 raise TrafficError(
@@ -172,8 +178,8 @@ class RoadmapBuilder:
             self._inflated[radius_m] = self._grid.inflated(radius_m)
         return self._inflated[radius_m]
 
-    def _clearance_of(self, thing: StandingDisc, radius_m: float) -> float:
-        return thing.radius_m + radius_m + self._margin_m - _ROUNDING_M
+    def _clearance_of(self, thing: StandingDisc, radius_m: float, share: float = 1.0) -> float:
+        return thing.radius_m + radius_m + share * self._margin_m - _ROUNDING_M
 
     # Places and ways.
 
@@ -210,7 +216,7 @@ class RoadmapBuilder:
         for share in _START_SHARES:
             grid = self._inflated_by(share * traveller.radius_m)
             if grid.is_free(*traveller.start):
-                return self._add_own(number, nodes, traveller.start, grid, is_start=True)
+                return self._add_own(number, nodes, traveller.start, grid)
         raise TrafficError(
             f"{traveller.name} is at {point_text(traveller.start)}, which is inside an obstacle or outside the map; "
             "correct its pose or the map",
@@ -225,13 +231,13 @@ class RoadmapBuilder:
         if offsets_m.min(initial=math.inf) < _EXACT_M:
             return int(offsets_m.argmin())
         grid = self._inflated_by(traveller.radius_m)
-        goal = self._add_own(number, nodes, traveller.goal, grid, is_start=False)
+        goal = self._add_own(number, nodes, traveller.goal, grid)
         ends = self._points[start], self._points[goal]
-        if math.dist(*ends) <= _LONGEST_OWN * self._clearance_m and self._is_open(ends, traveller, grid, is_start=True):
+        if math.dist(*ends) <= _LONGEST_OWN * self._clearance_m and self._is_open(ends, traveller, grid):
             self._own_edges.append((number, (start, goal)))
         return goal
 
-    def _add_own(self, number: int, nodes: Floats, point: Point, grid: OccupancyGrid, *, is_start: bool) -> int:
+    def _add_own(self, number: int, nodes: Floats, point: Point, grid: OccupancyGrid) -> int:
         """Add a place of one traveller, and its ways to the nearest places of the lattice."""
         place = len(self._points)
         self._points.append(point)
@@ -240,19 +246,32 @@ class RoadmapBuilder:
         for node in np.argsort(offsets_m, kind="stable").tolist():
             if ways == _MOST_OWN or offsets_m[node] > _LONGEST_OWN * self._clearance_m:
                 break
-            if self._is_open((point, self._points[node]), self._travellers[number], grid, is_start=is_start):
+            if self._is_open((point, self._points[node]), self._travellers[number], grid):
                 self._own_edges.append((number, (place, node)))
                 ways += 1
+        if not ways:
+            self._add_way_out(number, place, [(x_m, y_m) for x_m, y_m in nodes.tolist()], grid)
         return place
 
-    def _is_open(self, ends: tuple[Point, Point], traveller: Traveller, grid: OccupancyGrid, *, is_start: bool) -> bool:
-        return self._is_clear(ends, traveller.radius_m, is_start=is_start) and grid.is_line_free(*ends)
+    def _add_way_out(self, number: int, place: int, nodes: Sequence[Point], grid: OccupancyGrid) -> None:
+        """Lead one traveller out of a niche, or into it, where the lattice is not in sight."""
+        radius_m = self._travellers[number].radius_m
+        discs = [(thing.at, self._clearance_of(thing, radius_m)) for thing in self._standing]
+        found = way_out(grid, self._points[place], nodes, discs, self._clearance_m)
+        if found is not None:
+            between, node = found
+            way = [place, *range(len(self._points), len(self._points) + len(between)), node]
+            self._points += between
+            self._own_edges += ((number, edge) for edge in itertools.pairwise(way))
 
-    def _is_clear(self, ends: tuple[Point, Point], radius_m: float, *, is_start: bool = False) -> bool:
-        """Return whether a way keeps off what stands; from a start that is near it, it may only lead away."""
+    def _is_open(self, ends: tuple[Point, Point], traveller: Traveller, grid: OccupancyGrid) -> bool:
+        return self._is_clear(ends, traveller.radius_m, leads_away=True) and grid.is_line_free(*ends)
+
+    def _is_clear(self, ends: tuple[Point, Point], radius_m: float, *, leads_away: bool = False) -> bool:
+        """Return whether a way keeps off what stands; if its first end is near that, it may lead away from there."""
         for thing in self._standing:
             keep_m = self._clearance_of(thing, radius_m)
-            if is_start:
+            if leads_away:
                 keep_m = min(keep_m, math.dist(ends[0], thing.at) - _ROUNDING_M)
             if distances_to_ways_m(thing.at, *ends) < keep_m:
                 return False

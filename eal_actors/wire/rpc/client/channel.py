@@ -24,6 +24,7 @@ from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, CallHeader, CallReply, RobotTime, encode_call
 from eal_actors.wire.rpc.client.controller import Controller
 from eal_actors.wire.rpc.client.ping import ClockTracker
+from eal_actors.wire.rpc.client.value_memory import ValueMemory
 from eal_actors.wire.rpc.freshness import Stamper
 from eal_actors.wire.rpc.sender import UrgentMessage
 from eal_actors.wire.security.access import Rights
@@ -113,6 +114,7 @@ class Channel:
         pending: calls that wait for replies.
         rights: calls that the robot grants; None for all.
         process: the process that serves the robot, for batches; empty if it takes none.
+        memory: memory that is shared with the robot.
 
     Thread: any; nothing blocks.
     """
@@ -127,6 +129,7 @@ class Channel:
         self.pending: Final = PendingCalls()
         self.rights: Rights | None = None
         self.process = ""
+        self.memory: Final = ValueMemory(self)
         self._view = view
 
     @property

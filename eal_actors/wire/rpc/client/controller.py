@@ -30,6 +30,7 @@ from eal_actors.wire.format.messages import (
 )
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
 from eal_actors.wire.rpc.client.call_sender import CallSender
+from eal_actors.wire.rpc.client.value_memory import ValueMemory
 from eal_actors.wire.rpc.sender import Sender, UrgentMessage
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.expiry import certificate_warnings
@@ -59,6 +60,7 @@ class RobotListener(NamedTuple):
         on_gone: its token disappeared; called with the reason. Thread: zenoh's.
         on_reply: a reply arrived. Thread: zenoh's.
         on_event: an event arrived; raises ProtocolError if that is malformed. Thread: zenoh's.
+        memory: memory that is shared with the robot.
         on_tick: called every 0.25 s with the real time. Thread: the controller's.
     """
 
@@ -67,6 +69,7 @@ class RobotListener(NamedTuple):
     on_gone: Callable[[str], None]
     on_reply: Callable[[CallReply], None]
     on_event: Callable[[RobotEvent], None]
+    memory: ValueMemory
     on_tick: Callable[[float], None]
 
 
@@ -83,6 +86,7 @@ class Controller(EALActor):
         display_name: its name for people, which robots show.
         dead_man_s: real seconds of its silence after which a robot halts what it moves.
         sender: sends the calls to all robots.
+        shares_memory: whether memory is shared with robots on this machine.
 
     Thread: an actor, which opens the session and sends the heartbeat. zenoh's threads run the listeners' callbacks.
     """
@@ -96,6 +100,7 @@ class Controller(EALActor):
         self._caller = self.certificate or keys.ANYBODY
         self.client: Final = keys.client_id(self._caller, self._secret)
         self.dead_man_s: Final = config.network.dead_man_s
+        self.shares_memory = config.network.shared_memory
         self.display_name: Final = process_name(self.certificate)
         self._config = config
         self._robots = None if robots is None else tuple(robots)
@@ -354,8 +359,9 @@ class Controller(EALActor):
         listener = self._listeners.get(robot)
         if listener is None:
             return
+        listener.memory.note(len(payload))
         try:
-            reply = decode_reply(envelope, payload)
+            reply = decode_reply(envelope, payload, listener.memory.take)
         except ProtocolError as error:
             reply = CallReply(0, error)
         listener.on_reply(reply)

@@ -78,7 +78,13 @@ class RemoteRobot(EALActor):
         self._feeds = RemoteFeeds(self._channel)
         self._board = CommandBoard()
         self._listener = RobotListener(
-            spec.name, self._on_alive, self._on_gone, self.calls.receive_reply, self._on_event, self.calls.tick
+            spec.name,
+            self._on_alive,
+            self._on_gone,
+            self.calls.receive_reply,
+            self._on_event,
+            self._channel.memory,
+            self.calls.tick,
         )
         self._unsent_stop: str | None = None
         self._is_repeating_stop = False
@@ -173,6 +179,7 @@ class RemoteRobot(EALActor):
             self._retry_handshake()
             return
         self._channel.rights, self._channel.process = handshake.rights, handshake.process
+        self._channel.memory.reset()
         self.view.not_ready = dict(handshake.not_ready)
         self._update_cells(handshake)
         self._update_stop(handshake.stopped)
@@ -326,6 +333,7 @@ class RemoteRobot(EALActor):
     def on_stop(self) -> None:
         self._controller.remove(self._listener)
         self._feeds.close()
+        self._channel.memory.close()
         self.calls.close(UnavailableError("the robot is disconnected"))
         self.view.state = RobotState.STOPPED
         self.view.started.set(None)

@@ -14,6 +14,7 @@ from eal_actors.managers.network_model import SecurityConfig
 from eal_actors.wire.format import keys
 from eal_actors.wire.format.messages import Answer, CallHeader, CallId, RobotEvent
 from eal_actors.wire.rpc.server.admission import Admission
+from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.running_commands import RunningCommands
 from eal_actors.wire.security.access import encode_rights
 from eal_actors.wire.security.expiry import certificate_warnings
@@ -32,6 +33,7 @@ class RequestHandler:
     _admission: Admission
     _running: RunningCommands
     _publisher: StreamPublisher
+    _memories: ControllerMemories
     _publish: Callable[[RobotEvent], None]
     _security: SecurityConfig | None
     _revoke_names: Callable[[Iterable[str]], None]
@@ -60,6 +62,7 @@ class RequestHandler:
             keys.CANCEL: self._cancel,
             keys.LEAVE: self._leave,
             keys.REVOKE: self._revoke,
+            keys.MEMORY: self._share_memory,
         }[method]
         try:
             return handle(header)
@@ -122,6 +125,9 @@ class RequestHandler:
     def _revoke(self, header: CallHeader) -> Answer:
         self._revoke_names(map(str, header.arguments))
         return 1
+
+    def _share_memory(self, header: CallHeader) -> Answer:
+        return int(self._memories.open(header.client, header.arguments))
 
     def _leave(self, header: CallHeader) -> Answer:
         self.disconnect(header.client)

@@ -46,9 +46,11 @@ from eal_actors.wire.format.messages import (
 )
 from eal_actors.wire.rpc.clock_offset import fleet_time_of, real_time_of
 from eal_actors.wire.rpc.server.admission import Admission
+from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.request_handler import RequestHandler
 from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
+from eal_actors.wire.shared_memory import LEAST_BYTES, SharedValue
 from eal_actors.wire.streams.publisher import StreamPublisher
 
 if TYPE_CHECKING:
@@ -121,9 +123,18 @@ class RobotServer:
             self._era, _actuators(robot) if exclusive is None else exclusive, network.dead_man_s
         )
         self._running = RunningCommands()
-        self._publisher = StreamPublisher(fleet, robot, session, self._era)
+        self._memories = ControllerMemories(robot.name, is_enabled=network.shared_memory)
+        self._publisher = StreamPublisher(fleet, robot, session, self._era, self._memories.put)
         self._handler = RequestHandler(
-            robot, process, self._admission, self._running, self._publisher, self._publish, network.security, revoke
+            robot,
+            process,
+            self._admission,
+            self._running,
+            self._publisher,
+            self._memories,
+            self._publish,
+            network.security,
+            revoke,
         )
         self._token: zenoh.LivelinessToken | None = None
         self._unlogged_stop: str | None = None
@@ -158,6 +169,7 @@ class RobotServer:
             token.undeclare()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
         self._on_close()
         self._publisher.close()
+        self._memories.close()
         self._is_closed = True
         REAL_TIME.wake(self._ended)
 
@@ -185,6 +197,7 @@ class RobotServer:
     def tick(self) -> None:
         """Check the dead-man's switch, long commands and the robot's state. Thread: the host's; does not block."""
         self._halt_silent()
+        self._memories.check()
         for command, reply_to in self._running.take_long(REAL_TIME.now() - ACCEPT_AFTER_S):
             self._answer(reply_to, ACCEPTED)
             command.call.arm()  # from now on its deadline stops it
@@ -264,7 +277,7 @@ class RobotServer:
             if method == "get_value" and handle.reads_now:  # perhaps in this thread, which must not wait for a link
                 send = self._outbox.publish_briefly
             call = _start_call(handle, method, header, data, timeout_s)
-            call.link(lambda done, _: self._answer(reply_to, self._outcome(done), send=send))
+            call.link(lambda done, _: self._answer_reading(reply_to, self._outcome(done), header.client, send))
         elif method == keys.HALT or _is_stop(handle, method, header):
             self._admission.note_stop(header, handle.name)
             call = _start_call(handle, method, header, data, timeout_s)
@@ -350,19 +363,27 @@ class RobotServer:
         *,
         began_s: float | None = None,
         send: Callable[..., None] | None = None,
+        shared: SharedValue | None = None,
     ) -> None:
-        """Reply to a call."""
+        """Reply to a call; a value in shared memory is not sent."""
         time = RobotTime(self._era, REAL_TIME.now(), began_s)
-        if isinstance(answer, EALData) and self._outbox.is_full:
+        if isinstance(answer, EALData) and shared is None and self._outbox.is_full:
             answer = BusyError("too many values wait for the network; read them less often", robot=self._robot.name)
         try:
-            envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time))
+            envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time), shared)
         except EALError as error:  # too large, for example
             envelope, payload = encode_reply(CallReply(reply_to.sequence, error.at(self._robot.name), time))
         batch = reply_to.batch
         if batch is not None and not reply_to.is_urgent and batch.add(self._robot.name, envelope, payload):
             return
         (send or self._outbox.publish)(reply_to.key, envelope, payload, is_urgent=reply_to.is_urgent)
+
+    def _answer_reading(self, reply_to: ReplyTo, answer: Answer, client: str, send: Callable[..., None]) -> None:
+        """Reply to a call that changes nothing; its value may be handed over in shared memory."""
+        shared = None
+        if type(answer) is EALData and answer.length >= LEAST_BYTES:
+            shared = self._memories.put(client, answer.payload)
+        self._answer(reply_to, answer, send=send, shared=shared)
 
     def _publish(self, event: RobotEvent, *, is_vital: bool = True) -> None:
         self._outbox.publish(self._event_key, *encode_event(event), is_vital=is_vital)

@@ -37,6 +37,16 @@ def test_a_curve_of_short_legs_has_no_corners() -> None:
     assert route.corner_m == route.length_m
 
 
+def test_waypoints_that_are_closer_than_a_step_of_an_encoder_are_still_a_way() -> None:
+    route = Route([(step * 5e-5, 0.0) for step in range(10_001)])
+    assert route.length_m == pytest.approx(0.5)
+    assert route.end == (0.5, 0.0)
+
+
+def test_a_route_ends_at_its_last_point() -> None:
+    assert Route([(0.0, 0.0), (1.0, 0.0), (1.00005, 0.0)]).end == (1.00005, 0.0)
+
+
 @pytest.mark.parametrize("points", [[(1.0, 2.0)], [(1.0, 2.0), (1.0, 2.0)], [(1.0, 2.0)] * 5])
 def test_a_route_to_where_the_robot_stands_has_no_length(points: list[tuple[float, float]]) -> None:
     route = Route(points)

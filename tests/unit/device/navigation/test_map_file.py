@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -154,3 +155,27 @@ def test_errors_have_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tex
 def test_a_broken_picture_is_an_error_at_its_name(tmp_path: Path, picture: bytes, message: str) -> None:
     with pytest.raises(ConfigError, match=f"floor.yaml:1:8: image: .*floor.pgm {message}"):
         load_map(write(tmp_path, NAV2, picture))
+
+
+@pytest.mark.parametrize("kind", ["EPS", "TIFF"])
+def test_no_other_decoder_is_run(kind: str, tmp_path: Path) -> None:
+    """Pillow hands PostScript, whatever the file is called, to the program Ghostscript."""
+    file = write(tmp_path, NAV2)
+    Image.new("RGB", (4, 2)).save(tmp_path / "floor.pgm", format=kind)
+    with pytest.raises(ConfigError, match="is no picture; PGM, PNG, BMP and JPEG are"):
+        load_map(file)
+
+
+@pytest.mark.parametrize("mode", ["1", "L", "RGBA", "I;16"])
+def test_a_small_file_with_many_pixels_takes_little_memory(mode: str, tmp_path: Path) -> None:
+    side = 2000
+    file = write(tmp_path, NAV2.replace("floor.pgm", "floor.png"))
+    Image.new(mode, (side, side)).save(tmp_path / "floor.png")
+    assert (tmp_path / "floor.png").stat().st_size < 40_000
+    tracemalloc.start()
+    try:
+        load_map(file)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 24 * side**2, "of 16 million pixels a map takes less than 400 MB"

@@ -106,6 +106,28 @@ def test_a_question_goes_at_once_and_is_not_repeated() -> None:
     assert bench.line.take_sent() == [(1, b"a")]
 
 
+def test_a_question_whose_closing_flag_is_lost_arrives_before_the_next_packet() -> None:
+    bench = Bench()
+    say = bench.line.write
+    bench.line.write = lambda data: say(data[: data.index(0x7E, 1)] + data[data.index(0x7E, 1) + 1 :])  # type: ignore[method-assign]
+    bench.link.ask(b"\x8e\x02")
+    assert bench.line.take_sent() == [(None, b"\x8e\x02")]
+
+
+def test_it_tells_by_how_much_a_command_came_late() -> None:
+    bench = Bench()
+    bench.line.acknowledges = False
+    bench.link.send(b"a")
+    bench.wait(0.2)
+    bench.line.acknowledges = True
+    bench.wait(0.2)
+    bench.wait(0.0)
+    assert bench.link.late_s == pytest.approx(0.4)
+    bench.link.send(b"b")
+    bench.wait(0.0)
+    assert bench.link.late_s == 0.0
+
+
 def test_one_packet_at_a_time_is_under_way() -> None:
     bench = Bench()
     bench.line.acknowledges = False

@@ -55,6 +55,18 @@ def test_what_is_lost_with_replies_is_made_up_for(count: int) -> None:
     assert 0 < bench.judge.doubt.ahead_m < 0.001 * count
 
 
+def test_what_is_lost_after_a_count_that_came_late_is_within_the_doubt() -> None:
+    bench = Bench()
+    bench.now_s += POLL_S
+    bench.judge.ask(bench.now_s)
+    assert bench.judge.answer(bench.now_s, 0.1, Travel(0.045, 0.0)).travel.ahead_m == 0.045  # taken 0.1 s late
+    bench.lose(3)
+    travel, _ = bench.read(0.015)
+    assert (
+        abs(travel.ahead_m - 0.030) <= bench.judge.doubt.ahead_m
+    )  # 0.25 s of travel in all, of which 0.15 s are counted
+
+
 def test_a_lost_request_has_not_reset_the_counts() -> None:
     bench = Bench()
     bench.lose(is_reset=False)
@@ -100,3 +112,13 @@ def test_the_acceleration_is_learnt_from_two_starts_that_agree() -> None:
         factors.append(bench.judge.model.factor)
     assert factors[1] < 1.6 < factors[0]
     assert bench.judge.model.acceleration_m_s2 == pytest.approx(1.2, rel=0.3)
+
+
+def test_a_command_that_came_late_is_predicted_from_then_on() -> None:
+    bench = Bench((0.0, 0.0))
+    bench.read(0.0)
+    bench.judge.command(CRUISE, bench.now_s)
+    bench.judge.model.delay(0.1)
+    begun_s = bench.now_s
+    assert bench.judge.model.predict(begun_s, begun_s + 0.1).ahead_m == 0.0
+    assert bench.judge.model.predict(begun_s, begun_s + 0.2).ahead_m == pytest.approx(0.004)  # 0.8 m/s2

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import sys
 
+import msgpack
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,10 +18,18 @@ from eal_actors.kernel.errors import (
     UnavailableError,
     UnsupportedError,
 )
-from eal_actors.wire.format.frames import StreamFrame, decode_frame, encode_frame, parse_stream_request, stream_request
+from eal_actors.wire.format.frames import (
+    StreamFrame,
+    decode_frame,
+    encode_frame,
+    parse_stream_request,
+    shared_place,
+    stream_request,
+)
 from eal_actors.wire.format.images import require_codec
 from eal_actors.wire.format.messages import RobotTime
 from eal_actors.wire.format.packing import MAX_PAYLOAD_BYTES
+from eal_actors.wire.shared_memory import SharedValue
 
 TIME = RobotTime("e", 2.0)
 GRADIENT = np.dstack([np.tile(np.arange(64, dtype=np.uint8) * 3, (48, 1)) + shift for shift in (0, 20, 40)])
@@ -51,6 +60,20 @@ def test_images_arrive_as_images(encoding: Encoding, is_exact: bool) -> None:
     if encoding != "raw":
         assert len(payload) < data.length / 2
         assert bytes(payload[:3]) == (b"\x89PN" if encoding == "png" else b"\xff\xd8\xff")
+
+
+def test_each_reader_finds_its_place_in_shared_memory() -> None:
+    data = EALData.of(GRADIENT)
+    places: list[tuple[str, SharedValue | None]] = [("01" * 16, SharedValue(7, 0, 1, 9216)), ("02" * 16, None)]
+    envelope, payload = encode_frame(StreamFrame(data, TIME), "raw", lambda _: places)
+    assert payload == data.payload  # the second reader needs it
+    assert [shared_place(envelope, client) for client, _ in places] == [places[0][1], None]
+    envelope, payload = encode_frame(StreamFrame(data, TIME), "raw", lambda _: places[:1])
+    assert payload == b""
+    assert decode_frame(envelope, data.payload).content == data
+    for damage in ([[b"short", 1, 2, 3, 4]], [[b"1" * 16, 1, 2, 3]], [[b"1" * 16, 1, 2, 3, -4]], [7]):
+        with pytest.raises(ProtocolError):
+            shared_place(msgpack.packb([3, 1, None, "e", 2.0, 0.0, "raw", damage]), "31" * 16)
 
 
 def test_an_error_arrives_as_itself() -> None:

@@ -12,10 +12,19 @@ from hypothesis import strategies as st
 
 from eal_actors.device.data import DataType, EALData, Payload
 from eal_actors.kernel import errors
-from eal_actors.kernel.errors import ConfigError, DataError, DeadlineError, EALError, Problem, ProtocolError
+from eal_actors.kernel.errors import (
+    ConfigError,
+    DataError,
+    DeadlineError,
+    EALError,
+    Problem,
+    ProtocolError,
+    UnavailableError,
+)
 from eal_actors.wire.format import messages as wire
 from eal_actors.wire.format.messages import ACCEPTED, CallHeader, CallId, CallReply, Heartbeat, RobotEvent, RobotTime
 from eal_actors.wire.format.packing import MAX_CALL_BYTES, MAX_PAYLOAD_BYTES, Buffer
+from eal_actors.wire.shared_memory import SharedValue
 
 CLIENT = 2 * "0123456789abcdef"
 CALL = CallHeader(CLIENT, 3, 17, 0.5, 2.0, None, ("r45",))
@@ -109,6 +118,22 @@ def test_an_answer_with_the_robots_clock_as_bytes() -> None:
     envelope = bytes.fromhex("97 03 cd012c 00 01 a26162 cb3fe0000000000000 cb3fd0000000000000")
     assert wire.encode_reply(reply) == (envelope, b"")
     assert wire.decode_reply(envelope) == reply
+
+
+def test_an_answer_in_shared_memory_as_bytes() -> None:
+    data, place = EALData.of(1.5), SharedValue(300, 2, 9, 8)
+    packed = raw("98 03 07 01 95 a6646f75626c65 c0 c0 c0 c0 c0 c0 c0 94 cd012c 02 09 08")
+    assert wire.encode_reply(CallReply(7, data), place) == (packed, b"")
+    assert wire.decode_reply(packed, b"", lambda it: bytes(data.payload) if it == place else b"") == (7, data, None)
+    with pytest.raises(ProtocolError):
+        wire.decode_reply(packed, b"")  # nobody who can take it
+    with pytest.raises(ProtocolError):
+        wire.decode_reply(packed[:-1] + b"\xff", b"", lambda _: bytes(data.payload))
+
+    def lose(_: SharedValue) -> bytes:
+        raise UnavailableError("gone")
+
+    assert str(wire.decode_reply(packed, b"", lose).answer) == "gone"
 
 
 def test_true_is_a_status() -> None:

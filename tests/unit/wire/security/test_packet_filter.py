@@ -8,7 +8,13 @@ from contextlib import contextmanager
 
 import pytest
 
-from eal_actors.wire.security.packet_filter import MAX_ADDRESSES, drop_packets, pass_packets, plain_address
+from eal_actors.wire.security.packet_filter import (
+    MAX_ADDRESSES,
+    PacketRule,
+    filter_packets,
+    pass_packets,
+    plain_address,
+)
 
 DROPPED_S = 0.2
 """The kernel sends a dropped packet again after a second, so this suffices on any machine."""
@@ -25,6 +31,10 @@ def listening(host: str) -> Iterator[socket.socket]:
         yield listener
 
 
+def pass_only(listener: socket.socket, *addresses: str) -> None:
+    filter_packets(listener, PacketRule(addresses, are_dropped=False))
+
+
 def connects(listener: socket.socket, source: str, wait_s: float) -> bool:
     with socket.socket(socket.AF_INET6 if ":" in source else socket.AF_INET) as peer:
         peer.bind((source, 0))
@@ -39,12 +49,12 @@ def connects(listener: socket.socket, source: str, wait_s: float) -> bool:
 @pytest.mark.parametrize("host", ["127.0.0.1", "::"])
 def test_only_the_given_addresses_get_through(host: str) -> None:
     with listening(host) as listener:
-        drop_packets(listener)
+        pass_only(listener)
         assert not connects(listener, "127.0.0.1", DROPPED_S)
-        drop_packets(listener, ["127.0.0.1"])
+        pass_only(listener, "127.0.0.1")
         assert connects(listener, "127.0.0.1", PASSED_S)
         assert not connects(listener, "127.0.0.2", DROPPED_S)
-        drop_packets(listener, [*OTHERS_V4, *OTHERS_V6, "127.0.0.3"])
+        pass_only(listener, *OTHERS_V4, *OTHERS_V6, "127.0.0.3")
         assert connects(listener, "127.0.0.3", PASSED_S)
         assert not connects(listener, "127.0.0.2", DROPPED_S)
         pass_packets(listener)
@@ -53,11 +63,19 @@ def test_only_the_given_addresses_get_through(host: str) -> None:
 
 def test_addresses_of_version_six_get_through() -> None:
     with listening("::") as listener:
-        drop_packets(listener, [*OTHERS_V4, "127.0.0.1", *OTHERS_V6])
+        pass_only(listener, *OTHERS_V4, "127.0.0.1", *OTHERS_V6)
         assert not connects(listener, "::1", DROPPED_S)
-        drop_packets(listener, [*OTHERS_V4, *OTHERS_V6, "::1"])
+        pass_only(listener, *OTHERS_V4, *OTHERS_V6, "::1")
         assert connects(listener, "::1", PASSED_S)
         assert not connects(listener, "127.0.0.1", DROPPED_S)
+
+
+def test_only_the_given_addresses_are_dropped() -> None:
+    with listening("::") as listener:
+        filter_packets(listener, PacketRule(("127.0.0.2", "::1"), are_dropped=True))
+        assert connects(listener, "127.0.0.1", PASSED_S)
+        assert not connects(listener, "127.0.0.2", DROPPED_S)
+        assert not connects(listener, "::1", DROPPED_S)
 
 
 @pytest.mark.parametrize(

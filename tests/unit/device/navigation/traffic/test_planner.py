@@ -3,6 +3,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,6 +86,52 @@ def test_a_robot_at_its_goal_makes_way_and_returns() -> None:
     plan = plan_traffic(grid, travellers)
     assert plan.moves["r1"]
     carry_out(plan, travellers, grid, 3)
+
+
+def test_starts_and_goals_in_niches_off_the_lattice() -> None:
+    """No straight way leads out of the niches, which are as deep as three places of the lattice."""
+    cells = np.full((80, 80), 100, np.int8)
+    cells[:, 30:50] = 0  # a corridor of 1 m, x from 1.5 to 2.5 m
+    for row in (11, 52):
+        cells[row : row + 9, 6:30] = 0
+        cells[row : row + 25, 6:15] = 0
+    grid = OccupancyGrid(cells, 0.05, GridOrigin(0.0, 0.0))
+    ends = (0.525, 1.5), (0.525, 3.5)
+    travellers = _travellers((*ends[0], *ends[1]), (*ends[1], *ends[0]))
+    carry_out(plan_traffic(grid, travellers), travellers, grid, 1)
+    with pytest.raises(TrafficError, match="r0 cannot reach its goal") as caught:
+        plan_traffic(grid, travellers[:1], [StandingDisc("box", (0.525, 2.75), 0.1)])
+    assert caught.value.robots == ("r0",)
+
+
+def test_robots_that_only_make_way_end_anywhere() -> None:
+    """In a corridor with a bay at its end, one robot must leave the place that is another one's goal."""
+    cells = np.zeros((40, 80), np.int8)
+    cells[:14] = cells[24:] = 100  # 0.5 m wide
+    cells[24:38, 62:72] = 0
+    grid = OccupancyGrid(cells, 0.05, GridOrigin(0.0, 0.0))
+    sent, bystander = _travellers((0.5, 0.95, 2.5, 0.95), (2.5, 0.95, 2.5, 0.95))
+    with pytest.raises(TrafficError, match="is occupied: r1 is at"):
+        plan_traffic(grid, [sent], [StandingDisc("r1", bystander.start, bystander.radius_m)])
+    plan = plan_traffic(grid, [sent, replace(bystander, makes_way=True)])
+    away = plan.moves["r1"][-1].to
+    carry_out(plan, [sent, replace(bystander, goal=away)], grid, 2)
+    assert plan_traffic(grid, [replace(sent, goal=(1.2, 0.95)), replace(bystander, makes_way=True)]).moves["r1"] == ()
+
+
+def test_those_that_prevent_a_plan_are_named() -> None:
+    """Two robots cannot swap in the corridor; the third one, in a room of its own, is not concerned."""
+    cells = np.full((60, 60), 100, np.int8)
+    cells[5:15] = cells[35:45, 15:45] = 0
+    grid = OccupancyGrid(cells, 0.05, GridOrigin(0.0, 0.0))
+    travellers = _travellers((0.5, 0.5, 2.5, 0.5), (2.5, 0.5, 0.5, 0.5), (1.0, 2.0, 2.0, 2.0))
+    with pytest.raises(TrafficError, match="r0, r1, r2 cannot all reach their goals; r0, r1 can make way") as caught:
+        plan_traffic(grid, travellers)
+    assert set(caught.value.robots) == {"r0", "r1"}
+    way_out = [
+        replace(one, goal=one.start, makes_way=True) if one.name in caught.value.robots else one for one in travellers
+    ]
+    assert plan_traffic(grid, way_out).moves["r2"]
 
 
 def test_robots_that_cannot_pass_each_other_are_named() -> None:

@@ -1,54 +1,22 @@
-"""The steps that scenarios call by name: what they refuse, and where they are found."""
+"""The step `compare_views`: what it saves and refuses, and where scenarios find it."""
 
 from __future__ import annotations
 
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from eal_actors.kernel.errors import ScenarioError
-from eal_actors.lab.choreography.step import clearance_m, plan_formation
-from eal_actors.lab.choreography.views import compare_views
-from eal_actors.testing import Simulation
+from eal_actors.lab.changes.step import compare_views
 from tests.unit.lab.contexts import step_context
 
 
-@pytest.mark.parametrize("name", ["plan_formation", "compare_views"])
-def test_scenarios_find_the_step(name: str) -> None:
-    (point,) = entry_points(group="eal_actors.steps", name=name)
-    assert point.load().__name__ == name
-
-
-def test_a_formation_is_planned_from_where_the_robots_stand() -> None:
-    robots = {"a": {"model": "roomba", "start": (2, 0, 0)}, "b": {"model": "roomba", "start": (-2, 0, 0)}}
-    logged: list[str] = []
-    with Simulation(robots) as simulation:
-        context = step_context(robots=simulation.fleet, log=logged.append)
-        plan = plan_formation(context, shape="line", spacing_m=1.0, yaw_deg=90)
-    assert plan["places"] == {"a": [0.5, 0.0, 90.0], "b": [-0.5, 0.0, 90.0]}
-    assert plan["phases"] == [{"a": [0.5, 0.0], "b": [-0.5, 0.0]}]
-    assert logged == ["2 robots form a line in 1 phase"]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"shape": "heart"}, "invalid formation: shape: Input should be 'line'"),
-        ({"spacing_m": 0.0}, "invalid formation: spacing_m"),
-        ({"spacing_m": 0.5}, "the robots cannot form this line: two places are 0.50 m apart"),
-    ],
-)
-def test_what_no_formation_can_be_is_refused(wrong: dict[str, Any], message: str) -> None:
-    with Simulation({"a": "roomba", "b": "roomba"}) as simulation, pytest.raises(ScenarioError, match=message):
-        plan_formation(step_context(robots=simulation.fleet), **{"shape": "line", "spacing_m": 1.0, **wrong})
-
-
-def test_the_margin_is_left_if_both_robots_stray() -> None:
-    assert clearance_m(0.2, 0.1) == pytest.approx(0.2 + 0.05 + 0.1 + 0.05 + 0.2)
+def test_scenarios_find_the_step() -> None:
+    (point,) = entry_points(group="eal_actors.steps", name="compare_views")
+    assert point.load() is compare_views
 
 
 def picture(folder: Path, name: str, has_thing: bool) -> None:
@@ -62,11 +30,13 @@ def picture(folder: Path, name: str, has_thing: bool) -> None:
 def test_what_has_changed_is_saved_and_what_has_not_is_not(tmp_path: Path) -> None:
     for name, has_thing in (("0.png", False), ("1.png", False), ("2.png", True)):
         picture(tmp_path, name, has_thing)
-    context = step_context(tmp_path, robot="eye")
+    logged: list[str] = []
+    context = step_context(tmp_path, robot="eye", log=logged.append)
     same = compare_views(context, before="0.png", after="1.png", save="changed.1.png")
     other = compare_views(context, before="1.png", after="2.png", save="changed.2.png")
     assert same == {"things": 0, "share": 0.0}
     assert other["things"] == 1
+    assert logged == ["2.png is not as 1.png: see changed.2.png"]
     assert 0.02 < other["share"] < 0.1
     assert not (tmp_path / "eye/changed.1.png").exists()
     both = cv2.imread(str(tmp_path / "eye/changed.2.png"))

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.lab.choreography.changes import find_changes
+from eal_actors.lab.changes.detection import find_changes
 
 Image = NDArray[np.uint8]
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eal_actors.device.navigation.assigning import assign_places, least_assignment
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.lab.choreography.assigning import assign_places, least_assignment
 
 COSTS = st.integers(1, 6).flatmap(
     lambda size: st.lists(

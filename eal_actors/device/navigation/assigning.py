@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import TYPE_CHECKING
 
 from eal_actors.kernel.errors import ArgumentError
 
-Point: TypeAlias = tuple[float, float]
-"""x and y in m."""
+if TYPE_CHECKING:
+    from eal_actors.device.navigation.traffic.lattice import Point  # needs numpy, which the core does without
 
 
 def assign_places(starts: Sequence[Point], places: Sequence[Point]) -> list[int]:

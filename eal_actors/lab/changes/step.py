@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from eal_actors.kernel.errors import ArgumentError, ScenarioError
-from eal_actors.lab.choreography.changes import Changes, Image, find_changes
+from eal_actors.lab.changes.detection import Changes, Image, find_changes
 from eal_actors.scenario.report.files import check_file_name
 from eal_actors.scenario.steps.python import StepContext
 
@@ -17,7 +17,7 @@ _RED: Final = (220, 30, 30)
 
 
 def compare_views(context: StepContext, *, before: str, after: str, save: str) -> dict[str, Any]:
-    """Compare two pictures of one place in the robot's folder; the step belongs inside an `on`.
+    """Compare two pictures of one place in the robot's folder, and log a change; the step belongs inside an `on`.
 
     Args:
         context: of the step.
@@ -46,6 +46,7 @@ def compare_views(context: StepContext, *, before: str, after: str, save: str) -
         raise ScenarioError(f"{before} and {after} cannot be compared: {error.message}") from None
     if changes.boxes:
         _write_comparison(views, changes, folder / save)
+        context.log(f"{after} is not as {before}: see {save}")
     return {"things": len(changes.boxes), "share": changes.share}
 
 

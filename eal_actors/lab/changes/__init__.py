@@ -1,0 +1,1 @@
+"""Detection of changes between pictures of one place, and the scenario step `compare_views`."""

@@ -1,0 +1,244 @@
+"""Values in memory that a robot's process and a controller's process on the same machine share.
+
+A controller owns one piece of memory for each robot that sends it large values. It is an anonymous file of Linux
+(memfd), which the robot opens as `/proc/<pid>/fd/<fd>`. So the kernel decides who may share: processes of the same
+user (or root) that see each other's process ids. No name appears in /dev/shm, and the kernel frees the memory when the
+last of both processes closes it or is killed.
+
+Layout: a page with a random token and the states of the slots, then the slots. A state is 0 while the slot is free and
+else the number of the value in it. The robot writes into free slots only, and only the controller frees a slot, after
+it has copied the value. So no value changes while it is read, and a robot that finds no free slot sends the value over
+the link. The file is sealed: nobody can shrink it, which would kill the other process with SIGBUS.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import mmap
+import os
+import secrets
+import stat
+import threading
+from pathlib import Path
+from typing import Final, NamedTuple, Self
+
+from eal_actors.device.data import Payload
+from eal_actors.kernel.errors import ProtocolError, UnavailableError
+
+LEAST_BYTES: Final = 64 * 1024
+"""Length from which a value is handed over in shared memory; a shorter one takes as long over a link."""
+MOST_BYTES: Final = 8 * 1024**2
+"""Length of the largest slot."""
+
+_SLOTS: Final = 4
+_MOST_SLOTS: Final = 64
+_PAGE: Final = mmap.PAGESIZE
+_TOKEN_BYTES: Final = 16
+_FIRST_STATE: Final = _TOKEN_BYTES // 8
+_FREE: Final = 0
+_UNUSED: Final = 2**64 - 1
+"""State of a slot whose memory is not yet allocated."""
+
+
+class MemoryOffer(NamedTuple):
+    """Arguments of the method `memory`: where a controller's memory is.
+
+    Attributes:
+        pid: the controller's process, by its own process namespace.
+        fd: descriptor in that process.
+        inode: number of the file, which identifies the memory in messages too.
+        token: content of its first bytes, as hexadecimal digits: proof that it is this controller's.
+        slots: number of the slots.
+        slot_bytes: length of each, a whole number of pages.
+    """
+
+    pid: int
+    fd: int
+    inode: int
+    token: str
+    slots: int
+    slot_bytes: int
+
+    @classmethod
+    def parse(cls, arguments: tuple[object, ...]) -> Self:
+        """Return the offer; ProtocolError if the arguments are none."""
+        if tuple(map(type, arguments)) != (int, int, int, str, int, int):
+            raise ProtocolError(f"memory does not take the arguments {arguments!r}")
+        offer = cls(*arguments)  # type: ignore[arg-type]  # checked above
+        is_sound = (
+            0 < offer.slots <= _MOST_SLOTS and 0 < offer.slot_bytes <= MOST_BYTES and not offer.slot_bytes % _PAGE
+        )
+        if not is_sound or offer.pid <= 0 or offer.fd < 0 or len(offer.token) != 2 * _TOKEN_BYTES:
+            raise ProtocolError(f"memory: {arguments!r} is no offer")
+        return offer
+
+    @property
+    def size(self) -> int:
+        """Length of the file."""
+        return _PAGE + self.slots * self.slot_bytes
+
+
+class SharedValue(NamedTuple):
+    """Place of a value in shared memory.
+
+    Attributes:
+        inode: see MemoryOffer.
+        slot: number of the slot.
+        number: state of the slot while it holds the value.
+        length: length of the value in bytes.
+    """
+
+    inode: int
+    slot: int
+    number: int
+    length: int
+
+
+class _Mapping:
+    """A mapped memory. Thread: as its owner says."""
+
+    def __init__(self, fd: int, offer: MemoryOffer) -> None:
+        self._map = mmap.mmap(fd, offer.size)
+        self.content = memoryview(self._map)
+        self.states = self.content[:_PAGE].cast("Q")[_FIRST_STATE : _FIRST_STATE + offer.slots]
+
+    def close(self) -> None:
+        self.states.release()
+        self.content.release()
+        self._map.close()
+
+
+class OwnedMemory:
+    """The controller's end: offers the memory, reads values and frees their slots.
+
+    Args:
+        value_bytes: length of the values to expect.
+
+    Raises:
+        OSError: the kernel gives no memory, or this is not Linux.
+
+    Thread: any.
+    """
+
+    def __init__(self, value_bytes: int) -> None:
+        if not hasattr(os, "memfd_create"):
+            raise OSError("this system has no memfd_create")
+        slot_bytes = -(-value_bytes // _PAGE) * _PAGE
+        self._lock = threading.Lock()
+        self._fd = os.memfd_create("eal-values", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        try:
+            token = secrets.token_bytes(_TOKEN_BYTES)
+            inode = os.fstat(self._fd).st_ino
+            self.offer: Final = MemoryOffer(os.getpid(), self._fd, inode, token.hex(), _SLOTS, slot_bytes)
+            os.ftruncate(self._fd, self.offer.size)
+            fcntl.fcntl(self._fd, fcntl.F_ADD_SEALS, _SEALS)
+            self._mapping: _Mapping | None = _Mapping(self._fd, self.offer)
+        except OSError:
+            os.close(self._fd)
+            raise
+        self._mapping.content[:_TOKEN_BYTES] = token
+        for slot in range(_SLOTS):
+            self._mapping.states[slot] = _UNUSED
+
+    def allocate(self) -> None:
+        """Allocate the slots, which the robot may then use; OSError if the kernel has no memory left."""
+        with self._lock:
+            if self._mapping is not None:
+                os.posix_fallocate(self._fd, 0, self.offer.size)
+                for slot in range(_SLOTS):
+                    self._mapping.states[slot] = _FREE
+
+    def take(self, value: SharedValue) -> bytes:
+        """Return a copy of a value, and free its slot.
+
+        Raises:
+            ProtocolError: there is no such slot.
+            UnavailableError: the value is no longer there.
+        """
+        offer = self.offer
+        if value.slot >= offer.slots or value.length > offer.slot_bytes:
+            raise ProtocolError(
+                f"shared memory: {value!r} is no place in {offer.slots} slots of {offer.slot_bytes} bytes"
+            )
+        start = _PAGE + value.slot * offer.slot_bytes
+        with self._lock:
+            if self._mapping is None or self._mapping.states[value.slot] != value.number:
+                raise UnavailableError("a value is no longer in shared memory; read it again")
+            copy = bytes(self._mapping.content[start : start + value.length])
+            self._mapping.states[value.slot] = _FREE
+        return copy
+
+    def close(self) -> None:
+        """Close this end; the robot's follows within a second."""
+        with self._lock:
+            mapping, self._mapping = self._mapping, None
+            if mapping is not None:
+                mapping.close()
+                os.close(self._fd)
+
+
+_SEALS: Final = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL if hasattr(fcntl, "F_SEAL_SHRINK") else 0
+
+
+class PeerMemory:
+    """The robot's end: writes values into free slots.
+
+    Args:
+        offer: the controller's memory.
+
+    Raises:
+        OSError: this process may not open it, or it is that of another machine or another process namespace.
+
+    Thread: any.
+    """
+
+    def __init__(self, offer: MemoryOffer) -> None:
+        self._offer = offer
+        self._lock = threading.Lock()
+        self._last = 0
+        self._place = Path("/proc") / str(offer.pid) / "fd" / str(offer.fd)
+        if not self.is_offered:  # opening some other file could have an effect, such as on a tape or a pipe
+            raise FileNotFoundError(f"{self._place} is not the offered memory")
+        fd = os.open(self._place, os.O_RDWR | os.O_CLOEXEC | os.O_NONBLOCK)
+        try:
+            if fcntl.fcntl(fd, fcntl.F_GET_SEALS) != _SEALS or os.fstat(fd).st_size != offer.size:
+                raise FileNotFoundError(f"{self._place} is not sealed at {offer.size} bytes")
+            if os.pread(fd, _TOKEN_BYTES, 0).hex() != offer.token:
+                raise FileNotFoundError(f"{self._place} does not contain the token")
+            self._mapping: _Mapping | None = _Mapping(fd, offer)
+        finally:
+            os.close(fd)
+
+    @property
+    def is_offered(self) -> bool:
+        """Whether the controller's process still has the memory open."""
+        try:
+            found = self._place.stat()
+        except OSError:
+            return False
+        return stat.S_ISREG(found.st_mode) and found.st_ino == self._offer.inode
+
+    def put(self, payload: Payload) -> SharedValue | None:
+        """Write a value; returns None if no slot is free or the value is too long."""
+        offer, length = self._offer, memoryview(payload).nbytes
+        if length > offer.slot_bytes:
+            return None
+        with self._lock:
+            if self._mapping is None:
+                return None
+            states = self._mapping.states
+            for slot in range(offer.slots):
+                if states[slot] == _FREE:
+                    start = _PAGE + slot * offer.slot_bytes
+                    self._mapping.content[start : start + length] = payload
+                    self._last += 1
+                    states[slot] = self._last
+                    return SharedValue(offer.inode, slot, self._last, length)
+        return None
+
+    def close(self) -> None:
+        """Close this end."""
+        with self._lock:
+            mapping, self._mapping = self._mapping, None
+            if mapping is not None:
+                mapping.close()
