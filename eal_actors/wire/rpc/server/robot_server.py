@@ -12,7 +12,6 @@ import secrets
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final
 
-from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData
@@ -46,6 +45,7 @@ from eal_actors.wire.format.messages import (
 )
 from eal_actors.wire.rpc.clock_offset import fleet_time_of, real_time_of
 from eal_actors.wire.rpc.server.admission import Admission
+from eal_actors.wire.rpc.server.call_arguments import is_stop, start_call
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
 from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.request_handler import RequestHandler
@@ -58,21 +58,6 @@ if TYPE_CHECKING:
 
 ACCEPT_AFTER_S: Final = 0.1
 """Real seconds after which a running command is answered with ACCEPTED; its outcome follows as an event."""
-
-_ARGUMENT_TYPES: Final[dict[str, tuple[type, ...]]] = {
-    "get_status": (),
-    "get_value": (),
-    "set_value": (),
-    "send_req": (str,),
-    "send_cmd": (str,),
-    "read_comm": (int,),
-    "write_comm": (int,),
-    "get_config": (str,),
-    "set_config": (str,),
-    "halt": (),
-}
-_TAKE_DATA: Final = frozenset({"set_value", "send_cmd", "write_comm", "set_config"})
-_NEED_DATA: Final = frozenset({"set_value", "write_comm"})
 
 
 class RobotServer:
@@ -276,11 +261,11 @@ class RobotServer:
             send = self._outbox.publish_from_here
             if method == "get_value" and handle.reads_now:  # perhaps in this thread, which must not wait for a link
                 send = self._outbox.publish_briefly
-            call = _start_call(handle, method, header, data, timeout_s)
+            call = start_call(handle, method, header, data, timeout_s)
             call.link(lambda done, _: self._answer_reading(reply_to, self._outcome(done), header.client, send))
-        elif method == keys.HALT or _is_stop(handle, method, header):
+        elif method == keys.HALT or is_stop(handle, method, header):
             self._admission.note_stop(header, handle.name)
-            call = _start_call(handle, method, header, data, timeout_s)
+            call = start_call(handle, method, header, data, timeout_s)
             call.link(lambda done, _: self._answer(reply_to._replace(is_urgent=True), self._outcome(done)))
         elif method == keys.INFO:
             self._answer(reply_to, handle.info.to_dict())
@@ -299,7 +284,7 @@ class RobotServer:
         start_s = None if header.start_s is None else fleet_time_of(self._clock, header.start_s)
         call_id = header.call_id
         try:
-            call = _start_call(handle, method, header, data, left_s, begin_by_s, start_s)
+            call = start_call(handle, method, header, data, left_s, begin_by_s, start_s)
         except EALError as error:
             self._admission.finish(call_id, error)
             raise
@@ -387,34 +372,6 @@ class RobotServer:
 
     def _publish(self, event: RobotEvent, *, is_vital: bool = True) -> None:
         self._outbox.publish(self._event_key, *encode_event(event), is_vital=is_vital)
-
-
-def _start_call(
-    handle: ResourceHandle,
-    method: str,
-    header: CallHeader,
-    data: EALData | None,
-    timeout_s: float,
-    begin_by_s: float | None = None,
-    start_s: float | None = None,
-) -> Call[Any]:
-    """Call a resource for a controller; see ResourceHandle.start_call. Thread: any; does not block.
-
-    Raises:
-        ProtocolError: the method does not take such arguments.
-    """
-    plain = header.arguments
-    arguments: tuple[Any, ...] = plain
-    if tuple(map(type, plain)) != _ARGUMENT_TYPES[method] or (data is None and method in _NEED_DATA):
-        raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
-    if method in _TAKE_DATA:
-        arguments = (data, *plain) if method in ("set_value", "write_comm") else (*plain, data)
-    return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s)
-
-
-def _is_stop(handle: ResourceHandle, method: str, header: CallHeader) -> bool:
-    """Return whether a call is a command that only stops, which anybody may give at any time, like a halt."""
-    return method == "send_cmd" and header.arguments[:1] != () and header.arguments[0] in handle.info.urgent_commands
 
 
 def _actuators(robot: RobotHandle) -> list[str]:
