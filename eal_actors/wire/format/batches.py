@@ -1,8 +1,8 @@
 """Batches: several small calls to one process in one message, and their replies in another.
 
 A message costs the engine and both processes several times as much as decoding the call in it. A batch has the key of
-one of its messages, and the envelopes of all in its own envelope; it has no payload. It is told from a single message
-by its length: a list of two items. A robot that takes batches names its process in the handshake; only those that sent
+one of its messages, and the envelopes of all in its own envelope; it has no payload. It differs from a single message
+in its length: a list of two items. A robot that takes batches names its process in the handshake; only those that sent
 a batch get one.
 
 Thread: any; nothing here keeps state.
