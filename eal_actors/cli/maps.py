@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 import typer
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.options import JsonOption
+from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
+from eal_actors.cli.options import JsonOption, OptionalFleetOption
 from eal_actors.cli.output import print_line, stdout, write_json
 from eal_actors.cli.records import reading_run
 from eal_actors.device.world import WorldModel, load_world
+from eal_actors.facade.fleet import Fleet
+from eal_actors.facade.traffic.positions import radius_m_of
 from eal_actors.kernel.bundled import find_file
 from eal_actors.kernel.errors import ConfigError, PlaceNotFoundError, Problem, UnsupportedError
 from eal_actors.kernel.yaml_source import load_yaml
@@ -22,6 +25,7 @@ if TYPE_CHECKING:
     from eal_actors.device.navigation.planner import PlannedPath
 
 _PICTURES: Final = (".pdf", ".png", ".svg")
+_RADIUS_M: Final = 0.2
 _MAPS: Final = (".yaml", ".yml")
 
 
@@ -50,7 +54,17 @@ def show_map(
             metavar="FROM TO", show_default=False, help="Plan a path between places, or points such as 1.5,-2."
         ),
     ] = None,
-    radius_m: Annotated[float, typer.Option(metavar="M", min=0, help="Radius of the robot, with its distance.")] = 0.2,
+    radius_m: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M", min=0, show_default=False, help="Radius of the robot, with its distance; default: 0.2."
+        ),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", show_default=False, help="Robot of --fleet: its own radius, and 5 cm."),
+    ] = None,
+    fleet: OptionalFleetOption = None,
     resolution_m: Annotated[
         float, typer.Option(metavar="M", min=0.005, help="Size of a cell; a map file has its own.")
     ] = 0.05,
@@ -68,7 +82,7 @@ def show_map(
     if save.suffix.lower() not in (*_PICTURES, *_MAPS):
         raise typer.BadParameter(f"{str(save)!r} must end in {', '.join((*_PICTURES, *_MAPS))}", param_hint="--save")
     source = _load(file, resolution_m)
-    inflated = source.grid.inflated(radius_m)
+    inflated = source.grid.inflated(_radius_m(radius_m, robot, fleet))
     path = _plan(inflated, source.world, plan) if plan else None
     if as_json:
         write_json(_described(source, path))
@@ -94,6 +108,19 @@ def _load(file: Path, resolution_m: float) -> _Source:
         return _Source(path.stem, load_map(path), None, False)
     world = load_world(path)
     return _Source(world.name, grid_from_world(world, resolution_m), world, True)
+
+
+def _radius_m(given_m: float | None, robot: str | None, fleet: Path | None) -> float:
+    """Return the distance to keep from obstacles; a robot tells its own radius."""
+    if robot is None:
+        return _RADIUS_M if given_m is None else given_m
+    if fleet is None or given_m is not None:
+        raise typer.BadParameter("needs --fleet, and no --radius-m", param_hint="--robot")
+    from eal_actors.device.navigation.floor import WALL_MARGIN_M
+
+    with Fleet(read_fleet(fleet, [robot])) as opened, plugin_advice(opened):
+        find_resource(opened, robot, "Base")
+        return radius_m_of(opened[robot]) + WALL_MARGIN_M
 
 
 def _plan(grid: OccupancyGrid, world: WorldModel | None, ends: tuple[str, str]) -> PlannedPath:

@@ -61,6 +61,7 @@ def _changed_for_all(before: FleetConfig, after: FleetConfig) -> list[tuple[str,
         ("clock", "rate"): _rate(before) != _rate(after),
         ("seed",): before.content.get("seed", 0) != after.content.get("seed", 0),
         ("world",): before.world != after.world,
+        ("map",): before.map_path != after.map_path,
         ("network",): is_networked and before.network != after.network,
     }
     return [path for path, is_changed in differs.items() if is_changed]

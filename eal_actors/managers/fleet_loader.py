@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from eal_actors.device.world import WorldModel, load_world
 from eal_actors.kernel.bundled import Kind, find_file
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
 from eal_actors.kernel.strict_model import did_you_mean, problems_from
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.kernel.yaml_tree import (
@@ -59,6 +59,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
     resolver.check_network()
     resolver.check_poses()
     world = resolver.world()
+    map_path = resolver.map_path()
     plugin_dirs = resolver.plugin_dirs()
     problems = {*reader.problems, *resolver.problems}  # numbered robots may all repeat one
     if problems:
@@ -77,6 +78,7 @@ def _resolved(reader: _Reader, root: MarkedDict | None, source: Path) -> FleetCo
         tree=YamlTree(root),
         python_steps=fleet.python_steps,
         operators=fleet.dashboard.operators,
+        map_path=map_path,
     )
 
 
@@ -200,6 +202,26 @@ class _Resolver:
         except ConfigError as error:
             self.problems += error.problems
             return None
+
+    def map_path(self) -> Path | None:
+        """Return the map file, or None if the fleet has none or it is not right."""
+        target = self._tree.root.get("map")
+        if not isinstance(target, str):
+            return None
+        path = _beside(self._tree.mark_at(("map",)), target)
+        try:
+            from eal_actors.device.navigation.map_file import load_map
+
+            load_map(path)
+        except (ImportError, UnsupportedError):
+            return path  # a board without numpy or Pillow serves its robots, and plans no paths
+        except ConfigError as error:
+            if path.is_file():
+                self.problems += error.problems
+            else:
+                self._report(("map",), f"no such file: {path}")
+            return None
+        return path
 
     def plugin_dirs(self) -> tuple[Path, ...]:
         """Return the folders to search for plugins, each once."""

@@ -178,6 +178,8 @@ class FleetFile(StrictModel):
     """The seed of all random generators of the fleet."""
     world: Text | None = None
     """World file of the simulated robots, relative to this file, or the name of one that comes with the framework."""
+    map: Text | None = None
+    """Map file of map_server or Nav2, relative to this file: paths are planned on it instead of the world."""
     plugin_dirs: tuple[Text, ...] = Field(default=(), strict=False)
     """Folders of plugins, relative to this file; the bundled plugins are always found."""
     python_steps: tuple[StepText, ...] = Field(default=(), strict=False)
@@ -274,6 +276,7 @@ class FleetConfig:
         tree: the same content with its places in the files.
         python_steps: functions for the `python` steps of scenarios, as `module:function`.
         operators: the users of the dashboard, by name; empty if it asks for no names.
+        map_path: the map file on which paths are planned; None for the world's floor.
     """
 
     name: str
@@ -288,6 +291,7 @@ class FleetConfig:
     tree: YamlTree = field(default=YamlTree(MarkedDict(Mark("fleet", 0, 0))), compare=False, repr=False)
     python_steps: tuple[str, ...] = ()
     operators: Mapping[str, OperatorSection] = field(default_factory=dict)
+    map_path: Path | None = None
 
 
 def robot_config(name: str, merged: MarkedDict, types: tuple[str, ...]) -> RobotConfig:

@@ -53,6 +53,25 @@ def test_a_path_between_places(eal: Any, write: Any) -> None:
     assert shown["places"]["dock"] == {"x_m": 2.5, "y_m": -1.5, "yaw_deg": 90.0}
 
 
+def test_a_path_keeps_the_robots_own_radius(eal: Any, write: Any) -> None:
+    """Between the wall and the room's are 0.6 m, of which an EvBot III of 0.2 m leaves 0.1 m, and a Roomba more."""
+    world = write("hall.yaml", HALL)
+    models = {"small": "roomba", "large": "evbot3"}
+    robots = "".join(f"  {name}: {{plugins: {{sim: {{model: {model}}}}}}}\n" for name, model in models.items())
+    fleet = write("fleet.yaml", f"version: 1\nname: two\nrobots:\n{robots}")
+    plan = ("map", world, "--plan", "door", "dock", "--json")
+    lengths_m = {
+        robot: json.loads(eal(*plan, "--fleet", fleet, "--robot", robot).stdout)["path"]["length_m"]
+        for robot in ("small", "large")
+    }
+    for robot, radius_m in (("small", 0.17), ("large", 0.20)):
+        alone = json.loads(eal(*plan, "--radius-m", radius_m + 0.05).stdout)["path"]["length_m"]
+        assert lengths_m[robot] == alone
+    assert lengths_m["small"] < lengths_m["large"]
+    assert "needs --fleet, and no --radius-m" in error_of(eal(*plan, "--robot", "small", "--radius-m", 1))
+    assert "nobody" in error_of(eal(*plan, "--fleet", fleet, "--robot", "nobody"))
+
+
 @pytest.mark.parametrize("name", ["plan.png", "plan.svg"])
 def test_a_map_is_drawn(eal: Any, write: Any, tmp_path: Path, name: str) -> None:
     picture = tmp_path / name

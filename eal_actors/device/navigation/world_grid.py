@@ -45,6 +45,20 @@ def grid_from_world(world: WorldModel, resolution_m: float = RESOLUTION_M) -> Oc
     return OccupancyGrid(np.where(painter.occupied, np.int8(OCCUPIED), np.int8(FREE)), resolution_m, origin)
 
 
+def close_zones(grid: OccupancyGrid, zones: Sequence[Sequence[tuple[float, float]]]) -> OccupancyGrid:
+    """Return a grid in which every cell that one of some keep-out zones touches is occupied.
+
+    Args:
+        grid: the map, which may be turned.
+        zones: the corners of each zone, x and y in the map frame in metres.
+    """
+    rows, columns = grid.cells.shape
+    painter = _Painter(rows, columns, 1.0, GridOrigin(0.0, 0.0))
+    for zone in zones:
+        painter.polygon([(u, v) for u, v in grid.continuous(zone).tolist()])
+    return OccupancyGrid(np.where(painter.occupied, np.int8(OCCUPIED), grid.cells), grid.resolution_m, grid.origin)
+
+
 class _Painter:
     """Marks the cells that shapes touch. Each shape is compared with the cells of its bounding box only."""
 

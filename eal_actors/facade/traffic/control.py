@@ -26,8 +26,7 @@ from eal_actors.device.navigation.traffic.errors import TrafficError
 from eal_actors.device.navigation.traffic.lattice import Point
 from eal_actors.device.navigation.traffic.planner import TrafficPlan, plan_traffic
 from eal_actors.device.navigation.traffic.roadmap import StandingDisc, Traveller
-from eal_actors.device.navigation.world_grid import RESOLUTION_M, grid_from_world
-from eal_actors.device.world import WorldModel
+from eal_actors.device.navigation.world_grid import RESOLUTION_M
 from eal_actors.facade.traffic.bystanders import Bystanders
 from eal_actors.facade.traffic.plan_run import PlanRun
 from eal_actors.facade.traffic.positions import RobotPositions
@@ -52,13 +51,12 @@ class TrafficControl:
     Args:
         robots: the connected robots of the fleet.
         clock: the fleet's clock.
-        world: the map; None for an open floor.
+        floor: the map, not inflated; None for an open floor.
         seed: of choices between equal plans.
     """
 
-    def __init__(self, robots: Mapping[str, RobotHandle], clock: Clock, world: WorldModel | None, seed: int) -> None:
+    def __init__(self, robots: Mapping[str, RobotHandle], clock: Clock, floor: OccupancyGrid | None, seed: int) -> None:
         self._clock = clock
-        self._world = world
         self._seed = seed
         self._positions = RobotPositions(robots)
         self._bystanders = Bystanders(robots, self._positions, clock)
@@ -68,7 +66,7 @@ class TrafficControl:
         self._run: PlanRun | None = None
         self._trips: dict[str, Trip] = {}
         self._obstacles: list[StandingDisc] = []
-        self._grid = grid_from_world(world) if world is not None else None
+        self._grid = floor
 
     def start(self, goals: Mapping[RobotHandle, TripGoal], timeout_s: float) -> Journey:
         """Begin the trips of some robots; trips of others continue. Thread: any; does not block."""
@@ -189,7 +187,7 @@ class TrafficControl:
             except TrafficError as error:
                 alternative = self._plan_with_bystanders(travellers)
                 if alternative is None:
-                    self._fail(error)
+                    self._fail_or_forget(error)
                     continue
                 plan = alternative
             for trip in self._trips.values():
@@ -229,9 +227,15 @@ class TrafficControl:
             for trip in errands.values():
                 trip.set(1)
 
-    def _fail(self, error: TrafficError) -> None:
-        """Fail the trips that have no plan; if one of them is new, all new ones, so that nobody of them moves."""
+    def _fail_or_forget(self, error: TrafficError) -> None:
+        """Fail the trips that have no plan; if one of them is new, all new ones, so that nobody of them moves.
+
+        What blocked others is no reason: it may have been their own wheels. It is forgotten until it is met again.
+        """
         names = self._trips.keys() & set(error.robots) or set(self._trips)
+        if self._obstacles and all(self._trips[name].hindrance is None for name in names):
+            self._obstacles.clear()
+            return
         if any(self._trips[name].is_new for name in names):
             names = {name for name, trip in self._trips.items() if trip.is_new}
         for name in [name for name in self._trips if name in names]:

@@ -60,10 +60,12 @@ class RobotPositions:
         return errors
 
     def _read_radii(self, robots: Mapping[str, RobotHandle], timeout_s: float) -> None:
-        radii = {
-            name: robot["Base"].get_config("radius_m", timeout_s=timeout_s)
-            for name, robot in robots.items()
-            if name not in self.radii_m
-        }
-        for name, radius in radii.items():
-            self.radii_m[name] = float(radius.get().value) if radius.exception() is None else DEFAULT_RADIUS_M
+        for name, robot in robots.items():
+            if name not in self.radii_m:
+                self.radii_m[name] = radius_m_of(robot, timeout_s=timeout_s)
+
+
+def radius_m_of(robot: RobotHandle, *, timeout_s: float | None = None) -> float:
+    """Return the radius of a robot's hull, or a default if its base does not tell it. Thread: blocks the caller."""
+    answer = robot["Base"].get_config("radius_m", timeout_s=timeout_s)
+    return float(answer.get().value) if answer.exception() is None else DEFAULT_RADIUS_M

@@ -154,12 +154,14 @@ class TravellingRobots:
         return TripGoal((named.x_m, named.y_m), named.yaw_deg)
 
     def _traffic_control(self) -> TrafficControl:
+        from eal_actors.device.navigation.floor import floor_grid
         from eal_actors.facade.traffic.control import TrafficControl  # it needs numpy, which small boards do without
 
         with self._traffic_lock:
             if self._traffic is None:
                 robots = self if isinstance(self, Mapping) else {}
-                self._traffic = TrafficControl(robots, self.clock, self.config.world, self.config.seed)
+                floor = floor_grid(self.config.world, self.config.map_path)
+                self._traffic = TrafficControl(robots, self.clock, floor, self.config.seed)
             return self._traffic
 
     def _cancel_trips(self) -> None:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import Final
 
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import RobotHandle
+from eal_actors.facade.traffic.positions import radius_m_of
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.operate.dashboard.control import DashboardContext
 from eal_actors.operate.dashboard.messages import SendRobot
 from eal_actors.operate.dashboard.teleop import DRIVE_RESOURCE
-
-RADIUS_M: Final = 0.25
-"""Distance that the centre of a robot keeps from obstacles: the radius of the largest make, and 5 cm."""
 
 Path = Sequence[tuple[float, float]]
 
@@ -55,16 +52,15 @@ class Journeys:
     def _plan(self, robot: RobotHandle, message: SendRobot) -> Path:
         here = robot.pose.get().get()
         start, goal = (here.x_m, here.y_m), (message.x_m, message.y_m)
-        world = self._fleet.config.world
-        if world is None:
-            if message.keep_out:
-                raise UnsupportedError("keep-out zones need a world file; without one, robots drive straight")
-            return start, goal
+        from eal_actors.device.navigation.floor import WALL_MARGIN_M, floor_grid
         from eal_actors.device.navigation.planner import plan_path
-        from eal_actors.device.navigation.world_grid import grid_from_world
 
-        avoiding = world.model_copy(update={"keep_out": (*world.keep_out, *message.keep_out)})
-        return plan_path(grid_from_world(avoiding).inflated(RADIUS_M), start, goal).points_m
+        floor = floor_grid(self._fleet.config.world, self._fleet.config.map_path, message.keep_out)
+        if floor is None:
+            if message.keep_out:
+                raise UnsupportedError("keep-out zones need a world or a map; without one, robots drive straight")
+            return start, goal
+        return plan_path(floor.inflated(radius_m_of(robot) + WALL_MARGIN_M), start, goal).points_m
 
     def _on_done(self, robot: str, done: Future[int], on_end: Callable[[BaseException | None], None]) -> None:
         self._control.done(robot, DRIVE_RESOURCE)
