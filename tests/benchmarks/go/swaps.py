@@ -8,17 +8,24 @@ from multiprocessing import get_context
 from typing import NamedTuple
 
 from tests.benchmarks.result import Result
-from tests.traffic.rig import Mishaps, swap, travelling
+from tests.traffic.rig import Mishaps, TravelWatch, swap, travelling
 
 SEEDS = int(os.environ.get("GO_SEEDS", "20"))
 ROBOTS = 20
+ARRIVED_M = 0.02
+NEAR_M = 0.05
+"""Half the margin between hulls: what the planner leaves at a goal beside something that stands."""
 
 
 class SwapFigures(NamedTuple):
-    """The outcome of one swap."""
+    """The outcome of one swap.
+
+    Attributes:
+        late: the robots that did not arrive, without the killed one and those whose goals it covers.
+    """
 
     seed: int
-    arrived: int
+    late: tuple[str, ...]
     gap_m: float
     duration_s: float
     stops: int
@@ -35,8 +42,7 @@ def _swaps(*, with_mishaps: bool) -> list[Result]:
     for figure in figures:
         print(figure)  # noqa: T201
     what = f"{ROBOTS} robots swap places" + (", with random stops and one killed" if with_mishaps else "")
-    due = ROBOTS - 1 if with_mishaps else ROBOTS
-    whole = sum(figure.arrived == due for figure in figures)
+    whole = sum(not figure.late for figure in figures)
     gap_mm = min(figure.gap_m for figure in figures) * 1000
     touched = sum(figure.gap_m <= 0 for figure in figures)
     times_s = sorted(figure.duration_s for figure in figures)
@@ -72,9 +78,17 @@ def _swap(seed: int, *, with_mishaps: bool) -> SwapFigures:
             return journey.done()
 
         watch.until(is_over)
-        arrived = sum(
-            arrival.exception() is None and watch.distance_m(name, goals[name]) < 0.02
+        killed = mishaps.killed if mishaps is not None else None
+        late = tuple(
+            name
             for name, arrival in journey.arrivals.items()
+            if (arrival.exception() is not None or watch.distance_m(name, goals[name]) > ARRIVED_M)
+            and not (killed is not None and covers(watch, killed, name, goals[name]))
         )
         stops = mishaps.stops if mishaps is not None else 0
-        return SwapFigures(seed, arrived, watch.least_gap_m, watch.simulation.now_s, stops)
+        return SwapFigures(seed, late, watch.least_gap_m, watch.simulation.now_s, stops)
+
+
+def covers(watch: TravelWatch, killed: str, name: str, goal: tuple[float, float]) -> bool:
+    """Return whether a dead robot is so near a goal that another one cannot stand there."""
+    return name == killed or watch.distance_m(killed, goal) < watch.radii_m[killed] + watch.radii_m[name] + NEAR_M
