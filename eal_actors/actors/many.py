@@ -45,7 +45,7 @@ def send_many(
     return [
         handle.send_cmd(cmd, data, timeout_s=timeout_s)
         if handle.is_stop(cmd)
-        else handle.call_among_many("send_cmd", arguments, timeout_s)
+        else handle.call_among_many("send_cmd", arguments, handle.command_timeout_s(cmd, timeout_s))
         for handle in handles
     ]
 

@@ -183,7 +183,8 @@ class ResourceHandle:
         Args:
             cmd: the command.
             data: its argument, where its text does not hold it.
-            timeout_s: seconds of the fleet's clock until its deadline, which counts from now on.
+            timeout_s: seconds of the fleet's clock until its deadline, which counts from now on; None for the fleet
+                file's default, and for a motion over a distance or angle the time that it takes in addition.
             at_s: when to begin, by the fleet's clock; None, or a time that has passed when the resource reads it, for
                 at once. Until then the resource continues what it does, and a newer command or a stop cancels this one
                 with PreemptedError. Stops take no time: they begin at once.
@@ -191,7 +192,12 @@ class ResourceHandle:
         arguments = cmd, _as_data(data)
         if self.is_stop(cmd):
             return self._urgent_call("send_cmd", arguments, timeout_s, stops=True)
-        return self._call("send_cmd", arguments, timeout_s, at_s)
+        return self._call("send_cmd", arguments, self.command_timeout_s(cmd, timeout_s), at_s)
+
+    def command_timeout_s(self, cmd: str, timeout_s: float | None) -> float | None:
+        """Return the time limit of a command: the given one, else one that allows for what it takes. Thread: any."""
+        info = self._cell.info
+        return timeout_s if timeout_s is not None or info is None else self._cell.timeout_s + info.takes_s(cmd)
 
     def read_comm(self, length: int, *, timeout_s: float | None = None) -> Call[EALData]:
         """Read up to `length` bytes; returns the bytes read."""

@@ -62,6 +62,7 @@ class CommandInfo:
         returns: the answer of a request; None for a command.
         urgent: it overtakes all calls in the mailbox and drops the motions among them. For stops.
         description: one line for people.
+        seconds_per_unit: time that it takes for each unit of an argument in the text, added to the default deadline.
     """
 
     name: str
@@ -69,6 +70,7 @@ class CommandInfo:
     returns: ValueInfo | None = None
     urgent: bool = False
     description: str = ""
+    seconds_per_unit: float = 0.0
 
     @property
     def prefix(self) -> str | None:
@@ -127,8 +129,11 @@ class ResourceInfo:
     configs: tuple[ConfigInfo, ...] = ()
     description: str = ""
     urgent_commands: frozenset[str] = field(init=False)
+    _timed_commands: tuple[tuple[str, CommandInfo], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        timed = ((command.prefix, command) for command in self.commands if command.seconds_per_unit)
+        object.__setattr__(self, "_timed_commands", tuple((prefix, command) for prefix, command in timed if prefix))
         object.__setattr__(self, "urgent_commands", frozenset(c.name for c in self.commands if c.urgent))
 
     @property
@@ -153,6 +158,13 @@ class ResourceInfo:
         """
         return _parse("command", self.commands, text, data)
 
+    def takes_s(self, command: str) -> float:
+        """Return the time that a command takes for its argument, in seconds; 0 if that is not known."""
+        for prefix, info in self._timed_commands:
+            if command.startswith(prefix) and _NUMBER.match(number := command[len(prefix) :]):
+                return abs(float(number)) * info.seconds_per_unit
+        return 0.0
+
     def parse_request(self, text: str) -> tuple[CommandInfo, EALData | None]:
         """Return the request of a text, and its checked argument; see parse_command."""
         return _parse("request", self.requests, text, None)
@@ -167,7 +179,7 @@ class ResourceInfo:
     def to_dict(self) -> dict[str, Any]:
         """Return plain dicts, lists, strings and numbers, for JSON and the network."""
         fields = asdict(self)
-        del fields["urgent_commands"]
+        del fields["urgent_commands"], fields["_timed_commands"]
         fields["types"] = list(self.types.names)
         fields["methods"] = [method for method in METHODS if method in self.methods]
         return _to_plain(fields)  # type: ignore[no-any-return]  # a dict goes in, so a dict comes out

@@ -69,6 +69,7 @@ class RoombaDriver(Listener):
         self._goes_forward = False
         self._greeted = 0
         self._is_asleep = False
+        self._is_driven = False
         self._must_stand = False
         self._must_repeat = False
         self._stop_count = 0
@@ -115,7 +116,7 @@ class RoombaDriver(Listener):
         self.stop()
         yield from self.command(bytes([Op.POWER]))
         with self._lock:
-            self._is_asleep = True
+            self._is_asleep, self._is_driven = True, False
             self._note_mode(Mode.OFF)
 
     def wake_up(self) -> Activity:
@@ -164,6 +165,7 @@ class RoombaDriver(Listener):
         with self._lock:
             if self._link.why_not_ready() is None and not self._is_asleep:
                 self._stop()
+                self._is_driven = False
                 self._link.send(_START)
                 self._note_mode(Mode.PASSIVE)
 
@@ -259,7 +261,7 @@ class RoombaDriver(Listener):
                 return delay_s
             self._link.send(data, supersedes=drive is not None)
             if drive is not None:
-                self._goes_forward = drive.goes_forward
+                self._is_driven, self._goes_forward = True, drive.goes_forward
                 self._must_stand, self._drive_data, self._sent_s = False, data, self.clock.now()
                 if not any(self._commanded_m_s):
                     self._driven_s = self._sent_s
@@ -342,7 +344,7 @@ class RoombaDriver(Listener):
         """Repeat a stop until a reading confirms it. Thread: holds the lock."""
         now_s = self.clock.now()
         if not self._must_stand:
-            if self._mode in (Mode.SAFE, Mode.FULL) and self._moved_s > self._stopped_s:
+            if self._is_driven and self._moved_s > self._stopped_s:  # whatever its mode: that is an inference
                 self._stop()  # a damaged byte has set it going
         elif reading is not None and reading.stands and reading.stamp_s - self._stopped_s > _INSIST_S:
             self._must_stand, self._stopped_s, self._stop_count = False, reading.stamp_s, 0

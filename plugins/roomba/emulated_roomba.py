@@ -94,8 +94,6 @@ class EmulatedRoomba(ABC):
     """Whether Baud keeps the mode; otherwise it leads to passive mode."""
     straight: ClassVar[frozenset[int]] = frozenset({STRAIGHT})
     """The radii that mean straight ahead."""
-    can_rest: ClassVar[bool] = False
-    """Whether a note beyond 31..127 is a rest; otherwise the song is invalid."""
     wheelbase_m: float
 
     def __init__(self, body: RoombaBody, mode_pause_s: float, *, has_device_detect: bool = False) -> None:
@@ -241,11 +239,7 @@ class EmulatedRoomba(ABC):
 
     def _keep_song(self, data: bytes) -> None:
         number, notes = data[0], tuple(zip(data[2::2], data[3::2], strict=True))
-        if (
-            number >= self.most_songs
-            or not 1 <= data[1] <= MAX_NOTES
-            or any(not 31 <= note <= 127 for note, _ in notes if not self.can_rest)
-        ):
+        if number >= self.most_songs or not 1 <= data[1] <= MAX_NOTES:  # any note beyond 31..127 is a rest
             self._refuse(f"song {number} of {data[1]} notes")
             return
         self.songs[number] = notes

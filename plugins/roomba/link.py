@@ -43,8 +43,8 @@ class RoombaLink(Protocol):
         ...
 
     @property
-    def late_s(self) -> float:
-        """Time from the first transmission of the latest command to the one that was acknowledged."""
+    def unsure_s(self) -> tuple[float, float]:
+        """The times between which the latest commands came; the second one is infinite until they have come."""
         ...
 
     @property
@@ -157,7 +157,7 @@ class SerialLink(PortLink):
 
     repeats: Final = 1
     reading_lasts_s: Final = 0.0
-    late_s: Final = 0.0
+    unsure_s: Final = (0.0, 0.0)
     is_busy: Final = False
 
     @override

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Final
 
@@ -52,8 +53,8 @@ class MoteLink(PortLink):
         self._in_flight: bytes | None = None
         self._sequence = 0
         self._attempts = 0
-        self._sent_s = self._first_sent_s = 0.0
-        self._late_s = 0.0
+        self._sent_s = self._acked_s = self._unsure_since_s = 0.0
+        self._is_unsure = False
         self._ack_s = ACK_TIMEOUT_S
         self._opening = 0
         self._received = bytearray()
@@ -66,8 +67,8 @@ class MoteLink(PortLink):
 
     @property
     @override
-    def late_s(self) -> float:
-        return self._late_s
+    def unsure_s(self) -> tuple[float, float]:
+        return self._unsure_since_s, math.inf if self._is_unsure else self._acked_s
 
     @override
     def send(self, data: bytes, *, supersedes: bool = False) -> None:
@@ -76,6 +77,7 @@ class MoteLink(PortLink):
             self._waiting = deque(packet for packet in self._waiting if packet[:1] != data[:1])
             if self._in_flight is not None and self._in_flight[:1] == data[:1]:
                 self._in_flight = None
+                self._is_unsure = True
         packets = self._packets(data)
         if len(self._waiting) + len(packets) > MOST_WAITING:
             self._waiting.clear()
@@ -138,7 +140,7 @@ class MoteLink(PortLink):
         if isinstance(read, Ack):
             if self._in_flight is not None and read.sequence == self._sequence:
                 self._in_flight = None
-                self._late_s = self._sent_s - self._first_sent_s
+                self._acked_s, self._is_unsure = self._sent_s, False
                 if self._attempts == 1:
                     self._ack_s = min(max(_ACKS * (self._clock.now() - self._sent_s), _LEAST_ACK_S), ACK_TIMEOUT_S)
         elif read.sequence is None and self._framing.is_ours(read):  # with one, it is an echo of ours
@@ -149,7 +151,8 @@ class MoteLink(PortLink):
             self._in_flight = self._waiting.popleft()
             self._sequence = (self._sequence + 1) % 256
             self._attempts = 0
-            self._first_sent_s, self._late_s = self._clock.now(), 0.0
+            if not self._is_unsure:
+                self._unsure_since_s, self._is_unsure = self._clock.now(), True
             self._transmit(self._in_flight)
 
     def _send_again(self) -> None:

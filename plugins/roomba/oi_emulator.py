@@ -69,7 +69,6 @@ class OiEmulator(EmulatedRoomba):
     most_songs = SONGS
     baud_keeps_mode = True
     straight = frozenset({STRAIGHT, 0x7FFF})
-    can_rest = True
 
     def __init__(
         self,

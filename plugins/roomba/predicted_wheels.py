@@ -67,17 +67,23 @@ class PredictedWheels:
         self._at_s = -math.inf
         self._speeds_m_s = (0.0, 0.0)
         self._commands: deque[tuple[float, tuple[float, float]]] = deque([(-math.inf, (0.0, 0.0))], _MOST_COMMANDS)
-        self._commanded_s = -math.inf
+        self._late_s = 0.0
 
     def command(self, speeds_m_s: tuple[float, float], now_s: float) -> None:
         """Record commanded speeds of the left and the right wheel."""
         if speeds_m_s != self._commands[-1][1]:
             self._commands.append((now_s, speeds_m_s))
-            self._commanded_s = now_s
 
-    def delay(self, late_s: float) -> None:
-        """Record by how much the latest command came late."""
-        self._commands[-1] = self._commanded_s + late_s, self._commands[-1][1]
+    def delay(self, since_s: float, until_s: float, *, has_come: bool) -> None:
+        """Record that the commands since a time have come between both times, or may not have come yet.
+
+        If the last one has come, it has most likely come at the second time, and those before it have not.
+        """
+        self._late_s = until_s - since_s
+        if has_come and self._late_s > 0 and self._commands[-1][0] >= since_s:
+            before = [command for command in self._commands if command[0] < since_s]
+            self._commands = deque([*before, (until_s, self.target_m_s)], _MOST_COMMANDS)
+            self._late_s *= -1
 
     @property
     def target_m_s(self) -> tuple[float, float]:
@@ -115,14 +121,15 @@ class PredictedWheels:
     @property
     def variants(self) -> tuple[tuple[float, float], ...]:
         """The accelerations that are possible, as factors, and the delays of commands."""
+        delay_s = self._late_s if abs(self._late_s) > self._delay_s else self._delay_s
         less, root = 1 / self.factor, math.sqrt(self.factor)
         return (
             (self.factor, 0.0),
             (root, 0.0),
             (less, 0.0),
             (1 / root, 0.0),
-            (1.0, self._delay_s),
-            (root, self._delay_s),
+            (1.0, delay_s),
+            (root, delay_s),
         )
 
     def unknown(self, from_s: float, to_s: float) -> Travel:

@@ -174,7 +174,7 @@ def song(number: int, notes: Sequence[tuple[int, int]]) -> bytes:
 
     Args:
         number: of the song, 0..15.
-        notes: 1..16 pairs of MIDI note, 31..127, and duration in 1/64 s, 0..255.
+        notes: 1..16 pairs of MIDI note, 31..127 or 0 for a rest, and duration in 1/64 s, 0..255.
 
     Raises:
         ArgumentError: a number outside its range.
@@ -183,7 +183,7 @@ def song(number: int, notes: Sequence[tuple[int, int]]) -> bytes:
     _within("count of notes", len(notes), 1, MAX_NOTES)
     data = bytearray([Op.SONG, number, len(notes)])
     for note, duration in notes:
-        data += bytes([_within("note", note, 31, 127), _within("duration in 1/64 s", duration, 0, 255)])
+        data += bytes([note and _within("note", note, 31, 127), _within("duration in 1/64 s", duration, 0, 255)])
     return bytes(data)
 
 

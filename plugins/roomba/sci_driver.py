@@ -201,8 +201,8 @@ class SciDriver(RoombaDriver):
         Raises:
             DataError: no Roomba sends this.
         """
-        if self._link.late_s:
-            self._judge.model.delay(self._link.late_s)
+        since_s, until_s = self._link.unsure_s
+        self._judge.model.delay(since_s, min(until_s, self.clock.now()), has_come=until_s < math.inf)
         if reply.group == _CONTACTS:
             self._contacts, self._contacts_s = Contacts.decode(reply.data), reply.asked_s
             return True

@@ -16,10 +16,13 @@ from eal_actors.plugin import (
     request,
 )
 
-NOTES: Final = ValueInfo(DataType.CHAR, description="MIDI notes 31..127, each with 1/64 s 1..255: 72:16 76:16 79:32")
+NOTES: Final = ValueInfo(
+    DataType.CHAR, description="MIDI notes 31..127, or 0 for a rest, each with 1/64 s 1..255: 72:16 0:16 79:32"
+)
 
 _NUMBER: Final = ValueInfo(DataType.INT, None, 0, 15)
 _MOST_NOTES: Final = 16
+_PITCHES: Final = (0, *range(31, 128))
 
 
 class SongBook(Resource):
@@ -77,7 +80,7 @@ def duration_s(notes: list[tuple[int, int]]) -> float:
 
 
 def parse_notes(text: str) -> list[tuple[int, int]]:
-    """Return the pairs of note and duration in 1/64 s of a text such as `72:16 76:32`.
+    """Return the pairs of note, 0 for a rest, and duration in 1/64 s of a text such as `72:16 0:16 76:32`.
 
     Raises:
         ArgumentError: the text has another form, a number is out of range, or there are too few or too many notes.
@@ -85,8 +88,8 @@ def parse_notes(text: str) -> list[tuple[int, int]]:
     notes = []
     for word in text.split():
         note, _, duration = word.partition(":")
-        if not (note.isdecimal() and duration.isdecimal() and 31 <= int(note) <= 127 and 1 <= int(duration) <= 255):
-            raise ArgumentError(f"{word!r} is no note 31..127 with its 1/64 s 1..255, as in 72:16")
+        if not (note.isdecimal() and duration.isdecimal() and int(note) in _PITCHES and 1 <= int(duration) <= 255):
+            raise ArgumentError(f"{word!r} is no note 31..127, or rest 0, with its 1/64 s 1..255, as in 72:16")
         notes.append((int(note), int(duration)))
     if not 1 <= len(notes) <= _MOST_NOTES:
         raise ArgumentError(f"a song has 1..{_MOST_NOTES} notes, not {len(notes)}")

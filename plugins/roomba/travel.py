@@ -22,6 +22,7 @@ _JITTER_S: Final = 0.02  # a Roomba counts every 15 ms, a simulated one every 20
 _UNCERTAIN: Final = 0.03  # share of a predicted travel
 _UNSURE: Final = 0.02  # the same where nothing was counted
 _UNKNOWN: Final = 0.6  # share of the effect of another acceleration that a count may show
+_UNCOMMANDED: Final = 8.0  # travel that was lost, per travel that was counted, of wheels that should stand
 _SMOOTHING_S: Final = 0.03
 _MOST_REQUESTS: Final = 8
 
@@ -162,6 +163,8 @@ class TravelJudge:
         doubt = most.plus(least, -1.0).scaled(0.5).plus(Travel(*(_UNSURE * abs(value) for value in missing)))
         if max(map(abs, counted)) < ROUNDING_M:  # it may have stood before, too
             doubt = doubt.plus(Travel(*(abs(value) / 2 for value in missing)))
+        elif max(map(abs, self.model.predict(start_s, asked_s))) < ROUNDING_M / 2:  # it turns against its command
+            doubt = doubt.plus(Travel(*(_UNCOMMANDED * abs(value) for value in counted)))
         return Explanation(misfit, least.plus(most).scaled(0.5).plus(counted), doubt)
 
     def _unsure(self, missing: Travel, until_s: float) -> Travel:

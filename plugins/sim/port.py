@@ -13,8 +13,9 @@ from urllib.parse import urlsplit
 
 from eal_actors.plugin import PluginContext, PluginError, UnavailableError
 
+from .battery import SimBattery
 from .models import MAKES
-from .robot import SimBattery, SimRobot
+from .robot import SimRobot
 from .sensors import dropped_wheels, is_wall_near, pressed_bumpers, seen_cliffs
 from .turret import SimTurret
 from .world import SimWorld, world_of

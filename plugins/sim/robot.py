@@ -1,4 +1,4 @@
-"""One simulated robot: its pose, motion, encoders, battery and faults."""
+"""One simulated robot: its pose, motion, encoders and faults."""
 
 from __future__ import annotations
 
@@ -14,105 +14,20 @@ import pymunk
 from eal_actors.plugin import Activity, Localizer, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace
+from .battery import SimBattery
 from .faults import HEALTHY, FaultSet
 from .free_robots import FreeRobots, FreeState
-from .models import BatteryModel, Make
-from .motion import NormalNumbers, SimWheels, VelocityDrive, WheelMotion, WheelOdometer, moved
+from .models import Make
+from .motion import NormalNumbers, SimWheels, WheelMotion, WheelOdometer, moved
 from .turret import SimTurret
+from .velocity_drive import VelocityDrive
 
-ROOM_C: Final = 22.0
-_WARMING_C_A2: Final = 0.8
-_SECONDS_PER_HOUR: Final = 3600.0
 REPORT_TICKS: Final = 2
-"""A driven robot tells its pose estimate the odometry every so many ticks, and whenever somebody reads it."""
+"""A driven robot notes its odometry for the pose estimate every so many ticks."""
+_MOST_REPORTS: Final = 512
+"""Notes after which the pose estimate hears of them; it does before somebody reads it too."""
 _REVIVAL_POLL_S: Final = 60.0
 """Poll interval of an interrupted activity of a dead robot, until the robot is alive again."""
-
-
-class SimBattery:
-    """A battery, drained by time and by driving. It is computed on access.
-
-    Args:
-        model: the battery model of the make.
-        fraction: initial charge, 0..1.
-
-    Attributes:
-        has_failed: whether it is treated as empty, whatever its charge.
-
-    Thread: every member is for the holder of the world's lock.
-    """
-
-    def __init__(self, model: BatteryModel, fraction: float = 1.0) -> None:
-        self._model = model
-        self._capacity_as = model.capacity_ah * _SECONDS_PER_HOUR
-        self._before_as = (1.0 - fraction) * model.capacity_ah * _SECONDS_PER_HOUR
-        self._drawn_as = self._speed_m_s = 0.0
-        self.has_failed = False
-
-    def follow(self, now_s: float, turned_m: float, speed_m_s: float) -> None:
-        """Update from the time, the total travel and the speed of the wheels, each the mean of both wheels.
-
-        The drawn charge follows from the totals, so it does not depend on how often this is called.
-        """
-        self._drawn_as = self._model.idle_a * now_s + self._model.drive_as_m * turned_m
-        self._speed_m_s = speed_m_s
-
-    @property
-    def limits(self) -> tuple[float, float, float, float]:
-        """The charge drawn before it joined, the currents of `BatteryModel`, and the capacity."""
-        return self._before_as, self._model.idle_a, self._model.drive_as_m, self._capacity_as
-
-    def is_empty_after(self, now_s: float, turned_m: float) -> bool:
-        """Return whether it is empty at a time and a total travel: a shortcut for each tick."""
-        drawn_as = self._before_as + self._model.idle_a * now_s + self._model.drive_as_m * turned_m
-        return self.has_failed or drawn_as >= self._capacity_as
-
-    @property
-    def capacity_ah(self) -> float:
-        """The full charge."""
-        return self._model.capacity_ah
-
-    @property
-    def charge_ah(self) -> float:
-        """The remaining charge."""
-        if self.has_failed:
-            return 0.0
-        return max(0.0, self._model.capacity_ah - (self._before_as + self._drawn_as) / _SECONDS_PER_HOUR)
-
-    @property
-    def fraction(self) -> float:
-        """The remaining charge as a share of the capacity, 0..1."""
-        return self.charge_ah / self._model.capacity_ah
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no charge remains."""
-        return self.charge_ah <= 0.0
-
-    @property
-    def current_a(self) -> float:
-        """The charging current: negative while drained, 0 when empty."""
-        if self.is_empty:
-            return 0.0
-        return -(self._model.idle_a + self._model.drive_as_m * self._speed_m_s)
-
-    @property
-    def voltage_v(self) -> float:
-        """The terminal voltage under the present current."""
-        model, fraction = self._model, self.fraction
-        low_v, high_v = model.flat_v
-        if fraction < 0.1:
-            open_v = model.empty_v + (low_v - model.empty_v) * fraction / 0.1
-        elif fraction > 0.9:
-            open_v = high_v + (model.full_v - high_v) * (fraction - 0.9) / 0.1
-        else:
-            open_v = low_v + (high_v - low_v) * (fraction - 0.1) / 0.8
-        return open_v + self.current_a * model.resistance_ohm
-
-    @property
-    def temperature_c(self) -> float:
-        """Its temperature: room temperature, plus warming by the current."""
-        return ROOM_C + _WARMING_C_A2 * self.current_a**2
 
 
 class SimRobot:
@@ -163,6 +78,7 @@ class SimRobot:
         self._odometer: WheelOdometer | None = None
         self._calibration = WheelCalibration()
         self.localizer: Localizer | None = None
+        self._reports: list[tuple[float, float, float, float]] = []
         self.turret = SimTurret(make.turret, now_s) if make.turret else None
         self._seeds = seed, zlib.crc32(name.encode())
         motion_generator, self.sensor_generator = (np.random.default_rng([*self._seeds, use]) for use in range(2))
@@ -366,15 +282,24 @@ class SimRobot:
                 return
 
     def report_odometry(self, now_s: float) -> None:
-        """Tell the pose estimate the pose by odometry."""
+        """Note the pose by odometry for the pose estimate."""
         self._update()
         if self._odometer is not None:
             self.report(self._odometer.pose, now_s)
 
     def report(self, odometry: Pose2D, now_s: float) -> None:
-        """Tell the pose estimate a pose by odometry."""
+        """Note a pose by odometry for the pose estimate."""
         if self.localizer is not None:
-            self.localizer.odometry(*odometry, now_s)
+            self._reports.append((*odometry, now_s))
+            if len(self._reports) >= _MOST_REPORTS:
+                self.hand_over_reports()
+
+    def hand_over_reports(self) -> None:
+        """Tell the pose estimate the noted odometry: before it is read, set, or follows another driver."""
+        reports, self._reports = self._reports, []
+        if self.localizer is not None:
+            for report in reports:
+                self.localizer.odometry(*report)
 
     def is_done(self, now_s: float) -> bool:
         """Return whether its motion is over, or its battery empty, at the world's time `now_s`."""
@@ -470,9 +395,3 @@ class SimRobot:
 
     def _no_place(self) -> UnavailableError:
         return UnavailableError(f"the simulated world has no free place for robot {self.name!r}")
-
-
-def wrapped_rad(angle_rad: float) -> float:
-    """Return the angle in (-pi, pi]."""
-    wrapped = math.remainder(angle_rad, 2 * math.pi)
-    return math.pi if wrapped == -math.pi else wrapped

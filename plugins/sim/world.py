@@ -20,9 +20,10 @@ from eal_actors.plugin import ArgumentError, Clock, FleetServices, PluginError, 
 from .arena import Pose2D, QuerySpace, is_on_floor, places
 from .free_robots import LEAST_WORK, MOST_TICKS, FreeRobots
 from .models import Make
-from .motion import NOMINAL, VelocityDrive, WheelMotion
+from .motion import NOMINAL, WheelMotion
 from .physics import ContactEngine, ContactSearch, ProximityReporter, SimBox
 from .robot import REPORT_TICKS, SimRobot
+from .velocity_drive import VelocityDrive
 
 __all__ = ["EMPTY_ROOM", "SimBox", "SimWorld", "world_of"]
 

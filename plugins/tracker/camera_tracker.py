@@ -49,6 +49,7 @@ class CameraTracker:
 
     Attributes:
         name: the camera's name.
+        lens: its lens.
         sightings: the markers on robots in the newest picture, by id.
         detections: all markers in the newest picture.
         stamp_s: the newest picture's time of exposure; None before the first.
@@ -68,7 +69,7 @@ class CameraTracker:
         problems: ProblemList,
     ) -> None:
         self.name: Final = name
-        self._lens = lens
+        self.lens: Final = lens
         self._groups = groups
         self._floor = floor
         self._problems = problems
@@ -94,7 +95,7 @@ class CameraTracker:
         """Where the floor markers are in the picture, (4, 2), by id; without those that are not at their places."""
         mounting = self.mounting
         used = () if mounting is None else mounting.markers
-        return {one: self._lens.pixels(self._floor[one], mounting.turn, mounting.shift_m) for one in used}  # type: ignore[union-attr]
+        return {one: self.lens.pixels(self._floor[one], mounting.turn, mounting.shift_m) for one in used}  # type: ignore[union-attr]
 
     def process(self, picture: Image, stamp_s: float) -> None:
         """Find the markers in a picture. One that is not newer than the last one is ignored."""
@@ -115,7 +116,7 @@ class CameraTracker:
         self.stamp_s, self.picture = stamp_s, picture
 
     def _has_wrong_size(self, picture: Image, stamp_s: float) -> bool:
-        found, wanted = (picture.shape[1], picture.shape[0]), self._lens.size_px
+        found, wanted = (picture.shape[1], picture.shape[0]), self.lens.size_px
         text = f"pictures of {found[0]} x {found[1]} px do not fit the lens, calibrated at {wanted[0]} x {wanted[1]} px"
         wrong = [] if found == wanted else [TrackingProblem("wrong_picture_size", self.name, None, text, stamp_s)]
         self._problems.replace(["wrong_picture_size"], self.name, wrong)
@@ -133,7 +134,7 @@ class CameraTracker:
         groups = [self._groups[one.number] for one in seen]
         places = np.array([one.at(stamp_s)[0] for one in seen])
         places[:, 2] = [group.height_m for group in groups]
-        pixels = self._lens.pixels(places, mounting.turn, mounting.shift_m)
+        pixels = self.lens.pixels(places, mounting.turn, mounting.shift_m)
         corners = np.stack([one.corners for one in seen])
         sides_px = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
         surprises_px = _SURPRISE_M_S2 * away_s**2 / 2 * sides_px / [group.size_m for group in groups]
@@ -217,7 +218,7 @@ class CameraTracker:
         groups = [self._groups[one.number] for one in seen]
         heights_m, sizes_m = (np.array([getattr(one, key) for one in groups]) for key in ("height_m", "size_m"))
         corners = np.stack([one.corners for one in seen])
-        return list(zip(seen, fit_squares(corners, self._lens, self.mounting, heights_m, sizes_m), strict=True))
+        return list(zip(seen, fit_squares(corners, self.lens, self.mounting, heights_m, sizes_m), strict=True))
 
     def _note_pose(self, stamp_s: float) -> None:
         """Report a camera that does not know its pose."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 from eal_actors.plugin import FAMILIES, EALPlugin, FamilyName, PluginContext, PluginError, Resource
 
 from .feeds import open_feed
+from .floor import FloorPicture
 from .resources import FixesSensor, TrackedPicture
 from .settings import Settings
 from .tracker import Tracker
@@ -17,8 +18,8 @@ __all__ = ["Settings", "TrackerPlugin", "connect", "disconnect"]
 class TrackerPlugin(EALPlugin):
     """A plugin with one tracker."""
 
-    def __init__(self, tracker: Tracker) -> None:
-        super().__init__("Fixes", "Picture")
+    def __init__(self, tracker: Tracker, *, has_floor: bool) -> None:
+        super().__init__("Fixes", "Picture", *(["Floor"] if has_floor else []))
         self.tracker = tracker
 
 
@@ -40,7 +41,7 @@ def connect(context: PluginContext) -> TrackerPlugin:
     except BaseException:
         tracker.close()
         raise
-    return TrackerPlugin(tracker)
+    return TrackerPlugin(tracker, has_floor=world is not None)
 
 
 def _check_ids(settings: Settings, family: FamilyName, floor: list[int]) -> None:
@@ -67,9 +68,21 @@ def create_Picture(context: PluginContext) -> TrackedPicture:
     return TrackedPicture(context.plugin.tracker, context.robot)
 
 
+def create_Floor(context: PluginContext) -> FloorPicture:
+    """Create the picture of the whole floor."""
+    world = context.services.world
+    if world is None:
+        raise PluginError("the fleet has no world, whose size the picture of the floor needs")
+    return FloorPicture(context.plugin.tracker, world.size_m)
+
+
 def destroy_Fixes(resource: Resource) -> None:
     """Do nothing: `disconnect` closes the cameras."""
 
 
 def destroy_Picture(resource: Resource) -> None:
+    """Do nothing: `disconnect` closes the cameras."""
+
+
+def destroy_Floor(resource: Resource) -> None:
     """Do nothing: `disconnect` closes the cameras."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from eal_actors import Fleet
+from eal_actors.device.info import ResourceInfo
 from eal_actors.kernel.errors import (
     ArgumentError,
     CallCancelledError,
@@ -76,3 +77,22 @@ def test_cancelling_cancels_every_command(fleet: Fleet) -> None:
     assert {name: list(pose.value) for name, pose in first.items()} == {
         name: list(pose.value) for name, pose in second.items()
     }
+
+
+def test_the_default_deadline_follows_the_length_of_a_motion(fleet: Fleet) -> None:
+    base = fleet["robot1"]["Base"]
+    started_s = fleet.clock.now()
+    assert base.send_cmd("f4").get() == 1
+    assert fleet.clock.now() - started_s > 10.0  # the fleet file's timeout_s
+    assert fleet.send(["robot2", "robot3"], "Base", "f4").get() == {"robot2": 1, "robot3": 1}
+    with pytest.raises(DeadlineError):
+        base.send_cmd("f4", timeout_s=10.0).get()
+
+
+@pytest.mark.parametrize(
+    ("command", "takes_s"), [("f3", 20.0), ("l90", 2.0), ("r-90", 2.0), ("f", 0.0), ("g", 0.0), ("fast", 0.0)]
+)
+def test_a_base_tells_what_its_motions_take(fleet: Fleet, command: str, takes_s: float) -> None:
+    info = fleet["evbot"]["Base"].info
+    assert info.takes_s(command) == pytest.approx(takes_s, rel=0.5)
+    assert ResourceInfo.from_dict(info.to_dict()).takes_s(command) == info.takes_s(command)

@@ -8,9 +8,9 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from html import escape
 from types import MappingProxyType
 from typing import Final, Literal, TypeAlias
-from xml.sax.saxutils import escape
 
 PaperName: TypeAlias = Literal["a4", "a3", "letter"]
 

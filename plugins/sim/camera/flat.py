@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .eye import NEAR_M, Eye, Floats
+from .eye import NEAR_M, Eye, Floats, PinholeLens
 from .layers import Layer, Rect
 from .solids import Block, Face, Plane, Point
-from .texture import PAD, Image, Mipmap
+from .texture import PAD, Image, Mipmap, halvings
 
 _Line = tuple[float, float, float]
 _Matrix = tuple[_Line, _Line, _Line]
@@ -149,24 +150,33 @@ def fill_plane(eye: Eye, plane: Plane, rect: Rect, target: Image) -> None:
     """Draw a level surface into a part of the image, which must be on its side of the horizon."""
     texture = plane.texture
     below_m = max(abs(eye.z_m - plane.height_m), NEAR_M)
-    per_px = min(texture.per_m) / eye.focal_px / math.sqrt(below_m)
-
-    def levels(rows: NDArray[np.intp] | int) -> NDArray[np.intp]:
-        down_px = np.maximum(np.abs(rows - eye.centre_px[1]), _HORIZON_PX)
-        ahead_m = eye.focal_px * below_m / down_px
-        counts = ahead_m**1.5 * per_px  # a compromise: pixels are long and narrow there
-        return np.minimum(texture.levels(counts, 0), texture.deepest[1])
-
+    levels = _levels_of_rows(eye.lens, below_m, min(texture.per_m), min(texture.deepest))
     matrix = plane_homography(eye, plane)
     if rect.bottom - rect.top <= _FEW_ROWS:
-        level = int(levels((rect.top + rect.bottom) // 2))
+        level = int(levels[(rect.top + rect.bottom) // 2])
         _warp(texture, (level, level), matrix, rect, target)
     else:
-        level_of = levels(np.arange(rect.top, rect.bottom))
+        level_of = levels[rect.top : rect.bottom]
         for start, end in _runs(level_of):
             part = Rect(rect.left, rect.right, rect.top + start, rect.top + end)
             _warp(texture, (int(level_of[start]), int(level_of[start])), matrix, part, target[start:end])
     _dim(target, plane.gain)
+
+
+@lru_cache(maxsize=256)
+def _levels_of_rows(lens: PinholeLens, below_m: float, per_m: float, deepest: int) -> NDArray[np.intp]:
+    """Return the halvings for a level surface in each row of the image, (height,).
+
+    Args:
+        lens: of the camera.
+        below_m: vertical distance of camera and surface.
+        per_m: samples per metre.
+        deepest: the number of possible halvings.
+    """
+    down_px = np.maximum(np.abs(np.arange(lens.height) - lens.centre_px[1]), _HORIZON_PX)
+    ahead_m = lens.focal_px * below_m / down_px
+    counts = ahead_m**1.5 * (per_m / lens.focal_px / math.sqrt(below_m))  # a compromise: pixels are long and narrow
+    return halvings(counts, deepest)
 
 
 def near_plane(eye: Eye, plane: Plane, rect: Rect) -> Image:
@@ -254,20 +264,23 @@ def _runs(levels: NDArray[np.intp], least: int = 1) -> Iterator[tuple[int, int]]
 
 def _warp(texture: Mipmap, level: tuple[int, int], matrix: _Matrix, part: Rect, target: Image) -> None:
     """Warp a version of a mipmap into a part of the image."""
-    scale = _shift_line(matrix[2], part)
-    lines = [
-        [factor * value + PAD * share for value, share in zip(_shift_line(line, part), scale, strict=True)]
-        for line, factor in zip(matrix, (0.5 ** level[0], 0.5 ** level[1]), strict=False)
-    ]
+    along, down, scale = (_shift_line(line, part) for line in matrix)
+    shifted = np.array([_sample_line(along, scale, level[0]), _sample_line(down, scale, level[1]), scale])
     cv2.warpPerspective(
         texture.version(*level),
-        np.array([*lines, scale]),
+        shifted,
         (part.right - part.left, part.bottom - part.top),
         dst=target,
         flags=_WARP,
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=_WHITE,
     )
+
+
+def _sample_line(line: _Line, scale: _Line, halvings: int) -> _Line:
+    """Return a line of a homography to the samples of a version of a mipmap."""
+    factor = 0.5**halvings
+    return factor * line[0] + PAD * scale[0], factor * line[1] + PAD * scale[1], factor * line[2] + PAD * scale[2]
 
 
 def _shift_line(line: _Line, part: Rect) -> _Line:

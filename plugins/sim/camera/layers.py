@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Final, NamedTuple, TypeAlias
 
 import cv2
@@ -58,6 +59,16 @@ class Layer:
         """Its columns."""
         return slice(self.first, self.first + len(self.tops))
 
+    @cached_property
+    def _edges(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Its upper and its lower edge in less precision, with which numpy is faster."""
+        return self.tops.astype(np.float32), self.bottoms.astype(np.float32)
+
+    @cached_property
+    def _between(self) -> tuple[float, float]:
+        """The lowest point of its upper edge and the highest of its lower edge: it covers all columns between them."""
+        return float(self.tops.max()), float(self.bottoms.min())
+
     def paint(self, image: Image) -> None:
         """Paint it over an image."""
         height = image.shape[0]
@@ -68,17 +79,19 @@ class Layer:
         if rect.top >= rect.bottom or high - low < _THIN_PX:
             return
         target = image[rect.top : rect.bottom, self.columns]
+        rows = _row_numbers(height)[rect.top : rect.bottom]
         if target.size > _SMALL:
-            self._paint_large(target, rect)
+            self._paint_large(target, rect, rows)
             return
         under = target.copy()
         self.fill(rect, target)
-        self._blend(target, under, rect.top)
+        self._blend(target, under, rows)
 
-    def _paint_large(self, target: Image, rect: Rect) -> None:
+    def _paint_large(self, target: Image, rect: Rect, rows: NDArray[np.float32]) -> None:
         """Paint it, without blending the rows that it covers in all columns."""
-        start = min(max(math.ceil(float(self.tops.max()) + 0.5), rect.top), rect.bottom)
-        end = max(min(math.floor(float(self.bottoms.min()) - 0.5) + 1, rect.bottom), start)
+        lowest_top, highest_bottom = self._between
+        start = min(max(math.ceil(lowest_top + 0.5), rect.top), rect.bottom)
+        end = max(min(math.floor(highest_bottom - 0.5) + 1, rect.bottom), start)
         first, last = start - rect.top, end - rect.top
         upper, whole, lower = target[:first], target[first:last], target[last:]
         under_upper, under_lower = upper.copy(), lower.copy()
@@ -87,26 +100,38 @@ class Layer:
         self.fill(rect, target)
         for (side, share), under in zip(sides, under_sides, strict=True):
             whole[:, side] = under + (whole[:, side] - under) * np.float32(share) + np.float32(0.5)
-        self._blend(upper, under_upper, rect.top)
-        self._blend(lower, under_lower, end)
+        self._blend(upper, under_upper, rows[:first])
+        self._blend(lower, under_lower, rows[last:])
 
-    def _blend(self, target: Image, under: Image, first_row: int) -> None:
+    def _blend(self, target: Image, under: Image, rows: NDArray[np.float32]) -> None:
         """Blend some rows with their previous content by the covered share."""
         if len(target):
-            share = self._share(first_row, len(target))
+            share = self._share(rows)
             cv2.blendLinear(target, under, share, 1 - share, target)
 
-    def _share(self, first_row: int, rows: int) -> NDArray[np.float32]:
+    def _share(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the covered share of each pixel of some rows, (rows, columns), 0..1."""
-        row = np.arange(first_row, first_row + rows, dtype=np.float32)[:, np.newaxis]
-        if float(self.bottoms.min()) >= first_row + rows - 0.5:
-            share = np.minimum(row + 0.5 - self.tops.astype(np.float32), 1.0)
+        (tops, bottoms), (lowest_top, highest_bottom) = self._edges, self._between
+        if highest_bottom >= rows[-1, 0] + 0.5:
+            share = rows + 0.5 - tops
+            np.minimum(share, 1.0, out=share)
         else:
-            share = np.minimum(self.bottoms.astype(np.float32) - row, 0.5)
-            share -= np.maximum(self.tops.astype(np.float32) - row, -0.5)
+            share = bottoms - rows
+            np.minimum(share, 0.5, out=share)
+            if lowest_top <= rows[0, 0] - 0.5:
+                share += 0.5
+            else:
+                above = tops - rows
+                share -= np.maximum(above, -0.5, out=above)
         np.maximum(share, 0.0, out=share)
         if self.left_share < 1.0:
             share[:, 0] *= self.left_share
         if self.right_share < 1.0:
             share[:, -1] *= self.right_share
-        return np.asarray(share)
+        return share
+
+
+@lru_cache(maxsize=8)
+def _row_numbers(height: int) -> NDArray[np.float32]:
+    """Return the numbers of an image's rows, (height, 1)."""
+    return np.arange(height, dtype=np.float32)[:, np.newaxis]

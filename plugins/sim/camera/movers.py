@@ -105,8 +105,9 @@ class RobotKit:
         placed = []
         for number, drum in enumerate(self.drums):
             yaw_rad = robot.yaw_rad + (robot.head_yaw_rad if number else 0.0)
-            top = replace(drum.top, middle=middle, yaw_rad=yaw_rad, gain=float(gains[-1]))
-            placed.append(replace(drum, middle=middle, yaw_rad=yaw_rad, top=top, gains=gains[:-1]))
+            top = Plane(drum.top.height_m, middle, yaw_rad, drum.top.texture, float(gains[-1]))
+            heights_m = drum.bottom_m, drum.height_m
+            placed.append(Drum(middle, drum.radius_m, *heights_m, yaw_rad, drum.side, top, gains[:-1]))
         return Tower(tuple(placed))
 
 

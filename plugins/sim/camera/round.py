@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -111,5 +112,11 @@ def _fill_side(eye: Eye, drum: Drum, outline: _Outline, rect: Rect, target: Imag
     cv2.remap(image, columns, rows, cv2.INTER_LINEAR, dst=target, borderMode=cv2.BORDER_REPLICATE)
     if drum.gains is not None:
         gains = np.empty(target.shape[:2], np.float32)
-        gains[:] = np.interp(outline.facing, np.linspace(-0.5, 0.5, len(drum.gains)), drum.gains)
+        gains[:] = np.interp(outline.facing, _turn(len(drum.gains)), drum.gains)
         cv2.blendLinear(target, np.zeros_like(target), gains, 1 - gains, target)
+
+
+@lru_cache(maxsize=8)
+def _turn(count: int) -> NDArray[np.float64]:
+    """Return equal steps of a full turn, from -0.5 to 0.5."""
+    return np.linspace(-0.5, 0.5, count)

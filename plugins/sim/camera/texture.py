@@ -59,8 +59,7 @@ class Mipmap:
 
     def levels(self, samples_per_px: NDArray[np.float64], axis: int) -> NDArray[np.intp]:
         """Return the number of halvings for each of several densities."""
-        wanted = np.rint(np.log2(samples_per_px) - _SHARPNESS)
-        return np.clip(wanted, 0, self.deepest[axis]).astype(np.intp)
+        return halvings(samples_per_px, self.deepest[axis])
 
     def version(self, along: int, across: int) -> Image:
         """Return the image after some halvings along and across, with a border of PAD samples."""
@@ -72,6 +71,12 @@ class Mipmap:
         else:
             known = _halve(_unpad(self.version(0, across - 1)).swapaxes(0, 1)).swapaxes(0, 1)
         return self._versions.setdefault((along, across), _pad(known))
+
+
+def halvings(samples_per_px: NDArray[np.float64], deepest: int) -> NDArray[np.intp]:
+    """Return the number of halvings, at most `deepest`, for each of several sample densities."""
+    wanted = np.rint(np.log2(samples_per_px) - _SHARPNESS)
+    return np.minimum(np.maximum(wanted, 0.0), deepest).astype(np.intp)
 
 
 def _pad(image: Image) -> Image:

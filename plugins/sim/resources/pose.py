@@ -19,7 +19,8 @@ from eal_actors.plugin import (
 )
 
 from ..arena import Pose2D
-from ..robot import SimRobot, wrapped_rad
+from ..motion import wrapped_rad
+from ..robot import SimRobot
 from ..world import SimWorld
 from .robot_resource import RobotResource
 
@@ -73,6 +74,7 @@ class Pose(PoseResource):
         self._robot = robot
         noise = robot.make.odometry_noise
         with world.caught_up():
+            robot.hand_over_reports()
             if robot.has_place:
                 localizer.begin_at(*robot.pose)
             localizer.attach(noise.calibrated() if is_calibrated else noise, refresh=self._refresh)
@@ -90,6 +92,7 @@ class Pose(PoseResource):
     def _refresh(self) -> None:
         with self._world.caught_up() as now_s:
             self._robot.report_odometry(now_s)
+            self._robot.hand_over_reports()
 
 
 class Odometry(RobotResource):
@@ -122,6 +125,7 @@ class Odometry(RobotResource):
         pose = finite_pose(data)
         with self._world.caught_up() as now_s:
             self._robot.odometry = pose
+            self._robot.hand_over_reports()
             if self._robot.localizer is not None:
                 self._robot.localizer.restart_odometry(*pose, now_s)
 

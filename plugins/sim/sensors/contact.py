@@ -7,7 +7,8 @@ from typing import Final, NamedTuple
 
 from eal_actors.device.world import WorldModel
 
-from ..robot import SimRobot, wrapped_rad
+from ..motion import wrapped_rad
+from ..robot import SimRobot
 from ..world import SimWorld
 
 _BUMPER_REACH_M: Final = 0.003

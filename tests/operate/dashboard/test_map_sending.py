@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,6 +15,8 @@ from playwright.sync_api import Page as BrowserPage
 from playwright.sync_api import expect
 
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.managers.config import EALConfigManager
 from tests.operate.dashboard.rig import open_dashboard, page_of
 
 WORLD = """\
@@ -134,3 +138,32 @@ def test_a_watcher_is_offered_no_robot(
     with open_dashboard(sent, "secret") as dashboard, open_page(dashboard.url + "#/map") as page:
         expect(page.get_by_label("Send", exact=True)).to_contain_text("no robot can go")
         expect(page.locator("#connection")).to_contain_text("connected")
+
+
+def test_the_floor_from_above_lies_beneath_the_map(
+    open_page: Callable[..., AbstractContextManager[BrowserPage]],
+) -> None:
+    config = replace(EALConfigManager.load(bundled_path("fleets/arena.yaml")).fleet, rate=1)
+    with Fleet(config) as arena, open_dashboard(arena) as dashboard, open_page(dashboard.link + "#/map") as page:
+        page.set_viewport_size({"width": 1200, "height": 900})
+        canvas = page.locator(".map canvas")
+
+        def brightness(x_m: float, y_m: float) -> float:
+            colour = canvas.evaluate(
+                """(canvas, [x, y]) => {
+                    const scale = Math.min(canvas.clientWidth / 4.4, canvas.clientHeight / 3.4) * 0.94;
+                    const ratio = canvas.width / canvas.clientWidth;
+                    const at = [canvas.clientWidth / 2 + x * scale, canvas.clientHeight / 2 - y * scale];
+                    return [...canvas.getContext("2d").getImageData(at[0] * ratio, at[1] * ratio, 1, 1).data];
+                }""",
+                [x_m, y_m],
+            )
+            return float(sum(colour[:3]) / 3)
+
+        expect(canvas).to_have_attribute("data-floors", re.compile("[1-9]"))
+        for marker in arena.config.world.markers.floor:  # type: ignore[union-attr]
+            edge_m = marker.size_m / 2
+            assert brightness(marker.x_m + edge_m - 0.015, marker.y_m + 0.02) < 120, "its black edge"
+            assert brightness(marker.x_m + edge_m + 0.015, marker.y_m + 0.02) > 150, "its white border"
+        page.get_by_role("button", name="Picture").click()
+        assert brightness(1.85 + 0.085, 1.42) > 150, "the plain floor"

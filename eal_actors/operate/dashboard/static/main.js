@@ -6,7 +6,7 @@ import { byId, clockTime, el, setText } from "./dom.js";
 import { releaseAll, showDriveError } from "./drive.js";
 import { fleetView } from "./fleet.js";
 import { logsView } from "./logs.js";
-import { mapView } from "./map.js";
+import { mapView, showFloor } from "./map.js";
 import { robotView } from "./robot.js";
 import { scenarioView } from "./scenario.js";
 import { store } from "./store.js";
@@ -113,7 +113,10 @@ connection.onDriveError = (error) => {
   if (!showDriveError(error)) connection.onError(error.robot ? `${error.robot}: ${error.error}` : error.error);
 };
 connection.onError = (error) => notify(error, true);
-connection.onFrame = showFrame;
+connection.onFrame = (header, jpeg) => {
+  showFrame(header, jpeg);
+  showFloor(header, jpeg);
+};
 
 function canCommand() {
   return store.mayCommand() && connection.isOpen;

@@ -1,6 +1,7 @@
 // The world from above with the robots and their trails: drag, zoom, click a robot for its panel, or send one.
 
 import { colour, el, fitCanvas, setText } from "./dom.js";
+import { FloorPicture } from "./map_floor.js";
 import { drawPath, drawSpread, drawWorld, drawZones, rectangleOf } from "./map_layers.js";
 import { MapSender } from "./map_send.js";
 import { stateOf, store, worldBounds } from "./store.js";
@@ -18,6 +19,14 @@ const ZOOM = 1.3;
 const GRID_M = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50];
 const GRID_PX = 34;
 
+/** @type {FleetMap | null} */
+let shown = null;
+
+/** @param {import("./types").FrameHeader} header @param {Blob | null} jpeg */
+export function showFloor(header, jpeg) {
+  shown?.floor.show(header, jpeg);
+}
+
 /** @param {HTMLElement} root @returns {View} */
 export function mapView(root) {
   root.className = "fill";
@@ -32,6 +41,7 @@ export function mapView(root) {
         el("h1", { class: "grow" }, "Map"),
         map.toggle("trails", "Trails"),
         map.toggle("names", "Names"),
+        map.toggle("picture", "Picture"),
         button("−", "Zoom out", () => map.zoom(1 / ZOOM)),
         button("+", "Zoom in", () => map.zoom(ZOOM)),
         button("Fit", "Fit everything", () => map.fit()),
@@ -41,6 +51,7 @@ export function mapView(root) {
     map.frame,
   );
   map.observe();
+  shown = map;
   return map;
 }
 
@@ -52,7 +63,7 @@ function button(label, name, onclick) {
 class FleetMap {
   /** The point in the middle, in metres, and the pixels of a metre. */
   camera = { x: 0, y: 0, scale: 60, isFitted: true };
-  options = { trails: true, names: true };
+  options = { trails: true, names: true, picture: true };
   trails = document.createElement("canvas");
   /** @type {Map<string, Point | undefined>} The last point of each trail that is on the canvas of trails. */
   trailEnds = new Map();
@@ -63,6 +74,7 @@ class FleetMap {
   pointers = new Map();
   pinch = 0;
   sender = new MapSender(() => this.redraw());
+  floor = new FloorPicture(() => this.redraw());
   scheme = matchMedia("(prefers-color-scheme: dark)");
   observer = new ResizeObserver(() => (this.camera.isFitted ? this.fit() : this.redraw()));
 
@@ -91,6 +103,8 @@ class FleetMap {
   }
 
   leave() {
+    shown = null;
+    this.floor.watch(false);
     this.observer.disconnect();
     this.scheme.removeEventListener("change", this.redraw);
   }
@@ -105,6 +119,8 @@ class FleetMap {
     }
     this.canvas.setAttribute("aria-label", `Map of ${robots} robots. The fleet view lists them as text.`);
     if (changed.has("hello") || changed.has("robots")) this.sender.offer();
+    if (changed.has("hello")) this.floor.watched = "";
+    this.floor.watch(this.options.picture);
     if (changed.has("poses") || changed.has("robots")) this.draw();
   }
 
@@ -114,6 +130,7 @@ class FleetMap {
     node.onclick = () => {
       this.options[key] = !this.options[key];
       node.setAttribute("aria-pressed", String(this.options[key]));
+      this.floor.watch(this.options.picture);
       this.draw();
     };
     return node;
@@ -188,6 +205,8 @@ class FleetMap {
     if (world) {
       context.fillStyle = colour("--floor");
       context.fillRect(...rectangleOf(frame, world));
+      if (this.floor.image) context.drawImage(this.floor.image, ...rectangleOf(frame, world));
+      this.canvas.dataset.floors = String(this.floor.frames);
     }
     this.drawGrid(context, width, height);
     if (world) drawWorld(context, frame, world);

@@ -97,6 +97,11 @@ function drawPlaces(context, frame, { places }) {
     context.moveTo(x, y - PLACE_PX);
     context.lineTo(x, y + PLACE_PX);
     context.stroke();
+    context.save();
+    context.strokeStyle = colour("--floor"); // readable on the picture of the floor too
+    context.lineWidth = 3;
+    context.strokeText(name, x, y + PLACE_PX + 14);
+    context.restore();
     context.fillText(name, x, y + PLACE_PX + 14);
   }
   context.restore();

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -114,18 +115,20 @@ def test_a_question_whose_closing_flag_is_lost_arrives_before_the_next_packet() 
     assert bench.line.take_sent() == [(None, b"\x8e\x02")]
 
 
-def test_it_tells_by_how_much_a_command_came_late() -> None:
+def test_it_tells_when_the_latest_commands_came() -> None:
     bench = Bench()
     bench.line.acknowledges = False
-    bench.link.send(b"a")
+    bench.link.send(b"a1")
     bench.wait(0.2)
+    bench.link.send(b"a2", supersedes=True)
+    assert bench.link.unsure_s == (0.0, math.inf)
     bench.line.acknowledges = True
     bench.wait(0.2)
     bench.wait(0.0)
-    assert bench.link.late_s == pytest.approx(0.4)
+    assert bench.link.unsure_s == pytest.approx((0.0, 0.4))
     bench.link.send(b"b")
     bench.wait(0.0)
-    assert bench.link.late_s == 0.0
+    assert bench.link.unsure_s == pytest.approx((0.4, 0.4))
 
 
 def test_one_packet_at_a_time_is_under_way() -> None:

@@ -101,7 +101,7 @@ def test_leds_refuse_what_no_byte_holds(lights: SciLights) -> None:
 
 
 def test_song_and_play() -> None:
-    assert list(sci.song(3, [(72, 16), (127, 255)])) == [140, 3, 2, 72, 16, 127, 255]
+    assert list(sci.song(3, [(72, 16), (0, 8), (127, 255)])) == [140, 3, 3, 72, 16, 0, 8, 127, 255]
     assert list(sci.play(15)) == [141, 15]
 
 

@@ -294,10 +294,15 @@ def test_songs_that_are_refused() -> None:
     bench = Bench()
     bench.send(141, 1)
     bench.send(140, 16, 1, 72, 16)
-    bench.send(140, 1, 1, 30, 16)
-    assert (bench.roomba.refused, bench.roomba.songs) == (3, {})
+    assert (bench.roomba.refused, bench.roomba.songs) == (2, {})
     bench.send(140, 1, 1, 72, 64)
     bench.send(141, 1)
     bench.send(141, 1)
-    assert bench.roomba.refused == 4
+    assert bench.roomba.refused == 3
     assert bench.roomba.playing(bench.now_s + 0.5) == 1
+
+
+def test_a_song_may_have_rests() -> None:
+    bench = Bench()
+    bench.send(140, 1, 3, 72, 16, 30, 16, 128, 32)  # the specification: any note beyond 31..127 is a rest
+    assert bench.roomba.songs == {1: ((72, 16), (30, 16), (128, 32))}

@@ -67,6 +67,13 @@ def test_what_is_lost_after_a_count_that_came_late_is_within_the_doubt() -> None
     )  # 0.25 s of travel in all, of which 0.15 s are counted
 
 
+def test_what_standing_wheels_lost_while_they_turned_is_in_doubt() -> None:
+    bench = Bench((0.0, 0.0))
+    bench.lose()
+    bench.read(0.002, 0.001)  # a damaged stop has set it going: 8 mm of arc were lost
+    assert bench.judge.doubt.arc_m >= 0.008
+
+
 def test_a_lost_request_has_not_reset_the_counts() -> None:
     bench = Bench()
     bench.lose(is_reset=False)
@@ -118,7 +125,17 @@ def test_a_command_that_came_late_is_predicted_from_then_on() -> None:
     bench = Bench((0.0, 0.0))
     bench.read(0.0)
     bench.judge.command(CRUISE, bench.now_s)
-    bench.judge.model.delay(0.1)
     begun_s = bench.now_s
+    bench.judge.model.delay(begun_s, begun_s + 0.1, has_come=True)
     assert bench.judge.model.predict(begun_s, begun_s + 0.1).ahead_m == 0.0
     assert bench.judge.model.predict(begun_s, begun_s + 0.2).ahead_m == pytest.approx(0.004)  # 0.8 m/s2
+
+
+def test_commands_that_may_not_have_come_yet_add_to_what_is_unknown() -> None:
+    bench = Bench((0.0, 0.0))
+    bench.read(0.0)
+    begun_s = bench.now_s
+    bench.judge.command(CRUISE, begun_s)
+    bench.judge.model.delay(begun_s, begun_s + 0.5, has_come=False)
+    predicted = bench.judge.model.predict(begun_s, begun_s + 0.5)
+    assert bench.judge.model.unknown(begun_s, begun_s + 0.5).ahead_m == pytest.approx(predicted.ahead_m)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from plugins.sim.models import MAKES, Make
-from plugins.sim.motion import Move, SimWheels, Trapezoid, VelocityDrive, WheelOdometer, moved
+from plugins.sim.motion import Move, SimWheels, Trapezoid, WheelOdometer, moved
+from plugins.sim.velocity_drive import VelocityDrive
 
 TICK_S = 0.02
 

@@ -1,0 +1,97 @@
+"""The battery of a simulated robot."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from .models import BatteryModel
+
+ROOM_C: Final = 22.0
+_WARMING_C_A2: Final = 0.8
+_SECONDS_PER_HOUR: Final = 3600.0
+
+
+class SimBattery:
+    """A battery, drained by time and by driving. It is computed on access.
+
+    Args:
+        model: the battery model of the make.
+        fraction: initial charge, 0..1.
+
+    Attributes:
+        has_failed: whether it is treated as empty, whatever its charge.
+
+    Thread: every member is for the holder of the world's lock.
+    """
+
+    def __init__(self, model: BatteryModel, fraction: float = 1.0) -> None:
+        self._model = model
+        self._capacity_as = model.capacity_ah * _SECONDS_PER_HOUR
+        self._before_as = (1.0 - fraction) * model.capacity_ah * _SECONDS_PER_HOUR
+        self._drawn_as = self._speed_m_s = 0.0
+        self.has_failed = False
+
+    def follow(self, now_s: float, turned_m: float, speed_m_s: float) -> None:
+        """Update from the time, the total travel and the speed of the wheels, each the mean of both wheels.
+
+        The drawn charge follows from the totals, so it does not depend on how often this is called.
+        """
+        self._drawn_as = self._model.idle_a * now_s + self._model.drive_as_m * turned_m
+        self._speed_m_s = speed_m_s
+
+    @property
+    def limits(self) -> tuple[float, float, float, float]:
+        """The charge drawn before it joined, the currents of `BatteryModel`, and the capacity."""
+        return self._before_as, self._model.idle_a, self._model.drive_as_m, self._capacity_as
+
+    def is_empty_after(self, now_s: float, turned_m: float) -> bool:
+        """Return whether it is empty at a time and a total travel: a shortcut for each tick."""
+        drawn_as = self._before_as + self._model.idle_a * now_s + self._model.drive_as_m * turned_m
+        return self.has_failed or drawn_as >= self._capacity_as
+
+    @property
+    def capacity_ah(self) -> float:
+        """The full charge."""
+        return self._model.capacity_ah
+
+    @property
+    def charge_ah(self) -> float:
+        """The remaining charge."""
+        if self.has_failed:
+            return 0.0
+        return max(0.0, self._model.capacity_ah - (self._before_as + self._drawn_as) / _SECONDS_PER_HOUR)
+
+    @property
+    def fraction(self) -> float:
+        """The remaining charge as a share of the capacity, 0..1."""
+        return self.charge_ah / self._model.capacity_ah
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no charge remains."""
+        return self.charge_ah <= 0.0
+
+    @property
+    def current_a(self) -> float:
+        """The charging current: negative while drained, 0 when empty."""
+        if self.is_empty:
+            return 0.0
+        return -(self._model.idle_a + self._model.drive_as_m * self._speed_m_s)
+
+    @property
+    def voltage_v(self) -> float:
+        """The terminal voltage under the present current."""
+        model, fraction = self._model, self.fraction
+        low_v, high_v = model.flat_v
+        if fraction < 0.1:
+            open_v = model.empty_v + (low_v - model.empty_v) * fraction / 0.1
+        elif fraction > 0.9:
+            open_v = high_v + (model.full_v - high_v) * (fraction - 0.9) / 0.1
+        else:
+            open_v = low_v + (high_v - low_v) * (fraction - 0.1) / 0.8
+        return open_v + self.current_a * model.resistance_ohm
+
+    @property
+    def temperature_c(self) -> float:
+        """Its temperature: room temperature, plus warming by the current."""
+        return ROOM_C + _WARMING_C_A2 * self.current_a**2

@@ -1,0 +1,101 @@
+"""One file, scenarios/patrol.yaml: on drivers whose emulators drive below a rendered camera, and over the network.
+
+`test_new_scenarios` has it in the simulation.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from eal_actors import Fleet
+from eal_actors.actors.robot_view import RobotState
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.kernel.yaml_source import parse_yaml
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.scenario import Report, load_scenario, run_scenario
+from plugins.camera.emulator import draw
+from tests.net.links import free_port
+from tests.net.rig import becomes, serving
+from tests.patience import LONG_S
+
+GUARDS = ("evbot2-1", "evbot3-1")
+MARKERS = {"evbot2-1": 20, "evbot3-1": 30, "roomba-1": 10, "create-1": 11}
+STARTS = """\
+starts:  # of create-1, evbot2-1, evbot3-1 and roomba-1
+  - {x_m: 0, y_m: 2.2}
+  - {x_m: -1.2, y_m: 0.3, yaw_deg: 90}
+  - {x_m: 1.2, y_m: -0.3, yaw_deg: 90}
+  - {x_m: 0, y_m: -2.2}
+"""
+
+
+def patrol(fleet: Fleet, folder: Path) -> Report:
+    scenario = load_scenario(bundled_path("scenarios/patrol.yaml"), {"laps": 2, "rest_s": 0.0})
+    return run_scenario(scenario, fleet, directory=folder / "run")
+
+
+def judge(report: Report, folder: Path, guards: tuple[str, ...]) -> None:
+    assert (report.error, report.outcome) == (None, "done")
+    shares = {guards[0]: ("northwest", "southwest"), guards[1]: ("northeast", "southeast")}
+    for guard, places in shares.items():
+        visited = [step.label for step in report.steps if step.robot == guard and step.kind == "visit"]
+        assert visited == [f"visit {place}" for place in places * 2]
+        for place in places:
+            assert (folder / "run" / guard / f"1.{place}.png").is_file()
+
+
+@pytest.mark.slow
+def test_on_the_drivers_of_the_lab_below_a_rendered_camera(tmp_path: Path) -> None:
+    """Four drivers speak their own protocols to emulators, which drive bodies with markers on the camera's floor."""
+    (tmp_path / "pictures").mkdir()
+    draw(tmp_path / "pictures")
+    world = tmp_path / "world.yaml"
+    world.write_text(bundled_path("fleets/worlds/store.yaml").read_text() + STARTS)
+    ceiling = parse_yaml(bundled_path("fleets/ceiling.yaml").read_text(), "ceiling").root["robots"]["cameras-1"]
+    robots = {
+        name: {"pose": {"from": ["odometry", "cameras-1"], "marker": marker}, "timeout_s": LONG_S}
+        for name, marker in MARKERS.items()
+    }
+    for guard in GUARDS:
+        robots[guard] |= {
+            "tags": ["guard"],
+            "plugins": {"camera": {"source": str(tmp_path / "pictures"), "loop": True}},
+        }
+    content = {"version": 1, "include": [str(bundled_path("fleets/lab.yaml"))], "clock": {"rate": "max"}}
+    content |= {"world": str(world), "robots": {"cameras-1": ceiling, **robots}}
+    file = tmp_path / "guarded.yaml"
+    file.write_text(json.dumps(content))
+    environment = {f"LAB_{wire}": "sim://world" for wire in ("EVBOT2", "EVBOT3", "ROOMBA", "CREATE")}
+    with Fleet(EALConfigManager.load(file, environment=environment).fleet) as fleet:
+        report = patrol(fleet, tmp_path)
+        last = {name: fleet[name].pose.get().get() for name in GUARDS}
+    judge(report, tmp_path, GUARDS)
+    for guard, (x_m, y_m) in zip(GUARDS, ((-1.2, -1.8), (1.2, -1.8)), strict=True):
+        assert math.dist((last[guard].x_m, last[guard].y_m), (x_m, y_m)) < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(500)
+def test_over_the_network(tmp_path: Path) -> None:
+    """Each guard runs in a process of its own, and in a world of its own, so it has odometry only."""
+    robots = {
+        name: {"address": f"tcp/127.0.0.1:{free_port()}", "timeout_s": LONG_S, "pose": {"from": ["odometry"]}}
+        for name in ("evbot3-1", "evbot3-2")
+    }
+    content = {"version": 1, "include": [str(bundled_path("fleets/patrol.yaml"))], "clock": {"rate": 2}}
+    file = tmp_path / "served.yaml"
+    file.write_text(json.dumps(content | {"network": {"dead_man_s": 60.0, "lease_s": 60}, "robots": robots}))
+    fleet = Fleet(EALConfigManager.load(file).fleet)
+    with serving(file, *robots), fleet.connect(robots):
+        for name in robots:
+            assert becomes(fleet[name], RobotState.READY)
+            fleet[name]["Base"].set_config("max_uncertainty_m", 2.0).get()
+        report = patrol(fleet, tmp_path)
+        true = {name: fleet[name]["TruePose"].get_value().get().value for name in robots}
+    judge(report, tmp_path, tuple(robots))
+    for name, place in zip(robots, ((-1.2, -1.8), (1.2, -1.8)), strict=True):
+        assert math.dist(true[name][:2], place) < 0.3, "by odometry alone"
