@@ -14,7 +14,7 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.actors.handles import RobotHandle
-from eal_actors.kernel.errors import ConfigError
+from eal_actors.kernel.errors import ConfigError, LocalizationError
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig, PoseSection, RobotConfig
 from tests.facade.tracking import tracked_fleet
@@ -198,3 +198,20 @@ def test_the_pose_key_is_in_the_schema() -> None:
     from eal_actors.managers.config import fleet_schema
 
     assert '"from"' in json.dumps(fleet_schema())
+
+
+def test_a_tracker_unplugged_in_mid_motion_lets_the_robot_go_on_by_odometry_until_it_is_too_unsure(
+    tmp_path: Path,
+) -> None:
+    robots = {"r1": {"plugins": {"sim": {"model": "roomba", "start": {"x_m": 0.0, "y_m": 0.0}}}}}
+    with tracked_fleet(tmp_path, robots, silent_after_s=3.0) as fleet:
+        base = fleet["r1"]["Base"]
+        base.set_config("max_uncertainty_m", 0.06).get()
+        with pytest.raises(LocalizationError, match="it needs fixes"):
+            for _ in fleet.visit("r1", [(1.0, 0.0), (-1.0, 0.0)] * 10, timeout_s=120):
+                pass
+        assert fleet.clock.now() > 4.0, "it went on by odometry"
+        stood = true_pose(fleet["r1"])
+        fleet.clock.sleep(1.0)
+        assert true_pose(fleet["r1"]) == pytest.approx(stood, abs=1e-3), "it stands"
+        assert errors_of(fleet["r1"])[0] < 0.2

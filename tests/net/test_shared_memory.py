@@ -125,12 +125,12 @@ def test_killed_robots_leave_no_memory_long(rig: Rig) -> None:
 
 
 def kill_controllers(rig: Rig, kills: int) -> None:
-    with servers(rig) as running:
+    with RobotService(rig.config, "r1"):
         for _ in range(kills):
             with process(["-c", READER, str(rig.file), "0"], rig.folder) as reader:
-                share(running["r1"].pid, reader.pid)
+                share(os.getpid(), reader.pid)
                 reader.kill()
-        assert eventually(lambda: not memories(running["r1"].pid))
+        assert eventually(lambda: not memories(os.getpid()))
 
 
 def test_killed_controllers_leave_no_memory(rig: Rig) -> None:
