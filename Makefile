@@ -89,7 +89,7 @@ bench-scale: $(STAMP)  ## measure what a robot costs among 10, 100 and 1,000; wr
 	$(BIN)/python -m tests.benchmarks.scale
 
 bench-go: $(STAMP)  ## measure robots that go where they are sent, 20 seeds each, judged by the true pose
-	$(BIN)/python -m tests.benchmarks.go
+	$(BIN)/python -m tests.benchmarks.go --page docs/navigation.md
 
 soak: $(STAMP)  ## twenty robots under kills, freezes, cuts, floods and garbage for twenty minutes; writes docs/soak.md
 	$(BIN)/python -m tests.soak --page docs/soak.md

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from eal_actors.device.world import WorldModel, load_world
 from eal_actors.kernel.bundled import Kind, find_file
-from eal_actors.kernel.errors import ConfigError, Problem, UnsupportedError
+from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import did_you_mean, problems_from
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.kernel.yaml_tree import (
@@ -31,6 +31,7 @@ from eal_actors.managers.fleet_model import (
     FleetFile,
     robot_config,
 )
+from eal_actors.managers.map_check import map_problems
 from eal_actors.managers.network_check import network_problems
 from eal_actors.managers.network_model import network_config
 from eal_actors.managers.pose_check import pose_problems
@@ -204,23 +205,13 @@ class _Resolver:
             return None
 
     def map_path(self) -> Path | None:
-        """Return the map file, or None if the fleet has none or it is not right."""
+        """Return the map file, or None if the fleet has none."""
         target = self._tree.root.get("map")
-        if not isinstance(target, str):
-            return None
-        path = _beside(self._tree.mark_at(("map",)), target)
-        try:
-            from eal_actors.device.navigation.map_file import load_map
-
-            load_map(path)
-        except (ImportError, UnsupportedError):
-            return path  # a board without numpy or Pillow serves its robots, and plans no paths
-        except ConfigError as error:
-            if path.is_file():
-                self.problems += error.problems
-            else:
-                self._report(("map",), f"no such file: {path}")
-            return None
+        path = _beside(self._tree.mark_at(("map",)), target) if isinstance(target, str) else None
+        if path is not None and path.is_file():
+            self.problems += map_problems(path)
+        elif path is not None:
+            self._report(("map",), f"no such file: {path}")
         return path
 
     def plugin_dirs(self) -> tuple[Path, ...]:

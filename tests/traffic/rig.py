@@ -120,7 +120,6 @@ class Mishaps:
 
     Attributes:
         killed: the name of the robot that was killed; None until then.
-        stops: how many robots were stopped so far.
     """
 
     def __init__(self, watch: TravelWatch, seed: int) -> None:
@@ -128,7 +127,6 @@ class Mishaps:
         self._random = Random(seed)  # noqa: S311
         self._stuck_until_s: dict[str, float] = {}
         self.killed: str | None = None
-        self.stops = 0
         for name in self._random.sample(sorted(watch.radii_m), max(1, len(watch.radii_m) // 4)):
             share = self._random.uniform(0.5, 0.9)
             watch.simulation.inject(name, motor_left=share, motor_right=share)
@@ -143,7 +141,6 @@ class Mishaps:
         for name in self._watch.radii_m:
             if name not in self._stuck_until_s and name != self.killed and self._random.random() < 0.004:
                 self._stuck_until_s[name] = now_s + self._random.uniform(0.5, 7.0)
-                self.stops += 1
                 simulation.inject(name, stuck_left=True, stuck_right=True)
         if self.killed is None and now_s > 8.0:
             middle = [name for name in self._watch.radii_m if abs(self._watch.pose(name)[0]) < 1.2]
