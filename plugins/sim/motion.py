@@ -354,9 +354,3 @@ def moved(pose: Pose2D, ahead_m: float, turn_rad: float) -> Pose2D:
     chord_m = ahead_m * math.sin(half_rad) / half_rad if abs(half_rad) > STRAIGHT_RAD else ahead_m
     heading_rad = yaw_rad + half_rad
     return x_m + chord_m * math.cos(heading_rad), y_m + chord_m * math.sin(heading_rad), yaw_rad + turn_rad
-
-
-def wrapped_rad(angle_rad: float) -> float:
-    """Return the angle in (-pi, pi]."""
-    wrapped = math.remainder(angle_rad, 2 * math.pi)
-    return math.pi if wrapped == -math.pi else wrapped

@@ -20,8 +20,8 @@ from eal_actors.plugin import (
 )
 
 from ...evbot3.turret import TurretCommands
-from ..motion import Move, WheelMotion, wrapped_rad
-from ..robot import SimRobot
+from ..motion import Move, WheelMotion
+from ..robot import SimRobot, wrapped_rad
 from ..sensors import dropped_wheels, free_way_m, pressed_bumpers, seen_cliffs
 from ..world import SimWorld
 from .robot_resource import RobotResource

@@ -19,8 +19,7 @@ from eal_actors.plugin import (
 )
 
 from ..arena import Pose2D
-from ..motion import wrapped_rad
-from ..robot import SimRobot
+from ..robot import SimRobot, wrapped_rad
 from ..world import SimWorld
 from .robot_resource import RobotResource
 

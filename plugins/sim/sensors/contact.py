@@ -7,8 +7,7 @@ from typing import Final, NamedTuple
 
 from eal_actors.device.world import WorldModel
 
-from ..motion import wrapped_rad
-from ..robot import SimRobot
+from ..robot import SimRobot, wrapped_rad
 from ..world import SimWorld
 
 _BUMPER_REACH_M: Final = 0.003

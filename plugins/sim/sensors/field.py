@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..motion import wrapped_rad
-from ..robot import SimRobot
+from ..robot import SimRobot, wrapped_rad
 from ..world import SimWorld
 from .arrays import WorldArrays, shared
 from .geometry import Array
