@@ -111,8 +111,9 @@ class Inbox:
             if len(self._normal) >= self.capacity:
                 raise BusyError(f"its mailbox is full ({self.capacity} calls wait)")
             self._normal.append((next(self._order), envelope))
-            if self._reader_waits:
-                self._wake_reader()
+            if self._reader_waits:  # as _wake_reader
+                self.clock.wake(self._wakeup)
+                self._reader_waits = False
 
     def put_urgent(
         self, envelope: Envelope, *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None

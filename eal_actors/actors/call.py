@@ -93,8 +93,10 @@ class Call(Future[T]):
     def __init__(self, cell: ResourceCell, method: str, arguments: tuple[Any, ...], timeout_s: float) -> None:
         if timeout_s != timeout_s:  # NaN: the deadline would never pass
             raise ArgumentError(f"timeout_s must be seconds, not {timeout_s!r}", robot=cell.robot, resource=cell.name)
-        clock = cell.clock
-        super().__init__(clock, clock.now() + timeout_s, cell.timekeeper)
+        clock = self.clock = cell.clock  # what Future.__init__ does: every call is made here
+        self.deadline_s = clock.now() + timeout_s
+        self.timekeeper = cell.timekeeper
+        self._lock = threading.Lock()
         self.cell = cell
         self.method = method
         self.arguments = arguments
@@ -255,6 +257,7 @@ class ResourceCell:
         owes_halt: whether a halt was accepted while the device was absent, and is still to be carried out.
         serve_now: runs a call in the caller's thread and returns True, if its actor is idle; None if the resource must
             have its own thread, or is in another process.
+        read_now: the same for readings by controllers, of a resource that implements `glance`: its values take no time.
         open_feed: opens a feed of a remote resource; None where streams poll in this process.
     """
 
@@ -280,6 +283,7 @@ class ResourceCell:
         self.error: EALError = UnavailableError("it has not started yet")
         self.owes_halt = False
         self.serve_now: Callable[[Call[Any]], bool] | None = None
+        self.read_now: Callable[[Call[Any]], bool] | None = None
         self.open_feed: OpenFeed | None = None
         self._close_callbacks: set[Callable[[EALError], None]] = set()
         self._is_closed = False
@@ -287,7 +291,7 @@ class ResourceCell:
     def close(self, error: EALError) -> None:
         """Close the slot for good and end the streams. Thread: its robot's actor."""
         self.error = error.copy()
-        self.actor = self.serve_now = None
+        self.actor = self.serve_now = self.read_now = None
         self._is_closed = True
         for callback in list(self._close_callbacks):
             callback(error)

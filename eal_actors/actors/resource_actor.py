@@ -113,6 +113,8 @@ class ResourceActor(ReadinessActor):
         self._callbacks = callbacks
         self.any_thread = False
         """Whether the resource allows calls in other threads; known once it is open."""
+        self.glances = False
+        """Whether the resource implements `glance`; known once it is open."""
         self._is_open = False
         self._current: Call[Any] | None = None
         self._scheduled = ScheduledCommand(self.actor_inbox, self._execute)
@@ -131,6 +133,7 @@ class ResourceActor(ReadinessActor):
             resource.open()
             self._is_open = True
             self.any_thread = resource.any_thread
+            self.glances = type(resource).glance is not Resource.glance
             info = resource.info()
             self._info = info
             self._methods = self._make_methods(resource, info)
@@ -152,9 +155,17 @@ class ResourceActor(ReadinessActor):
 
     def _make_methods(self, resource: Resource, info: ResourceInfo) -> dict[str, Callable[..., Any]]:
         """Return for each method the function that runs it and converts its result."""
+        value = info.value
+
+        def get_value() -> Any:
+            result = resource.get_value()
+            if value is None and type(result) is EALData:  # the usual case of the most frequent method
+                return result
+            return converted(result, lambda result: data_of(result, value))
+
         return {
             "get_status": lambda: status_of(resource.get_status()),
-            "get_value": lambda: converted(resource.get_value(), lambda result: data_of(result, info.value)),
+            "get_value": get_value,
             "set_value": self._set_value,
             "send_req": self._send_req,
             "send_cmd": self._send_cmd,
@@ -228,12 +239,9 @@ class ResourceActor(ReadinessActor):
     # Calls.
 
     @override
-    def on_receive(self, message: Any) -> Any:
+    def _handle_receive(self, message: Any) -> Any:
         """Run a call. Thread: the actor's own."""
-        if isinstance(message, Call):
-            self._execute(message)
-            return None
-        return super().on_receive(message)
+        return self._execute(message) if isinstance(message, Call) else super()._handle_receive(message)
 
     def serve_now(self, call: Call[Any]) -> bool:
         """Run a call in the caller's thread, in this actor's place, if the actor is idle; else return False.
@@ -346,9 +354,9 @@ class ResourceActor(ReadinessActor):
         self.close_motion(reason)
 
     def _send_cmd(self, cmd: str, data: EALData | None) -> Any:
-        if "send_cmd" in self._info.methods:  # otherwise it raises UnsupportedError and must not stop a motion
-            if self._motion is not None or self._scheduled.call is not None:
-                self._check_command(cmd, data)  # nor must an invalid command
+        is_moving = self._motion is not None or self._scheduled.call is not None
+        if is_moving and "send_cmd" in self._info.methods:  # otherwise it raises UnsupportedError and must stop nothing
+            self._check_command(cmd, data)  # nor must an invalid command
             self._preempt_motions(f"a newer command took over: {cmd!r}")
         return converted(self.opened.send_cmd(cmd, data), status_of)
 

@@ -17,10 +17,6 @@ from eal_actors.device.resource import Resource
 from eal_actors.kernel.errors import ArgumentError
 
 
-def _as_data(value: Any) -> EALData | None:
-    return None if value is None else EALData.of(value)
-
-
 class ResourceHandle:
     """One resource of one robot. Every call returns a future at once and never blocks.
 
@@ -88,7 +84,7 @@ class ResourceHandle:
             begin_by_s: the latest time of the fleet's clock to begin it; None for no limit.
             start_s: the time of the fleet's clock to begin it; None for at once, as stops always do.
 
-        Thread: any; does not block.
+        Thread: any; does not block. Reads a value that takes no time (`Resource.glance`), if nothing waits before it.
         """
         cell = self._cell
         call: Call[Any] = Call(cell, method, arguments, timeout_s)
@@ -97,9 +93,14 @@ class ResourceHandle:
         stops = method == "halt" or (method == "send_cmd" and info is not None and arguments[0] in info.urgent_commands)
         if stops or method == "get_status":
             cell.submit_urgent(call, stops=stops)
-        else:
+        elif method != "get_value" or cell.read_now is None or cell.link.is_faulty or not cell.read_now(call):
             cell.submit(call)
         return call
+
+    @property
+    def reads_now(self) -> bool:
+        """Whether `start_call` may read its value in the caller's thread. Thread: any."""
+        return self._cell.read_now is not None
 
     def open_feed(self, spec: StreamSpec, sink: Sink) -> Feed:
         """Deliver values to a sink until the feed is closed; for servers. Thread: any; does not block."""
@@ -189,8 +190,9 @@ class ResourceHandle:
                 at once. Until then the resource continues what it does, and a newer command or a stop cancels this one
                 with PreemptedError. Stops take no time: they begin at once.
         """
-        arguments = cmd, _as_data(data)
-        if self.is_stop(cmd):
+        arguments = cmd, None if data is None else EALData.of(data)
+        info = self._cell.info
+        if info is not None and cmd in info.urgent_commands:  # as is_stop
             return self._urgent_call("send_cmd", arguments, timeout_s, stops=True)
         return self._call("send_cmd", arguments, self.command_timeout_s(cmd, timeout_s), at_s)
 
@@ -214,7 +216,7 @@ class ResourceHandle:
 
     def set_config(self, key: str, value: Any = None, *, timeout_s: float | None = None) -> Call[int]:
         """Set a configuration value; returns a status int."""
-        return self._call("set_config", (key, _as_data(value)), timeout_s)
+        return self._call("set_config", (key, None if value is None else EALData.of(value)), timeout_s)
 
     def halt(self, *, timeout_s: float | None = None) -> Call[int]:
         """Stop everything that moves, at once: overtake all calls, close the running command, drop those that wait."""

@@ -153,6 +153,7 @@ class RobotActor(EALActor, RobotConnection):
         actor.cell.info = info
         actor.cell.actor = actor
         actor.cell.serve_now = actor.serve_now if actor.any_thread else None  # it may be closed by now
+        actor.cell.read_now = actor.serve_now if actor.glances else None
         self._starting.discard(name)
         self._log.debug("resource is up", resource=name)
         self._ready_if_all_up()
@@ -167,7 +168,7 @@ class RobotActor(EALActor, RobotConnection):
         if self._children.get(name) is not actor:
             return
         del self._children[name]
-        actor.cell.actor = actor.cell.serve_now = None
+        actor.cell.actor = actor.cell.serve_now = actor.cell.read_now = None
         self.view.note_readiness(name, None)  # it is worse than not ready: calls fail with the reason
         if self._stopping:
             if not self._children:

@@ -85,7 +85,10 @@ class Clock(ABC):
 
     def wake(self, waiter: threading.Lock) -> None:
         """Release the waiter: wake the thread that waits on it; harmless if it was woken already. Thread: any."""
-        release(waiter)
+        try:  # as `release`, in every wake-up
+            waiter.release()
+        except RuntimeError:
+            return
 
     def spares_turn(self, *, among_many: bool = False) -> bool:
         """Return whether the caller should do the work of a waiting thread itself, rather than wake it. Thread: any.

@@ -25,7 +25,6 @@ from eal_actors.kernel.errors import (
     StoppedError,
     UnavailableError,
 )
-from eal_actors.wire.rpc.sender import AT_ONCE
 from eal_actors.wire.rpc.server.host import RobotHost
 from tests.net.links import eventually
 from tests.net.rig import LONGER_THAN_TTL_S, WAIT_S, Rig, becomes, failure, ready
@@ -71,13 +70,11 @@ MAILBOX = 256
 def hold_up(remote: RobotHandle, gate: threading.Event) -> None:
     """Block outgoing calls until the gate opens, as a stalled link does."""
     controller = remote._actor._controller  # type: ignore[attr-defined]
-    for _ in range(AT_ONCE):  # as if so many calls were under way: no call is sent from its caller's thread
-        controller.window.sent()
+    controller.sender.window.sent()  # as if a call were under way: no call is sent from its caller's thread
 
     def wait() -> None:
         gate.wait(WAIT_S)
-        for _ in range(AT_ONCE):
-            controller.window.answered()
+        controller.sender.window.answered()
 
     controller.sender.actor_inbox.call_soon(wait)
 
@@ -126,10 +123,12 @@ def test_the_fleet_file_sets_the_size_of_a_mailbox(rig: Rig) -> None:
     rig.content["robots"]["r1"]["mailbox"] = 4
     rig.write()
     with rig.served_here() as fleet:
-        slow = fleet["r1"]["Gauge"].send_req("slow0.5")
-        reads = [fleet["r1"]["Gauge"].get_value() for _ in range(4)]
+        gate = threading.Event()
+        hold_up(fleet["r1"], gate)
+        reads = [fleet["r1"]["Gauge"].get_value() for _ in range(5)]
         assert "4 calls are pending" in str(failure(reads.pop(), BusyError))
-        gather([slow, *reads]).get()
+        gate.set()
+        gather(reads).get()
 
 
 def test_a_status_is_asked_for_while_no_more_calls_are_taken(rig: Rig, remote: RobotHandle) -> None:

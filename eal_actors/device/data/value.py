@@ -201,6 +201,13 @@ class EALData:
             self._stamp_s if stamp_s is None else stamp_s,
         )
 
+    def restamped(self, stamp_s: float) -> EALData:
+        """Return the same value with a finite time: `with_meta` without its checks, for every message of a network."""
+        copy = object.__new__(EALData)
+        copy._c_type, copy._unit, copy._frame_id, copy._stamp_s = self._c_type, self._unit, self._frame_id, stamp_s
+        copy._value, copy._payload, copy._length, copy._shape = self._value, self._payload, self._length, self._shape
+        return copy
+
     def _fill(
         self, c_type: CType, stored: Stored, unit: str | None, frame_id: str | None, stamp_s: float | None
     ) -> EALData:
@@ -309,11 +316,13 @@ class EALData:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EALData):
             return NotImplemented
-        return self._description() == other._description() and self.payload == other.payload
+        return self.description == other.description and self.payload == other.payload
 
     __hash__ = None  # type: ignore[assignment]
 
-    def _description(self) -> tuple[object, ...]:
+    @property
+    def description(self) -> tuple[CType, int, tuple[int, ...] | None, str | None, str | None, float | None]:
+        """C type, length, shape, unit, frame and time."""
         return self._c_type, self._length, self._shape, self._unit, self._frame_id, self._stamp_s
 
     def __repr__(self) -> str:

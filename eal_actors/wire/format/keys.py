@@ -225,12 +225,23 @@ def parse_route(key: str) -> CallRoute:
     return CallRoute(call, answer_key(call), client_id(call.caller, call.client))
 
 
+@lru_cache(maxsize=4096)
+def route_in_batch(key: str, robot: str, resource: str, method: str) -> CallRoute:
+    """Return the route of a call in a batch with that key; ProtocolError if there is no such method."""
+    route = parse_route(key)
+    call = route.call._replace(robot=robot, resource=resource, method=method)
+    return route._replace(call=_checked_call(call, key))
+
+
 def parse_call(key: str) -> CallKey:
     """Return the parts of the key of a call; ProtocolError if it is no such key."""
     root, *chunks = _split(key)
     if root != ROOT or len(chunks) != 6:
         raise ProtocolError(f"key {key!r} is not {ROOT}/<fleet>/<robot>/<resource>/<method>/<caller>/<client>")
-    call = CallKey(*(_decode(chunk, key) for chunk in chunks))
+    return _checked_call(CallKey(*(_decode(chunk, key) for chunk in chunks)), key)
+
+
+def _checked_call(call: CallKey, key: str) -> CallKey:
     known = ROBOT_METHODS if call.resource == ROBOT else RESOURCE_METHODS
     if call.method not in known:
         raise ProtocolError(f"key {key!r}: there is no method {call.method!r} here; there are {', '.join(known)}")

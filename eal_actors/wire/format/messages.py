@@ -52,6 +52,8 @@ _READING: Final = int, bytes, int, int, float, float, _NONE, list, _NONE
 _COMMAND: Final = *_READING, str, float, float
 _USUAL_CALLS: Final = frozenset({_READING, _COMMAND, (*_COMMAND, bool)})
 """Types of the fields of the usual calls; only their numbers and arguments need a further check."""
+_USUAL_REPLIES: Final = frozenset({(int, int, int, list, str, float), (int, int, int, int, str, float)})
+"""The same of the usual replies: a value or an error, and a status."""
 
 
 class CallId(NamedTuple):
@@ -247,12 +249,12 @@ def encode_reply(reply: CallReply, shared: SharedValue | None = None) -> tuple[b
     Raises:
         DataError: the payload is larger than MAX_PAYLOAD_BYTES, or a field cannot be packed.
     """
-    kind, body, payload = _answer_parts(reply.answer)
-    time = reply.time
+    sequence, answer, time = reply
+    kind, body, payload = _answer_parts(answer)
     if shared is not None:
-        return pack((PROTOCOL_VERSION, reply.sequence, kind, body, *(time or _NO_TIME), shared), "answer"), _NO_PAYLOAD
-    known = () if time is None else time[:2] if time.began_s is None else time
-    return pack((PROTOCOL_VERSION, reply.sequence, kind, body, *known), "answer"), payload
+        return pack((PROTOCOL_VERSION, sequence, kind, body, *(time or _NO_TIME), shared), "answer"), _NO_PAYLOAD
+    known = () if time is None else time[:2] if time[2] is None else time
+    return pack((PROTOCOL_VERSION, sequence, kind, body, *known), "answer"), payload
 
 
 def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD, take: TakeShared | None = None) -> CallReply:
@@ -263,7 +265,12 @@ def decode_reply(envelope: Buffer, payload: Buffer = _NO_PAYLOAD, take: TakeShar
         payload: its payload.
         take: returns a value in shared memory; UnavailableError, if it has gone, becomes the answer.
     """
-    _, sequence, kind, body, era, time_s, began_s, shared = optional_row(unpack(envelope, "answer"), "answer", 4, 4)
+    row = unpack(envelope, "answer")
+    is_usual = type(row) is list and tuple(map(type, row)) in _USUAL_REPLIES
+    if is_usual and row[0] == PROTOCOL_VERSION and row[1] >= 0 and math.isfinite(row[5]):
+        _, sequence, kind, body, *known = row
+        return CallReply(sequence, _answer_from(kind, body, payload, "answer"), RobotTime(*known))
+    _, sequence, kind, body, era, time_s, began_s, shared = optional_row(row, "answer", 4, 4)
     time = None
     if era is not None:
         began_s = None if began_s is None else checked_time(began_s, "answer: began_s")
@@ -331,10 +338,10 @@ def decode_heartbeat(envelope: Buffer) -> Heartbeat:
 
 
 def _answer_parts(answer: Answer) -> tuple[int, Any, Payload]:
+    if type(answer) is EALData:
+        return _DATA, data_header(answer), payload_of(answer)
     if isinstance(answer, int):
         return _STATUS, int(answer), _NO_PAYLOAD  # True is a status too
-    if isinstance(answer, EALData):
-        return _DATA, data_header(answer), payload_of(answer)
     if isinstance(answer, EALError):
         return _ERROR, error_body(answer), _NO_PAYLOAD
     if isinstance(answer, dict):

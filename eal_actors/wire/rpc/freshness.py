@@ -39,7 +39,7 @@ import math
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, Generic, NamedTuple, TypeVar
+from typing import Final, Generic, NamedTuple, NoReturn, TypeVar
 
 from eal_actors.kernel.errors import StaleCommandError, UnavailableError
 from eal_actors.wire.format.keys import certificate_id
@@ -213,8 +213,8 @@ class CommandHistory(Generic[T]):
             _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
         self._note(history, client, epoch, now_s)
 
-    def accept(self, stamp: Stamp, resource: str, now_s: float) -> None:
-        """Accept a command; call `finish` when it has ended.
+    def accept(self, stamp: Stamp, resource: str, now_s: float) -> float:
+        """Accept a command, and return the earliest time of its sending; call `finish` when it has ended.
 
         Args:
             stamp: its stamp.
@@ -225,7 +225,8 @@ class CommandHistory(Generic[T]):
             StaleCommandError: it is too old, was overtaken, or was accepted before. Nothing changes.
         """
         sent_s = stamp.sent_s
-        self._check_age(stamp, resource, now_s - sent_s)
+        if stamp.era != self.era or not -_ROUNDING_S <= now_s - sent_s <= stamp.ttl_s:
+            self._refuse(stamp, resource, now_s - sent_s)
         client, epoch, sequence = stamp.call
         history = self._clients.get(client)
         if history is None:
@@ -234,11 +235,13 @@ class CommandHistory(Generic[T]):
         if epoch > history.epoch:
             _check_advance("epoch", history.epoch, epoch, now_s - history.heard_s)
         if sequence > history.number:
-            _check_advance("sequence", history.number, sequence, now_s - history.heard_s)
+            if sequence - history.number > _AT_ONCE["sequence"]:
+                _check_advance("sequence", history.number, sequence, now_s - history.heard_s)
             history.number = sequence
         self._note(history, client, epoch, max(now_s, sent_s))
         history.latest[resource] = sequence
         history.running.add(stamp.call)
+        return sent_s
 
     def finish(self, call: CallId, outcome: T) -> None:
         """Record the outcome of an accepted command; ignored if its client was forgotten meanwhile."""
@@ -259,7 +262,8 @@ class CommandHistory(Generic[T]):
             return CommandRecord(False)
         return CommandRecord(True, history.outcomes[call]) if call in history.outcomes else None
 
-    def _check_age(self, stamp: Stamp, resource: str, age_s: float) -> None:
+    def _refuse(self, stamp: Stamp, resource: str, age_s: float) -> NoReturn:
+        """Raise StaleCommandError for a command of another run or of a wrong age."""
         if stamp.era != self.era:
             raise _stale(stamp, resource, f"was meant for run {stamp.era} of the robot's server; this is {self.era}")
         if age_s < -_ROUNDING_S:
@@ -268,10 +272,7 @@ class CommandHistory(Generic[T]):
                 resource,
                 f"seems to be sent in {-age_s:.3f} s: the robot's clock is slower than the controller's",
             )
-        if not age_s <= stamp.ttl_s:  # in this form it refuses what is not a number, too
-            raise _stale(
-                stamp, resource, f"was sent up to {age_s:.3f} s ago, and may be {stamp.ttl_s:.3f} s old at most"
-            )
+        raise _stale(stamp, resource, f"was sent up to {age_s:.3f} s ago, and may be {stamp.ttl_s:.3f} s old at most")
 
     def _note(self, history: _ClientHistory[T], client: str, epoch: int, heard_s: float) -> None:
         """Make a client the most recent one, and forget another if there are too many."""

@@ -57,6 +57,14 @@ def test_zenoh_takes_them_all_and_every_guard_rail_is_in_each() -> None:
         }
 
 
+def test_absent_ends_are_dialled_at_a_constant_rate_with_tls_too() -> None:
+    """A restarted robot is found within one period."""
+    retry = router_config(["tcp/h:1"], ["tls/a:1"])["connect"]["retry"]
+    assert retry == {"period_init_ms": 40, "period_max_ms": 40, "period_increase_factor": 1}
+    many = router_config(["tcp/h:1"], [f"tls/a:{port}" for port in range(1, 101)])["connect"]["retry"]
+    assert many["period_max_ms"] == 200
+
+
 def test_discovery_lets_those_be_found_who_listen_but_connects_nobody() -> None:
     for config in all_configs(mixed(discovery=True)):
         listens = bool(config["listen"]["endpoints"])

@@ -1,8 +1,8 @@
 """CallQueue: the outgoing calls to one remote robot, from their callers to the robot's replies.
 
 Calls wait here in the order of submission until the fleet's sender gives the queue its turn. They are stamped when
-they are sent, so that waiting does not make them stale. A small call is sent at once, in the caller's thread, while so
-few calls are in flight that they fit into the queue of any link: then it waits for no link and overtakes no other call.
+they are sent, so that waiting does not make them stale. A small call is sent at once, in the caller's thread, while no
+call is in flight: then it waits for no link and overtakes no other call.
 A stop overtakes all waiting calls, and no other robot's stalled link can delay it: after a moment the thread of the
 robot's own connection sends it. Replies are handled in the thread that reads them, which resolves futures and leaves
 callbacks to the controller.
@@ -36,6 +36,7 @@ from eal_actors.wire.format.messages import (
     encode_call,
 )
 from eal_actors.wire.rpc.client.call_arguments import is_small, split_arguments
+from eal_actors.wire.rpc.client.call_sender import EncodedCall
 from eal_actors.wire.rpc.client.channel import Channel, PendingCall
 from eal_actors.wire.rpc.client.command_tracking import CommandTracker
 from eal_actors.wire.rpc.client.unanswered import UnansweredCalls
@@ -45,8 +46,6 @@ from eal_actors.wire.rpc.sender import UrgentMessage
 TTL_S: Final = 1.0
 """Time to live of a command: its greatest age when the robot begins it, in real seconds."""
 
-_PATIENCE_S: Final = 0.001
-"""Real seconds that a caller waits while another one sends; then the call is queued."""
 _RETRY_S: Final = 0.05
 _RECONNECT_S: Final = 1.0
 """Real seconds within which a lost robot may come back and be asked again."""
@@ -69,7 +68,7 @@ class CallQueue(UrgentMessage):
     def __init__(self, channel: Channel, capacity: int) -> None:
         self._channel = channel
         self._controller = channel.controller
-        self.window: Final = channel.controller.window
+        self.window: Final = channel.controller.sender.window
         self._lock = threading.Lock()
         self._urgent: deque[Call[Any]] = deque()
         self._normal: deque[Call[Any]] = deque()
@@ -96,22 +95,21 @@ class CallQueue(UrgentMessage):
             UnavailableError: the connection has ended.
         """
         with self._lock:
-            self._admit(envelope)
+            if self._end is not None or self._channel.rights is not None:
+                self._admit(envelope)
             self._unanswered.add(envelope)
-            is_next = self._controller.sender.is_idle and not (self._normal or self._urgent)
-            is_next = is_next and self.window.has_room_at_once and is_small(envelope)
-            if not is_next:
+            sender = self._controller.sender
+            sends = sender.lets_callers_send and not (self._normal or self._urgent)
+            sends = sends and is_small(envelope) and self._sending.acquire(blocking=False)
+            if not sends:
                 self._normal.append(envelope)
-        if is_next and self._sending.acquire(timeout=_PATIENCE_S):
-            try:
-                self._send(envelope, is_last=True)
-            finally:
-                self._sending.release()
+        if not sends:
+            sender.submit(self)
             return
-        if is_next:
-            with self._lock:
-                self._normal.append(envelope)
-        self._controller.sender.submit(self)
+        try:
+            self._send(envelope)
+        finally:
+            self._sending.release()
 
     def put_urgent(
         self, envelope: Call[Any], *, bounded: bool = True, drop: Callable[[Envelope], bool] | None = None
@@ -164,14 +162,15 @@ class CallQueue(UrgentMessage):
     @override
     def send(self, *, is_last: bool) -> None:
         with self._sending:
-            self._send_next(is_last=is_last)
-
-    def _send_next(self, *, is_last: bool) -> None:
-        with self._lock:
-            waiting = self._urgent or self._normal
-            call = waiting.popleft() if waiting else None
-        if call is not None:
-            self._send(call, is_last=is_last)
+            with self._lock:
+                waiting = self._urgent or self._normal
+                call = waiting.popleft() if waiting else None
+            if call is None:
+                return
+            if call.stops:
+                self._send(call)
+            elif (encoded := self._encode(call)) is not None:
+                self._controller.sender.gather(encoded, is_last=is_last)
 
     @override
     def bypass(self) -> None:
@@ -182,38 +181,46 @@ class CallQueue(UrgentMessage):
         """Send the urgent calls that still wait. Thread: the connection's."""
         with self._sending:
             while self._urgent:
-                self._send(self._urgent.popleft(), is_last=True)
+                self._send(self._urgent.popleft())
 
-    def _send(self, call: Call[Any], *, is_last: bool) -> None:
-        channel, name = self._channel, call.cell.name
+    def _send(self, call: Call[Any]) -> None:
+        """Send a call in a message of its own. Thread: one that may wait for a link, unless the call is small."""
+        encoded = self._encode(call)
+        if encoded is not None:
+            robot, _, _, envelope, payload, key, _, lose = encoded
+            if not self._controller.put(robot, key, envelope, payload, is_urgent=call.stops):
+                lose()
+
+    def _encode(self, call: Call[Any]) -> EncodedCall | None:
+        """Encode a call, and wait for its reply from now on; None if it is over."""
+        channel, name, method = self._channel, call.cell.name, call.method
         left_s = self._left_s(call)
         if not call.stops:
             if call.done():
                 self._unanswered.discard(call)
-                return
+                return None
             if left_s <= 0:
                 self.expire(call)
-                return
+                return None
         try:
-            header, data = self._header(call, left_s, has_more=not is_last)
+            header, data, call_id = self._header(call, left_s)
             envelope, payload = encode_call(header, data)
         except EALError as error:
             self._unanswered.discard(call)
             call.settle(None, error.at(channel.name, name), self._controller.run_later)
-            return
-        call_id = header.call_id if header.era and call.method != keys.HALT else None
+            return None
         if call_id is not None:
             self.tracker.commands[call_id] = call
         if call.span is not None:
             call.span.note("sent")
-        end_s = REAL_TIME.now() + header.deadline_s
-        channel.pending.add(header.sequence, _SentCall(self, call, call_id, end_s))
+        channel.pending.add(header.sequence, _SentCall(self, call, call_id, REAL_TIME.now() + header.deadline_s))
         self.window.sent()
-        key = self._keys.get((name, call.method))
+        key = self._keys.get((name, method))
         if key is None:
-            key = self._keys[name, call.method] = self._controller.call_key(channel.name, name, call.method)
-        if not self._controller.put(channel.name, key, envelope, payload, is_urgent=call.stops, is_last=is_last):
-            channel.pending.lose_all()
+            key = self._keys[name, method] = self._controller.call_key(channel.name, name, method)
+        # Access control checks the key alone, so calls with other keys are not put behind it.
+        group = key if channel.process and self._controller.certificate is not None else channel.process
+        return EncodedCall(channel.name, name, method, envelope, payload, key, group, channel.pending.lose_all)
 
     def _left_s(self, call: Call[Any]) -> float:
         """Return the real seconds until a call's deadline; a late stop is still a stop."""
@@ -221,14 +228,17 @@ class CallQueue(UrgentMessage):
         left_s = (call.deadline_s or 0.0) - clock.now()
         return (max(left_s, call.cell.timeout_s) if call.stops else left_s) / clock.of_real(1.0)
 
-    def _header(self, call: Call[Any], left_s: float, *, has_more: bool) -> tuple[CallHeader, EALData | None]:
-        """Return the header and the value of a call; commands and stops have a stamp that proves their age."""
+    def _header(self, call: Call[Any], left_s: float) -> tuple[CallHeader, EALData | None, CallId | None]:
+        """Return the header and the value of a call, and the identifier of a command.
+
+        Commands and stops have a stamp that proves their age.
+        """
         plain, data = split_arguments(call)
         stamper = self._channel.stamper
         traceparent = "" if call.span is None else call.span.traceparent
         if call.method in keys.RETRYABLE_METHODS:
             head = stamper.client, stamper.epoch, stamper.number(), left_s, left_s, None, plain
-            return CallHeader(*head, traceparent=traceparent), data
+            return CallHeader(*head, traceparent=traceparent), data, None
         start_s = None if call.start_s is None else self._robot_time(call.start_s)
         if data is not None and data.stamp_s is not None:
             data = data.with_meta(stamp_s=self._robot_time(data.stamp_s))
@@ -237,9 +247,10 @@ class CallQueue(UrgentMessage):
             time, heard_s = echo
             stamper.heard(time.era, time.time_s, heard_s)
         stamp = stamper.stamp(TTL_S, REAL_TIME.now())
-        proof = stamp.era, stamp.echo_s, stamp.held_s
         left_s = self._left_s(call)  # read after the stamp: their sum is never later than the deadline
-        return CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *proof, has_more, traceparent), data
+        proof = stamp.era, stamp.echo_s, stamp.held_s
+        header = CallHeader(*stamp.call, TTL_S, left_s, start_s, plain, *proof, traceparent=traceparent)
+        return header, data, None if call.method == keys.HALT else stamp.call
 
     def _robot_time(self, fleet_s: float) -> float:
         real_s = real_time_of(self._channel.clock, fleet_s)
@@ -368,8 +379,8 @@ class _SentCall(PendingCall):
 
     @override
     def answered(self, answer: Answer, time: RobotTime | None) -> None:
-        self._queue.window.answered()
         self._queue.conclude(self._call, self._call_id, answer, time)
+        self._queue.window.answered()  # after the caller is woken, whose next call may go with the next message
 
     @override
     def lost(self) -> None:

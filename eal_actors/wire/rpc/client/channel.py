@@ -78,11 +78,14 @@ class PendingCalls:
         Returns:
             Whether any call waited for it.
         """
-        numbers = (reply.sequence,) if reply.sequence else list(self._pending)
-        calls = [call for number in numbers if (call := self._pending.pop(number, None)) is not None]
-        for call in calls:
-            call.answered(reply.answer, reply.time)
-        return bool(calls)
+        sequence, answer, time = reply
+        found = False
+        for number in (sequence,) if sequence else list(self._pending):
+            call = self._pending.pop(number, None)
+            if call is not None:
+                call.answered(answer, time)
+                found = True
+        return found
 
     def lose_all(self) -> None:
         """Report all as lost: the robot is unreachable."""
@@ -110,6 +113,7 @@ class Channel:
         stamper: numbers calls and stamps commands.
         pending: calls that wait for replies.
         rights: calls that the robot grants; None for all.
+        process: the process that serves the robot, for batches; empty if it takes none.
         memory: memory that is shared with the robot.
 
     Thread: any; nothing blocks.
@@ -124,6 +128,7 @@ class Channel:
         self.stamper: Final = Stamper(controller.client)
         self.pending: Final = PendingCalls()
         self.rights: Rights | None = None
+        self.process = ""
         self.memory: Final = ValueMemory(self)
         self._view = view
 
@@ -236,12 +241,14 @@ class _Request(UrgentMessage, PendingCall):
         if not self._is_taken.acquire(blocking=False):
             return
         channel, header = self.channel, self.header
-        envelope, payload = encode_call(header._replace(has_more=not is_last))
+        envelope, payload = encode_call(header)
         self._sent_s = REAL_TIME.now()
         self.end_s = self._sent_s + header.ttl_s
         channel.pending.add(header.sequence, self)
-        put = channel.controller.put
-        if not put(channel.name, self.key, envelope, payload, is_urgent=self.is_urgent, is_last=is_last):
+        controller = channel.controller
+        if not self.is_urgent:
+            controller.sender.flush()  # it must not overtake the calls before it
+        if not controller.put(channel.name, self.key, envelope, payload, is_urgent=self.is_urgent, is_last=is_last):
             channel.pending.lose_all()
 
     @override

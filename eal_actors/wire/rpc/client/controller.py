@@ -19,6 +19,7 @@ from eal_actors.kernel.errors import EALError, ProtocolError, error_text
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.wire.format import keys
+from eal_actors.wire.format.batches import decode_batch, is_batch
 from eal_actors.wire.format.messages import (
     CallReply,
     Heartbeat,
@@ -28,8 +29,9 @@ from eal_actors.wire.format.messages import (
     encode_heartbeat,
 )
 from eal_actors.wire.format.packing import PROTOCOL_VERSION
+from eal_actors.wire.rpc.client.call_sender import CallSender
 from eal_actors.wire.rpc.client.value_memory import ValueMemory
-from eal_actors.wire.rpc.sender import InFlightWindow, Sender, UrgentMessage
+from eal_actors.wire.rpc.sender import Sender, UrgentMessage
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.expiry import certificate_warnings
 from eal_actors.wire.security.key_watch import WATCH_PERIOD_S, KeyWatch
@@ -84,7 +86,6 @@ class Controller(EALActor):
         display_name: its name for people, which robots show.
         dead_man_s: real seconds of its silence after which a robot halts what it moves.
         sender: sends the calls to all robots.
-        window: limit of the calls in flight to all robots.
         shares_memory: whether memory is shared with robots on this machine.
 
     Thread: an actor, which opens the session and sends the heartbeat. zenoh's threads run the listeners' callbacks.
@@ -111,8 +112,7 @@ class Controller(EALActor):
         self._versions: dict[str, int] = {}  # protocol versions of the live robots
         self._transport: Transport | None = None
         self._stack = ExitStack()
-        self.window: Final = InFlightWindow()
-        self.sender: Final = Sender(f"{config.name} sender", self.window)
+        self.sender: Final = CallSender(f"{config.name} sender", self.put, self.is_alive)
         self._urgent_sender = Sender(f"{config.name} urgent sender")
         self._callbacks = EALActor(f"{config.name} callbacks", clock)
 
@@ -338,17 +338,29 @@ class Controller(EALActor):
 
     def _on_answer(self, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
+        envelope = b"" if attachment is None else attachment.to_bytes()
         try:
             _, name = keys.parse_robot(str(sample.key_expr))
         except ProtocolError:
             return
-        listener = self._listeners.get(name)
+        if not is_batch(envelope):
+            self._pass_reply(name, envelope, sample.payload.to_bytes())
+            return
+        try:
+            rows = decode_batch(envelope, 1)
+        except ProtocolError as error:
+            self._malformed.warn(name, "a batch of replies is malformed", error.message)
+            return
+        for robot, reply, payload in rows:
+            if robot == name or self.certificate is None:  # access control has proven the robot of the key only
+                self._pass_reply(robot, reply, payload)
+
+    def _pass_reply(self, robot: str, envelope: bytes, payload: bytes) -> None:
+        listener = self._listeners.get(robot)
         if listener is None:
             return
-        payload = sample.payload.to_bytes()
         listener.memory.note(len(payload))
         try:
-            envelope = attachment.to_bytes() if attachment is not None else b""
             reply = decode_reply(envelope, payload, listener.memory.take)
         except ProtocolError as error:
             reply = CallReply(0, error)

@@ -26,6 +26,7 @@ class Handshake:
         not_ready: reasons why resources are not ready, by name.
         rights: calls that it grants; None for all.
         running: rows of running commands; see CommandBoard.replace.
+        process: the process that serves it, if that takes batches; else empty.
     """
 
     infos: tuple[ResourceInfo, ...]
@@ -34,6 +35,7 @@ class Handshake:
     not_ready: Mapping[str, str]
     rights: Rights | None
     running: object
+    process: str
 
     @classmethod
     def decode(cls, answer: Answer, certificate: str | None) -> Self:
@@ -54,6 +56,7 @@ class Handshake:
                 text_map(answer.get("not_ready", {})),
                 None if certificate is None else Rights.decode(answer.get("rights"), certificate),
                 answer.get("running", ()),
+                str(answer.get("process", "")),
             )
         except (ProtocolError, AttributeError, KeyError, TypeError) as error:
             raise ProtocolError(f"has sent a malformed handshake: {error_text(error)}") from error

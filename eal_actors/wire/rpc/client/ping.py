@@ -101,7 +101,7 @@ class ClockTracker:
         """Return a robot's stamped value with its stamp by our fleet's clock, and the greatest error of that stamp."""
         sent_s, error_s = self.sent_s(time, REAL_TIME.now())
         age_s = time.time_s - (data.stamp_s or 0.0)
-        return data.with_meta(stamp_s=fleet_time_of(clock, sent_s - age_s)), clock.of_real(error_s)
+        return data.restamped(fleet_time_of(clock, sent_s - age_s)), clock.of_real(error_s)
 
     def _learn(self, era: str, sent_s: float, received_s: float, replied_s: float, answered_s: float) -> None:
         with self._lock:

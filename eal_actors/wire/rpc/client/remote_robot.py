@@ -178,7 +178,7 @@ class RemoteRobot(EALActor):
             self._note_lost(error.message)
             self._retry_handshake()
             return
-        self._channel.rights = handshake.rights
+        self._channel.rights, self._channel.process = handshake.rights, handshake.process
         self._channel.memory.reset()
         self.view.not_ready = dict(handshake.not_ready)
         self._update_cells(handshake)

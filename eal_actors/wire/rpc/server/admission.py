@@ -108,8 +108,8 @@ class Admission:
         stamp = _stamp_of(header)
         with self._guard:
             now_s = self._clock.now()
-            self._history.accept(stamp, resource, now_s)
-            left_s = stamp.sent_s + header.deadline_s - _RESERVE_S - now_s
+            sent_s = self._history.accept(stamp, resource, now_s)
+            left_s = sent_s + header.deadline_s - _RESERVE_S - now_s
             try:
                 if left_s <= 0:
                     raise DeadlineError(f"{method} came {-left_s:.3f} s too late for its deadline; it was not executed")
@@ -123,7 +123,7 @@ class Admission:
                 self._dead_man.commanded(header.client, resource, now_s)
             else:
                 self._dead_man.heard(header.client, now_s)
-        return stamp.begin_by_s - now_s, left_s
+        return sent_s + stamp.ttl_s - now_s, left_s
 
     def note_stop(self, header: CallHeader, resource: str) -> None:
         """Refuse from now on commands that a stop has overtaken; the stop itself is obeyed at any age."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import secrets
 import threading
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from typing_extensions import override
 
@@ -15,8 +16,9 @@ from eal_actors.kernel.errors import EALError, ProtocolError, UnsupportedError, 
 from eal_actors.kernel.log import get_logger
 from eal_actors.managers.network_model import NetworkConfig
 from eal_actors.wire.format import keys
+from eal_actors.wire.format.batches import decode_batch, is_batch
 from eal_actors.wire.format.messages import decode_heartbeat
-from eal_actors.wire.rpc.server.outbox import Outbox
+from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.robot_server import RobotServer
 from eal_actors.wire.rpc.throttled_log import ThrottledLog
 from eal_actors.wire.security.revocation import revoke, revoked_names
@@ -53,6 +55,7 @@ class RobotHost(EALActor):
         self._malformed = ThrottledLog(fleet=fleet)
         self._unsubscribe: list[Callable[[], None]] = []
         self._revoked = self._read_revoked()
+        self._process = secrets.token_hex(8)
         self._transport = Transport(session)
         self._outbox = Outbox(f"{robot or fleet} outbox", self._transport)
 
@@ -99,6 +102,7 @@ class RobotHost(EALActor):
             self._session,
             self._network,
             self._outbox,
+            self._process,
             exclusive=exclusive,
             revoke=self._revoke,
             run_soon=self.run_soon,
@@ -176,15 +180,32 @@ class RobotHost(EALActor):
     # Messages, in zenoh's threads.
 
     def _on_call(self, sample: zenoh.Sample) -> None:
+        key, attachment = str(sample.key_expr), sample.attachment
+        envelope = b"" if attachment is None else attachment.to_bytes()
         try:
-            route = keys.parse_route(str(sample.key_expr))
+            route = keys.parse_route(key)
+            if route.call.caller in self._revoked:
+                return
+            if is_batch(envelope):
+                self._receive_batch(key, route, decode_batch(envelope, 3))
+                return
         except ProtocolError as error:
-            self._malformed.warn(keys.sender_of(str(sample.key_expr)), "a call is malformed", error.message)
+            self._malformed.warn(keys.sender_of(key), "a call is malformed", error.message)
             return
         server = self._servers.get(route.call.robot)
-        if server is not None and route.call.caller not in self._revoked:  # else another process serves the robot
-            attachment = sample.attachment
-            server.receive(route, attachment.to_bytes() if attachment is not None else b"", sample.payload.to_bytes())
+        if server is not None:  # else another process serves the robot
+            server.receive(route, envelope, sample.payload.to_bytes())
+
+    def _receive_batch(self, key: str, route: keys.CallRoute, rows: list[list[Any]]) -> None:
+        """Serve the calls of a batch in their order; ProtocolError, and nothing is served, if one has a wrong place."""
+        routes = [keys.route_in_batch(key, *row[:3]) for row in rows]
+        if self._network.security is not None and any(other.call != route.call for other in routes):
+            raise ProtocolError("a batch has calls that access control has not checked")
+        batch = ReplyBatch(self._outbox, route.answer_key)
+        for other, (*_, envelope, payload) in zip(routes, rows, strict=True):
+            server = self._servers.get(other.call.robot)
+            if server is not None:
+                server.receive(other, envelope, payload, batch)
 
     def _on_heartbeat(self, sample: zenoh.Sample) -> None:
         try:

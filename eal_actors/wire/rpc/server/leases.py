@@ -80,7 +80,7 @@ class Leases:
         self.renew(client, now_s)
         if resource not in self.exclusive:
             return
-        lease = self._live(resource, now_s)
+        lease = self._leases.get(resource)  # it has not ended, else `renew` had deleted it
         if lease is None:
             self._leases[resource] = _Lease(client, now_s)
         elif lease.holder != client:
@@ -167,7 +167,8 @@ class DeadManSwitch:
 
     def commanded(self, client: str, resource: str, now_s: float) -> None:
         """Make a client responsible for a resource, in place of any other; this proves that it is alive."""
-        self.heard(client, now_s)
+        if len(self._watched) > (resource in self._watched):  # others
+            self.heard(client, now_s)
         self._watched[resource] = SilentController(resource, client, now_s)
 
     def heard(self, client: str, now_s: float) -> None:

@@ -29,6 +29,7 @@ class RequestHandler:
     """
 
     _robot: RobotHandle
+    _process: str
     _admission: Admission
     _running: RunningCommands
     _publisher: StreamPublisher
@@ -78,6 +79,7 @@ class RequestHandler:
             **self._state_fields(header),
             "problems": [error_text(problem) for problem in self._robot.problems],
             "resources": [handle.info.to_dict() for handle in self._robot.values()],
+            "process": self._process,
             "rights": encode_rights(self._security, self._robot.name),
         }
 

@@ -1,6 +1,7 @@
 """RobotServer: offers the resources of a robot of this process to the controllers of a network.
 
-zenoh's threads only decode, check and queue calls in the resources' mailboxes. Replies are sent by the session's
+The reader's thread only decodes, checks and queues calls in the resources' mailboxes, and reads values that take no
+time (`Resource.glance`) while nothing waits there. Replies are sent by the session's
 outbox, so that a controller that does not read cannot block an actuator; replies to readings are sent by the
 resource's own thread if no other thread is sending.
 """
@@ -11,7 +12,6 @@ import secrets
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final
 
-from eal_actors.actors.call import Call
 from eal_actors.actors.future import Future
 from eal_actors.actors.handles import ResourceHandle, RobotHandle
 from eal_actors.device.data import EALData
@@ -45,8 +45,9 @@ from eal_actors.wire.format.messages import (
 )
 from eal_actors.wire.rpc.clock_offset import fleet_time_of, real_time_of
 from eal_actors.wire.rpc.server.admission import Admission
+from eal_actors.wire.rpc.server.call_arguments import is_stop, start_call
 from eal_actors.wire.rpc.server.controller_memories import ControllerMemories
-from eal_actors.wire.rpc.server.outbox import Outbox
+from eal_actors.wire.rpc.server.outbox import Outbox, ReplyBatch
 from eal_actors.wire.rpc.server.request_handler import RequestHandler
 from eal_actors.wire.rpc.server.running_commands import ReplyTo, RunningCommands, ServedCommand
 from eal_actors.wire.shared_memory import LEAST_BYTES, SharedValue
@@ -58,21 +59,6 @@ if TYPE_CHECKING:
 ACCEPT_AFTER_S: Final = 0.1
 """Real seconds after which a running command is answered with ACCEPTED; its outcome follows as an event."""
 
-_ARGUMENT_TYPES: Final[dict[str, tuple[type, ...]]] = {
-    "get_status": (),
-    "get_value": (),
-    "set_value": (),
-    "send_req": (str,),
-    "send_cmd": (str,),
-    "read_comm": (int,),
-    "write_comm": (int,),
-    "get_config": (str,),
-    "set_config": (str,),
-    "halt": (),
-}
-_TAKE_DATA: Final = frozenset({"set_value", "send_cmd", "write_comm", "set_config"})
-_NEED_DATA: Final = frozenset({"set_value", "write_comm"})
-
 
 class RobotServer:
     """Serves one robot; made by RobotHost.serve.
@@ -83,6 +69,7 @@ class RobotServer:
         session: an open session, which outlives the server.
         network: the fleet's network.
         outbox: sends its replies and events.
+        process: identifier of its host.
         exclusive: names of the resources that one controller at a time may command; every actuator if None.
         revoke: adds names to the list of revoked certificates; runs in the host's thread.
         run_soon: runs an action in the host's thread.
@@ -101,6 +88,7 @@ class RobotServer:
         session: zenoh.Session,
         network: NetworkConfig,
         outbox: Outbox,
+        process: str,
         *,
         exclusive: Iterable[str] | None,
         revoke: Callable[[Iterable[str]], None],
@@ -124,6 +112,7 @@ class RobotServer:
         self._publisher = StreamPublisher(fleet, robot, session, self._era, self._memories.put)
         self._handler = RequestHandler(
             robot,
+            process,
             self._admission,
             self._running,
             self._publisher,
@@ -195,7 +184,6 @@ class RobotServer:
         self._halt_silent()
         self._memories.check()
         for command, reply_to in self._running.take_long(REAL_TIME.now() - ACCEPT_AFTER_S):
-            self._outbox.expect(-1)
             self._answer(reply_to, ACCEPTED)
             command.call.arm()  # from now on its deadline stops it
         self._announce_commands()
@@ -231,13 +219,12 @@ class RobotServer:
 
     # Calls of controllers, in zenoh's threads.
 
-    def receive(self, route: keys.CallRoute, envelope: bytes, payload: bytes) -> None:
-        """Serve a call. Thread: the reader's; does not block."""
-        call = route.call
-        reply_to = ReplyTo(route.answer_key, 0)
+    def receive(self, route: keys.CallRoute, envelope: bytes, payload: bytes, batch: ReplyBatch | None = None) -> None:
+        """Serve a call, of a batch if one is given. Thread: the reader's; does not block."""
+        call, reply_to = route.call, None
         try:
             header, data = decode_call(envelope, payload)
-            reply_to = ReplyTo(route.answer_key, header.sequence)
+            reply_to = ReplyTo(route.answer_key, header.sequence, False, batch)
             if header.client != route.client:
                 raise ProtocolError(f"a controller named {call.caller} calls in the name of another one")
             if header.era:  # a command, whose caller is named to others
@@ -247,13 +234,16 @@ class RobotServer:
             if header.traceparent:
                 with spans.within(header.traceparent):
                     self._dispatch(call, reply_to, header, data)
+            elif call.resource != keys.ROBOT:  # as _dispatch, for the most frequent calls
+                self._serve(self._robot[call.resource], call.method, reply_to, header, data)
             else:
-                self._dispatch(call, reply_to, header, data)
+                self._serve_robot(call, reply_to, header)
         except EALError as error:
-            self._answer(reply_to, error.at(self._robot.name))
+            self._answer(reply_to or ReplyTo(route.answer_key, 0), error.at(self._robot.name))
         except Exception as error:  # noqa: BLE001  # else the caller would get no reply at all
             self._log.exception("a call failed", method=call.method, resource=call.resource)
-            self._answer(reply_to, ResourceFaultError(f"the server raised {error_text(error)}"))
+            failure = ResourceFaultError(f"the server raised {error_text(error)}")
+            self._answer(reply_to or ReplyTo(route.answer_key, 0), failure)
 
     def _dispatch(self, call: keys.CallKey, reply_to: ReplyTo, header: CallHeader, data: EALData | None) -> None:
         if call.resource == keys.ROBOT:
@@ -268,11 +258,14 @@ class RobotServer:
             raise DeadlineError(f"{method} came after its deadline; it was not executed")
         timeout_s = self._clock.of_real(header.deadline_s)
         if method in keys.RETRYABLE_METHODS:
-            call = _start_call(handle, method, header, data, timeout_s)
-            call.link(lambda done, _: self._answer_reading(reply_to, self._outcome(done), header.client))
-        elif method == keys.HALT or _is_stop(handle, method, header):
+            send = self._outbox.publish_from_here
+            if method == "get_value" and handle.reads_now:  # perhaps in this thread, which must not wait for a link
+                send = self._outbox.publish_briefly
+            call = start_call(handle, method, header, data, timeout_s)
+            call.link(lambda done, _: self._answer_reading(reply_to, self._outcome(done), header.client, send))
+        elif method == keys.HALT or is_stop(handle, method, header):
             self._admission.note_stop(header, handle.name)
-            call = _start_call(handle, method, header, data, timeout_s)
+            call = start_call(handle, method, header, data, timeout_s)
             call.link(lambda done, _: self._answer(reply_to._replace(is_urgent=True), self._outcome(done)))
         elif method == keys.INFO:
             self._answer(reply_to, handle.info.to_dict())
@@ -290,11 +283,9 @@ class RobotServer:
         begin_by_s = self._clock.now() + begin_in_s
         start_s = None if header.start_s is None else fleet_time_of(self._clock, header.start_s)
         call_id = header.call_id
-        self._outbox.expect(1, has_more=header.has_more)
         try:
-            call = _start_call(handle, method, header, data, left_s, begin_by_s, start_s)
+            call = start_call(handle, method, header, data, left_s, begin_by_s, start_s)
         except EALError as error:
-            self._outbox.expect(-1)
             self._admission.finish(call_id, error)
             raise
         call.caller = self._admission.names.of(header.client)
@@ -311,7 +302,7 @@ class RobotServer:
         if began_s is not None:
             began_s = real_time_of(self._clock, began_s)
         if reply_to is not None:
-            self._answer_expected(reply_to, outcome, began_s)
+            self._answer(reply_to, outcome, began_s=began_s, send=self._outbox.publish_briefly)
         else:
             fields = {} if began_s is None else {"began_s": began_s}
             self._publish(RobotEvent("result", REAL_TIME.now(), command.call_id, outcome, fields))
@@ -324,9 +315,8 @@ class RobotServer:
             self._answer(reply_to, self._handler.release(header))
         elif method == keys.STOP:
             reason = " ".join(map(str, header.arguments))
-            self._outbox.expect(1, has_more=header.has_more)
             urgent = reply_to._replace(is_urgent=True)
-            self._robot.stop(reason).link(lambda done, _: self._answer_expected(urgent, self._outcome(done)))
+            self._robot.stop(reason).link(lambda done, _: self._answer(urgent, self._outcome(done)))
             self._unlogged_stop = reason
         elif method == keys.RESUME:
             self._log.warning("resumed")
@@ -347,8 +337,8 @@ class RobotServer:
         if error is not None:
             return error if isinstance(error, EALError) else ResourceFaultError(error_text(error))
         value = done.get()
-        if isinstance(value, EALData) and value.stamp_s is not None:
-            return value.with_meta(stamp_s=real_time_of(self._clock, value.stamp_s))
+        if type(value) is EALData and (stamp_s := value.stamp_s) is not None:
+            return value.restamped(real_time_of(self._clock, stamp_s))
         return 1 if value is None else value
 
     def _answer(
@@ -368,49 +358,20 @@ class RobotServer:
             envelope, payload = encode_reply(CallReply(reply_to.sequence, answer, time), shared)
         except EALError as error:  # too large, for example
             envelope, payload = encode_reply(CallReply(reply_to.sequence, error.at(self._robot.name), time))
+        batch = reply_to.batch
+        if batch is not None and not reply_to.is_urgent and batch.add(self._robot.name, envelope, payload):
+            return
         (send or self._outbox.publish)(reply_to.key, envelope, payload, is_urgent=reply_to.is_urgent)
 
-    def _answer_reading(self, reply_to: ReplyTo, answer: Answer, client: str) -> None:
+    def _answer_reading(self, reply_to: ReplyTo, answer: Answer, client: str, send: Callable[..., None]) -> None:
         """Reply to a call that changes nothing; its value may be handed over in shared memory."""
         shared = None
-        if isinstance(answer, EALData) and answer.length >= LEAST_BYTES:
+        if type(answer) is EALData and answer.length >= LEAST_BYTES:
             shared = self._memories.put(client, answer.payload)
-        self._answer(reply_to, answer, send=self._outbox.publish_from_here, shared=shared)
-
-    def _answer_expected(self, reply_to: ReplyTo, answer: Answer, began_s: float | None = None) -> None:
-        self._answer(reply_to, answer, began_s=began_s, send=self._outbox.publish_briefly)
-        self._outbox.expect(-1)
+        self._answer(reply_to, answer, send=send, shared=shared)
 
     def _publish(self, event: RobotEvent, *, is_vital: bool = True) -> None:
         self._outbox.publish(self._event_key, *encode_event(event), is_vital=is_vital)
-
-
-def _start_call(
-    handle: ResourceHandle,
-    method: str,
-    header: CallHeader,
-    data: EALData | None,
-    timeout_s: float,
-    begin_by_s: float | None = None,
-    start_s: float | None = None,
-) -> Call[Any]:
-    """Call a resource for a controller; see ResourceHandle.start_call. Thread: any; does not block.
-
-    Raises:
-        ProtocolError: the method does not take such arguments.
-    """
-    plain = header.arguments
-    arguments: tuple[Any, ...] = plain
-    if tuple(map(type, plain)) != _ARGUMENT_TYPES[method] or (data is None and method in _NEED_DATA):
-        raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
-    if method in _TAKE_DATA:
-        arguments = (data, *plain) if method in ("set_value", "write_comm") else (*plain, data)
-    return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s)
-
-
-def _is_stop(handle: ResourceHandle, method: str, header: CallHeader) -> bool:
-    """Return whether a call is a command that only stops, which anybody may give at any time, like a halt."""
-    return method == "send_cmd" and header.arguments[:1] != () and header.arguments[0] in handle.info.urgent_commands
 
 
 def _actuators(robot: RobotHandle) -> list[str]:

@@ -13,6 +13,7 @@ from eal_actors.actors.robot_view import command_of
 from eal_actors.device.resource import Progress
 from eal_actors.wire.format.messages import CallId
 from eal_actors.wire.rpc.clock_offset import real_time_of
+from eal_actors.wire.rpc.server.outbox import ReplyBatch
 
 PROGRESS_PERIOD_S: Final = 0.25
 """Least real seconds between two progress events of one command."""
@@ -27,11 +28,13 @@ class ReplyTo(NamedTuple):
         key: key on which to reply.
         sequence: number of the call.
         is_urgent: whether the reply overtakes queued messages.
+        batch: where replies to the same batch of calls gather; None for a call that came alone.
     """
 
     key: str
     sequence: int
     is_urgent: bool = False
+    batch: ReplyBatch | None = None
 
 
 @dataclass(eq=False, slots=True)

@@ -6,25 +6,26 @@ import threading
 
 import pytest
 
-from eal_actors.wire.rpc import sender
-from eal_actors.wire.rpc.sender import WINDOW, InFlightWindow
+from eal_actors.wire.rpc.client import call_sender
+from eal_actors.wire.rpc.client.call_sender import WINDOW, InFlightWindow
 from tests.net.links import eventually
 from tests.robots import WAIT_S
 
 
 def test_it_waits_for_answers_once_many_are_in_flight(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sender, "PATIENCE_S", WAIT_S)
+    monkeypatch.setattr(call_sender, "PATIENCE_S", WAIT_S)
     window = InFlightWindow()
     for _ in range(WINDOW - 1):
         window.sent()
-    window.wait_for_room()  # at once
+    assert not window.is_full
     window.sent()
+    assert window.is_full
     waiting = threading.Thread(target=window.wait_for_room)
     waiting.start()
-    assert eventually(lambda: window._is_waiting)
+    assert eventually(lambda: window._resume_at is not None)
     for _ in range(WINDOW // 2 - 1):
         window.answered()
-    assert window._is_waiting
+    assert window._resume_at is not None
     window.answered()
     waiting.join(WAIT_S / 2)
     assert not waiting.is_alive()
@@ -38,7 +39,7 @@ def test_what_is_never_answered_holds_nobody_up_for_long() -> None:
     window.wait_for_room()  # returns, for no answer comes
     for _ in range(WINDOW - 1):
         window.sent()
-        window.wait_for_room()  # and what is slow counts no more
+        assert not window.is_full  # what is slow counts no more
     for _ in range(2 * WINDOW - 1):
         window.answered()
-    assert (window._in_flight, window._slow) == (0, 0)
+    assert (window.in_flight, window._slow) == (0, 0)

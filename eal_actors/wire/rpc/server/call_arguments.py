@@ -1,0 +1,54 @@
+"""How a robot calls a resource for a controller: which arguments each method takes, and which calls are stops."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from eal_actors.actors.call import Call
+from eal_actors.actors.handles import ResourceHandle
+from eal_actors.device.data import EALData
+from eal_actors.kernel.errors import ProtocolError
+from eal_actors.wire.format.messages import CallHeader
+
+_ARGUMENT_TYPES: Final[dict[str, tuple[type, ...]]] = {
+    "get_status": (),
+    "get_value": (),
+    "set_value": (),
+    "send_req": (str,),
+    "send_cmd": (str,),
+    "read_comm": (int,),
+    "write_comm": (int,),
+    "get_config": (str,),
+    "set_config": (str,),
+    "halt": (),
+}
+_TAKE_DATA: Final = frozenset({"set_value", "send_cmd", "write_comm", "set_config"})
+_NEED_DATA: Final = frozenset({"set_value", "write_comm"})
+
+
+def start_call(
+    handle: ResourceHandle,
+    method: str,
+    header: CallHeader,
+    data: EALData | None,
+    timeout_s: float,
+    begin_by_s: float | None = None,
+    start_s: float | None = None,
+) -> Call[Any]:
+    """Call a resource for a controller; see ResourceHandle.start_call. Thread: any; does not block.
+
+    Raises:
+        ProtocolError: the method does not take such arguments.
+    """
+    plain = header.arguments
+    arguments: tuple[Any, ...] = plain
+    if tuple(map(type, plain)) != _ARGUMENT_TYPES[method] or (data is None and method in _NEED_DATA):
+        raise ProtocolError(f"{method} does not take the arguments {plain!r}{'' if data is None else ' and a value'}")
+    if method in _TAKE_DATA:
+        arguments = (data, *plain) if method in ("set_value", "write_comm") else (*plain, data)
+    return handle.start_call(method, arguments, timeout_s, begin_by_s, start_s)
+
+
+def is_stop(handle: ResourceHandle, method: str, header: CallHeader) -> bool:
+    """Return whether a call is a command that only stops, which anybody may give at any time, like a halt."""
+    return method == "send_cmd" and header.arguments[:1] != () and header.arguments[0] in handle.info.urgent_commands
