@@ -89,7 +89,7 @@ class Fleet(FleetCalls):
         `eal_actors.facade.shutdown`.
 
         Args:
-            robots: the names of the robots to connect; all if None.
+            robots: the names of the robots to connect, with the trackers of their poses; all if None.
             timeout_s: real seconds to wait at most; a robot that is late continues to start.
 
         Raises:
@@ -99,7 +99,7 @@ class Fleet(FleetCalls):
 
         Thread: blocks the caller.
         """
-        wanted = EALConfigManager(self.config).select(robots)
+        wanted = self._with_trackers(EALConfigManager(self.config).select(robots))
         self._starter.check(wanted)
         try:
             with self._start_lock:
@@ -115,6 +115,11 @@ class Fleet(FleetCalls):
             self.close()
             raise
         return self
+
+    def _with_trackers(self, robots: Iterable[RobotConfig]) -> tuple[RobotConfig, ...]:
+        """Return robots and the trackers that their poses need, in the order of the fleet."""
+        names = {name for robot in robots for name in (robot.name, *robot.pose.trackers)}
+        return tuple(robot for name, robot in self.config.robots.items() if name in names)
 
     def _wait_started(self, names: Iterable[str], end_s: float) -> None:
         for name in names:

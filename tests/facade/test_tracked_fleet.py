@@ -54,3 +54,10 @@ def judge_report_and_picture(arena: Fleet) -> None:
     assert picture.shape == (960, 1280, 3)
     green = (picture[..., 1] > 190) & (picture[..., 0] < 110) & (picture[..., 2] < 130)
     assert green.sum() > 6 * 100, "each of the six robots has a green frame"
+
+
+def test_the_tracker_of_a_robot_is_connected_with_it() -> None:
+    arena = Fleet.load(bundled_path("fleets/arena.yaml"))
+    first = next(name for name, robot in arena.config.robots.items() if robot.pose.trackers)
+    with arena.connect([first]):
+        assert list(arena) == [name for name in arena.config.robots if name in (first, "cameras-1")]
