@@ -31,6 +31,8 @@ RECOVERY_S: Final = 60.0
 COMMANDS_A_LIFE: Final = 1_000_000
 DELAYS_S: Final = (0.02, 0.1, 0.3, 0.6)
 """One-way delays of a slowed link, below and above the shortest deadline, and below the dead-man's time."""
+KINDS: Final = {"kill": 15, "freeze": 30, "cut": 20, "stall": 20, "slow": 30, "garbage": 15}
+"""The kinds of faults, and how often each comes in comparison."""
 CONTROLLERS: Final = ("warden", "rival-1", "rival-2")
 """The first is never killed; it is the one whose growth is judged."""
 _LOOK_EACH_S: Final = 0.1
@@ -93,6 +95,7 @@ class Soak:
         self._plan = plan
         self._folder = folder
         self._random = random.Random(plan.seed)  # noqa: S311  # a test
+        self._not_yet = self._random.sample(list(KINDS), len(KINDS))  # the first faults: one of each kind
         self._robots = [f"robot-{number}" for number in range(1, plan.robots + 1)]
         self._ports = {robot: (free_port(), free_port()) for robot in self._robots}
         self._veterans = {*self._robots[:: max(2, plan.robots // 5)], CONTROLLERS[0]}
@@ -224,12 +227,13 @@ class Soak:
         """Make one fault, and plan the next."""
         if now_s() >= end_s:
             return
-        kind = self._random.choices(("kill", "freeze", "cut", "stall", "slow", "garbage"), (15, 30, 20, 20, 30, 15))[0]
+        kind = self._not_yet[0] if self._not_yet else self._random.choices(list(KINDS), list(KINDS.values()))[0]
         targets = [*self._robots, *(CONTROLLERS if kind in ("kill", "freeze") else ())]
         target = self._random.choice(targets)
         duration_s = self._random.choice((0.2, 0.7, 2.0, 5.0))
         if target not in self._busy and not (kind == "kill" and target in self._veterans):
             self._busy.add(target)
+            self._not_yet = [other for other in self._not_yet if other != kind]
             mend = getattr(self, f"_{kind}")(target)
             self._later(duration_s, lambda: self._mend(kind, target, now, mend))
             now = now_s()
