@@ -47,9 +47,17 @@ def blocks(language: str) -> list[tuple[str, str]]:
     return found
 
 
-def commands() -> list[str]:
+LONG = ("scenarios/relay.yaml", "scenarios/search.yaml")
+"""Scenarios that compute a minute; tests/scenarios has short forms of them."""
+
+
+def commands() -> list[object]:
     lines = [line.partition("#")[0].strip() for _, block in blocks("sh") for line in block.splitlines()]
-    return list(dict.fromkeys(line for line in lines if line))
+    return [
+        pytest.param(line, marks=pytest.mark.slow) if any(name in line for name in LONG) else line
+        for line in dict.fromkeys(lines)
+        if line
+    ]
 
 
 def environment() -> dict[str, str]:

@@ -86,6 +86,7 @@ def test_it_boots_and_answers(proof: Proof, tmp_path: Path, monkeypatch: pytest.
         _LOG.warning(f"first answered call after {took_s:.1f} s, of which QEMU computed {machine.computed_s():.1f} s")
 
 
+@pytest.mark.evbotos
 def test_a_second_build_is_the_same_to_the_bit(proof: Proof, tmp_path: Path) -> None:
     one = proof.built.folder.parent.parent
     sources_before = (one.parent / "sources").read_text()
