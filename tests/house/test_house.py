@@ -1,4 +1,7 @@
-"""The rules of the house: format, lint, types, layers. The same commands as `make check`."""
+"""The rules of the house: format, lint, types, layers. The same commands as `make check`.
+
+Types are checked there and in the long suite only, because mypy computes for a minute.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ SCRIPTS = Path(sysconfig.get_path("scripts"))
     [
         pytest.param(["ruff", "format", "--check", "."], id="format"),
         pytest.param(["ruff", "check", "."], id="lint"),
-        pytest.param(["mypy"], id="types", marks=pytest.mark.timeout(600)),
+        pytest.param(["mypy"], id="types", marks=[pytest.mark.timeout(600), pytest.mark.slow]),
         pytest.param(["lint-imports"], id="layers"),
     ],
 )
