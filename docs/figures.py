@@ -143,7 +143,7 @@ def draw_patrol(out: Path) -> None:
         report = run_scenario(ROOT / "scenarios/patrol-visit.yaml", simulation.fleet, directory=Path(folder))
         if report.outcome != "done":
             raise RuntimeError(f"patrol-visit: {report.error}")
-        image = cv2.imread(f"{folder}/evbot3-2/changed.1.2.png")
+        image = cv2.imread(f"{folder}/evbot3-2/changed.1.northeast.png")
     if image is None:
         raise RuntimeError("patrol-visit: no picture")
     cv2.imwrite(str(out), cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))

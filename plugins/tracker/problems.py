@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias
+
+_TOLD_EACH_S: Final = 60.0
 
 ProblemKind: TypeAlias = Literal[
     "camera_not_ready",
@@ -48,11 +51,12 @@ class ProblemList:
     """The present problems, each with the time at which it began.
 
     Args:
-        on_new: receives each new problem.
+        on_new: receives each new problem, one that comes and goes once a minute of the fleet's clock.
     """
 
     def __init__(self, on_new: Callable[[TrackingProblem], None]) -> None:
         self._on_new = on_new
+        self._told_s: dict[tuple[ProblemKind, str, int | None], float] = {}
         self._present: dict[tuple[ProblemKind, str, int | None], TrackingProblem] = {}
 
     @property
@@ -69,4 +73,6 @@ class ProblemList:
         for key, problem in wanted.items():
             if key not in self._present:
                 self._present[key] = problem
-                self._on_new(problem)
+                if problem.since_s - self._told_s.get(key, -math.inf) >= _TOLD_EACH_S:
+                    self._told_s[key] = problem.since_s
+                    self._on_new(problem)
