@@ -8,6 +8,7 @@ from typing import Final
 
 from eal_actors.device.navigation.grid import OccupancyGrid
 from eal_actors.device.navigation.traffic.action_graph import action_graph
+from eal_actors.device.navigation.traffic.alone import way_alone
 from eal_actors.device.navigation.traffic.errors import TrafficError
 from eal_actors.device.navigation.traffic.lacam import NoPlanError, SearchError, search
 from eal_actors.device.navigation.traffic.lattice import Point
@@ -81,6 +82,9 @@ def plan_traffic(
         raise TrafficError(f"traffic is planned for at most {MAX_TRAVELLERS} robots at once, not {len(travellers)}")
     if not travellers:
         return TrafficPlan({}, 0.0, 0, 0)
+    if len(travellers) == 1 and (way := way_alone(grid, travellers[0], standing, margin_m)) is not None:
+        alone = {travellers[0].name: tuple(TrafficMove(place, ()) for place in way)}
+        return TrafficPlan(alone, 2 * travellers[0].radius_m + margin_m, len(way), len(way))
     roadmap = RoadmapBuilder(grid, travellers, standing, margin_m).build()
     problem = roadmap.problem
     _check_reachable(problem, travellers)

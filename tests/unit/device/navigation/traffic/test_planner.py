@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from eal_actors.device.navigation.grid import GridOrigin, OccupancyGrid
 from eal_actors.device.navigation.traffic.errors import TrafficError
-from eal_actors.device.navigation.traffic.planner import TrafficPlan, plan_traffic
+from eal_actors.device.navigation.traffic.planner import MARGIN_M, TrafficPlan, plan_traffic
 from eal_actors.device.navigation.traffic.roadmap import StandingDisc, Traveller
+from eal_actors.device.navigation.traffic.segments import distances_to_ways_m
 from tests.unit.device.navigation.traffic.execution import PlanExecution
 from tests.unit.device.navigation.traffic.floors import random_travellers, room
 
@@ -75,6 +76,34 @@ def test_a_robot_drives_round_what_stands() -> None:
     for (x0, y0), (x1, y1) in itertools.pairwise(at):
         for share in np.linspace(0, 1, 20):
             assert math.dist((x0 + share * (x1 - x0), y0 + share * (y1 - y0)), (0.0, 0.1)) > 0.15 + 0.25
+
+
+def test_a_robot_by_itself_drives_straight_to_its_goal() -> None:
+    grid = room(0, 6.0, 0)
+    (traveller,) = _travellers((-2.0, -1.3, 2.2, 1.9))
+    places = [traveller.start, *(move.to for move in plan_traffic(grid, [traveller]).moves["r0"])]
+    assert places[-1] == pytest.approx(traveller.goal)
+    for place in places[1:-1]:
+        assert math.dist(traveller.start, place) + math.dist(place, traveller.goal) == pytest.approx(
+            math.dist(traveller.start, traveller.goal)
+        )
+    pitch_m = 2 * traveller.radius_m + MARGIN_M
+    assert max(itertools.starmap(math.dist, itertools.pairwise(places))) <= pitch_m + 1e-9
+
+
+def test_a_robot_by_itself_keeps_off_what_stands_near_the_shortest_way() -> None:
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        grid, standing = (
+            room(0, 6.0, 0),
+            [StandingDisc("box", (float(x_m), float(y_m)), 0.1) for x_m, y_m in rng.uniform(-1.5, 1.5, (6, 2))],
+        )
+        (traveller,) = _travellers((-2.5, -2.5, 2.5, 2.5))
+        places = [traveller.start, *(move.to for move in plan_traffic(grid, [traveller], standing).moves["r0"])]
+        ways = np.array(places)
+        for thing in standing:
+            nearest_m = distances_to_ways_m(thing.at, ways[:-1], ways[1:]).min()
+            assert nearest_m >= thing.radius_m + traveller.radius_m + 0.99 * MARGIN_M, (seed, thing)
 
 
 def test_a_robot_at_its_goal_makes_way_and_returns() -> None:
@@ -179,7 +208,7 @@ def test_more_robots_than_can_be_planned_are_refused() -> None:
 def test_a_map_that_is_too_large_is_refused() -> None:
     grid = OccupancyGrid(np.zeros((1200, 1200), np.int8), 0.1, GridOrigin(0.0, 0.0))
     with pytest.raises(TrafficError, match="the map is too large"):
-        plan_traffic(grid, _travellers((1.0, 1.0, 2.0, 2.0)))
+        plan_traffic(grid, _travellers((1.0, 1.0, 2.0, 2.0), (5.0, 1.0, 6.0, 2.0)))
 
 
 def test_nobody_has_nothing_to_do() -> None:
