@@ -82,9 +82,8 @@ def plan_traffic(
         raise TrafficError(f"traffic is planned for at most {MAX_TRAVELLERS} robots at once, not {len(travellers)}")
     if not travellers:
         return TrafficPlan({}, 0.0, 0, 0)
-    if len(travellers) == 1 and (way := way_alone(grid, travellers[0], standing, margin_m)) is not None:
-        alone = {travellers[0].name: tuple(TrafficMove(place, ()) for place in way)}
-        return TrafficPlan(alone, 2 * travellers[0].radius_m + margin_m, len(way), len(way))
+    if len(travellers) == 1 and (alone := _plan_alone(grid, travellers[0], standing, margin_m)):
+        return alone
     roadmap = RoadmapBuilder(grid, travellers, standing, margin_m).build()
     problem = roadmap.problem
     _check_reachable(problem, travellers)
@@ -110,6 +109,16 @@ def plan_traffic(
         for name, own in zip(names, action_graph(problem, paths), strict=True)
     }
     return TrafficPlan(moves, roadmap.clearance_m, cost_of(paths), problem.least_cost)
+
+
+def _plan_alone(
+    grid: OccupancyGrid, traveller: Traveller, standing: Sequence[StandingDisc], margin_m: float
+) -> TrafficPlan | None:
+    way = way_alone(grid, traveller, standing, margin_m)
+    if way is None:
+        return None
+    moves = tuple(TrafficMove(place, ()) for place in way)
+    return TrafficPlan({traveller.name: moves}, 2 * traveller.radius_m + margin_m, len(way), len(way))
 
 
 def _check_reachable(problem: TrafficProblem, travellers: Sequence[Traveller]) -> None:
