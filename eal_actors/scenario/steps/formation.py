@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from typing_extensions import override
 
 from eal_actors.facade.traffic.formations import formation_goals
 from eal_actors.facade.traffic.travelling import JOURNEY_TIMEOUT_S
-from eal_actors.kernel.errors import EALError, Problem
+from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.strict_model import Name, StrictModel, did_you_mean
 from eal_actors.kernel.yaml_tree import YamlPath
 from eal_actors.scenario.engine.executor import StepAction
@@ -46,12 +46,6 @@ class FormationStep(TimedStep):
     @override
     def roles_at_work(self, scenario: Scenario, path: YamlPath) -> Iterator[str]:
         yield self.formation.role
-
-    @override
-    def shared_robots(
-        self, scenario: Scenario, path: YamlPath, roles: Mapping[str, Sequence[str]]
-    ) -> Iterator[Problem]:
-        return iter(())
 
     @override
     def templates(self) -> Iterable[tuple[Keys, object]]:
