@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from eal_actors.device.serial_ports import list_serial_ports, open_serial
-from tests.unit.device.test_ports import Cable, cable
+from tests.unit.device.port_rig import Cable, cable
 from tests.unit.device.test_serial_ports import STRANGER, plugged
 
 __all__ = ["cable", "plugged"]

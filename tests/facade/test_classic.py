@@ -19,7 +19,6 @@ from eal_actors.classic import (
     EAL,
     FLOAT,
     INT,
-    ISLONG,
     ISPTR,
     ISSHORT,
     ISUNSIGNED,
@@ -28,9 +27,7 @@ from eal_actors.classic import (
     VOID,
     EALBaseResource,
     EALconnect,
-    EALData_t,
     EALDataInfo_t,
-    EALDataType_t,
     EALdisconnect,
     EALPlugin,
     EALResource,
@@ -209,41 +206,6 @@ def test_programs_without_a_fleet_file_reach_the_sample_robot(tmp_path: Path, mo
 # Section B.1.2.
 
 
-def test_data_of_base_types() -> None:
-    number = EALDataInfo_t(INT)
-    number.data = 42
-    letter = EALDataInfo_t(CHAR)
-    letter.data = "s"
-    assert bytes(number.__eal_data__().payload) == b"\x2a\0\0\0"
-    assert bytes(letter.__eal_data__().payload) == b"s"
-
-
-def test_data_of_arrays_and_text() -> None:
-    numbers = EALDataInfo_t(INT, [0] * 10, 4 * 10, ISPTR)
-    for i in range(10):
-        numbers.data[i] = i
-    text = EALDataInfo_t(CHAR, "", 10, ISPTR)
-    text.data = "hello"
-    assert bytes(numbers.__eal_data__().payload) == b"".join(bytes([i, 0, 0, 0]) for i in range(10))
-    assert bytes(text.__eal_data__().payload) == b"hello\0\0\0\0\0"
-
-
-def test_a_long_integer_in_both_ways() -> None:
-    first = EALDataInfo_t(INT, 0, 8, not ISPTR, not ISUNSIGNED, not ISSHORT, ISLONG)
-    first.data = 1000000
-    second = EALDataInfo_t(INT, 0, 8)
-    second.isLong = True
-    second.data = 1000000
-    assert first == second
-    assert bytes(second.__eal_data__().payload) == b"\x40\x42\x0f\0\0\0\0\0"
-
-
-def test_constructor_defaults_are_those_of_the_thesis() -> None:
-    assert EALDataInfo_t() == EALDataInfo_t(INT, 0, 0, False, False, False, False)
-    assert EALData_t is EALDataInfo_t
-    assert {INT, CHAR, FLOAT, DOUBLE, BOOL, VOID} == set(EALDataType_t)
-
-
 @pytest.mark.parametrize(
     ("data", "payload"),
     [
@@ -388,49 +350,6 @@ def test_other_users_meet_the_same_resources(classic_fleet: Path) -> None:
             eal.send_req(everything, "")
         assert eal.set_config(everything, "baud", EALDataInfo_t(INT, 300)) == 1  # the thesis's data, given to it
         assert eal.get_config(everything, "baud").value == 300
-
-
-STUCK = '''
-from eal_actors.plugin import *
-
-class Slow(Resource):
-    """Takes long."""
-    @command("wait")
-    def wait(self):
-        yield 1e9
-    @request("data")
-    def data(self):
-        from eal_actors.classic import FLOAT, EALDataInfo_t
-        return EALDataInfo_t(FLOAT, 0.5)
-'''
-
-
-@pytest.fixture
-def slow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[EAL]:
-    """A connection to a robot whose command never ends, on a clock that runs fast."""
-    write_plugin(tmp_path, "slow", STUCK, "Slow")
-    fleet = tmp_path / "fleet.yaml"
-    fleet.write_text(
-        "version: 1\nplugin_dirs: [plugins]\nclock: {rate: max}\ndefaults: {timeout_s: 1e6}\n"
-        "robots:\n  one: {plugins: {slow: {}}}\n"
-    )
-    monkeypatch.setenv("EAL_FLEET", str(fleet))
-    client = EALconnect()
-    assert client is not None
-    yield client
-    EALdisconnect(client)
-
-
-def test_a_program_sets_the_time_out_of_its_calls(slow: EAL) -> None:
-    clock = slow._eal._robot.clock
-    began_s = clock.now()
-    slow.timeout_s = 60
-    assert slow.sendCmd(slow.findResource("Slow"), "wait", None) == -1
-    assert clock.now() - began_s == pytest.approx(60, abs=1)
-
-
-def test_any_resource_may_return_the_data_of_the_thesis(slow: EAL) -> None:
-    assert slow.sendReq(slow.findResource("Slow"), "data") == EALDataInfo_t(FLOAT, 0.5, 4)
 
 
 WRONG: list[Callable[[EAL, int], object]] = [

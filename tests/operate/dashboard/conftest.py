@@ -11,15 +11,23 @@ import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from eal_actors.facade.fleet import Fleet
+from eal_actors.operate.dashboard import Dashboard
 from tests.chromium import FLAGS, MISSING, find_chromium
 from tests.cli.conftest import eal as eal
-from tests.operate.dashboard.rig import counting_fleet
+from tests.operate.dashboard.rig import counting_fleet, open_dashboard
 
 
 @pytest.fixture
 def fleet(tmp_path: Path) -> Iterator[Fleet]:
     """Yield a connected fleet of two counting robots."""
     with counting_fleet(tmp_path, "one", "two").connect() as opened:
+        yield opened
+
+
+@pytest.fixture
+def dashboard(fleet: Fleet, tmp_path: Path) -> Iterator[Dashboard]:
+    """Yield the dashboard of that fleet."""
+    with open_dashboard(fleet, runs_dir=tmp_path / "runs") as opened:
         yield opened
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any
@@ -35,12 +35,6 @@ POSES = "import('/static/store.js').then((module) => JSON.stringify(module.store
 
 pytestmark = pytest.mark.timeout(180)
 expect.set_options(timeout=20_000)
-
-
-@pytest.fixture
-def dashboard(fleet: Fleet, tmp_path: Path) -> Iterator[Dashboard]:
-    with open_dashboard(fleet, runs_dir=tmp_path / "runs") as opened:
-        yield opened
 
 
 def go(page: Page, view: str) -> None:
@@ -335,81 +329,6 @@ def test_the_panel_checks_ranges_and_shows_robots_texts_as_text(open_page: OpenP
         go(page, "fleet")
         expect(page.locator("tr[data-robot='one']")).to_contain_text("<b>wheel</b> fell off")
         assert page.locator("main b", has_text="wheel").count() == 0
-
-
-# Driving by hand.
-
-
-@pytest.fixture
-def driving(open_page: OpenPage, dashboard: Dashboard) -> Iterator[Page]:
-    """A page on which the W key drives robot one."""
-    with open_page(dashboard.link + "#/robot/one") as page:
-        page.get_by_role("button", name="Drive with keys").click()
-        yield page
-
-
-def hold(page: Page, fleet: Fleet) -> Any:
-    """Hold W until the robot has received several twists; again, if a busy machine delays the page for too long."""
-    base = resource_of(fleet, "one", "Base")
-    for _ in range(10):
-        with base.changed:
-            twists, halts = base.twists, base.halts
-        page.keyboard.down("w")
-        wait_for(base, lambda: base.twists >= twists + 3 or base.halts > halts)  # noqa: B023  # waits in this round
-        with base.changed:
-            if base.halts == halts:
-                assert base.twist[0] > 0
-                return base
-        page.keyboard.up("w")
-    raise AssertionError("the page never sent drive messages in time")
-
-
-def halted(base: Any) -> None:
-    wait_for(base, lambda: base.twist == [0.0, 0.0])
-
-
-def test_releasing_the_key_halts(driving: Page, fleet: Fleet) -> None:
-    base = hold(driving, fleet)
-    driving.keyboard.up("w")
-    halted(base)
-
-
-def test_a_hanging_page_halts_its_robot_and_ends_the_press(driving: Page, fleet: Fleet) -> None:
-    base = hold(driving, fleet)
-    driving.evaluate("const end = Date.now() + 1500; while (Date.now() < end);")
-    halted(base)
-    expect(driving.locator("main")).to_contain_text("Halted: no drive message for 0.3 s")
-    assert base.twist == [0.0, 0.0]  # though the key is still down
-    driving.keyboard.up("w")
-    hold(driving, fleet)
-
-
-def test_a_tab_that_loses_the_focus_releases_the_keys(driving: Page, fleet: Fleet) -> None:
-    base = hold(driving, fleet)
-    driving.evaluate("window.dispatchEvent(new Event('blur'))")
-    halted(base)
-
-
-def test_another_view_releases_the_keys(driving: Page, fleet: Fleet) -> None:
-    base = hold(driving, fleet)
-    go(driving, "map")
-    halted(base)
-
-
-def test_a_closed_page_releases_the_keys(driving: Page, fleet: Fleet) -> None:
-    base = hold(driving, fleet)
-    driving.close()
-    halted(base)
-
-
-def test_keys_do_nothing_before_they_are_armed(open_page: OpenPage, dashboard: Dashboard, fleet: Fleet) -> None:
-    base = resource_of(fleet, "one", "Base")
-    with open_page(dashboard.link + "#/robot/one") as page:
-        expect(page.get_by_role("button", name="Drive with keys")).to_be_visible()
-        page.keyboard.press("w")
-        page.keyboard.press("Escape")  # after which the server has heard everything before it
-        expect(page.locator("#stopped")).to_be_visible()
-        assert base.twists == 0
 
 
 # Layout and accessibility.

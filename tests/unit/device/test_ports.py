@@ -1,86 +1,22 @@
-"""Ports that vanish and come back: real pseudo-terminals behind a link's name, and real TCP listeners."""
+"""Serial ports that vanish and come back: real pseudo-terminals behind a link's name."""
 
 from __future__ import annotations
 
 import os
-import pty
-import select
-import socket
 import threading
-import tty
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import pytest
 
 from eal_actors.device.ports import BytePort, ReopeningDevice, ReopeningPort
 from eal_actors.device.serial_ports import open_serial
-from eal_actors.device.sockets import TcpPort, open_tcp
 from eal_actors.kernel.errors import NotReadyError, PluginError, UnavailableError
 from tests.manual_clock import ManualClock
+from tests.unit.device.port_rig import WAIT_S, Cable, cable, drain
 
-WAIT_S: Final = 20.0
-
-
-class Cable:
-    """A device path under which a pseudo-terminal can be plugged in and out."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.device = -1
-        self._port = -1
-
-    def plug_in(self) -> None:
-        self.device, self._port = pty.openpty()
-        tty.setraw(self._port)
-        fresh = self.path.with_suffix(".new")
-        fresh.symlink_to(os.ttyname(self._port))
-        fresh.replace(self.path)
-
-    def unplug(self) -> None:
-        if self.device >= 0:
-            self.path.unlink()
-            os.close(self._port)
-            os.close(self.device)
-            self.device = -1
-
-    def hear(self, size: int) -> bytes:
-        return read_exactly(self.device, size)
-
-    def say(self, data: bytes) -> None:
-        os.write(self.device, data)
-
-
-def read_exactly(descriptor: int, size: int) -> bytes:
-    heard = b""
-    while len(heard) < size:
-        assert select.select([descriptor], [], [], WAIT_S)[0], f"only {heard!r} came"
-        heard += os.read(descriptor, size - len(heard))
-    return heard
-
-
-def drain(port: ReopeningPort, size: int, source: Any) -> bytes:
-    """Read bytes that are on their way; `source` is what becomes readable when some are there."""
-    heard = b""
-    while len(heard) < size:
-        assert select.select([source], [], [], WAIT_S)[0], f"only {heard!r} came"
-        heard += port.read(size - len(heard))
-    return heard
-
-
-def receive_all(connection: socket.socket) -> None:
-    while connection.recv(1 << 20):
-        pass
-
-
-@pytest.fixture
-def cable(tmp_path: Path) -> Iterator[Cable]:
-    cable = Cable(tmp_path / "ttyUSB0")
-    yield cable
-    cable.unplug()
+__all__ = ["cable"]
 
 
 def serial_port(cable: Cable) -> ReopeningPort:
@@ -289,60 +225,6 @@ def test_the_tries_become_less_frequent_and_go_on_whatever_the_opener_raises() -
     assert [str(reason).partition(";")[0] for reason in tries[2:]] == ["cannot open odd: no idea"] * 2
 
 
-class Server:
-    """A TCP listener that can go away and come back at the same port."""
-
-    def __init__(self) -> None:
-        self.listener = socket.create_server(("127.0.0.1", 0))
-        self.port = int(self.listener.getsockname()[1])
-        self.url = f"socket://127.0.0.1:{self.port}"
-        self.peer: socket.socket | None = None
-
-    def accept(self) -> socket.socket:
-        self.listener.settimeout(WAIT_S)
-        self.peer, _ = self.listener.accept()
-        self.peer.settimeout(WAIT_S)
-        return self.peer
-
-    def go_away(self) -> None:
-        self.listener.close()
-        if self.peer is not None:
-            self.peer.close()
-
-    def come_back(self) -> None:
-        self.listener = socket.create_server(("127.0.0.1", self.port))
-
-
-@pytest.fixture
-def server() -> Iterator[Server]:
-    server = Server()
-    yield server
-    server.go_away()
-
-
-def test_a_server_that_goes_away_and_comes_back_is_found_again(server: Server) -> None:
-    opened: list[Any] = []
-
-    def open_it() -> BytePort:
-        opened.append(port := open_serial(server.url, baudrate=9600))
-        return port
-
-    with closing(ReopeningPort(open_it, ManualClock(), server.url)) as port:
-        port.open()
-        peer = server.accept()
-        peer.sendall(b"last words")
-        server.go_away()
-        assert drain(port, 10, opened[0].fileno()) == b"last words"
-        assert select.select([opened[0].fileno()], [], [], WAIT_S)[0]
-        with pytest.raises(NotReadyError, match="was lost: the other end has closed the connection"):
-            port.read()
-        server.come_back()
-        assert port.wait_until_open(WAIT_S)
-        assert port.openings == 2
-        port.write(b"hello")
-        assert server.accept().recv(5) == b"hello"
-
-
 def test_an_idle_port_notices_that_its_cable_was_unplugged(cable: Cable) -> None:
     cable.plug_in()
     with closing(serial_port(cable)) as port:
@@ -353,26 +235,6 @@ def test_an_idle_port_notices_that_its_cable_was_unplugged(cable: Cable) -> None
         cable.plug_in()
         assert port.wait_until_open(WAIT_S)
         assert (port.why_not_ready(), port.openings) == (None, 2)
-
-
-def test_an_idle_port_notices_that_its_server_is_gone_after_the_last_bytes(server: Server) -> None:
-    opened: list[Any] = []
-
-    def open_it() -> BytePort:
-        opened.append(port := open_serial(server.url, baudrate=9600))
-        return port
-
-    with closing(ReopeningPort(open_it, ManualClock(), server.url)) as port:
-        port.open()
-        server.accept().sendall(b"last words")
-        assert select.select([opened[0].fileno()], [], [], WAIT_S)[0]
-        server.go_away()
-        gone = select.poll()
-        gone.register(opened[0].fileno(), select.POLLRDHUP)
-        assert gone.poll(WAIT_S * 1000)
-        assert port.why_not_ready() is None
-        assert port.read() == b"last words"
-        assert "was lost: unplugged, or closed at the other end" in str(port.why_not_ready())
 
 
 def test_a_device_of_a_library_reopens_too() -> None:
@@ -400,39 +262,3 @@ def test_a_device_of_a_library_reopens_too() -> None:
             device.use(Library.ask)
         assert device.wait_until_open(WAIT_S)
         assert (device.use(Library.ask), device.openings, closed) == (42, 2, [broken])
-
-
-def test_a_refused_connection_is_an_absent_device(server: Server) -> None:
-    server.go_away()
-    with closing(ReopeningPort(lambda: open_serial(server.url, baudrate=9600), ManualClock(), server.url)) as port:
-        port.open()
-        assert str(port.why_not_ready()).startswith(f"cannot open {server.url}: connection refused; next try in 0.")
-
-
-def test_a_tcp_port_hands_over_every_byte_before_the_end(server: Server) -> None:
-    with closing(open_tcp("127.0.0.1", server.port)) as port:
-        server.accept().sendall(b"last words")
-        server.go_away()
-        assert select.select([port.fileno()], [], [], WAIT_S)[0]
-        assert port.in_waiting == 10
-        assert (port.read(4), port.read(100)) == (b"last", b" words")
-        with pytest.raises(ConnectionError, match="closed the connection"):
-            port.read(1)
-
-
-def test_a_peer_that_takes_nothing_breaks_the_port_and_never_hears_of_it(server: Server) -> None:
-    opened: list[TcpPort] = []
-
-    def open_it() -> TcpPort:
-        opened.append(open_tcp("127.0.0.1", server.port))
-        return opened[-1]
-
-    with closing(ReopeningPort(open_it, ManualClock(), server.url)) as port:
-        port.open()
-        peer = server.accept()
-        much = bytes(64 * 1024 * 1024)  # more than the buffers of both ends
-        with pytest.raises(NotReadyError, match=r"took only \d+ of 67108864 bytes in 0\.2 s"):
-            port.write(much)
-        assert port.wait_until_open(WAIT_S)
-        with pytest.raises(ConnectionResetError):  # what was not sent is dropped, instead of carried out late
-            receive_all(peer)

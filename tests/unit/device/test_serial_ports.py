@@ -19,7 +19,7 @@ import serial
 import serial.rfc2217
 
 from eal_actors.device.serial_ports import PortHolder, holders, list_serial_ports, open_serial
-from tests.unit.device.test_ports import WAIT_S, Cable, cable
+from tests.unit.device.port_rig import WAIT_S, Cable, cable
 
 __all__ = ["cable"]
 

@@ -16,7 +16,7 @@ from eal_actors import Fleet
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.kernel.errors import ArgumentError, NotReadyError, PreemptedError
 from eal_actors.managers.config import EALConfigManager
-from tests.unit.device.test_ports import WAIT_S, Cable
+from tests.unit.device.port_rig import WAIT_S, Cable
 from tests.unit.device.test_serial_ports import serial_server
 
 FAST = 4_000_000

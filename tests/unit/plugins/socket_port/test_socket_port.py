@@ -13,7 +13,7 @@ from eal_actors import Fleet
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.kernel.errors import ArgumentError, NotReadyError, PluginError, RobotFailedError, UnavailableError
 from eal_actors.managers.config import EALConfigManager
-from tests.unit.device.test_ports import WAIT_S, Server, server
+from tests.unit.device.port_rig import WAIT_S, Server, server
 
 __all__ = ["server"]
 

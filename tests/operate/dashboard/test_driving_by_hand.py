@@ -1,0 +1,91 @@
+"""Driving a robot by the keys of the page, in a real Chromium."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from eal_actors.facade.fleet import Fleet
+from eal_actors.operate.dashboard import Dashboard
+from tests.operate.dashboard.rig import resource_of, wait_for
+
+OpenPage = Callable[..., AbstractContextManager[Page]]
+
+pytestmark = pytest.mark.timeout(180)
+expect.set_options(timeout=20_000)
+
+
+@pytest.fixture
+def driving(open_page: OpenPage, dashboard: Dashboard) -> Iterator[Page]:
+    """A page on which the W key drives robot one."""
+    with open_page(dashboard.link + "#/robot/one") as page:
+        page.get_by_role("button", name="Drive with keys").click()
+        yield page
+
+
+def hold(page: Page, fleet: Fleet) -> Any:
+    """Hold W until the robot has received several twists; again, if a busy machine delays the page for too long."""
+    base = resource_of(fleet, "one", "Base")
+    for _ in range(10):
+        with base.changed:
+            twists, halts = base.twists, base.halts
+        page.keyboard.down("w")
+        wait_for(base, lambda: base.twists >= twists + 3 or base.halts > halts)  # noqa: B023  # waits in this round
+        with base.changed:
+            if base.halts == halts:
+                assert base.twist[0] > 0
+                return base
+        page.keyboard.up("w")
+    raise AssertionError("the page never sent drive messages in time")
+
+
+def halted(base: Any) -> None:
+    wait_for(base, lambda: base.twist == [0.0, 0.0])
+
+
+def test_releasing_the_key_halts(driving: Page, fleet: Fleet) -> None:
+    base = hold(driving, fleet)
+    driving.keyboard.up("w")
+    halted(base)
+
+
+def test_a_hanging_page_halts_its_robot_and_ends_the_press(driving: Page, fleet: Fleet) -> None:
+    base = hold(driving, fleet)
+    driving.evaluate("const end = Date.now() + 1500; while (Date.now() < end);")
+    halted(base)
+    expect(driving.locator("main")).to_contain_text("Halted: no drive message for 0.3 s")
+    assert base.twist == [0.0, 0.0]  # though the key is still down
+    driving.keyboard.up("w")
+    hold(driving, fleet)
+
+
+def test_a_tab_that_loses_the_focus_releases_the_keys(driving: Page, fleet: Fleet) -> None:
+    base = hold(driving, fleet)
+    driving.evaluate("window.dispatchEvent(new Event('blur'))")
+    halted(base)
+
+
+def test_another_view_releases_the_keys(driving: Page, fleet: Fleet) -> None:
+    base = hold(driving, fleet)
+    driving.evaluate("location.hash = '#/map'")
+    halted(base)
+
+
+def test_a_closed_page_releases_the_keys(driving: Page, fleet: Fleet) -> None:
+    base = hold(driving, fleet)
+    driving.close()
+    halted(base)
+
+
+def test_keys_do_nothing_before_they_are_armed(open_page: OpenPage, dashboard: Dashboard, fleet: Fleet) -> None:
+    base = resource_of(fleet, "one", "Base")
+    with open_page(dashboard.link + "#/robot/one") as page:
+        expect(page.get_by_role("button", name="Drive with keys")).to_be_visible()
+        page.keyboard.press("w")
+        page.keyboard.press("Escape")  # after which the server has heard everything before it
+        expect(page.locator("#stopped")).to_be_visible()
+        assert base.twists == 0
