@@ -38,6 +38,13 @@ class Watch(StrictModel):
     """Frames per real second."""
 
 
+class WatchValues(StrictModel):
+    """Choose the robot whose live values to send, in place of the previous one."""
+
+    do: Literal["watch_values"]
+    robot: Word | None
+
+
 class DriveRobot(StrictModel):
     """Drive at a twist; repeated while a key is held."""
 
@@ -139,6 +146,7 @@ class ControlRun(_AnsweredMessage):
 Message = Annotated[
     Hello
     | Watch
+    | WatchValues
     | DriveRobot
     | ReleaseRobot
     | Describe
