@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import UnsupportedError
-from eal_actors.recording.picture import draw_trajectory
+from eal_actors.recording.picture import draw_trajectory, losses_of
 from eal_actors.recording.poses import PoseSample, split_at_breaks
 from eal_actors.recording.run_folder import RunFolder
 from eal_actors.recording.timeline import OF_THE_RUN, RunTimeline, timeline_of
@@ -155,7 +155,8 @@ def _arena_svg(run: RunFolder, world: WorldModel | None) -> str | None:
     if not any(run.paths.values()):
         return None
     outcomes = {name: robot.outcome for name, robot in run.summary.robots.items()} if run.summary else None
-    drawn = draw_trajectory(run.paths, world, io.StringIO(), "", outcomes, run.breaks_s)
+    lost_s = losses_of(run.summary) if run.summary else None
+    drawn = draw_trajectory(run.paths, world, io.StringIO(), "", outcomes, run.breaks_s, lost_s)
     svg = drawn.getvalue() if drawn is not None else None
     return svg and svg[svg.index("<svg") :]  # a page must not contain the XML head
 
