@@ -18,7 +18,8 @@ Number = Annotated[int, Field(ge=0, le=2**53)]
 CallMethod = Literal["get_status", "get_value", "set_value", "send_req", "send_cmd", "get_config", "set_config", "halt"]
 """All methods but those that carry bytes, and `halt`."""
 Scalar = bool | int | float | Text
-CallValue = Scalar | Annotated[tuple[bool | int | float, ...], Field(strict=False, max_length=1000)] | None
+Numbers = Annotated[tuple[bool | int | float, ...], Field(strict=False, max_length=1000)]
+CallValue = Scalar | Numbers | Annotated[tuple[Numbers, ...], Field(strict=False, max_length=1000)] | None
 
 
 class Hello(StrictModel):

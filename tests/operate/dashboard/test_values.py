@@ -79,7 +79,7 @@ NAMES = ("Counter", "Slow", "Text", "Ray", "Cloud", "Lidar", "Broken", "Line")
 
 @pytest.fixture
 def sensing(tmp_path: Path) -> Iterator[Fleet]:
-    """Yield a connected fleet of two robots whose sensors count how often they are asked; only the Slow of one waits."""
+    """Yield a connected fleet of two robots whose sensors count their questions; only the Slow of one waits."""
     write_plugin(tmp_path, "sensing", PLUGIN, *NAMES)
     file = tmp_path / "fleet.yaml"
     names = "".join(f"  {name}: {{plugins: {{sensing: {{}}}}}}\n" for name in ("one", "two"))
