@@ -112,6 +112,7 @@ def _steps(platform: Platform, image: Image) -> list[str]:
         "base: unpack, prune, compile Python, check for missing libraries",
         f"root: add {', '.join(image.services)}" + (", and this project" if image.project else ""),
         f"squash: compress with {platform.compression}",
+        "verity: append the hash tree with which the kernel verifies each block",
         f"disk: boot partition, slots A and B, data; to start it: {boot}",
         *stand_ins,
         "outputs: manifest, bill of materials, sizes",
