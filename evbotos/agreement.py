@@ -17,8 +17,8 @@ from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import NAMES_ONLY, StrictModel, Version1, problems_from
 from eal_actors.kernel.yaml_source import load_yaml
 from evbotos.definitions import Definitions, load_definitions
+from evbotos.fields import ROOTFS
 from evbotos.model import Image
-from evbotos.plan import ROOTFS
 
 FOLDER: Final = Path(__file__).parent / "openembedded"
 PLUGINS: Final = Path(__file__).parent.parent / "plugins"

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from evbotos.disk import parts_of
+from evbotos.fields import ROOTFS
 from evbotos.hosttools import find_tool, needed_for
 from evbotos.kernel import fragments_text
 from evbotos.lock import Lock, asked_by
 from evbotos.model import Image, Kernel, Platform
-
-ROOTFS: Final = Path(__file__).parent / "rootfs"
 
 
 def layers_of(image: Image, rootfs: Path = ROOTFS) -> list[Path]:

@@ -46,7 +46,7 @@ def needed_files(contents: Mapping[str, bytes], robot: str | None) -> tuple[dict
         mine = [owners[key] for key in _keys(name, content) if key in owners]
         if PurePosixPath(name).name == _AUTHORITY_KEY or any(_is_authority(one) for one in mine):
             raise BuildError(
-                f"{name} is the private key of the fleet's authority: whoever has it can command every robot. "
+                f"{name} is the private key of the fleet's authority, which makes keys that command every robot. "
                 "Remove it from the robot's files; it stays on the machine that runs `eal keys`"
             )
         others = [one for one in (*mine, *certificates[name]) if not _is_authority(one) and _owner(one) != robot]

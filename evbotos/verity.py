@@ -31,7 +31,7 @@ _ROOT_HASH: Final = re.compile(r"^Root hash:\s+([0-9a-f]{64})$", re.MULTILINE)
 
 @dataclass(frozen=True, slots=True)
 class Verity:
-    """What identifies a root file system.
+    """The identity of a root file system.
 
     Attributes:
         blocks: the number of blocks of 4096 bytes before the hash tree.
@@ -61,7 +61,7 @@ class Verity:
 
 
 def append_hashes(squashed: Path, out: Path) -> None:
-    """Write a root file system with its hash tree behind it, and what identifies it, reproducibly.
+    """Write a root file system with its hash tree behind it, and its identity, reproducibly.
 
     Args:
         squashed: the compressed root file system.
@@ -83,7 +83,7 @@ def append_hashes(squashed: Path, out: Path) -> None:
 
 
 def read_verity(folder: Path) -> Verity:
-    """Return what identifies the root file system in a folder of `append_hashes`."""
+    """Return the identity of the root file system in a folder of `append_hashes`."""
     return Verity(**json.loads((folder / _IDENTITY).read_text()))
 
 

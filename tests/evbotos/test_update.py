@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
 from evbotos.errors import BuildError, UpdateError
-from evbotos.plan import ROOTFS
+from evbotos.fields import ROOTFS
 from evbotos.slot_command import slot
 from evbotos.slots import state_block
 from evbotos.update import write_update
