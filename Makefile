@@ -17,7 +17,7 @@ EVBOTOS_TOOLS := apt bc binutils bison cryptsetup-bin device-tree-compiler dosfs
 	grub-common libelf-dev libssl-dev make mtools openssh-client qemu-system-arm qemu-system-x86 squashfs-tools \
 	tar u-boot-tools xz-utils zstd
 
-.PHONY: lock locked sbom demo demo-network lab test test-slow check docs bench bench-peers bench-scale bench-go soak fuzz fuzz-motions figures format evbotos-setup test-evbotos clean help
+.PHONY: lock locked sbom demo demo-network lab test test-slow check docs bench bench-peers bench-scale bench-go soak fuzz fuzz-motions figures format evbotos-setup test-evbotos test-bitbake clean help
 
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -113,6 +113,9 @@ evbotos-setup:  ## install the programs that building and trying images of EvBot
 
 test-evbotos: $(STAMP)  ## build images, boot them in QEMU and try them, updates and power cuts included
 	$(BIN)/python -m pytest tests/evbotos -m evbotos -rA --timeout=3600
+
+test-bitbake: $(STAMP)  ## plan the OpenEmbedded images with real BitBake from a folder of git mirrors: MIRRORS=/srv/git
+	@$(BIN)/python -m tests.evbotos.bitbake $(MIRRORS)
 
 clean:  ## remove the environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
