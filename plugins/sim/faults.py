@@ -50,6 +50,12 @@ class FaultSet(PluginSettingsModel):
     frozen: tuple[SensorName, ...] = Field(
         default=(), strict=False, description="Sensors that repeat their last answer, with its old stamp."
     )
+    failing: tuple[str, ...] = Field(
+        default=(), strict=False, description="Resources whose calls fail with ResourceFaultError."
+    )
+    blocked_ahead: bool = Field(
+        default=False, description="Something stands before the robot, whichever way it turns: the wheels slip, the bumper is pressed."
+    )
     camera_black: bool = Field(default=False, description="The camera's pictures are black.")
     battery_empty: bool = Field(default=False, description="The battery is empty: the motors stop and cannot start.")
     dead: bool = Field(default=False, description="The robot is off: its motors stop, and it answers nothing.")

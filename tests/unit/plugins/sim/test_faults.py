@@ -131,9 +131,9 @@ def test_each_fault_is_set_read_back_and_cleared_by_calls(key: str, value: Any) 
         (
             "frozen",
             "Range, TruePose",
-            "robot 'r1' has no sensor 'TruePose' that can freeze; use: Odometry, Battery, Pose",
+            "robot 'r1' has no resource 'TruePose' that can be frozen; use: Odometry, Battery, Pose",
         ),
-        ("frozen", "Cliff", "has no sensor 'Cliff'"),
+        ("frozen", "Cliff", "has no resource 'Cliff'"),
         ("motr_left", 0.5, "did you mean 'motor_left'"),
     ],
 )
