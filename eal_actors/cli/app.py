@@ -22,6 +22,7 @@ from eal_actors.kernel.log import LogFormat, configure_logging
 _COMMANDS: Final = {
     "run": "run:run_scenario",
     "rehearse": "rehearse:rehearse_scenario",
+    "prove": "prove:prove_scenario",
     "sweep": "sweep:sweep_scenario",
     "calibrate": "calibrate_camera:app",
     "report": "records:report_run",

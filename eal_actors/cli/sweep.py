@@ -15,9 +15,10 @@ from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import FleetOption, JsonOption, KeepOption, ScenarioArgument, SettingsOption
-from eal_actors.cli.output import counted, print_line, short_path, stderr, stdout, write_json
+from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
 from eal_actors.cli.progress import STYLES
 from eal_actors.cli.run_options import RunOptions, read_request
+from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.lab.sweeping import (
     Sweep,
@@ -133,9 +134,7 @@ def _run_sweep(console: Console, folder: SweepFolder, sweep: Sweep, processes: i
         console.print(Text(f"{counted(finished, 'run')} of {len(jobs)} finished before", style="dim"))
     by_folder = {folder.directory_of(job): job for job in waiting}
     tasks = (SweepTask(folder.clear(job), job.parameters, job.seed) for job in waiting)
-    perform = SweepWorker(
-        sweep.scenario.source, sweep.scenario_hash, sweep.fleet.source, sweep.fleet_hash, sweep.keep
-    )
+    perform = SweepWorker(sweep.scenario.source, sweep.scenario_hash, sweep.fleet.source, sweep.fleet_hash, sweep.keep)
     log = (folder.path / LOG).resolve()
     try:
         with _progress(console, finished, len(jobs)) as on_result:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pymunk
@@ -213,7 +213,7 @@ class SimRobot:
         self.leave()
         self._faults = faults
         self._wheels.shares = faults.wheel_shares
-        self._wheels.slip_ahead = faults.blocked_ahead
+        self._wheels.stalls_ahead = faults.blocked_ahead
         self._battery.has_failed = faults.battery_empty
 
     @property
@@ -324,7 +324,7 @@ class SimRobot:
         regular = self._motion.regular() if self._motion is not None else None
         if regular is None or regular.ticks < ticks or self._pose is None:
             return None
-        if self._battery.has_failed or self._wheels.slip_ahead:
+        if self._battery.has_failed or self._wheels.stalls_ahead:
             return None
         wheels = self._wheels.state()
         odometer = (self._odometer or WheelOdometer(self.make.track_m, (0.0, 0.0))).state(self._calibration)

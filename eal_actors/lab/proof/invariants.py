@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 from eal_actors.kernel.errors import DeadlineError
+from eal_actors.lab.proof.cases import KILLED, FaultCase
 from eal_actors.lab.proof.trial import Pose2D, Trial
 from eal_actors.scenario import Report, Scenario, StepRecord
 from eal_actors.scenario.language.values import RetryPolicy
@@ -56,17 +57,28 @@ class Trials:
 
     Attributes:
         scenario: the scenario.
-        faulty: the robots with faults.
+        case: the faults.
         healthy: the trial without faults.
         trial: the trial.
         within_s: the run must end within this time of the fleet's clock; None for no such limit.
     """
 
     scenario: Scenario
-    faulty: Collection[str]
+    case: FaultCase
     healthy: Trial
     trial: Trial
     within_s: float | None = None
+
+    @property
+    def faulty(self) -> set[str]:
+        """The robots with faults."""
+        return {fault.robot for fault in self.case if fault.kind != KILLED}
+
+    @property
+    def suspects(self) -> set[str]:
+        """The robots that may have missed a part of their steps: with another controller, all of them."""
+        is_killed = any(fault.kind == KILLED for fault in self.case)
+        return set(_report(self).robots) if is_killed else self.faulty
 
 
 def judge(trials: Trials) -> tuple[Violation, ...]:
@@ -157,7 +169,7 @@ def _check_outcome(trials: Trials) -> Iterator[Violation]:
     report, healthy = _report(trials), trials.healthy
     if report.outcome != "done" or trials.scenario.expectations():
         return
-    for name in sorted(trials.faulty):
+    for name in sorted(trials.suspects):
         if name not in report.robots or report.robots[name].outcome != "done":
             continue
         skipped = next((step for step in report.steps if step.robot == name and _was_skipped(step, healthy)), None)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from eal_actors.lab.proof.cases import KILLED, FaultCase
+from eal_actors.lab.proof.findings import LEAST_FLEET, keep_finding
 from eal_actors.lab.proof.fleet_files import Content, with_faults
 from eal_actors.lab.proof.invariants import Trials, Violation, judge
 from eal_actors.lab.proof.trial import Trial, TrialTask, TrialWorker
@@ -25,12 +27,14 @@ class ShrinkTask:
         case: the faults.
         invariant: the violated invariant.
         within_s: as in `Trials`.
+        folder: for the least fleet file, and the record of its run.
     """
 
     content: Content
     case: FaultCase
     invariant: str
     within_s: float | None
+    folder: Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +58,38 @@ class LeastCase:
         """The least fleet, with the faults."""
         return with_faults(self.content, self.case)
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """The number of robots, and of faults."""
+        return len(self.content["robots"]), len(self.case)
+
+    def comments(self, scenario: Path) -> list[str]:
+        """Return the head of the fleet file."""
+        faults = [fault.label for fault in self.case]
+        again = f"To repeat: eal run {scenario} --fleet {LEAST_FLEET}"
+        return [f"{self.violation.invariant}: {self.violation.message}", *faults, again]
+
 
 def task_of(content: Content, case: FaultCase) -> TrialTask:
     """Return the trial of a case."""
     kills = [fault.at_s for fault in case if fault.kind == KILLED]
     return TrialTask(with_faults(content, case), min(kills, default=None))
+
+
+@dataclass
+class ProofWorker:
+    """Performs the tasks of a proof."""
+
+    trials: TrialWorker
+
+    def __call__(self, task: TrialTask | ShrinkTask) -> Trial | LeastCase | None:
+        """Perform a trial, or shrink a finding and keep its record."""
+        if isinstance(task, TrialTask):
+            return self.trials(task)
+        least = shrink(task, self.trials)
+        if least is not None:
+            keep_finding(least.faulty_content, least.comments(self.trials.scenario), self.trials, task.folder)
+        return least
 
 
 def shrink(task: ShrinkTask, worker: TrialWorker) -> LeastCase | None:
@@ -103,8 +134,7 @@ class _Shrinker:
         return next((one for one in found if one.invariant == self._task.invariant), None)
 
     def _judge(self, healthy: Trial, trial: Trial, case: FaultCase) -> tuple[Violation, ...]:
-        faulty = {fault.robot for fault in case if fault.settings}
-        return judge(Trials(self._worker.loaded, faulty, healthy, trial, self._task.within_s))
+        return judge(Trials(self._worker.loaded, case, healthy, trial, self._task.within_s))
 
     def _smaller(self, content: Content, case: FaultCase) -> Iterator[tuple[Content, FaultCase]]:
         """Yield the fleets and cases with one thing less, the largest things first."""
