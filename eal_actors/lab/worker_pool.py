@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
@@ -43,7 +43,9 @@ class FinishedTask(Generic[T, R]):
     has_crashed: bool = False
 
 
-def run_all(tasks: Iterable[T], perform: Callable[[T], R], log: Path, jobs: int) -> Iterator[FinishedTask[T, R]]:
+def run_all(
+    tasks: Iterable[T], perform: Callable[[T], R], log: Path, jobs: int
+) -> Generator[FinishedTask[T, R], None, None]:
     """Perform tasks in worker processes; yield each as it ends.
 
     Args:
@@ -164,6 +166,7 @@ def _serve(tasks: Connection, perform: Callable[[Any], Any], log: Path) -> None:
                 task = tasks.recv()
             except EOFError:
                 return
+            answer: tuple[Any, str | None]
             try:
                 answer = perform(task), None
             except Exception as error:  # noqa: BLE001  # the parent reports it

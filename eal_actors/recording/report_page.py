@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.errors import UnsupportedError
@@ -18,6 +18,9 @@ from eal_actors.recording.picture import draw_trajectory
 from eal_actors.recording.poses import PoseSample, split_at_breaks
 from eal_actors.recording.run_folder import RunFolder
 from eal_actors.recording.timeline import OF_THE_RUN, RunTimeline, timeline_of
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 _TEMPLATE: Final = "report.html.j2"
 _MOST_IMAGES: Final = 48
@@ -86,6 +89,26 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
         ScenarioError: the folder is broken.
         UnsupportedError: Jinja is not installed.
     """
+    line = timeline_of(run.events)
+    return page_template(_TEMPLATE).render(
+        head=_head(run),
+        robots=_robot_rows(run, line),
+        arena=_arena_svg(run, world),
+        chart=line,
+        ticks=_ticks(line.duration_s),
+        skews=[event["start"] for event in run.events if event["event"] == "started_together"],
+        latencies=_latencies(run),
+        images=_images(run.path),
+        log=line.log,
+    )
+
+
+def page_template(name: str) -> Template:
+    """Return a template of this package.
+
+    Raises:
+        UnsupportedError: Jinja is not installed.
+    """
     try:
         from jinja2 import Environment, PackageLoader, StrictUndefined
     except ImportError as error:
@@ -98,18 +121,7 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
         lstrip_blocks=True,
     )
     environment.filters["seconds"] = lambda value: f"{value:.3f}"
-    line = timeline_of(run.events)
-    return environment.get_template(_TEMPLATE).render(
-        head=_head(run),
-        robots=_robot_rows(run, line),
-        arena=_arena_svg(run, world),
-        chart=line,
-        ticks=_ticks(line.duration_s),
-        skews=[event["start"] for event in run.events if event["event"] == "started_together"],
-        latencies=_latencies(run),
-        images=_images(run.path),
-        log=line.log,
-    )
+    return environment.get_template(name)
 
 
 def _head(run: RunFolder) -> Mapping[str, Any]:

@@ -54,7 +54,7 @@ class PlantedBug:
         scenario: the text of the scenario, without its first lines.
         invariant: the invariant that it violates.
         faults: the faults to try.
-        robots: the robots that the least fleet file needs.
+        robots: how many robots the least fleet file needs.
         pair: it needs two faults.
         within_s: the limit of the run.
     """
@@ -63,7 +63,7 @@ class PlantedBug:
     scenario: str
     invariant: str
     faults: tuple[str, ...]
-    robots: frozenset[str]
+    robots: int
     pair: bool = False
     within_s: float | None = None
 
@@ -80,60 +80,56 @@ PLANTED = (
     PlantedBug(
         "the-follower-waits-for-a-lost-leader",
         """\
-        roles: {leader: {robots: [ann], on_failure: drop}, follower: {robots: [bob]}, others: {robots: [cid]}}
+        roles: {leader: {robots: [ann], on_failure: drop, min: 0}, follower: {robots: [bob]}}
         steps:
           - parallel:
               - - on: leader
                   do: [{send_cmd: {resource: Base, cmd: f0.3}, timeout_s: 10}, {signal: arrived}]
               - - on: follower
                   do: [{wait_for: arrived, timeout_s: 20}, {send_cmd: {resource: Base, cmd: l90}}]
-              - - on: others
-                  do: [{send_cmd: {resource: Base, cmd: l90}}]
         """,
         "barriers",
         ("lost",),
-        frozenset({"ann", "bob"}),
+        2,
     ),
     PlantedBug(
         "a-skipped-block-contains-the-barrier",
         """\
-        roles: {movers: {robots: [ann, bob, cid], on_failure: drop, min: 0}}
+        roles: {movers: {tags: [indoor], on_failure: drop, min: 0}}
         steps:
           - on: movers
             do:
               - sequence:
                   - send_cmd: {resource: Base, cmd: l45}
                     timeout_s: 5
-                  - {barrier: turned, timeout_s: 8}
+                  - {barrier: turned, timeout_s: 8, on_failure: drop}
                 on_failure: skip
               - {wait_s: 20}
               - {barrier: end, timeout_s: 10}
         """,
         "barriers",
         ("fails",),
-        frozenset({"ann", "bob"}),
+        2,
     ),
     PlantedBug(
         "a-fixed-pause-stands-for-the-way-being-clear",
         """\
-        roles: {first: {robots: [ann], on_failure: drop, min: 0}, second: {robots: [bob]}, others: {robots: [cid]}}
+        roles: {first: {robots: [ann], on_failure: drop, min: 0}, second: {robots: [bob]}}
         steps:
           - parallel:
               - - on: first
-                  do: [{send_cmd: {resource: Base, cmd: f1}, timeout_s: 12}]
+                  do: [{send_cmd: {resource: Base, cmd: f0.5}, timeout_s: 12}]
               - - on: second
                   do: [{wait_s: 6}, {send_cmd: {resource: Base, cmd: f2}}]
-              - - on: others
-                  do: [{send_cmd: {resource: Base, cmd: l90}}]
         """,
         "contact",
         ("stuck-wheel",),
-        frozenset({"ann", "bob"}),
+        2,
     ),
     PlantedBug(
         "finally-depends-on-how-far-the-robot-came",
         """\
-        roles: {movers: {robots: [ann, bob, cid]}}
+        roles: {movers: {tags: [indoor]}}
         steps:
           - on: movers
             do: [{send_cmd: {resource: Base, cmd: f0.3}}]
@@ -145,12 +141,12 @@ PLANTED = (
         """,
         "finally",
         ("fails",),
-        frozenset({"ann"}),
+        1,
     ),
     PlantedBug(
         "the-delivery-is-skipped-and-reported-as-done",
         """\
-        roles: {movers: {robots: [ann, bob, cid]}}
+        roles: {movers: {tags: [indoor]}}
         steps:
           - on: movers
             do:
@@ -160,12 +156,12 @@ PLANTED = (
         """,
         "outcome",
         ("blocked-way",),
-        frozenset({"ann"}),
+        1,
     ),
     PlantedBug(
         "patience-without-end",
         """\
-        roles: {movers: {robots: [ann, bob, cid]}}
+        roles: {movers: {tags: [indoor]}}
         steps:
           - on: movers
             do:
@@ -174,13 +170,13 @@ PLANTED = (
         """,
         "deadline",
         ("fails",),
-        frozenset({"ann"}),
+        1,
         within_s=120,
     ),
     PlantedBug(
         "a-wait-for-days",
         """\
-        roles: {movers: {robots: [ann, bob, cid], on_failure: drop}}
+        roles: {movers: {tags: [indoor], on_failure: drop}}
         steps:
           - parallel:
               - - on: movers
@@ -192,34 +188,32 @@ PLANTED = (
         """,
         "ends",
         ("lost",),
-        frozenset({"ann", "bob", "cid"}),
+        3,
     ),
     PlantedBug(
         "a-thread-outlives-its-step",
         """\
-        roles: {movers: {robots: [ann, bob], on_failure: drop}, others: {robots: [cid]}}
+        roles: {movers: {tags: [indoor], on_failure: drop}}
         steps:
           - on: movers
             do: [{python: "yard_steps:drive_on", timeout_s: 20}, {get_value: {resource: Camera}}]
-          - on: others
-            do: [{send_cmd: {resource: Base, cmd: l90}}]
         """,
         "halted",
         ("dead-camera",),
-        frozenset({"ann"}),
+        1,
     ),
     PlantedBug(
         "a-relative-motion-is-called-safe-to-repeat",
         """\
         safe_to_repeat: true
-        roles: {movers: {robots: [ann, bob, cid]}}
+        roles: {movers: {tags: [indoor]}}
         steps:
           - on: movers
             do: [{send_cmd: {resource: Base, cmd: f0.8}}]
         """,
         "outcome",
         ("controller-killed",),
-        frozenset({"ann"}),
+        1,
     ),
     PlantedBug(
         "one-of-two-guides-must-live",
@@ -234,7 +228,7 @@ PLANTED = (
         """,
         "barriers",
         ("lost",),
-        frozenset({"ann", "bob", "cid"}),
+        3,
         pair=True,
     ),
 )

@@ -10,12 +10,14 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import EALError
 from eal_actors.kernel.log import get_logger
 from eal_actors.lab.proof.fleet_files import Content, load_content, write_fleet
-from eal_actors.lab.proof.trial import TrialWorker
+from eal_actors.lab.proof.trial import TrialWorker, ends_before, stop_run
 from eal_actors.recording import RunFolder, RunRecorder, keep_provenance, render_report
-from eal_actors.scenario import make_plan, run_scenario
+from eal_actors.scenario import Run, make_plan
 
 LEAST_FLEET: Final = "least-fleet.yaml"
 REPLAY: Final = "run/report.html"
+_RECORDED_S: Final = 600.0
+"""A longer run is recorded up to this time of the fleet's clock."""
 
 
 def keep_finding(content: Content, comments: Sequence[str], worker: TrialWorker, folder: Path) -> None:
@@ -43,8 +45,11 @@ def _record(content: Content, worker: TrialWorker, directory: Path) -> None:
     directory.mkdir()
     keep_provenance(directory, config, scenario)
     with Fleet(config).connect() as fleet:
-        robots = make_plan(scenario, fleet, binding=worker.binding).robots
-        with RunRecorder(fleet, robots, directory) as recorder:
-            run_scenario(scenario, fleet, directory=directory, listeners=[recorder.hear], binding=worker.binding)
+        plan = make_plan(scenario, fleet, binding=worker.binding)
+        with RunRecorder(fleet, plan.robots, directory) as recorder:
+            run = Run(plan, fleet, directory, [recorder.hear])
+            future = run.start()
+            if not ends_before(future, fleet.clock, _RECORDED_S):
+                stop_run(run, future, fleet.clock)
     page = render_report(RunFolder.open(directory), config.world)
     (directory / "report.html").write_text(page, encoding="utf-8")

@@ -153,7 +153,7 @@ def _without_keys(content: Content) -> Iterator[Content]:
     """Yield the fleets with one key less."""
     for key in ("types", "python_steps", "map", "world", "plugin_dirs"):
         if key in content:
-            changed = _without(content, key)
+            changed: Content = _without(content, key)
             if key == "types":
                 changed = _with_robots(changed, lambda robot: _without(robot, "type"))
             yield changed

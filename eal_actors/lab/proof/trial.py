@@ -154,28 +154,28 @@ class _Controller:
         run = Run(self._plan, self._fleet, self._directory)
         future = run.start()
         start_s = run.start_s
-        if kill_at_s is not None and not _ends_before(future, clock, kill_at_s - clock.now()):
-            _stop(run, future, clock)
+        if kill_at_s is not None and not ends_before(future, clock, kill_at_s - clock.now()):
+            stop_run(run, future, clock)
             cut_record(self._directory, kill_at_s - start_s)
             try:
                 run = Run(self._plan, self._fleet, self._directory, resumption=read_run(self._directory))
             except ScenarioError as error:
                 return Trial(None, str(error), start_s)
             future = run.start()
-        is_late = not _ends_before(future, clock, self._limit_s)
+        is_late = not ends_before(future, clock, self._limit_s)
         if is_late:
-            _stop(run, future, clock)
+            stop_run(run, future, clock)
         return Trial(future.get(), "", start_s, is_late)
 
 
-def _stop(run: Run, future: Future[Report], clock: Clock) -> None:
+def stop_run(run: Run, future: Future[Report], clock: Clock) -> None:
     """Stop a run at once, without its `finally`, and halt its robots."""
     run.abort(f"stopped by {_RUN_OF}")
     run.abort(f"stopped by {_RUN_OF}")
-    _ends_before(future, clock, None)
+    ends_before(future, clock, None)
 
 
-def _ends_before(future: Future[Report], clock: Clock, timeout_s: float | None) -> bool:
+def ends_before(future: Future[Report], clock: Clock, timeout_s: float | None) -> bool:
     """Wait for the end of a run; return whether it came in time."""
     over = new_waiter()
     future.add_done_callback(lambda _: clock.wake(over))
