@@ -27,6 +27,8 @@ _COMMANDS: Final = {
     "calibrate": "calibrate_camera:app",
     "report": "records:report_run",
     "diff": "records:diff_runs",
+    "branch": "branch:branch_run",
+    "bisect": "branch:bisect_run",
     "replay": "records:replay_run",
     "check": "check:check_files",
     "schema": "check:print_schema",

@@ -38,7 +38,7 @@ from eal_actors.recording import (
     render_report,
 )
 from eal_actors.recording.mcap_file import RECORD_FILE
-from eal_actors.recording.provenance import FLEET, SCENARIO, SCENARIOS
+from eal_actors.recording.provenance import FLEET, kept_scenario
 from eal_actors.recording.recorded_run import RecordedRun
 
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.", show_default=False)]
@@ -197,11 +197,7 @@ def _kept_fleet(run: Path) -> FleetConfig | None:
 
 def _next_command(run: Path, fleet: Path) -> list[str]:
     """Return the command that runs the scenario of a run again."""
-    scenario = run / SCENARIO
-    if scenario.is_file():  # with others that it runs, it is kept in a folder of their own
-        text = scenario.read_text(encoding="utf-8")
-        files = sorted((run / SCENARIOS).rglob("*.yaml"))
-        scenario = next((file for file in files if file.read_text(encoding="utf-8") == text), scenario)
+    scenario = kept_scenario(run)
     report = RunFolder.open(run).summary
     given = report.parameters.items() if report is not None else ()
     texts = [f"{name}={value if isinstance(value, str) else json.dumps(value)}" for name, value in given]
