@@ -31,6 +31,7 @@ _COMMANDS: Final = {
     "bisect": "branch:bisect_run",
     "replay": "records:replay_run",
     "check": "check:check_files",
+    "show": "show:show_scenario",
     "schema": "check:print_schema",
     "world": "world:show_world",
     "map": "maps:show_map",

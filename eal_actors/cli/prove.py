@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
@@ -134,7 +135,7 @@ def _write_page(proof: Proof, console: Console) -> Path | None:
     return file
 
 
-def _print_proof(console: Console, proof: Proof, page: Path | None) -> None:
+def _table(proof: Proof) -> Table:
     table = new_table("fault", "runs", "done", "failed safely", "findings", right=("runs", "done", "failed safely"))
     for kind in (*proof.kinds, "pairs"):
         cases = [case for case in proof.cases if (len(case.case) > 1) == (kind == "pairs")]
@@ -144,7 +145,11 @@ def _print_proof(console: Console, proof: Proof, page: Path | None) -> None:
         if cases:
             style = "bold red" if bad else "green"
             table.add_row(kind, str(len(cases)), str(done), str(len(cases) - done - bad), Text(str(bad), style))
-    console.print(table)
+    return table
+
+
+def _print_proof(console: Console, proof: Proof, page: Path | None) -> None:
+    console.print(_table(proof))
     for name, why in proof.unprovable.items():
         print_line(console, f"{name}: no faults tried: {why}", "yellow")
     for number, finding in enumerate(proof.findings, 1):

@@ -13,11 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.device.world import WorldModel
-from eal_actors.kernel.errors import UnsupportedError
+from eal_actors.kernel.errors import ConfigError, UnsupportedError
+from eal_actors.recording.outline_picture import draw_outline
 from eal_actors.recording.picture import draw_trajectory
 from eal_actors.recording.poses import PoseSample, split_at_breaks
+from eal_actors.recording.provenance import kept_scenario
 from eal_actors.recording.run_folder import RunFolder
 from eal_actors.recording.timeline import OF_THE_RUN, RunTimeline, timeline_of
+from eal_actors.scenario import load_scenario
+from eal_actors.scenario.report.outline import outline
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -94,6 +98,7 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
         head=_head(run),
         robots=_robot_rows(run, line),
         arena=_arena_svg(run, world),
+        outline=_outline_svg(run),
         chart=line,
         ticks=_ticks(line.duration_s),
         skews=[event["start"] for event in run.events if event["event"] == "started_together"],
@@ -170,6 +175,14 @@ def _arena_svg(run: RunFolder, world: WorldModel | None) -> str | None:
     drawn = draw_trajectory(run.paths, world, io.StringIO(), "", outcomes, run.breaks_s)
     svg = drawn.getvalue() if drawn is not None else None
     return svg and svg[svg.index("<svg") :]  # a page must not contain the XML head
+
+
+def _outline_svg(run: RunFolder) -> str | None:
+    """Return the tree of the scenario; None if the run has no copy of it, or the copy was changed and is invalid."""
+    try:
+        return draw_outline(list(outline(load_scenario(kept_scenario(run.path)))))
+    except ConfigError:
+        return None
 
 
 def _ticks(duration_s: float) -> list[float]:

@@ -1,4 +1,4 @@
-"""What must hold in every run, whatever fails. Pure: judges a trial by the trial without faults."""
+"""The invariants of every run under faults. Pure: a trial is judged by the trial without faults."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ INVARIANTS: Final = {
     "deadline": "every step, and the run, keeps its deadline",
     "outcome": "no run is done that was not",
 }
-"""What each invariant demands, by name."""
+"""The demand of each invariant, by its name."""
 
 _STILL_M: Final = 0.002
 _PLACE_M: Final = 0.3

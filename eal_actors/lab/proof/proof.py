@@ -114,7 +114,7 @@ class Finding:
 
     @property
     def violation(self) -> Violation:
-        """What happened in the least case."""
+        """The violation of the least case."""
         if self.least is not None:
             return self.least.violation
         return next(one for one in self.cases[0].violations if one.invariant == self.invariant)

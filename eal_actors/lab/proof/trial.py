@@ -49,7 +49,7 @@ class TrialTask:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What a trial has shown.
+    """The observations of a trial.
 
     Attributes:
         report: the report; None if the scenario did not start, or was not resumed.
