@@ -11,7 +11,7 @@ from eal_actors.scenario.report.outline import OutlineLine
 _ROW_PX: Final = 24
 _INDENT_PX: Final = 22
 _MARGIN_PX: Final = 12
-_CHARACTER_PX: Final = 7.6
+_CHARACTER_PX: Final = 8.0
 _COLOURS: Final = {"section": "#5f6b7a", "role": "#5f6b7a", "branch": "#a55a00", "on": "#0072b2", "expect": "#007a5a"}
 _BLOCKS: Final = ("on", "parallel", "repeat", "for", "while", "if", "sequence", "scenario")
 _INK: Final = "#1b1f24"
