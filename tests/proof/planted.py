@@ -93,19 +93,18 @@ PLANTED = (
         2,
     ),
     PlantedBug(
-        "a-skipped-block-contains-the-barrier",
+        "a-skipped-block-contains-the-signal",
         """\
-        roles: {movers: {tags: [indoor], on_failure: drop, min: 0}}
+        roles: {giver: {robots: [ann]}, taker: {robots: [bob]}}
         steps:
-          - on: movers
-            do:
-              - sequence:
-                  - send_cmd: {resource: Base, cmd: l45}
-                    timeout_s: 5
-                  - {barrier: turned, timeout_s: 8, on_failure: drop}
-                on_failure: skip
-              - {wait_s: 20}
-              - {barrier: end, timeout_s: 10}
+          - parallel:
+              - - on: giver
+                  do:
+                    - sequence: [{send_cmd: {resource: Base, cmd: l45}}, {signal: ready}]
+                      on_failure: skip
+                    - wait_s: 20
+              - - on: taker
+                  do: [{wait_for: ready, timeout_s: 8}, {send_cmd: {resource: Base, cmd: l45}}]
         """,
         "barriers",
         ("fails",),
