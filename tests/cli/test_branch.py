@@ -78,7 +78,7 @@ def test_a_branch_changes_parameters_faults_and_the_scenario(eal: Any, run: Path
     made = json.loads(eal("branch", run, "--at", "1", "--set", "leg_m=0.1", "--json").stdout)
     assert "'send_cmd Base f0.2', now 'send_cmd Base f0.1'" in made["first_difference"]
     made = json.loads(eal("branch", run, "--at", "1", "--with-fault", "bob.stuck_left", "--json").stdout)
-    assert "bob at" in made["first_difference"]
+    assert "at 1.000 s" in made["first_difference"]
     other = write("other.yaml", SCENARIO.replace("l30", "l60"))
     made = json.loads(eal("branch", run, "--at", "0.5", "--scenario", other, "--json").stdout)
     assert "l60" in made["first_difference"]
