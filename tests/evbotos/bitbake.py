@@ -1,8 +1,8 @@
 """Real BitBake on the OpenEmbedded layers: parses them and plans every image for every machine, without a network.
 
-Run as `python -m tests.evbotos.bitbake MIRRORS [MACHINE]...`. MIRRORS is a folder of git repositories, bare or not, named
-as in `kas/common.yml` (`bitbake`, `openembedded-core`, ...), with or without `.git`. BitBake refuses root, so root runs
-it as `nobody`.
+Run as `python -m tests.evbotos.bitbake MIRRORS [MACHINE]...`. MIRRORS is a folder of git repositories, bare or not,
+named as in `kas/common.yml` (`bitbake`, `openembedded-core`, ...), with or without `.git`. BitBake refuses root, so
+root runs it as `nobody`.
 """
 
 from __future__ import annotations
