@@ -66,7 +66,7 @@ def _ssh_key(line: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """What the tools call an architecture."""
+    """The names that the tools give an architecture."""
 
     kernel: str
     emulator: str
