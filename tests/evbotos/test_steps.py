@@ -129,9 +129,9 @@ def test_many_problems_of_a_copy_are_told_by_the_first(tmp_path: Path) -> None:
 def test_a_cached_step_knows_how_long_it_took_to_make(tmp_path: Path) -> None:
     for is_cached in (False, True):
         runner = Runner(tmp_path, lambda _: None)
-        runner.run(Step("kernel", "k", lambda out: out.write_text("made")))
+        runner.run(Step("kernel", "k", lambda out: write(out, "made")))
         (done,) = runner.done
         assert (done.cached, done.made_s is not None) == (is_cached, True)
     (tmp_path / "seconds/kernel-k").write_text("749.4\n")
-    runner.run(Step("kernel", "k", pytest.fail))
+    runner.run(Step("kernel", "k", lambda _: pytest.fail("made anew")))
     assert runner.done[-1].made_s == 749.4
