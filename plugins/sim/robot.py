@@ -406,9 +406,3 @@ class SimRobot:
 
     def _no_place(self) -> UnavailableError:
         return UnavailableError(f"the simulated world has no free place for robot {self.name!r}")
-
-
-def wrapped_rad(angle_rad: float) -> float:
-    """Return the angle in (-pi, pi]."""
-    wrapped = math.remainder(angle_rad, 2 * math.pi)
-    return math.pi if wrapped == -math.pi else wrapped

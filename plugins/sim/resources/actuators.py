@@ -17,12 +17,13 @@ from eal_actors.plugin import (
     UnavailableError,
     UnsupportedError,
     WheelCalibration,
+    wrapped_rad,
 )
 
 from ...evbot3.turret import TurretCommands
 from ..faults import HEALTHY
 from ..motion import Move, WheelMotion
-from ..robot import SimRobot, wrapped_rad
+from ..robot import SimRobot
 from ..sensors import dropped_wheels, free_way_m, pressed_bumpers, seen_cliffs
 from ..world import SimWorld
 from .robot_resource import RobotResource
