@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import pymunk
 
-from eal_actors.plugin import Activity, Localizer, UnavailableError, WheelCalibration
+from eal_actors.plugin import Activity, Localizer, ResourceFaultError, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace
 from .battery import SimBattery
@@ -216,6 +216,7 @@ class SimRobot:
         self.leave()
         self._faults = faults
         self._wheels.shares = faults.wheel_shares
+        self._wheels.stalls_ahead = faults.blocked_ahead
         self._battery.has_failed = faults.battery_empty
 
     @property
@@ -324,7 +325,9 @@ class SimRobot:
             ticks: how many ticks it must be able to drive there.
         """
         regular = self._motion.regular() if self._motion is not None else None
-        if regular is None or regular.ticks < ticks or self._pose is None or self._battery.has_failed:
+        if regular is None or regular.ticks < ticks or self._pose is None:
+            return None
+        if self._battery.has_failed or self._wheels.stalls_ahead:
             return None
         wheels = self._wheels.state()
         odometer = (self._odometer or WheelOdometer(self.make.track_m, (0.0, 0.0))).state(self._calibration)
@@ -375,18 +378,26 @@ class SimRobot:
         if self._motion is not None:
             self._motion.skip(ticks, state.travelled_m)
 
-    def actuate(self, method: Callable[..., Any], *args: Any) -> Any:
-        """Call a method of an actuator. If the robot dies during the activity, its result is lost. Thread: any."""
-        begun = method(*args)
-        return self._run_while_alive(begun) if isinstance(begun, types.GeneratorType) else begun
+    def require_working(self, resource: str) -> None:
+        """Raise ResourceFaultError if an injected fault lets a resource fail. Thread: any."""
+        if resource in self._faults.failing:
+            raise ResourceFaultError(f"injected fault: {resource} fails")
 
-    def _run_while_alive(self, activity: Activity) -> Activity:
+    def actuate(self, method: Callable[..., Any], actuator: str, *args: Any) -> Any:
+        """Call a method of an actuator. If the robot dies during the activity, its result is lost. Thread: any."""
+        self.require_working(actuator)
+        begun = method(*args)
+        return self._run_while_alive(begun, actuator) if isinstance(begun, types.GeneratorType) else begun
+
+    def _run_while_alive(self, activity: Activity, actuator: str) -> Activity:
         try:
             result = yield from activity
         except UnavailableError:
+            self.require_working(actuator)
             if not self.is_dead:
                 raise
             result = None
+        self.require_working(actuator)
         if not self.is_dead:
             return result
         while self.is_dead:
@@ -395,9 +406,3 @@ class SimRobot:
 
     def _no_place(self) -> UnavailableError:
         return UnavailableError(f"the simulated world has no free place for robot {self.name!r}")
-
-
-def wrapped_rad(angle_rad: float) -> float:
-    """Return the angle in (-pi, pi]."""
-    wrapped = math.remainder(angle_rad, 2 * math.pi)
-    return math.pi if wrapped == -math.pi else wrapped

@@ -51,11 +51,12 @@ def apply_faults(resource: _R, robot: SimRobot) -> _R:
 
     The methods of the object are wrapped, and not its class, because `info()` reads the class.
     """
+    name = type(resource).__name__
     if ResourceType.SENSOR in resource.types:
-        for name in ("get_value", "send_req"):
-            setattr(resource, name, _freezable(getattr(resource, name), type(resource).__name__, robot))
-    for name in ("set_value", "send_cmd"):
-        setattr(resource, name, partial(robot.actuate, getattr(resource, name)))
+        for method in ("get_value", "send_req"):
+            setattr(resource, method, _freezable(getattr(resource, method), name, robot))
+    for method in ("set_value", "send_cmd"):
+        setattr(resource, method, partial(robot.actuate, getattr(resource, method), name))
     return resource
 
 
@@ -66,6 +67,7 @@ def _freezable(method: Callable[..., Any], sensor: str, robot: SimRobot) -> Call
     def answer(*args: Any) -> Any:
         if robot.is_dead:
             raise UnavailableError(f"robot {robot.name!r} is dead")
+        robot.require_working(sensor)
         if sensor not in robot.faults.frozen or args not in last:
             last[args] = method(*args)
         return last[args]
