@@ -1,13 +1,18 @@
-// One robot: its state, driving by hand, its live values, its commands and its configuration.
+// One robot: its state, its camera beside the drive pad, its live values, its commands and its configuration.
 
+import { Tile } from "./cameras.js";
 import { commandsPanel, readingsPanel, settingsPanel } from "./commands.js";
 import { request } from "./connection.js";
 import { el, fixed, setText } from "./dom.js";
 import { DrivePanel } from "./drive.js";
+import { watch as watchCameras } from "./frames.js";
 import { activitiesOf, activityText, controlText, stateOf, store } from "./store.js";
 import { ValuesPanel } from "./values.js";
 
 /** @import { Pose, Robot, View } from "./types" */
+
+const CAMERA_RATE_HZ = 5;
+const AGE_MS = 200;
 
 /** @param {HTMLElement} root @param {string} name @returns {View} */
 export function robotView(root, name) {
@@ -16,6 +21,7 @@ export function robotView(root, name) {
   const problems = el("ul", { class: "problems small" });
   const cockpit = el("div", { class: "cockpit" });
   const values = new ValuesPanel(name);
+  const camera = new CameraPanel(name);
   const can = el("div", { class: "stack" }, el("p", { class: "faint" }, "Loading the robot's resources …"));
   root.append(
     el(
@@ -49,7 +55,10 @@ export function robotView(root, name) {
   /** @type {View["update"]} */
   function update(changed) {
     const robot = store.robots[name];
-    if (changed.has("hello")) values.watch();
+    if (changed.has("hello")) {
+      values.watch();
+      camera.watch();
+    }
     if (changed.has("hello") || changed.has("values")) values.update();
     if (store.hello && !store.names().includes(name)) setText(can, `The fleet has no robot ${name}.`);
     if (!robot) return;
@@ -58,6 +67,8 @@ export function robotView(root, name) {
     setText(state, `${shape} ${word}`);
     showFacts(facts, factsOf(robot, store.poses[name]));
     showProblems(problems, problemsOf(robot));
+    camera.update(robot.cameras);
+    if (camera.node.parentNode === null && robot.cameras.length) cockpit.prepend(camera.node);
     if (robot.can_drive && !panel) {
       panel = new DrivePanel(name);
       cockpit.append(panel.node);
@@ -72,9 +83,53 @@ export function robotView(root, name) {
     update,
     leave() {
       panel?.leave();
+      camera.leave();
       values.leave();
     },
   };
+}
+
+/** The picture of one of the robot's cameras; the first one until the user chooses. */
+class CameraPanel {
+  /** @type {Tile | null} */
+  #tile = null;
+  #names = "";
+  #timer = setInterval(() => this.#tile?.showAge(), AGE_MS);
+
+  /** @param {string} robot */
+  constructor(robot) {
+    this.robot = robot;
+    this.choice = el("select", { "aria-label": "Camera", onchange: () => this.#show(this.choice.value) });
+    this.place = el("div");
+    this.node = el("section", { class: "eye stack", "aria-label": "Camera" }, this.choice, this.place);
+  }
+
+  /** @param {string[]} cameras */
+  update(cameras) {
+    if (this.#names === cameras.join()) return;
+    this.#names = cameras.join();
+    this.choice.replaceChildren(...cameras.map((camera) => el("option", { value: camera }, camera)));
+    this.choice.hidden = cameras.length < 2;
+    if (cameras.length) this.#show(cameras[0]);
+  }
+
+  /** @param {string} camera */
+  #show(camera) {
+    this.#tile = new Tile(`${this.robot}/${camera}`, () => CAMERA_RATE_HZ);
+    this.place.replaceChildren(this.#tile.node);
+    this.watch();
+  }
+
+  /** Ask the server for the frames; after each new connection. */
+  watch() {
+    const tile = this.#tile;
+    if (tile) watchCameras(this, [tile.camera], CAMERA_RATE_HZ, (header, jpeg) => tile.show(header, jpeg));
+  }
+
+  leave() {
+    clearInterval(this.#timer);
+    watchCameras(this, [], CAMERA_RATE_HZ, () => {});
+  }
 }
 
 /** @param {Robot} robot @param {Pose | undefined} pose @returns {[string, string][]} */
