@@ -15,7 +15,7 @@ export class SelectionBar {
   robots = [];
   /** @type {Choice[]} */
   choices = [];
-  /** @type {Field<Value | number[]> | null} */
+  /** @type {Field<Value | number[] | number[][]> | null} */
   field = null;
   count = el("strong");
   command = el("select", { "aria-label": "Command" });
