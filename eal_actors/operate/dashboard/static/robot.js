@@ -18,7 +18,7 @@ const AGE_MS = 200;
 export function robotView(root, name) {
   const state = el("span", { class: "state" });
   const facts = el("dl", { class: "facts" });
-  const problems = el("ul", { class: "problems small" });
+  const problems = el("ul", { class: "problems marked small" });
   const cockpit = el("div", { class: "cockpit" });
   const values = new ValuesPanel(name);
   const camera = new CameraPanel(name);
