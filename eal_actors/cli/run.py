@@ -38,6 +38,7 @@ from eal_actors.cli.run_options import (
     RunsDirOption,
     SeedOption,
     ShowOption,
+    StrictOption,
     read_request,
 )
 from eal_actors.cli.run_output import plan_as_json, print_plan, print_summary
@@ -81,6 +82,7 @@ def run_scenario(
     trace: TraceOption = None,
     no_plot: NoPlotOption = False,
     show: ShowOption = False,
+    strict: StrictOption = False,
 ) -> None:
     """Run a scenario on a fleet.
 
@@ -101,7 +103,8 @@ def run_scenario(
         options = context.find_object(GlobalOptions) or GlobalOptions()
         finished = _execute(request, runs_dir, console, options, listeners, record, metrics_port)
     _show(finished, request.config, console, as_json=as_json, draw=not no_plot, open_drawing=show)
-    if finished.interrupts or finished.report.outcome != "done":
+    is_lacking = strict and bool(finished.report.dropped)
+    if finished.interrupts or finished.report.outcome != "done" or is_lacking:
         raise typer.Exit(ExitCode.INTERRUPTED if finished.interrupts else ExitCode.FAILED)
 
 

@@ -45,6 +45,9 @@ RateOption: TypeAlias = Annotated[
     ),
 ]
 NoPlotOption: TypeAlias = Annotated[bool, typer.Option("--no-plot", help="Do not draw the paths.")]
+StrictOption: TypeAlias = Annotated[
+    bool, typer.Option("--strict", help="Exit with 1 also if the run is done without a robot that it dropped.")
+]
 ShowOption: TypeAlias = Annotated[bool, typer.Option("--show", help="Open the drawing, if there is a desktop.")]
 
 

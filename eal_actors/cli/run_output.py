@@ -160,6 +160,7 @@ def _verdict(report: Report) -> Text:
     return Text.assemble(
         f"{report.scenario} on {report.fleet}: ",
         _styled(report.outcome),
+        (f" without {', '.join(report.dropped)}", STYLES["dropped"]) if report.dropped else "",
         f", {robots}, {calls}, {report.duration_s:.2f} s",
         (f", {counted(skipped, 'step')} skipped", STYLES["skipped"]) if skipped else "",
         f", started together within {max(skews) * 1000:.1f} ms" if skews else "",

@@ -142,6 +142,8 @@ class NetworkSection(StrictModel):
 
     lease_s: float = Field(default=2.0, ge=0.3, le=60.0)
     """Seconds of silence after which the other end of a connection counts as lost."""
+    lost_after_s: float | None = Field(default=None, ge=0.0, le=3600.0)
+    """Seconds after the loss of a robot until its step of a scenario fails; defaults to `lease_s`."""
     dead_man_s: float = Field(default=2.0, ge=0.1, le=60.0)
     """Seconds of silence of the controller after which a robot halts what it moves."""
     compression: bool = False
@@ -195,6 +197,7 @@ class NetworkConfig:
 
     Attributes:
         lease_s: silence after which the other end of a connection counts as lost, in real seconds.
+        lost_after_s: real seconds from the loss of a robot until its step of a scenario fails; `lease_s` if None.
         dead_man_s: silence of the controller after which a robot halts what it moves, in real seconds.
         compression: whether all traffic is compressed.
         discovery: whether robots and routers answer a discovery by multicast.
@@ -203,6 +206,7 @@ class NetworkConfig:
     """
 
     lease_s: float = 2.0
+    lost_after_s: float | None = None
     dead_man_s: float = 2.0
     compression: bool = False
     discovery: bool = False

@@ -4,9 +4,10 @@ CPython before 3.14 ends a daemon thread that returns to Python during finalizat
 catches that as a foreign exception, and the C library aborts the process: "FATAL: exception not rethrown", SIGABRT. A
 program that received messages ended so in 40 of 40 tries with an open session, and in 4 of 40 with a closed one.
 
-So, after the fleets are closed, no thread enters the engine any more, open sessions are closed, and the program waits
-until all threads have left. A thread is in the engine while its innermost Python frame is code that calls the engine;
-looking at the frames at the end costs the calls nothing.
+So, after the fleets are closed, open sessions are closed, no thread enters the engine any more, and the program waits
+until all have left. A thread is in the engine while its innermost Python frame is code that calls the engine; looking
+at the frames at the end costs the calls nothing. Readers of messages go on until their session is closed, since its
+end waits for an engine's thread that a full channel holds up.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from eal_actors.kernel.clock import REAL_TIME
 from eal_actors.kernel.log import get_logger
 
 has_begun = False
-"""Whether the program ends, so that no thread may enter the engine."""
+"""Whether the program ends: nothing is sent any more, and messages are thrown away."""
+is_over = False
+"""Whether all sessions are closed, so that no thread may enter the engine."""
 
 _TIMEOUT_S: Final = 5.0
 """Real seconds after which the program ends nevertheless."""
@@ -39,10 +42,11 @@ def close_at_exit(close: Callable[[], None]) -> Callable[[], object]:
 
 @atexit.register  # facade.shutdown imports this module, so that its own handler runs before this one
 def _leave() -> None:
-    global has_begun  # read with each message; the end of the program is global
+    global has_begun, is_over
     has_begun = True
     for close in list(_actions):
         close()
+    is_over = True
     end_s = REAL_TIME.now() + _TIMEOUT_S
     while names := _threads_inside():
         if REAL_TIME.now() > end_s:

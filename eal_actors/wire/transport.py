@@ -125,11 +125,12 @@ class Transport:
         def read() -> None:
             with contextlib.suppress(zenoh.ZError):  # it has ended
                 sample: zenoh.Sample | None = None
-                while not engine_exit.has_begun:
+                while not engine_exit.is_over:
                     if sample is None:
                         sample = channel.recv()
                     try:
-                        handle(sample)
+                        if not engine_exit.has_begun:
+                            handle(sample)
                     except Exception as error:  # noqa: BLE001  # one bad message must not end the thread
                         get_logger().exception("a message was not handled", key=key, error=error_text(error))
                     sample = channel.try_recv()  # keeps the interpreter's lock, which busy threads give up late

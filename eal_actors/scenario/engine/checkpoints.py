@@ -135,7 +135,8 @@ def report_robot(run: RunContext, robot: Participant) -> RobotReport:
             if slot.robot is robot:
                 variables |= _views(slot.variables)
     error = ErrorReport.of(robot.error) if robot.error is not None else None
-    return RobotReport(outcome=robot.outcome or "aborted", error=error, variables=variables)
+    losses = tuple(robot.losses)
+    return RobotReport(outcome=robot.outcome or "aborted", error=error, variables=variables, losses=losses)
 
 
 def _views(variables: dict[str, object]) -> dict[str, Any]:
