@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import secrets
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -14,6 +16,7 @@ import typer
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.output import print_line, stderr
 from eal_actors.kernel.errors import UnavailableError
+from eal_actors.managers.network_model import IDENTITY_VARIABLE
 
 _STOP_S: Final = 5.0  # real seconds after which a server that has not ended is killed
 _PROGRAM: Final = (sys.executable, "-m", "eal_actors")
@@ -25,6 +28,7 @@ def demo_network(
     runs_dir: Annotated[Path, typer.Option()] = Path("runs"),
 ) -> None:
     """Serve each robot of a fleet from its own process, run a scenario over the network, and stop the servers."""
+    os.environ[IDENTITY_VARIABLE] = secrets.token_hex(4)  # no robots of another fleet, which may run here as well
     served = [name for name, robot in read_fleet(fleet).robots.items() if robot.address is not None]
     with _serving(fleet, served):
         run = ("run", scenario, "--fleet", fleet, "--runs-dir", runs_dir, "--show")

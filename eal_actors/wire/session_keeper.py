@@ -131,7 +131,7 @@ def router_session(fleet: FleetConfig | None, name: str, configure: Callable[[],
         if fleet is not None and security is not None:
             store = partial(_store_revoked, security.keys)
             transports[:] = [Transport(session)]
-            transports[0].receive(keys.revoke_keys(fleet.name), f"{name} revoked names", store)
+            transports[0].receive(keys.revoke_keys(fleet.network_name), f"{name} revoked names", store)
 
     try:
         subscribe(keeper.open())
