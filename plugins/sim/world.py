@@ -13,15 +13,16 @@ from typing import Final, TypeAlias
 
 import pymunk
 
-from eal_actors.device.proximity import ProximityObserver
+from eal_actors.device.proximity import Contact, ContactLog, ProximityObserver
 from eal_actors.device.world import WorldModel
 from eal_actors.plugin import ArgumentError, Clock, FleetServices, PluginError, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace, is_on_floor, places
+from .boxes import SimBox
 from .free_robots import LEAST_WORK, MOST_TICKS, FreeRobots
 from .models import Make
 from .motion import NOMINAL, WheelMotion
-from .physics import ContactEngine, ContactSearch, ProximityReporter, SimBox
+from .physics import ContactEngine, ContactSearch, ProximityReporter
 from .robot import REPORT_TICKS, SimRobot
 from .velocity_drive import VelocityDrive
 
@@ -60,7 +61,12 @@ class SimWorld:
     """
 
     def __init__(
-        self, clock: Clock, seed: int = 0, model: WorldModel | None = None, observer: ProximityObserver | None = None
+        self,
+        clock: Clock,
+        seed: int = 0,
+        model: WorldModel | None = None,
+        observer: ProximityObserver | None = None,
+        contacts: ContactLog | None = None,
     ) -> None:
         self.model: Final = model or EMPTY_ROOM
         self._clock = clock
@@ -79,7 +85,8 @@ class SimWorld:
         self._free = FreeRobots(self.tick_s)
         self._tick_callbacks: list[TickCallback] = []
         self._groups = count(1)
-        self._engine = ContactEngine(self.model, self.tick_s)
+        self.contacts: Final = contacts or ContactLog()
+        self._engine = ContactEngine(self.model, self.tick_s, self._note_contact)
         self._contacts = ContactSearch(self._engine, self.tick_s)
         self._queries = QuerySpace(self.model)
         for box in self._engine.boxes:
@@ -87,6 +94,9 @@ class SimWorld:
         self._proximity = (
             ProximityReporter(self.model, self._queries, observer, self.tick_s) if observer is not None else None
         )
+
+    def _note_contact(self, robot: str, other: str) -> None:
+        self.contacts.note(Contact(self._now_s(), robot, other))
 
     @property
     def robots(self) -> tuple[SimRobot, ...]:
@@ -374,5 +384,6 @@ class _WorldLock:
 def world_of(services: FleetServices) -> SimWorld:
     """Return the one world of a fleet. Thread: any."""
     return services.shared(
-        "sim.world", lambda: SimWorld(services.clock, services.seed, services.world, services.proximity_observer)
+        "sim.world",
+        lambda: SimWorld(services.clock, services.seed, services.world, services.proximity_observer, services.contacts),
     )

@@ -18,7 +18,7 @@ from eal_actors.scenario.language.values import final_action
 from eal_actors.scenario.report.events import Checkpoint, RobotReplaced, RunContinued, RunStarted
 from eal_actors.scenario.report.records import from_record, is_recordable, to_record, to_view
 from eal_actors.scenario.report.resuming import Resumption
-from eal_actors.scenario.report.summary import ErrorReport, Report, RobotReport, RunOutcome
+from eal_actors.scenario.report.summary import ContactReport, ErrorReport, Report, RobotReport, RunOutcome
 
 
 def fill_slots(run: RunContext) -> None:
@@ -202,6 +202,10 @@ def make_report(
         variables=variables_of_run(run),
         steps=tuple(run.records),
         starts=tuple(run.starts),
+        contacts=tuple(
+            ContactReport(time_s=contact.time_s - run.zero_s, robot=contact.robot, other=contact.other)
+            for contact in fleet.services.contacts.since(run.zero_s)
+        ),
     )
 
 

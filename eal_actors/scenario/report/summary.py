@@ -135,6 +135,16 @@ class StartReport(StrictModel):
     """The begin of each robot."""
 
 
+class ContactReport(StrictModel):
+    """A contact of a simulated robot."""
+
+    time_s: float
+    """Its begin, in seconds since the run's start."""
+    robot: str
+    other: str
+    """Another robot, or what the robot has touched."""
+
+
 class Report(StrictModel):
     """The whole run."""
 
@@ -162,6 +172,8 @@ class Report(StrictModel):
     """Those of the run at its end."""
     steps: tuple[StepRecord, ...] = Field(strict=False)
     starts: tuple[StartReport, ...] = Field(default=(), strict=False)
+    contacts: tuple[ContactReport, ...] = Field(default=(), strict=False)
+    """The contacts of simulated robots; those of a second count once."""
 
     @property
     def dropped(self) -> list[str]:
