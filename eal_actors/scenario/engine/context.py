@@ -196,6 +196,11 @@ class RunContext:
             self.is_short = True  # no robot is left
             self.stop()
 
+    def errors(self) -> list[BaseException | None]:
+        """Return the errors that make the run fail: dropped robots count if too few are left."""
+        bad = {"failed", "dropped" if self.is_short else "failed"}
+        return [*(robot.error for robot in self.robots.values() if robot.outcome in bad), *self.failures]
+
     # Admission of steps.
 
     def may_begin(self, context: ExecutionContext) -> bool:

@@ -329,9 +329,7 @@ class Run:
         )
 
     def _outcome(self) -> tuple[RunOutcome, BaseException | None]:
-        bad = {"failed", "dropped" if self._run.is_short else "failed"}
-        errors = [robot.error for robot in self._robots.values() if robot.outcome in bad]
-        errors += self._run.failures
+        errors = self._run.errors()
         if self._error is not None or errors:
             return "failed", self._error or errors[0]
         if self._is_aborted:
