@@ -11,7 +11,7 @@ from typing import Any, Final, Self, TypeAlias, TypeVar
 from eal_actors.device.link import FaultyLink
 from eal_actors.device.localization.localizer import Localizer
 from eal_actors.device.ports import BytePort
-from eal_actors.device.proximity import ContactLog, ProximityObserver
+from eal_actors.device.proximity import Contact, ProximityObserver
 from eal_actors.device.resource import Resource
 from eal_actors.device.world import WorldModel
 from eal_actors.kernel.clock import Clock
@@ -87,7 +87,7 @@ class FleetServices:
 
     Attributes:
         proximity_observer: receives the gaps around simulated robots; set it before the robots connect.
-        contacts: the contacts of simulated robots.
+        contacts: the contacts of simulated robots; a simulation appends to it, in any thread.
         markers: the id of the marker that each robot carries, by the robot's name.
     """
 
@@ -106,7 +106,7 @@ class FleetServices:
         self.open_camera = open_camera
         self.markers: Mapping[str, int] = {}
         self.proximity_observer: ProximityObserver | None = None
-        self.contacts: Final = ContactLog()
+        self.contacts: Final[list[Contact]] = []
         self._lock = threading.RLock()
         self._shared: dict[Hashable, Any] = {}
         self._links: dict[str, FaultyLink] = {}

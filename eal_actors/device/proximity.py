@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 Observe: TypeAlias = Callable[[float, str, tuple[float, float], Mapping[str, float]], float]
 
@@ -27,11 +26,6 @@ class ProximityObserver:
     observe: Observe
 
 
-_SAME_S: Final = 1.0
-"""Time within which a repeated contact counts as the same one."""
-_MAX_CONTACTS: Final = 1000
-
-
 class Contact(NamedTuple):
     """A contact that begins.
 
@@ -44,25 +38,3 @@ class Contact(NamedTuple):
     time_s: float
     robot: str
     other: str
-
-
-class ContactLog:
-    """The first contacts of the simulated robots of a fleet. Thread: any."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._contacts: list[Contact] = []
-        self._last_s: dict[frozenset[str], float] = {}
-
-    def note(self, contact: Contact) -> None:
-        """Add a contact, unless the same two have touched a moment before, or the log is full."""
-        pair = frozenset((contact.robot, contact.other))
-        with self._lock:
-            last_s, self._last_s[pair] = self._last_s.get(pair), contact.time_s
-            if (last_s is None or contact.time_s > last_s + _SAME_S) and len(self._contacts) < _MAX_CONTACTS:
-                self._contacts.append(contact)
-
-    def since(self, time_s: float) -> list[Contact]:
-        """Return the contacts from a time on."""
-        with self._lock:
-            return [contact for contact in self._contacts if contact.time_s >= time_s]

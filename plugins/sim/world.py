@@ -13,7 +13,7 @@ from typing import Final, TypeAlias
 
 import pymunk
 
-from eal_actors.device.proximity import Contact, ContactLog, ProximityObserver
+from eal_actors.device.proximity import Contact, ProximityObserver
 from eal_actors.device.world import WorldModel
 from eal_actors.plugin import ArgumentError, Clock, FleetServices, PluginError, UnavailableError, WheelCalibration
 
@@ -27,6 +27,10 @@ from .robot import REPORT_TICKS, SimRobot
 from .velocity_drive import VelocityDrive
 
 __all__ = ["EMPTY_ROOM", "SimBox", "SimWorld", "world_of"]
+
+_SAME_S: Final = 1.0
+"""Time within which a repeated contact counts as the same one."""
+_MAX_CONTACTS: Final = 1000
 
 EMPTY_ROOM: Final = WorldModel(version=1, name="empty-room", size_m=(6.0, 4.0))
 
@@ -66,7 +70,7 @@ class SimWorld:
         seed: int = 0,
         model: WorldModel | None = None,
         observer: ProximityObserver | None = None,
-        contacts: ContactLog | None = None,
+        contacts: list[Contact] | None = None,
     ) -> None:
         self.model: Final = model or EMPTY_ROOM
         self._clock = clock
@@ -85,7 +89,8 @@ class SimWorld:
         self._free = FreeRobots(self.tick_s)
         self._tick_callbacks: list[TickCallback] = []
         self._groups = count(1)
-        self.contacts: Final = contacts or ContactLog()
+        self.contacts: Final[list[Contact]] = [] if contacts is None else contacts
+        self._touched_s: dict[frozenset[str], float] = {}  # when each pair has touched the last time
         self._engine = ContactEngine(self.model, self.tick_s, self._note_contact)
         self._contacts = ContactSearch(self._engine, self.tick_s)
         self._queries = QuerySpace(self.model)
@@ -96,7 +101,12 @@ class SimWorld:
         )
 
     def _note_contact(self, robot: str, other: str) -> None:
-        self.contacts.note(Contact(self._now_s(), robot, other))
+        """Note a contact that begins, unless the same two have touched a moment before."""
+        pair, now_s = frozenset((robot, other)), self._now_s()
+        last_s = self._touched_s.get(pair, -math.inf)
+        self._touched_s[pair] = now_s
+        if now_s > last_s + _SAME_S and len(self.contacts) < _MAX_CONTACTS:
+            self.contacts.append(Contact(now_s, robot, other))
 
     @property
     def robots(self) -> tuple[SimRobot, ...]:

@@ -204,7 +204,8 @@ def make_report(
         starts=tuple(run.starts),
         contacts=tuple(
             ContactReport(time_s=contact.time_s - run.zero_s, robot=contact.robot, other=contact.other)
-            for contact in fleet.services.contacts.since(run.zero_s)
+            for contact in fleet.services.contacts.copy()
+            if contact.time_s >= run.zero_s
         ),
     )
 

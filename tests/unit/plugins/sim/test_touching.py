@@ -174,8 +174,7 @@ def test_contacts_name_both_and_count_once() -> None:
         with world.caught_up():
             if 1.0 - one.pose[0] < 2 * make.radius_m + 0.001:
                 touched_s.append(clock.now())
-    contacts = world.contacts.since(0.0)
-    pairs = sorted((contact.robot, contact.other) for contact in contacts)
+    pairs = sorted((contact.robot, contact.other) for contact in world.contacts)
     assert pairs == [("away", "the north wall"), ("one", "still")]
-    (met,) = [contact for contact in contacts if contact.robot == "one"]
+    (met,) = [contact for contact in world.contacts if contact.robot == "one"]
     assert met.time_s == pytest.approx(touched_s[0], abs=2 * TICK_S)
