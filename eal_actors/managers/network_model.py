@@ -212,15 +212,15 @@ class NetworkConfig:
         shared_memory: whether large values reach controllers on the same machine in shared memory.
     """
 
-    identity: str | None = None
     lease_s: float = 2.0
-    lost_after_s: float | None = None
     dead_man_s: float = 2.0
     compression: bool = False
     discovery: bool = False
     routers: tuple[str, ...] = ()
     security: SecurityConfig | None = None
     shared_memory: bool = True
+    identity: str | None = None
+    lost_after_s: float | None = None
 
 
 DEFAULT_NETWORK: Final = NetworkConfig()

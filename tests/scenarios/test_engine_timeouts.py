@@ -71,8 +71,9 @@ def test_each_robot_of_an_on_has_its_own_time_out(two: Fleet, tmp_path: Path) ->
 
     assert (report.outcome, outcomes(report)) == ("done", {"fast": "done", "slow": "dropped"})
     assert brief(report, "fast") == [("send_cmd Base go9", "done", 1), ("send_cmd Base now", "done", 1)]
-    assert report.error is not None
-    assert report.error.message == "on did not end within 4 s"
+    error = report.robots["slow"].error
+    assert error is not None
+    assert error.message == "on did not end within 4 s"
 
 
 def test_a_block_that_failed_is_tried_again(tmp_path: Path) -> None:

@@ -87,7 +87,8 @@ class Losses:
     def cause(self, robot: Participant, error: EALError) -> EALError:
         """Return the loss of the robot in place of the cancellation that it caused."""
         if robot.is_given_up and isinstance(error, CallCancelledError):
-            return self._error(robot)
+            why = f"its outcome is unknown: the robot {self._error(robot).message}"
+            return UnavailableError(why, robot=robot.name, resource=error.resource)
         return error
 
     def handle(
