@@ -1,4 +1,4 @@
-"""What a simulation reports of its robots: the gaps around them, and their contacts."""
+"""Reports of a simulation about its robots: the gaps around them, and their contacts."""
 
 from __future__ import annotations
 
