@@ -24,7 +24,7 @@ from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.kernel.lock_step import MAX
-from eal_actors.lab.calibration.calibration_file import WrittenCalibration, require_own, write_calibration
+from eal_actors.lab.calibration.calibration_file import WrittenCalibration, write_calibration
 from eal_actors.lab.calibration.drive import (
     GroundTruth,
     SquareMeasurement,
@@ -36,6 +36,7 @@ from eal_actors.lab.calibration.drive import (
 )
 from eal_actors.lab.calibration.fit import Fit, fit_squares
 from eal_actors.lab.calibration.square import WAYS, Point, SquareEnds, Way, read_square_ends
+from eal_actors.lab.fleet_edits import require_own
 from eal_actors.managers.fleet_model import FleetConfig
 
 _WAYS: Final[dict[Way, str]] = {"cw": "clockwise", "ccw": "counter-clockwise"}

@@ -13,10 +13,11 @@ from eal_actors.cli.calibrate import app as calibrate_app
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
 from eal_actors.cli.options import EalCommand, JsonOption, OptionalFleetOption
-from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
+from eal_actors.cli.output import counted, print_line, short_path, stderr, stdout, write_json
 from eal_actors.cli.tracker import SquareOption, SquaresOption, board_size, needs_opencv
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnavailableError
+from eal_actors.managers.fleet_model import FleetConfig
 
 if TYPE_CHECKING:
     from eal_actors.lab.markers.lens_fit import BoardFinder, BoardView, LensFit
@@ -40,39 +41,57 @@ def calibrate_camera(
     timeout: Annotated[float, typer.Option(min=1, max=3600, help="Seconds in which to take them.")] = 300.0,
     squares: SquaresOption = "7x5",
     square: SquareOption = 38.0,
+    write: Annotated[bool, typer.Option("--write", help="Write the lens into the fleet file.")] = False,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="[ROBOT.]CAMERA", show_default="the only one", help="The tracker's camera that gets the lens."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find a camera's focal lengths, centre and distortion, by pictures of a board of `eal tracker print --board`.
 
     Hold the board at different angles, near and far, so that it reaches into every corner of the picture. The result is
-    the setting `lens` of the plugin tracker. The exit code is 1 if the error is over 1 pixel.
+    the setting `lens` of the plugin tracker; --write replaces it in the fleet file, whose comments stay, or writes a
+    file beside it and includes that. The exit code is 1, and nothing is written, if the error is over 1 pixel.
     """
     if (folder is None) == (robot is None):
         raise typer.BadParameter("name either a folder of pictures, or --fleet and --robot", param_hint="'FOLDER'")
+    if fleet is None and (write or robot is not None):
+        raise typer.BadParameter("is missing: name the fleet file", param_hint="'--fleet' / '-f'")
     try:
+        from eal_actors.lab.markers.lens_file import find_camera, write_lens
         from eal_actors.lab.markers.lens_fit import GOOD_COVERAGE, GOOD_ERROR_PX, BoardFinder, fit_lens
     except ImportError as error:
         raise needs_opencv(error) from error
+    config = read_fleet(fleet) if fleet is not None else None
+    goal = find_camera(config, camera) if config is not None and write else None  # fails before pictures are taken
     finder = BoardFinder(board_size(squares, square))
     console = stderr() if as_json else stdout()
     if folder is not None:
         found = _views_of_folder(folder, finder, console)
-    elif fleet is not None and robot is not None:
-        found = _views_of_robot(fleet, (robot, resource), finder, count, timeout)
     else:
-        raise typer.BadParameter("is missing: name the fleet file", param_hint="'--fleet' / '-f'")
+        assert config is not None and robot is not None  # noqa: S101, PT018  # checked above
+        found = _views_of_robot(config, (robot, resource), finder, count, timeout)
     try:
         fit = fit_lens(found)
     except ArgumentError as error:
         raise ConfigError([Problem(str(folder or fleet), 0, 0, "", error.message)]) from error
+    is_good = fit.error_px <= GOOD_ERROR_PX
+    file = None
+    if config is not None and goal is not None and is_good:
+        file = write_lens(config, goal, fit, f"Found by `eal calibrate camera`: error {fit.error_px:.2f} px.")
     if as_json:
-        write_json({"pictures": len(found), **asdict(fit)})
+        write_json({"pictures": len(found), **asdict(fit), "file": None if file is None else str(file)})
     else:
         _print_fit(fit, len(found))
+    if file is not None and goal is not None:
+        print_line(console, f"{goal.robot}: the lens of '{goal.name}' is in {short_path(file)}", "dim")
     if fit.coverage < GOOD_COVERAGE:
         text = f"The board was in {fit.coverage:.0%} of the picture: hold it into the corners too."
         print_line(console, text, "yellow")
-    if fit.error_px > GOOD_ERROR_PX:
+    if not is_good:
         print_line(console, "The error is too large: is the board flat, and are --squares and --square right?", "red")
         raise typer.Exit(ExitCode.FAILED)
 
@@ -106,7 +125,7 @@ def _views_of_folder(folder: Path, finder: BoardFinder, console: Console) -> lis
 
 
 def _views_of_robot(
-    fleet: Path, camera: tuple[str, str], finder: BoardFinder, count: int, timeout_s: float
+    fleet: FleetConfig, camera: tuple[str, str], finder: BoardFinder, count: int, timeout_s: float
 ) -> list[BoardView]:
     """Take pictures until enough of them show the board at different places."""
     from eal_actors.lab.markers.lens_fit import is_new_view
@@ -114,7 +133,7 @@ def _views_of_robot(
     robot, resource = camera
     console = stderr()
     views: list[BoardView] = []
-    with Fleet(read_fleet(fleet)).connect([robot]) as opened, plugin_advice(opened):
+    with Fleet(fleet).connect([robot]) as opened, plugin_advice(opened):
         find_resource(opened, robot, resource)
         handle, end_s = opened[robot][resource], opened.clock.now() + timeout_s
         while len(views) < count:
