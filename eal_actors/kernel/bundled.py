@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.suggestions import nearest
 
 Kind = Literal["fleet", "scenario", "world"]
 
@@ -80,5 +81,8 @@ def _is_bare(name: str | Path) -> bool:
 
 
 def _unknown(name: str | Path, kind: str, known: Iterable[str]) -> ConfigError:
-    message = f"no such file, and no {kind} of that name comes with the framework; there are: {', '.join(known)}"
+    names = list(known)
+    near = nearest(str(name), names)
+    hint = f"did you mean '{near}'?" if near is not None else f"there are: {', '.join(names)}"
+    message = f"no such file, and no {kind} of that name comes with the framework; {hint}"
     return ConfigError([Problem(str(name), 0, 0, "", message)])

@@ -7,11 +7,12 @@ record of an interrupted run whole.
 Reading: `run_folder` reads all files of a run, `recorded_run` its values and calls for the replay, and `comparison`
 compares two runs.
 
-Showing: `timeline` is the course of a run, `arena` and `picture` draw, and `report_page` is the HTML page.
+Showing: `timeline` is the course of a run, `arena`, `picture` and `film` draw, and `report_page` is the HTML page.
 """
 
 from eal_actors.recording.arena import draw_world
 from eal_actors.recording.comparison import Difference, compare_runs
+from eal_actors.recording.film import film_run
 from eal_actors.recording.picture import draw_run, draw_trajectory
 from eal_actors.recording.poses import PoseRecorder, PoseSample
 from eal_actors.recording.provenance import keep_provenance, kept_world
@@ -31,6 +32,7 @@ __all__ = [
     "draw_run",
     "draw_trajectory",
     "draw_world",
+    "film_run",
     "folder_errors",
     "keep_provenance",
     "kept_world",

@@ -15,7 +15,7 @@ from typing import Any, Final
 import yaml
 
 from eal_actors.kernel.errors import ConfigError, Problem
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import parse_yaml
 from eal_actors.kernel.yaml_tree import Mark, MarkedDict, YamlTree
 from eal_actors.lab.fleet_edits import changed_files, read_text, require_own, with_include

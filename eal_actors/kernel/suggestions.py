@@ -1,0 +1,25 @@
+"""Suggestions for names that nobody knows."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Final
+
+_MOST_LISTED: Final = 12
+
+
+def nearest(word: str, choices: Iterable[str]) -> str | None:
+    """Return the choice that somebody who wrote a word probably meant: swapped, missing and wrong letters."""
+    names = sorted(set(choices))
+    if swapped := [name for name in names if name != word and sorted(name) == sorted(word)]:
+        return swapped[0]
+    return next(iter(difflib.get_close_matches(word, names, n=1)), None)
+
+
+def did_you_mean(word: str, choices: Iterable[str]) -> str:
+    """Return `; did you mean 'x'?` for the choice nearest to a word, else the choices if they are few, else nothing."""
+    names = sorted(set(choices))
+    if (near := nearest(word, names)) is not None:
+        return f"; did you mean '{near}'?"
+    return f"; known: {', '.join(names)}" if 0 < len(names) <= _MOST_LISTED else ""
