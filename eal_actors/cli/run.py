@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from eal_actors.cli.exit_codes import ExitCode
-from eal_actors.cli.fleets import plugin_advice
+from eal_actors.cli.fleets import plugin_advice, require_modules
 from eal_actors.cli.interrupts import RunInterrupts
 from eal_actors.cli.options import (
     BindingsOption,
@@ -145,6 +145,7 @@ def _show(finished: _FinishedRun, config: FleetConfig, console: Console, drawing
 
 def _print_dry_run(request: RunRequest, console: Console, *, as_json: bool) -> None:
     """Make the plan on the connected robots, and print it."""
+    require_modules(request.config, _bound_robots(request))
     with Fleet(request.config).connect(_bound_robots(request)) as opened:
         with plugin_advice(opened):
             plan = _plan(request, opened)
@@ -169,6 +170,7 @@ def _execute(
     metrics_port: int | None,
 ) -> _FinishedRun:
     """Connect the robots of the scenario, show and record the run, and disconnect them."""
+    require_modules(request.config, _bound_robots(request))
     with (
         Fleet(request.config).connect(_bound_robots(request)) as opened,
         metrics_at(metrics_port, opened, opened.clock, console),

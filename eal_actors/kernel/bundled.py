@@ -35,6 +35,12 @@ def bundled_names(kind: Kind) -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in bundled_path(_FOLDERS[kind]).glob(f"*{_SUFFIX}")))
 
 
+def bundled_instead(path: Path, kind: Kind) -> str:
+    """Return a hint at the bundled file of a name, for a path in a folder that does not exist; else nothing."""
+    is_known = not path.parent.is_dir() and path.stem in bundled_names(kind)
+    return f"; the framework has one: write '{path.stem}'" if is_known else ""
+
+
 def find_file(name: str | Path, kind: Kind, folder: Path | None = None) -> Path:
     """Return the file of a path or a name.
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from typing import Final
 
 _MOST_LISTED: Final = 12
+_DIGITS: Final = re.compile(r"\d+")
 
 
 def nearest(word: str, choices: Iterable[str]) -> str | None:
@@ -23,3 +25,9 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
     if (near := nearest(word, names)) is not None:
         return f"; did you mean '{near}'?"
     return f"; known: {', '.join(names)}" if 0 < len(names) <= _MOST_LISTED else ""
+
+
+def numbered_name_meant(word: str, choices: Iterable[str]) -> str:
+    """Return `; did you mean 'x'?` for the nearest name; one that differs in its number only is another robot."""
+    near = nearest(word, [name for name in choices if _DIGITS.sub("", name) != _DIGITS.sub("", word)])
+    return "" if near is None else f"; did you mean '{near}'?"

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from eal_actors.device.world import WorldModel, load_world
-from eal_actors.kernel.bundled import Kind, bundled_names, find_file
+from eal_actors.kernel.bundled import Kind, bundled_instead, find_file
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.strict_model import problems_from
-from eal_actors.kernel.suggestions import did_you_mean, nearest
+from eal_actors.kernel.suggestions import did_you_mean, numbered_name_meant
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.kernel.yaml_tree import (
     Mark,
@@ -37,8 +36,6 @@ from eal_actors.managers.map_check import map_problems
 from eal_actors.managers.network_check import network_problems
 from eal_actors.managers.network_model import network_config
 from eal_actors.managers.pose_check import pose_problems
-
-_DIGITS: Final = re.compile(r"\d+")
 
 
 def load_fleet(path: str | Path, environment: Mapping[str, str]) -> FleetConfig:
@@ -302,10 +299,7 @@ class _Resolver:
         is_complete = step is None and len(sections) == len(entries) and self._sound
         if is_complete and merged.get("plugins", {}) == {} and merged.get("address") is None:
             message = "the robot has no plugins; give it one under 'plugins', or a type that has one"
-            others = _section(self._tree.root, "robots") or ()
-            near = nearest(key, [name for name in others if _DIGITS.sub("", name) != _DIGITS.sub("", key)])
-            if near is not None:
-                message += f"; did you mean '{near}'?"
+            message += numbered_name_meant(key, _section(self._tree.root, "robots") or ())
             self._report(("robots", key), message, key=True)
         return merged, tuple(chain)
 
@@ -345,15 +339,12 @@ def _find(mark: Mark, target: str, kind: Kind) -> Path:
     except ConfigError as error:
         raise FileNotFoundError(error.problems[0].message) from None
     if not path.is_file():
-        is_bundled = not path.parent.is_dir() and path.stem in bundled_names(kind)
-        hint = f"; the framework has one: write '{path.stem}'" if is_bundled else ""
-        raise FileNotFoundError(f"{_no_such_file(path)}{hint}")
+        raise FileNotFoundError(_no_such_file(path) + bundled_instead(path, kind))
     return path
 
 
 def _no_such_file(path: Path) -> str:
-    siblings = [file.name for file in path.parent.glob("*.yaml")] if path.parent.is_dir() else []
-    return f"no such file: {path}{did_you_mean(path.name, siblings)}"
+    return f"no such file: {path}{did_you_mean(path.name, [file.name for file in path.parent.glob('*.yaml')])}"
 
 
 def tree_of(content: Mapping[str, object], name: str) -> YamlTree:

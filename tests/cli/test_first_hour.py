@@ -151,20 +151,47 @@ def decoded(text: str, size: tuple[int, int]) -> Any:
     pixels = np.zeros((height, width, 3), np.uint8)
     palette: dict[int, list[int]] = {}
     colour = column = band = 0
-    for token in re.findall(r'"[\d;]+|#\d+;2;\d+;\d+;\d+|#\d+|!\d+[?-~]|[$-]|[?-~]', text.replace("\r\n", "")):
-        if token.startswith("#") and ";" in token:
-            number, _, *rgb = map(int, token[1:].split(";"))
+    for symbol in re.findall(r'"[\d;]+|#\d+;2;\d+;\d+;\d+|#\d+|!\d+[?-~]|[$-]|[?-~]', text.replace("\r\n", "")):
+        if symbol.startswith("#") and ";" in symbol:
+            number, _, *rgb = map(int, symbol[1:].split(";"))
             palette[number] = [round(part * 255 / 100) for part in rgb]
-        elif token.startswith("#"):
-            colour = int(token[1:])
-        elif token == "$":
+        elif symbol.startswith("#"):
+            colour = int(symbol[1:])
+        elif symbol == "$":
             column = 0
-        elif token == "-":
+        elif symbol == "-":
             column, band = 0, band + 6
-        elif not token.startswith('"'):
-            count = int(token[1:-1]) if token.startswith("!") else 1
+        elif not symbol.startswith('"'):
+            count = int(symbol[1:-1]) if symbol.startswith("!") else 1
             for bit in range(6):
-                if (ord(token[-1]) - 63) >> bit & 1:
+                if (ord(symbol[-1]) - 63) >> bit & 1:
                     pixels[band + bit, column : column + count] = palette[colour]
             column += count
     return pixels
+
+
+def without(modules: tuple[str, ...], call: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a program in a process in which modules cannot be imported."""
+    code = (
+        "import importlib.util, sys\n"
+        f"missing = {modules!r}\n"
+        "sys.modules.update(dict.fromkeys(missing))\n"
+        "find = importlib.util.find_spec\n"
+        "importlib.util.find_spec = lambda name, *rest: None if name in missing else find(name, *rest)\n"
+        f"sys.argv = [{call.split('.', maxsplit=1)[0]!r}, *{arguments!r}]\n"
+        f"from {call} import main\nmain()\n"
+    )
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_a_missing_module_is_named_once_for_all_robots() -> None:
+    done = without(("pymunk",), "eal_actors.cli.app", "run", "dance", "--fleet", "sim")
+    assert done.returncode == 3
+    assert (done.stdout + done.stderr).count("pip install 'eal-actors[sim]'") == 1
+
+
+@pytest.mark.parametrize("module", ["cryptography", "cyclonedx", "packaging"])
+def test_evbotos_without_its_extra_says_what_to_install(module: str) -> None:
+    done = without((module,), "evbotos.__main__", "list")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == f"Error: evbotos needs {module}: pip install 'eal-actors[evbotos]'\n"
