@@ -15,6 +15,7 @@ from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
 from eal_actors.cli.options import EalCommand, JsonOption, OptionalFleetOption
 from eal_actors.cli.output import counted, print_line, short_path, stderr, stdout, write_json
 from eal_actors.cli.tracker import SquareOption, SquaresOption, board_size, needs_opencv
+from eal_actors.cli.work import work_progress
 from eal_actors.facade.fleet import Fleet
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
@@ -112,15 +113,20 @@ def _views_of_folder(folder: Path, finder: BoardFinder, console: Console) -> lis
     if not files:
         what = f"contains no pictures, which end in {', '.join(_SUFFIXES)}" if folder.is_dir() else "is no folder"
         raise ConfigError([Problem(str(folder), 0, 0, "", what)])
-    views = []
-    for file in files:
-        image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-        if image is None:
-            raise ConfigError([Problem(str(file), 0, 0, "", "is not a picture that OpenCV can read")])
-        if (view := finder.find(np.asarray(image, np.uint8))) is not None:
-            views.append(view)
-        else:
-            print_line(console, f"{file.name}: left out, the board is not in it", "yellow")
+    views, left_out = [], []
+    with work_progress(stderr(), "picture", len(files)) as on_done:
+        for file in files:
+            image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+            if image is None:
+                raise ConfigError([Problem(str(file), 0, 0, "", "is not a picture that OpenCV can read")])
+            view = finder.find(np.asarray(image, np.uint8))
+            if view is not None:
+                views.append(view)
+            else:
+                left_out.append(file.name)
+            on_done(f"{file.name}: {'the board is found' if view is not None else 'no board'}", False)
+    for name in left_out:
+        print_line(console, f"{name}: left out, the board is not in it", "yellow")
     return views
 
 
