@@ -129,7 +129,7 @@ def test_the_page_of_worlds_lists_those_that_come_with_the_framework() -> None:
 def test_the_robots_of_the_readme_answer_while_they_turn(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(Fleet, "load", lambda file: patient_fleet(ROOT / file, rate="max"))
+    monkeypatch.setattr(Fleet, "load", lambda name: patient_fleet(ROOT / f"fleets/{name}.yaml", rate="max"))
     (code,) = (
         text for kind, text in BLOCK.findall((ROOT / "README.md").read_text()) if kind == "python" and "turns" in text
     )

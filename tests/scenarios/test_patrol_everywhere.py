@@ -19,7 +19,7 @@ from eal_actors.managers.config import EALConfigManager
 from eal_actors.scenario import Report, load_scenario, run_scenario
 from plugins.camera.emulator import draw
 from tests.net.links import free_port
-from tests.net.rig import becomes, serving
+from tests.net.rig import becomes, process, serving
 from tests.patience import LONG_S
 
 GUARDS = ("evbot2-1", "evbot3-1")
@@ -99,3 +99,29 @@ def test_over_the_network(tmp_path: Path) -> None:
     judge(report, tmp_path, tuple(robots))
     for name, place in zip(robots, ((-1.2, -1.8), (1.2, -1.8)), strict=True):
         assert math.dist(true[name][:2], place) < 0.3, "by odometry alone"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(500)
+def test_over_the_network_in_one_world_below_its_tracker(tmp_path: Path) -> None:
+    """One process serves the simulated world, with both guards, the visitor and the tracker; this one controls."""
+    names = ("evbot3-1", "evbot3-2", "roomba-1", "cameras-1")
+    robots = {name: {"address": f"tcp/127.0.0.1:{free_port()}", "timeout_s": LONG_S} for name in names}
+    content = {"version": 1, "include": [str(bundled_path("fleets/patrol.yaml"))], "clock": {"rate": 2}}
+    file = tmp_path / "served.yaml"
+    file.write_text(json.dumps(content | {"network": {"dead_man_s": 60.0, "lease_s": 60}, "robots": robots}))
+    command = ["-m", "eal_actors", "serve", "--fleet", str(file), *(word for name in names for word in ("-r", name))]
+    fleet = Fleet(EALConfigManager.load(file).fleet)
+    with process(command, tmp_path) as server, fleet.connect(names):
+        for name in names:
+            server.wait_for(f"{name} serves")
+            assert becomes(fleet[name], RobotState.READY), server.lines
+        report = patrol(fleet, tmp_path)
+        true = {name: fleet[name]["TruePose"].get_value().get().value for name in names[:2]}
+        estimated = {name: fleet[name].pose.get().get() for name in names[:2]}
+    judge(report, tmp_path, names[:2])
+    for name, place in zip(names, ((-1.2, -1.8), (1.2, -1.8)), strict=False):
+        off_mm = 1000 * math.dist(true[name][:2], place)
+        print(f"{name} ends {off_mm:.1f} mm from its place")  # noqa: T201
+        assert off_mm < 30
+        assert estimated[name].position_std_m < 0.02, "the tracker's fixes reach it"
