@@ -61,7 +61,7 @@ _SETTINGS: Final[dict[str, dict[str, Any]]] = {
 }
 
 
-_UsageError: Final = typer.BadParameter.__mro__[1]
+_UsageError: Final[Any] = typer.BadParameter.__mro__[1]
 """Of the click that typer uses, which newer versions contain."""
 
 

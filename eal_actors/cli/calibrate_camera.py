@@ -21,6 +21,7 @@ from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, Unavai
 from eal_actors.managers.fleet_model import FleetConfig
 
 if TYPE_CHECKING:
+    from eal_actors.lab.markers.lens_file import FleetCamera
     from eal_actors.lab.markers.lens_fit import BoardFinder, BoardView, LensFit
 
 _SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -57,47 +58,69 @@ def calibrate_camera(
     the setting `lens` of the plugin tracker; --write replaces it in the fleet file, whose comments stay, or writes a
     file beside it and includes that. The exit code is 1, and nothing is written, if the error is over 1 pixel.
     """
-    if (folder is None) == (robot is None):
-        raise typer.BadParameter("name either a folder of pictures, or --fleet and --robot", param_hint="'FOLDER'")
-    if fleet is None and (write or robot is not None):
-        raise typer.BadParameter("is missing: name the fleet file", param_hint="'--fleet' / '-f'")
+    _check_sources(folder, robot, has_fleet=fleet is not None, needs_fleet=write or robot is not None)
     try:
-        from eal_actors.lab.markers.lens_file import find_camera, write_lens
-        from eal_actors.lab.markers.lens_fit import GOOD_COVERAGE, GOOD_ERROR_PX, BoardFinder, fit_lens
+        from eal_actors.lab.markers.lens_file import find_camera
+        from eal_actors.lab.markers.lens_fit import GOOD_ERROR_PX, BoardFinder
     except ImportError as error:
         raise needs_opencv(error) from error
     config = read_fleet(fleet) if fleet is not None else None
     goal = find_camera(config, camera) if config is not None and write else None  # fails before pictures are taken
     finder = BoardFinder(board_size(squares, square))
     console = stderr() if as_json else stdout()
-    if folder is not None:
-        found = _views_of_folder(folder, finder, console)
-    else:
-        assert config is not None and robot is not None  # noqa: S101, PT018  # checked above
+    if config is not None and robot is not None:
         found = _views_of_robot(config, (robot, resource), finder, count, timeout)
-    try:
-        fit = fit_lens(found)
-    except ArgumentError as error:
-        raise ConfigError([Problem(str(folder or fleet), 0, 0, "", error.message)]) from error
-    is_good = fit.error_px <= GOOD_ERROR_PX
-    file = None
-    if config is not None and goal is not None and is_good:
-        file = write_lens(config, goal, fit, f"Found by `eal calibrate camera`: error {fit.error_px:.2f} px.")
-    if as_json:
-        write_json({"pictures": len(found), **asdict(fit), "file": None if file is None else str(file)})
     else:
-        _print_fit(fit, len(found))
-    if file is not None and goal is not None:
-        print_line(console, f"{goal.robot}: the lens of '{goal.name}' is in {short_path(file)}", "dim")
-    if fit.coverage < GOOD_COVERAGE:
-        text = f"The board was in {fit.coverage:.0%} of the picture: hold it into the corners too."
-        print_line(console, text, "yellow")
+        found = _views_of_folder(folder or Path(), finder, console)
+    fit = _fitted(found, folder or fleet)
+    is_good = fit.error_px <= GOOD_ERROR_PX
+    file = _write_fit(config, goal, fit) if config and goal and is_good else None
+    _print_fit(fit, len(found), file, as_json=as_json)
+    _print_notes(console, fit, file)
     if not is_good:
-        print_line(console, "The error is too large: is the board flat, and are --squares and --square right?", "red")
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _print_fit(fit: LensFit, pictures: int) -> None:
+def _fitted(found: list[BoardView], source: Path | None) -> LensFit:
+    from eal_actors.lab.markers.lens_fit import fit_lens
+
+    try:
+        return fit_lens(found)
+    except ArgumentError as error:
+        raise ConfigError([Problem(str(source), 0, 0, "", error.message)]) from error
+
+
+def _check_sources(folder: Path | None, robot: str | None, *, has_fleet: bool, needs_fleet: bool) -> None:
+    """Raise BadParameter unless the options name where the pictures come from."""
+    if (folder is None) == (robot is None):
+        raise typer.BadParameter("name either a folder of pictures, or --fleet and --robot", param_hint="'FOLDER'")
+    if needs_fleet and not has_fleet:
+        raise typer.BadParameter("is missing: name the fleet file", param_hint="'--fleet' / '-f'")
+
+
+def _write_fit(config: FleetConfig, goal: FleetCamera, fit: LensFit) -> Path:
+    from eal_actors.lab.markers.lens_file import write_lens
+
+    return write_lens(config, goal, fit, f"Found by `eal calibrate camera`: error {fit.error_px:.2f} px.")
+
+
+def _print_notes(console: Console, fit: LensFit, file: Path | None) -> None:
+    """Print where the lens was written, and what is doubtful about it."""
+    from eal_actors.lab.markers.lens_fit import GOOD_COVERAGE, GOOD_ERROR_PX
+
+    if file is not None:
+        print_line(console, f"The lens is in {short_path(file)}", "dim")
+    if fit.coverage < GOOD_COVERAGE:
+        text = f"The board was in {fit.coverage:.0%} of the picture: hold it into the corners too."
+        print_line(console, text, "yellow")
+    if fit.error_px > GOOD_ERROR_PX:
+        print_line(console, "The error is too large: is the board flat, and are --squares and --square right?", "red")
+
+
+def _print_fit(fit: LensFit, pictures: int, file: Path | None, *, as_json: bool) -> None:
+    if as_json:
+        write_json({"pictures": pictures, **asdict(fit), "file": str(file) if file else None})
+        return
     console = stdout()
     console.out(fit.as_yaml(), end="", highlight=False)
     text = f"{counted(pictures, 'picture')}, error {fit.error_px:.2f} px, focal length ±{fit.focal_sd_px:.1f} px"

@@ -16,7 +16,7 @@ import tty
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TextIO
+from typing import IO, TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -29,7 +29,7 @@ _COLOURS: Final = 128
 _WIDTH_PX: Final = 640
 
 
-def show_inline(out: TextIO, picture: Path, film: Path | None = None) -> bool:
+def show_inline(out: IO[str], picture: Path, film: Path | None = None) -> bool:
     """Show a picture in the terminal; return False if it is none or shows no pictures.
 
     Args:

@@ -7,6 +7,7 @@ left keeps PyYAML's words.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Final
 
 import yaml
@@ -19,30 +20,24 @@ _CLOSING: Final = {"]": "list", "}": "mapping"}
 
 def explain(error: yaml.MarkedYAMLError, text: str) -> tuple[str, int, int]:
     """Return what is wrong, and the line and the column of it, both from 1; 0 if the place is unknown."""
-    mark = error.problem_mark or error.context_mark
-    if mark is None:
-        return f"not valid YAML: {error.problem or error.context}", 0, 0
-    lines, problem = text.splitlines(), error.problem or error.context or ""
-    here = mark.line + 1, mark.column + 1
-    began = (error.context_mark.line + 1, error.context_mark.column + 1) if error.context_mark else here
-    if problem.startswith("but found another document"):
-        return "a second document starts here; one file holds one document", *here
-    if "'\\t'" in problem:
-        return "YAML does not allow a tab here; use spaces", *here
-    if problem == "could not find expected ':'":
-        return _missing_colon(lines, began[0])
-    if problem == "mapping values are not allowed here":
-        return _key_in_a_value(lines, *here)
-    if problem.startswith("expected <block end>"):
-        return _indentation(lines, *here)
-    if problem == _STREAM_END and "quoted scalar" in (error.context or ""):
+    context = error.context or ""
+    lines, problem = text.splitlines(), error.problem or context
+    here, began = _place(error.problem_mark or error.context_mark), _place(error.context_mark or error.problem_mark)
+    if problem == _STREAM_END and "quoted scalar" in context:
         return "the quote that begins here is not closed", *began
     if (opened := re.match(r"expected ',' or '([]}])'", problem)) is not None:
         return _open_bracket(lines, opened[1], began, here)
-    if (bad := re.match(r"found character '(.)' that cannot start any token", problem)) is not None:
-        return f"a value cannot begin with {bad[1]}: put it in quotes", *here
-    context = f", {error.context} from line {began[0]}" if error.context and error.context != problem else ""
-    return f"not valid YAML: {problem}{context}{_about_reference(lines, here[0])}", *here
+    if problem == "could not find expected ':'":
+        return _missing_colon(lines, began[0])
+    for pattern, explained in _MISTAKES:
+        if (found := re.search(pattern, problem)) is not None:
+            return explained(lines, *here) if callable(explained) else (found.expand(explained), *here)
+    parsing = f", {context} from line {began[0]}" if context and context != problem else ""
+    return f"not valid YAML: {problem}{parsing}{_about_reference(lines, here[0])}", *here
+
+
+def _place(mark: yaml.Mark | None) -> tuple[int, int]:
+    return (mark.line + 1, mark.column + 1) if mark is not None else (0, 0)
 
 
 def _line(lines: list[str], number: int) -> str:
@@ -112,3 +107,14 @@ def _about_reference(lines: list[str], number: int) -> str:
     if "${" not in _line(lines, number):
         return ""
     return "; inside [...] and {...} a ${NAME} must stand in quotes, or write the value on a line of its own"
+
+
+_Explain = Callable[[list[str], int, int], tuple[str, int, int]]
+_MISTAKES: Final[tuple[tuple[str, str | _Explain], ...]] = (
+    (r"^but found another document", "a second document starts here; one file holds one document"),
+    (r"'\\t'", "YAML does not allow a tab here; use spaces"),
+    (r"^mapping values are not allowed here", _key_in_a_value),
+    (r"^expected <block end>", _indentation),
+    (r"^found character '(.)' that cannot start any token", r"a value cannot begin with \1: put it in quotes"),
+)
+"""What PyYAML says, and what to say instead, or who finds that out."""

@@ -1,4 +1,4 @@
-"""What a newcomer meets: problems with their lines, errors as JSON, and the picture at the end of a run."""
+"""The first hour: problems with their lines, errors as JSON, missing modules, and the picture at the end of a run."""
 
 from __future__ import annotations
 

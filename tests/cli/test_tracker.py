@@ -142,7 +142,7 @@ def test_a_lens_of_an_included_file_is_written_beside_the_fleet_file(
     for name in ("roof", "side"):
         done = eal("calibrate", "camera", pictures, "--write", "--fleet", fleet, "--camera", name)
         assert done.exit_code == 0, done.output
-        assert f"the lens of '{name}' is in" in done.output
+        assert f"The lens is in {tmp_path}/hall-eyes-{name}.lens.yaml" in done.output
         assert _lens(fleet, name)["focal_px"] == pytest.approx([512, 512], rel=0.01)
     assert "# ours" in fleet.read_text(encoding="utf-8")
     assert "focal_px:  # of the data sheet" in (tmp_path / "base.yaml").read_text(encoding="utf-8")

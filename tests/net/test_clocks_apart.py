@@ -96,7 +96,7 @@ def drive_under(fleet: Fleet, robot: RobotHandle, folder: Path, command: str) ->
         true = robot["TruePose"].get_value().get()
         estimate = robot["Pose"].get_value().get().value
         errors.append(math.dist(true.value[:2], estimate[:2]))
-        age_s = fleet.clock.now() - true.stamp_s
+        age_s = fleet.clock.now() - (true.stamp_s or 0.0)
         seen.append((time.clock_gettime(time.CLOCK_MONOTONIC) - age_s, np.array(true.value).tolist()))
         if len(seen) > LATE:
             trial = folder / "seen.new"

@@ -139,15 +139,14 @@ def _node_at(node: yaml.Node | None, mark: Mark) -> yaml.Node | None:
 
 def _edits(node: yaml.Node, value: Any) -> Iterator[tuple[int, int, str]]:
     """Yield what to replace: the first character, the one after the last, and the new text."""
-    if isinstance(node, yaml.MappingNode) and isinstance(value, Mapping):
+    if isinstance(node, yaml.MappingNode) and isinstance(value, Mapping) and node.value:
         known = {key.value: child for key, child in node.value}
-        for key in value:
-            if key in known:
-                yield from _edits(known[key], value[key])
-        if node.value and (missing := [f"{key}: {_flow(value[key])}" for key in value if key not in known]):
-            first = node.value[0][0].start_mark
-            between = ", " if node.flow_style else "\n" + " " * first.column
-            yield first.index, first.index, "".join(f"{entry}{between}" for entry in missing)
+        for key in known.keys() & value.keys():
+            yield from _edits(known[key], value[key])
+        first = node.value[0][0].start_mark
+        between = ", " if node.flow_style else "\n" + " " * first.column
+        missing = [f"{key}: {_flow(value[key])}{between}" for key in value if key not in known]
+        yield first.index, first.index, "".join(missing)
     elif isinstance(node, yaml.SequenceNode) and isinstance(value, Sequence) and len(node.value) == len(value):
         for child, item in zip(node.value, value, strict=True):
             yield from _edits(child, item)

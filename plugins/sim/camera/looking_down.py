@@ -73,7 +73,7 @@ class MarkerPlate:
 
 @dataclass(frozen=True)
 class Instant:
-    """What moves, at one instant.
+    """The moving things at one instant.
 
     Attributes:
         movers: the robots and boxes.

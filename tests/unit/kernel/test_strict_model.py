@@ -5,7 +5,8 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Discriminator, Field, PositiveFloat, Tag, TypeAdapter, ValidationError, field_validator
 
-from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1, did_you_mean, problems_from
+from eal_actors.kernel.strict_model import NAMES_ONLY, Name, StrictModel, Version1, problems_from
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import parse_yaml
 
 

@@ -112,7 +112,7 @@ def test_a_quoted_scalar_is_text(text: str) -> None:
         ("a: 1\nb 2\nc: 3", "f.yaml:2:2: a ':' is missing after 'b'"),
         ("a: 1\nb\n  c: 3", "f.yaml:2:2: a ':' is missing after 'b'"),
         (
-            "a: 1  # one\n  b: 2",
+            "a: x\n  b: 2",
             "f.yaml:2:3: the line is indented below 'a', which has a value already: begin it in column 1",
         ),
         ("a:\n  b: 1\n c: 2", "f.yaml:3:2: the indentation fits no line above: begin the line in column 1 or 3"),
