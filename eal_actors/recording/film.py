@@ -55,9 +55,9 @@ def film_run(run: RunFolder, world: WorldModel | None) -> Path | None:
     from PIL import Image
 
     stage = _Stage(paths, world)
-    first, *others = [
-        frame.quantize(64, dither=Image.Dither.NONE) for frame in (stage.frame(time_s) for time_s in stage.times_s())
-    ]
+    first, *others = map(stage.frame, stage.times_s())
+    first = first.quantize(64, dither=Image.Dither.NONE)  # it shows all robots, so the others use its colours
+    others = [frame.quantize(palette=first, dither=Image.Dither.NONE) for frame in others]
     out = run.path / _FILM
     with folder_errors(run.path):
         first.save(out, save_all=True, append_images=others, duration=_FRAME_MS, loop=0, optimize=True)
