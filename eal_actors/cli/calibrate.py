@@ -172,6 +172,8 @@ def calibrate_robots(
     else:
         _print_results(console, results)
     _print_notes(console, results, written, write=write)
+    if len(results) < len(dict.fromkeys(names)):
+        raise typer.Exit(ExitCode.INTERRUPTED)
     if not all(result.is_better for result in results):
         raise typer.Exit(ExitCode.FAILED)
 

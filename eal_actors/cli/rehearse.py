@@ -66,6 +66,8 @@ def rehearse_scenario(
         write_json(_rehearsals_as_json(request, twins, margin, done))
     else:
         _print_rehearsals(console, request, margin, done)
+    if len(done) < len(chosen):
+        raise typer.Exit(ExitCode.INTERRUPTED)
     if not all(one.is_clear for one in done):
         raise typer.Exit(ExitCode.FAILED)
 
