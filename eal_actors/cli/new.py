@@ -152,7 +152,7 @@ def new_world(
     lines = [f"  - {{kind: circle, x_m: {x_m:g}, y_m: {y_m:g}, radius_m: 0.15}}\n" for x_m, y_m in spots[:number]]
     listed = "obstacles:\n" + "".join(lines) if lines else ""
     text = _WORLD.format(file=file.name, name=_name_of(file), width_m=width_m, depth_m=depth_m, obstacles=listed)
-    _write(file, text, f"eal world {file} --out {file.with_suffix('.png')}")
+    _write(file, text, f"eal world {file} --save {file.with_suffix('.png')}")
 
 
 def _spots(width_m: float, depth_m: float) -> list[tuple[float, float]]:
