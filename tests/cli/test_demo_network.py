@@ -58,6 +58,7 @@ def test_a_robot_whose_port_is_taken_gets_a_free_one(
     assert (summary["outcome"], sorted(summary["robots"])) == ("done", ["one", "two"])
 
 
+@pytest.mark.slow
 def test_two_demos_at_once_move_their_own_robots(start: Start, served_slides: Path, move: Path, tmp_path: Path) -> None:
     """Both have the same robots and the same ports; the slower one moves to others."""
     runs = [tmp_path / name for name in ("a", "b")]

@@ -32,7 +32,9 @@ def test_a_problem_shows_its_line_with_a_caret(eal: Program, write: Write) -> No
 
 
 def test_a_long_line_is_cut_around_the_caret(eal: Program, write: Write) -> None:
-    file = write("f.yaml", f"version: 1\nrobots: {{a: {{tags: [{', '.join(['x'] * 200)}, 5], plugins: {{}}}}}}\n")
+    file = write(
+        "f.yaml", f"version: 1\nrobots: {{a: {{tags: [{', '.join(['x'] * 200)}, 5], plugins: {{sample: {{}}}}}}}}\n"
+    )
     _, line, caret, *_ = eal("check", file).stdout.splitlines()
     assert len(line) <= 80
     assert line[caret.index("^")] == "5"
@@ -75,7 +77,7 @@ def test_a_run_ends_in_a_film(eal: Program, write: Write, tmp_path: Path) -> Non
     (film,) = runs.glob("*/trajectory.gif")
     assert f"gif: {film}" in done.output
     with Image.open(film) as frames:
-        assert frames.n_frames > 30  # type: ignore[attr-defined]
+        assert frames.n_frames > 10  # type: ignore[attr-defined]
         pictures = []
         for number in (0, frames.n_frames // 2):  # type: ignore[attr-defined]
             frames.seek(number)

@@ -110,7 +110,7 @@ def _lens(file: Path, camera: str) -> dict[str, Any]:
     return dict(settings["cameras"][camera]["lens"])
 
 
-@pytest.mark.parametrize("camera", ["roof", "eyes.side"])
+@pytest.mark.parametrize("camera", ["roof", pytest.param("eyes.side", marks=pytest.mark.slow)])
 def test_a_lens_is_written_into_the_fleet_file_whose_comments_stay(
     eal: Program, pictures: Path, tmp_path: Path, camera: str
 ) -> None:
@@ -131,6 +131,7 @@ def test_a_lens_is_written_into_the_fleet_file_whose_comments_stay(
     assert _lens(fleet, other)["focal_px"] == ([5, 5] if other == "side" else [500, 500])
 
 
+@pytest.mark.slow
 def test_a_lens_of_an_included_file_is_written_beside_the_fleet_file(
     eal: Program, pictures: Path, tmp_path: Path
 ) -> None:

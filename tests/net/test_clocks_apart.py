@@ -14,6 +14,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from eal_actors import Fleet
 from eal_actors.actors.future import Future
@@ -107,7 +108,14 @@ def drive_under(fleet: Fleet, robot: RobotHandle, folder: Path, command: str) ->
     return errors
 
 
-def test_fixes_keep_their_time_between_machines_whose_clocks_are_apart_and_jump(tmp_path: Path) -> None:
+JUMPS = (("", "f0.6"), ("eye", "b0.6"), ("r1", "f0.6"))
+"""The robot whose clock jumps first, and the drive."""
+
+
+@pytest.mark.parametrize("jumps", [JUMPS[:1], pytest.param(JUMPS, marks=pytest.mark.slow)], ids=["apart", "jumping"])
+def test_fixes_keep_their_time_between_machines_whose_clocks_are_apart_and_jump(
+    tmp_path: Path, jumps: tuple[tuple[str, str], ...]
+) -> None:
     write_plugin(tmp_path, "late", TRACKER, "Fixes")
     rig = Rig(tmp_path, ("r1", "eye"), extra={"clock": {"rate": 1}})
     rig.content["plugin_dirs"] = [str(tmp_path / "plugins")]
@@ -122,7 +130,7 @@ def test_fixes_keep_their_time_between_machines_whose_clocks_are_apart_and_jump(
         stack.enter_context(shifted(rig, "eye", 5.0))
         fleet = stack.enter_context(ready(Fleet(rig.config)))
         robot = fleet["r1"]
-        for late, command in (("", "f0.6"), ("eye", "b0.6"), ("r1", "f0.6")):
+        for late, command in jumps:
             (tmp_path / f"jump-{late}").touch()
             errors = drive_under(fleet, robot, tmp_path, command)
             assert errors[-1] < RIGHT_M, (late, errors)

@@ -25,6 +25,7 @@ def rig_of(folder: Path) -> Rig:
     return rig
 
 
+@pytest.mark.slow
 def test_robots_of_one_process_meet_in_one_world(tmp_path: Path) -> None:
     rig = rig_of(tmp_path)
     command = ["-m", "eal_actors", "serve", "--fleet", str(rig.file), "-r", "r1", "-r", "r2"]

@@ -114,7 +114,7 @@ def test_a_long_exposure_smears_what_moves_along_its_way_only() -> None:
     assert widths[0.1][1] < widths[0.0][1] + 0.5
 
 
-@pytest.mark.parametrize("exposure_s", [0.0, 0.04])
+@pytest.mark.parametrize("exposure_s", [pytest.param(0.0, marks=pytest.mark.slow), 0.04])
 def test_motion_blur_does_not_shift_the_fixes_of_driving_robots(exposure_s: float) -> None:
     """0.4 m/s for 40 ms are 16 mm: a stamp at an end of the exposure would be 8 mm off."""
     arena = _blurred(exposure_s)
