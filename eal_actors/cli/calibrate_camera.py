@@ -13,10 +13,11 @@ from eal_actors.cli.calibrate import app as calibrate_app
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
 from eal_actors.cli.options import EalCommand, JsonOption, OptionalFleetOption
-from eal_actors.cli.output import counted, print_line, short_path, stderr, stdout, write_json
+from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
 from eal_actors.cli.tracker import SquareOption, SquaresOption, board_size, needs_opencv
 from eal_actors.cli.work import work_progress
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnavailableError
 from eal_actors.managers.fleet_model import FleetConfig
 

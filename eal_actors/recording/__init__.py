@@ -7,11 +7,13 @@ record of an interrupted run whole.
 Reading: `run_folder` reads all files of a run, `recorded_run` its values and calls for the replay, and `comparison`
 compares two runs.
 
-Showing: `timeline` is the course of a run, `arena`, `picture` and `film` draw, and `report_page` is the HTML page.
+Showing: `timeline` is the course of a run, `arena`, `picture` and `film` draw, and `report_page` is the HTML page;
+`difference_page` is that of two runs.
 """
 
 from eal_actors.recording.arena import draw_world
-from eal_actors.recording.comparison import Difference, compare_runs
+from eal_actors.recording.comparison import Difference, PathDeviation, compare_runs, first_difference, path_deviations
+from eal_actors.recording.difference_page import render_difference
 from eal_actors.recording.film import film_run
 from eal_actors.recording.picture import draw_run, draw_trajectory
 from eal_actors.recording.poses import PoseRecorder, PoseSample
@@ -24,6 +26,7 @@ from eal_actors.recording.run_recorder import Extent, RunRecorder
 __all__ = [
     "Difference",
     "Extent",
+    "PathDeviation",
     "PoseRecorder",
     "PoseSample",
     "RunFolder",
@@ -33,10 +36,13 @@ __all__ = [
     "draw_trajectory",
     "draw_world",
     "film_run",
+    "first_difference",
     "folder_errors",
     "keep_provenance",
     "kept_world",
     "new_run_folder",
+    "path_deviations",
+    "render_difference",
     "render_report",
     "repair_record",
 ]
