@@ -117,4 +117,4 @@ _MISTAKES: Final[tuple[tuple[str, str | _Explain], ...]] = (
     (r"^expected <block end>", _indentation),
     (r"^found character '(.)' that cannot start any token", r"a value cannot begin with \1: put it in quotes"),
 )
-"""What PyYAML says, and what to say instead, or who finds that out."""
+"""Patterns of PyYAML's words, and the words instead, or the function that finds them."""

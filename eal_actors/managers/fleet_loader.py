@@ -299,7 +299,7 @@ class _Resolver:
         is_complete = step is None and len(sections) == len(entries) and self._sound
         if is_complete and merged.get("plugins", {}) == {} and merged.get("address") is None:
             message = "the robot has no plugins; give it one under 'plugins', or a type that has one"
-            message += numbered_name_meant(key, _section(self._tree.root, "robots") or ())
+            message += numbered_name_meant(key, self._tree.root["robots"])
             self._report(("robots", key), message, key=True)
         return merged, tuple(chain)
 

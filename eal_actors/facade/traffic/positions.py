@@ -54,13 +54,7 @@ class RobotPositions:
         """
         timeout_s = clock.of_real(_READ_TIMEOUT_S)
         robots = {name: robot for name, robot in self._robots.items() if "Base" in robot and "Pose" in robot}
-        end_s = clock.now() + _FIRST_FIX_S
-        while True:
-            poses = {name: robot.pose.get(timeout_s=timeout_s) for name, robot in robots.items()}
-            lost = [name for name, pose in poses.items() if name in travelling and _is_lost(pose)]
-            if not lost or clock.now() >= end_s:
-                break
-            clock.sleep(_FIRST_FIX_LOOK_S)
+        poses, lost = _poses(robots, travelling, clock, timeout_s)
         self._read_radii(robots, timeout_s)
         self.known = []
         errors: dict[str, EALError] = {}
@@ -79,6 +73,19 @@ class RobotPositions:
         for name, robot in robots.items():
             if name not in self.radii_m:
                 self.radii_m[name] = radius_m_of(robot, timeout_s=timeout_s)
+
+
+def _poses(
+    robots: Mapping[str, RobotHandle], travelling: Container[str], clock: Clock, timeout_s: float
+) -> tuple[dict[str, Future[PoseEstimate]], list[str]]:
+    """Return the poses of robots, and those that travel without knowing where they are, after a wait for their fixes."""
+    end_s = clock.now() + _FIRST_FIX_S
+    while True:
+        poses = {name: robot.pose.get(timeout_s=timeout_s) for name, robot in robots.items()}
+        lost = [name for name, pose in poses.items() if name in travelling and _is_lost(pose)]
+        if not lost or clock.now() >= end_s:
+            return poses, lost
+        clock.sleep(_FIRST_FIX_LOOK_S)
 
 
 def _is_lost(pose: Future[PoseEstimate]) -> bool:
