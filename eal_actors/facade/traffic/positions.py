@@ -78,7 +78,7 @@ class RobotPositions:
 def _poses(
     robots: Mapping[str, RobotHandle], travelling: Container[str], clock: Clock, timeout_s: float
 ) -> tuple[dict[str, Future[PoseEstimate]], list[str]]:
-    """Return the poses of robots, and those that travel and do not know where they are, after a wait for their fixes."""
+    """Return the poses of robots, and those that travel without knowing where they are, after a wait for fixes."""
     end_s = clock.now() + _FIRST_FIX_S
     while True:
         poses = {name: robot.pose.get(timeout_s=timeout_s) for name, robot in robots.items()}
