@@ -27,7 +27,8 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from eal_actors.kernel.errors import Problem
-from eal_actors.kernel.suggestions import did_you_mean, nearest
+from eal_actors.kernel.suggestions import did_you_mean as did_you_mean
+from eal_actors.kernel.suggestions import nearest
 from eal_actors.kernel.yaml_tree import MarkedDict, MarkedList, YamlPath, YamlTree, show
 
 NAME_PATTERN: Final = r"^[A-Za-z][A-Za-z0-9_.-]*$"

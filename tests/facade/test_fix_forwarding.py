@@ -114,7 +114,7 @@ def test_a_robot_that_does_not_know_where_it_is_waits_for_its_first_fix(
         "body": {**sim("evbot3", 1.0, 0.5, 120.0, calibrated=True), "pose": {}},
         "other": {**sim("roomba", 0.0, 0.0), "pose": {}},
     }
-    options = {} if silent_after_s is None else {"silent_after_s": silent_after_s}
+    options: dict[str, Any] = {} if silent_after_s is None else {"silent_after_s": silent_after_s}
     with tracked_fleet(tmp_path, robots, markers={"body": 1}, **options) as fleet:
         journey = fleet.go_to({"driver": (1.3, 0.5)})
         if silent_after_s is None:
