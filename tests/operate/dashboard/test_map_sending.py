@@ -133,7 +133,7 @@ def test_a_click_sends_the_robot_and_a_drawn_zone_is_avoided(
         sent["rover"]["Base"].set_config("max_uncertainty_m", 1.0).get()  # its odometry alone becomes too uncertain
         assert distance_to(sent, -2, 1) < 0.2
         page.get_by_role("button", name="Draw a keep-out zone").click()
-        for corner in ((-1.6, 0.7), (-0.6, 0.7), (-0.6, 1.9), (-1.6, 1.9)):
+        for corner in ((-1.6, 0.7), (-0.8, 0.7), (-0.8, 1.9), (-1.6, 1.9)):
             click(*corner)
         expect(page.locator("#send-status")).to_contain_text("4 so far")
         page.get_by_role("button", name="Close the zone").click()
@@ -141,7 +141,7 @@ def test_a_click_sends_the_robot_and_a_drawn_zone_is_avoided(
         expect(page.locator("#send-status")).to_contain_text("rover goes to dock")
         watcher.hear_until(lambda: len(watcher.paths) > 0)
         (path, *_) = watcher.paths
-        assert all(not (-1.6 <= x <= -0.6 and 0.7 <= y <= 1.9) for x, y in path)
+        assert all(not (-1.6 <= x <= -0.8 and 0.7 <= y <= 1.9) for x, y in path)
         assert min(y for x, y in path if x < -0.4) < 0.7
         expect(page.locator("#send-status")).to_contain_text("rover is at dock.")
         assert distance_to(sent, 2, -1) < 0.4
