@@ -177,7 +177,8 @@ class RoombaBase(DifferentialBase):
 
     def _go(self, motion: TimedMotion, start_m: float, goal: MotionGoal, doubt: Travel) -> Activity:
         """Drive until the encoders have counted the motion's length; slow down before its end."""
-        progress, changed_s = MotionProgress(motion, start_m, self._roomba.clock.now()), -math.inf
+        begun_s, changed_s = self._roomba.clock.now(), -math.inf
+        progress = MotionProgress(motion, start_m, begun_s)
         while True:
             reading, now_s, lag_s = self._roomba.latest(), self._roomba.clock.now(), self._roomba.lag_s
             self._check_motion(forward=motion.goes_forward)
@@ -191,7 +192,10 @@ class RoombaBase(DifferentialBase):
             self.progress(1 - left_m / motion.length_m if motion.length_m else None)
             if left_m <= _AT_END_M or (motion.ahead and abs(goal.off(reading.pose)[1]) > _ASTRAY_RAD):
                 return
-            velocity_mm_s = motion.slower(_BLIND_M / max(lag_s, _LOOK_S)).velocity_mm_s(left_m)
+            most_m_s = min(
+                _BLIND_M / max(lag_s, _LOOK_S), self._roomba.acceleration_m_s2 * (now_s - begun_s + _STEP_S)
+            )
+            velocity_mm_s = motion.slower(most_m_s).velocity_mm_s(left_m)
             if velocity_mm_s != progress.velocity_mm_s and now_s >= changed_s + _STEP_S / 2:
                 changed_s = now_s
                 yield from self._roomba.drive(self._roomba.wheels(*motion.wheels_mm_s(velocity_mm_s)))

@@ -24,9 +24,9 @@ from .sci import CLOCKWISE, COUNTER_CLOCKWISE, MAX_RADIUS_MM, STRAIGHT, WHEELBAS
 from .travel import TravelJudge
 
 _LIMITS_S: Final = (0.2, 0.05, 0.03)  # of the first reply, of any reply, and of a silence within one
-_LOSSY_LIMITS_S: Final = (0.1, 0.06, 0.1)
+_LOSSY_LIMITS_S: Final = (0.1, 0.03, 0.1)
 _DELAY_S: Final = 0.02  # of a command
-_LOSSY_DELAY_S: Final = 0.06
+_LOSSY_DELAY_S: Final = 0.03
 _PERIOD_IN_MOTION_S: Final = 0.04
 _LOSSY_PERIOD_IN_MOTION_S: Final = 0.1  # so that counts tell which requests were lost
 _EARLY: Final = 0.9  # share of the period after which a poll counts as due
@@ -57,7 +57,7 @@ class SciDriver(RoombaDriver):
         limits_s, delay_s = (_LOSSY_LIMITS_S, _LOSSY_DELAY_S) if link.repeats > 1 else (_LIMITS_S, _DELAY_S)
         self._motion_period_s = _LOSSY_PERIOD_IN_MOTION_S if link.repeats > 1 else _PERIOD_IN_MOTION_S
         self._replies = ReplyReader(*limits_s)
-        self._judge = TravelJudge(delay_s)
+        self._judge = TravelJudge(delay_s, is_checked=link.repeats > 1)
         self._fault: str | None = None
         self._power: PowerGroup | None = None
         self._unusual: PowerGroup | None = None
@@ -119,7 +119,9 @@ class SciDriver(RoombaDriver):
             return (yield from self._exchange(_ALL))
         if now_s - self._power_s > _POWER_PERIOD_S:
             yield from self._exchange(_POWER)
-        is_good = yield from self._exchange(_CONTACTS)
+        is_good = False
+        if self.is_due(self._contacts_s + _EARLY * self._motion_period_s / 2):
+            is_good = yield from self._exchange(_CONTACTS)
         if self.is_due(self._travel_s + _EARLY * self._motion_period_s):
             is_good = yield from self._exchange(_CONTROLS)
         return is_good
@@ -176,6 +178,8 @@ class SciDriver(RoombaDriver):
                 self._judge.ask(self._replies.latest.asked_s)
             return
         self._lost_count += 1
+        if self._link.repeats > 1 and group in _TRAVEL:
+            self._travel_s = -math.inf  # a count soon after tells whether this request was lost, or its reply
         self._must_repeat |= self._lost_count > 1
         if self._link.repeats == 1 and group in _TRAVEL:  # a cable does not lose whole replies: it was not asked
             self._judge.withdraw()

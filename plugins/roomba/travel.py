@@ -63,14 +63,16 @@ class TravelJudge:
 
     Args:
         delay_s: by which a command may come late.
+        is_checked: whether the line has checksums, so that no command is damaged.
 
     Attributes:
         model: of the wheels.
         doubt: bound of the error of the total travel; it only grows.
     """
 
-    def __init__(self, delay_s: float) -> None:
+    def __init__(self, delay_s: float, *, is_checked: bool = False) -> None:
         self.model = PredictedWheels(delay_s)
+        self._is_checked = is_checked
         self.doubt = NOTHING
         self._counted_s = -math.inf
         self._late_s = 0.0
@@ -152,15 +154,17 @@ class TravelJudge:
         if start_s <= self._counted_s:
             return Explanation(misfit, missing.plus(counted), NOTHING)
         likely = [missing, self.model.predict(min(self._counted_s + self._late_s, start_s), start_s)]
-        for factor, late_s in self.model.variants:
-            whole = self.model.predict(self._counted_s, asked_s, factor, late_s)
-            before = self.model.predict(self._counted_s, start_s, factor, late_s)
+        for variant in self.model.variants:
+            whole = self.model.predict(self._counted_s, asked_s, variant)
+            before = self.model.predict(self._counted_s, start_s, variant)
             since = whole.plus(before, -1.0)
             tolerance = self._tolerance(since, asked_s)
             if all(abs(since[place] - counted[place]) < tolerance[place] for place in (0, 1)):
                 likely.append(before)
         least, most = (Travel(*map(choose, zip(*likely, strict=True))) for choose in (min, max))
         doubt = most.plus(least, -1.0).scaled(0.5).plus(Travel(*(_UNSURE * abs(value) for value in missing)))
+        if self._is_checked:
+            return Explanation(misfit, least.plus(most).scaled(0.5).plus(counted), doubt)
         if max(map(abs, counted)) < ROUNDING_M:  # it may have stood before, too
             doubt = doubt.plus(Travel(*(abs(value) / 2 for value in missing)))
         elif max(map(abs, self.model.predict(start_s, asked_s))) < ROUNDING_M / 2:  # it turns against its command
