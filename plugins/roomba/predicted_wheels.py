@@ -97,6 +97,8 @@ class PredictedWheels:
 
         If the last one has come, it has most likely come at the second time, and those before it have not.
         """
+        if until_s - since_s < abs(self._late_s) and until_s > self._at_s:
+            return
         self._late_s = until_s - since_s
         if has_come and self._late_s > 0 and self._commands[-1][0] >= since_s:
             before = [command for command in self._commands if command[0] < since_s]
@@ -110,7 +112,7 @@ class PredictedWheels:
 
     def restart(self, at_s: float, speeds_m_s: tuple[float, float]) -> None:
         """Set the speeds at a time."""
-        self._at_s = at_s
+        self._at_s, self._late_s = at_s, 0.0
         left_m_s, right_m_s = (max(-_MAX_SPEED_M_S, min(_MAX_SPEED_M_S, speed)) for speed in speeds_m_s)
         self._speeds_m_s = left_m_s, right_m_s
         while len(self._commands) > 1 and self._commands[1][0] <= at_s and self._is_heard():

@@ -151,6 +151,7 @@ class SciDriver(RoombaDriver):
                 return self._quiet_until_s - self.clock.now()
             now_s = self.clock.now()
             self._take_bytes(self._link.receive())  # a late reply contains travel too
+            self._note_delay()
             self._link.ask(sci.ask_sensors(group))
             self._replies.ask(group, now_s)
             if group in _TRAVEL:
@@ -205,8 +206,7 @@ class SciDriver(RoombaDriver):
         Raises:
             DataError: no Roomba sends this.
         """
-        since_s, until_s = self._link.unsure_s
-        self._judge.model.delay(since_s, min(until_s, self.clock.now()), has_come=until_s < math.inf)
+        self._note_delay()
         if reply.group == _CONTACTS:
             self._contacts, self._contacts_s = Contacts.decode(reply.data), reply.asked_s
             return True
@@ -219,6 +219,11 @@ class SciDriver(RoombaDriver):
         self._take_power(sensors.power, reply)
         self._contacts, self._contacts_s = sensors.contacts, reply.asked_s
         return self._take_controls(sensors.controls, reply)
+
+    def _note_delay(self) -> None:
+        """Note by how much the latest commands may have come late."""
+        since_s, until_s = self._link.unsure_s
+        self._judge.model.delay(since_s, min(until_s, self.clock.now()), has_come=until_s < math.inf)
 
     def _take_power(self, power: PowerGroup, reply: Reply) -> None:
         """Take what a reply says of the battery; a sudden change must be said twice.

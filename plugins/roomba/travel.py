@@ -118,15 +118,16 @@ class TravelJudge:
         if not fitting:
             return self._doubt_it(asked_s, jitter_s, counted)
         best = min(fitting, key=lambda fit: fit.misfit)
-        others = [other.travel.plus(best.travel, -1.0) for other in fitting]
+        least, most = (Travel(*map(choose, zip(*(fit.travel for fit in fitting), strict=True))) for choose in (min, max))
+        travel = least.plus(most).scaled(0.5)
         self._add_doubt(best.doubt)
-        self._add_doubt(Travel(max(abs(other.ahead_m) for other in others), max(abs(other.arc_m) for other in others)))
+        self._add_doubt(most.plus(least, -1.0).scaled(0.5))
         if self._suspect is None and len(fits) == 1:
             self._gauge.add(counted, asked_s, self.model)
         else:
             self._gauge.cancel()
         self._accept(asked_s, self._speeds_m_s(best.travel, self._counted_s, asked_s, jitter_s), jitter_s)
-        return Judgement(best.travel)
+        return Judgement(travel)
 
     def _speeds_m_s(self, travel: Travel, since_s: float, until_s: float, jitter_s: float = 0.0) -> tuple[float, float]:
         """Return the likely speeds of the wheels at the end of a travel that may have been counted later."""
