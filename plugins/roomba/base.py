@@ -24,7 +24,7 @@ from .motion import BRAKE_M_S2, MAX_SPEED_MM_S, MAX_TURN_RATE_DEG_S, MotionGoal,
 from .predicted_wheels import Travel
 
 _MOST_OFF_M: Final = 0.04  # from the goal of a motion, the doubt about the travel included
-_MOST_OFF_RAD: Final = math.radians(3.5)
+_MOST_OFF_RAD: Final = math.radians(4)
 _HEADING_RAD: Final = math.radians(1.5)  # a straight drive turns back if it is off by more
 _ASTRAY_RAD: Final = math.radians(4)  # a straight drive stops to turn back
 _TURN_BACK_RAD_S: Final = math.radians(30)

@@ -29,6 +29,7 @@ _DELAY_S: Final = 0.02  # of a command
 _LOSSY_DELAY_S: Final = 0.03
 _PERIOD_IN_MOTION_S: Final = 0.04
 _LOSSY_PERIOD_IN_MOTION_S: Final = 0.1  # so that counts tell which requests were lost
+_POLL_IN_MOTION_S: Final = 0.05  # of what does not reset the counts
 _EARLY: Final = 0.9  # share of the period after which a poll counts as due
 _REREAD_S: Final = 0.05  # until a reading in doubt is repeated; the wheels have turned measurably by then
 _ALL, _CONTACTS, _CONTROLS, _POWER = 0, 1, 2, 3  # sensor groups
@@ -100,7 +101,7 @@ class SciDriver(RoombaDriver):
     @override
     def _longest_period_s(self) -> float:
         """A lost reply loses its travel, so replies must be frequent while the wheels turn."""
-        return self._motion_period_s if any(self._commanded_m_s) or self._must_stand else math.inf
+        return min(self._motion_period_s, _POLL_IN_MOTION_S) if any(self._commanded_m_s) or self._must_stand else math.inf
 
     @override
     def _note_wheels(self, left_m_s: float, right_m_s: float) -> None:

@@ -56,8 +56,8 @@ def test_most_motions_survive_the_loss_of_1_percent_of_the_bytes(name: str, leas
     assert table.answers["ok"] >= least
 
 
-@pytest.mark.parametrize(("there_s", "back_s"), [(0.0, 0.24), (0.0, 0.6), (0.12, 0.12)])
-def test_a_create_whose_answers_are_late_ends_at_its_goal_or_says_where_it_is(there_s: float, back_s: float) -> None:
+@pytest.mark.parametrize(("there_s", "back_s"), [(0.0, 0.24), (0.12, 0.12), (0.0, 0.6), (0.1, 0.9), (0.0, 1.0)])
+def test_a_create_whose_answers_are_late_ends_at_its_goal(there_s: float, back_s: float) -> None:
     robot = FuzzedRobot(replace(DRIVERS["roomba-oi-cable"], line=Line(115200, there_s, back_s)), SEED)
     try:
         robot.wait(2.0)
@@ -65,12 +65,9 @@ def test_a_create_whose_answers_are_late_ends_at_its_goal_or_says_where_it_is(th
             robot.move(motion)
             for motion in (
                 Motion("l45", angle_rad=math.pi / 4, deadline_s=30.0),
-                Motion("f0.3", distance_m=0.3, deadline_s=30.0),
+                Motion("r90", angle_rad=-math.pi / 2, deadline_s=30.0),
             )
         ]
     finally:
         robot.close()
-    assert not [result for result in results if result.is_wrong]
-    first, second = results
-    assert first.answer == "ok" or "it stands" in first.message  # the delay was not known yet
-    assert second.answer == "ok"
+    assert not [result for result in results if result.is_wrong or result.answer != "ok"]
