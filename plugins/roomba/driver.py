@@ -48,6 +48,7 @@ class RoombaDriver(Listener):
         wheelbase_m: nominal distance of its wheels.
 
     Attributes:
+        has_checksums: whether the link has, so that it loses bytes but passes no wrong ones on.
         acceleration_m_s2: of the commanded speeds of a motion; infinite on a link that loses little.
 
     Thread: any; one lock, which is never held during a wait.
@@ -66,7 +67,8 @@ class RoombaDriver(Listener):
         self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str, wheelbase_m: float
     ) -> None:
         super().__init__(link, clock, poll_hz, name, wheelbase_m)
-        self.acceleration_m_s2: Final = _LOSSY_ACCELERATION_M_S2 if link.repeats > 1 else math.inf
+        self.has_checksums: Final = link.repeats > 1
+        self.acceleration_m_s2: Final = _LOSSY_ACCELERATION_M_S2 if self.has_checksums else math.inf
         self._wanted = mode
         self._mode = Mode.OFF  # as far as is known
         self._quiet_until_s = clock.now()

@@ -140,6 +140,12 @@ class PredictedWheels:
         left, right = (self._moved(wheel, at_s, LIKELY)[1] for wheel in (0, 1))
         return left, right
 
+    def most_m_s(self, moved_m: float, duration_s: float) -> float:
+        """Return the highest speed of a wheel at the end of a counted travel, if it never slowed down."""
+        moved_m, gain_m_s = abs(moved_m) + ROUNDING_M / 4, self.acceleration_m_s2 * duration_s
+        from_rest_m_s = math.sqrt(2 * self.acceleration_m_s2 * moved_m)
+        return from_rest_m_s if from_rest_m_s <= gain_m_s else moved_m / duration_s + gain_m_s / 2
+
     @property
     def variants(self) -> tuple[Variant, ...]:
         """The accelerations that are possible, and the delays of commands."""

@@ -55,10 +55,10 @@ class SciDriver(RoombaDriver):
 
     def __init__(self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str) -> None:
         super().__init__(link, clock, mode, poll_hz, name, WHEELBASE_M)
-        limits_s, delay_s = (_LOSSY_LIMITS_S, _LOSSY_DELAY_S) if link.repeats > 1 else (_LIMITS_S, _DELAY_S)
-        self._motion_period_s = _LOSSY_PERIOD_IN_MOTION_S if link.repeats > 1 else _PERIOD_IN_MOTION_S
+        limits_s, delay_s = (_LOSSY_LIMITS_S, _LOSSY_DELAY_S) if self.has_checksums else (_LIMITS_S, _DELAY_S)
+        self._motion_period_s = _LOSSY_PERIOD_IN_MOTION_S if self.has_checksums else _PERIOD_IN_MOTION_S
         self._replies = ReplyReader(*limits_s)
-        self._judge = TravelJudge(delay_s, is_checked=link.repeats > 1)
+        self._judge = TravelJudge(delay_s, is_checked=self.has_checksums)
         self._fault: str | None = None
         self._power: PowerGroup | None = None
         self._unusual: PowerGroup | None = None
@@ -101,7 +101,8 @@ class SciDriver(RoombaDriver):
     @override
     def _longest_period_s(self) -> float:
         """A lost reply loses its travel, so replies must be frequent while the wheels turn."""
-        return min(self._motion_period_s, _POLL_IN_MOTION_S) if any(self._commanded_m_s) or self._must_stand else math.inf
+        moves = any(self._commanded_m_s) or self._must_stand
+        return min(self._motion_period_s, _POLL_IN_MOTION_S) if moves else math.inf
 
     @override
     def _note_wheels(self, left_m_s: float, right_m_s: float) -> None:
@@ -180,10 +181,10 @@ class SciDriver(RoombaDriver):
                 self._judge.ask(self._replies.latest.asked_s)
             return
         self._lost_count += 1
-        if self._link.repeats > 1 and group in _TRAVEL:
+        if self.has_checksums and group in _TRAVEL:
             self._travel_s = -math.inf  # a count soon after tells whether this request was lost, or its reply
         self._must_repeat |= self._lost_count > 1
-        if self._link.repeats == 1 and group in _TRAVEL:  # a cable does not lose whole replies: it was not asked
+        if not self.has_checksums and group in _TRAVEL:  # a cable does not lose whole replies: it was not asked
             self._judge.withdraw()
 
     def _take_replies(self) -> bool:

@@ -23,6 +23,7 @@ _UNCERTAIN: Final = 0.03  # share of a predicted travel
 _UNSURE: Final = 0.02  # the same where nothing was counted
 _UNKNOWN: Final = 0.6  # share of the effect of another acceleration that a count may show
 _UNCOMMANDED: Final = 8.0  # travel that was lost, per travel that was counted, of wheels that should stand
+_WORSE: Final = 0.6  # misfit by which an explanation is too unlikely, if no byte can be damaged
 _SMOOTHING_S: Final = 0.03
 _MOST_REQUESTS: Final = 8
 
@@ -114,10 +115,11 @@ class TravelJudge:
         fits = self._as_true(asked_s, jitter_s, counted) if self._suspect else []
         since_s = self._suspect.asked_s if self._suspect else self._counted_s
         fits += [self.explain(start_s, asked_s, jitter_s, counted) for start_s in self._starts(since_s, asked_s)]
-        fitting = [fit for fit in fits if fit.misfit <= 1.0]
-        if not fitting:
+        best = min(fits, key=lambda fit: fit.misfit)
+        if best.misfit > 1.0:
             return self._doubt_it(asked_s, jitter_s, counted)
-        best = min(fitting, key=lambda fit: fit.misfit)
+        most_misfit = min(1.0, best.misfit + _WORSE) if self._is_checked else 1.0
+        fitting = [fit for fit in fits if fit.misfit <= most_misfit]
         least, most = (Travel(*map(choose, zip(*(fit.travel for fit in fitting), strict=True))) for choose in (min, max))
         travel = least.plus(most).scaled(0.5)
         self._add_doubt(best.doubt)
@@ -138,7 +140,13 @@ class TravelJudge:
             + (moved_m - sorted((prompt[wheel], moved_m, late[wheel]))[1]) / (until_s - since_s + _SMOOTHING_S)
             for wheel, moved_m in enumerate(travel.wheels_m)
         )
-        return left_m_s, right_m_s
+        most_left_m_s, most_right_m_s = (
+            self.model.most_m_s(moved_m, until_s - since_s + jitter_s) for moved_m in travel.wheels_m
+        )
+        return (
+            max(-most_left_m_s, min(most_left_m_s, left_m_s)),
+            max(-most_right_m_s, min(most_right_m_s, right_m_s)),
+        )
 
     def _starts(self, since_s: float, until_s: float) -> Sequence[float]:
         """Return when the counts may have been reset for the last time before a request."""
@@ -162,14 +170,21 @@ class TravelJudge:
             tolerance = self._tolerance(since, asked_s)
             if all(abs(since[place] - counted[place]) < tolerance[place] for place in (0, 1)):
                 likely.append(before)
+        if max(map(abs, counted)) < ROUNDING_M and not self._is_checked:
+            likely.append(NOTHING)  # it may have stood before, too
         least, most = (Travel(*map(choose, zip(*likely, strict=True))) for choose in (min, max))
         doubt = most.plus(least, -1.0).scaled(0.5).plus(Travel(*(_UNSURE * abs(value) for value in missing)))
         if self._is_checked:
             return Explanation(misfit, least.plus(most).scaled(0.5).plus(counted), doubt)
-        if max(map(abs, counted)) < ROUNDING_M:  # it may have stood before, too
-            doubt = doubt.plus(Travel(*(abs(value) / 2 for value in missing)))
-        elif max(map(abs, self.model.predict(start_s, asked_s))) < ROUNDING_M / 2:  # it turns against its command
-            doubt = doubt.plus(Travel(*(_UNCOMMANDED * abs(value) for value in counted)))
+        predicted = self.model.predict(start_s, asked_s)
+        stands = max(map(abs, predicted)) < ROUNDING_M / 2
+        uncommanded = Travel(
+            *(
+                _UNCOMMANDED * abs(value) if stands or (abs(value) >= ROUNDING_M > 2 * abs(likely_m)) else 0.0
+                for value, likely_m in zip(counted, predicted, strict=True)
+            )
+        )
+        doubt = doubt.plus(uncommanded)  # a damaged command has set it going
         return Explanation(misfit, least.plus(most).scaled(0.5).plus(counted), doubt)
 
     def _unsure(self, missing: Travel, until_s: float) -> Travel:
@@ -206,7 +221,8 @@ class TravelJudge:
             if not self._is_within_reach(suspect.counted, suspect.asked_s - first_s + suspect.jitter_s):
                 continue
             missing = self.model.predict(self._counted_s, first_s)
-            unknown = Travel(*map(abs, missing))  # it may have disobeyed before, too
+            most_m = max(map(abs, missing))
+            unknown = Travel(most_m, most_m)  # it may have disobeyed before, too, and turned
             if starts == [suspect.asked_s]:
                 both, late_s = suspect.counted.plus(counted), max(jitter_s, suspect.jitter_s)
                 fits.append(

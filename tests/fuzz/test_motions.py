@@ -17,7 +17,7 @@ from tests.fuzz.noisy_wire import Line, Noise
 SEED = 1
 LONG = 10_000
 LOSS = Noise(0.01, ("drop",))
-SURVIVORS = {"roomba-sci-cable": 90, "roomba-oi-cable": 90, "roomba-sci-mote": 70}
+SURVIVORS = {"roomba-sci-cable": 95, "roomba-oi-cable": 95, "roomba-sci-mote": 95}
 """Motions of 100 that survive at least. The others fail with an error, and the robot stands."""
 
 
