@@ -194,9 +194,7 @@ class RoombaBase(DifferentialBase):
             self.progress(1 - left_m / motion.length_m if motion.length_m else None)
             if left_m <= _AT_END_M or (motion.ahead and abs(goal.off(reading.pose)[1]) > _ASTRAY_RAD):
                 return
-            most_m_s = min(
-                _BLIND_M / max(lag_s, _LOOK_S), self._roomba.acceleration_m_s2 * (now_s - begun_s + _STEP_S)
-            )
+            most_m_s = min(_BLIND_M / max(lag_s, _LOOK_S), self._roomba.acceleration_m_s2 * (now_s - begun_s + _STEP_S))
             velocity_mm_s = motion.slower(most_m_s).velocity_mm_s(left_m)
             if velocity_mm_s != progress.velocity_mm_s and now_s >= changed_s + _STEP_S / 2:
                 changed_s = now_s

@@ -79,7 +79,7 @@ class Deframer:
     def finish(self) -> bytes | None:
         """Return the body of a whole frame whose closing flag is lost, when the line is silent; else None.
 
-        Otherwise it would be completed by the opening flag of a later frame, and taken for an answer to a later question.
+        The opening flag of a later frame would complete it, and it would pass for the answer to a later question.
         """
         held = bytes(self._held)
         body, received = held[:-_CRC_BYTES], held[-_CRC_BYTES:]

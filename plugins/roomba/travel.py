@@ -119,8 +119,8 @@ class TravelJudge:
         if best.misfit > 1.0:
             return self._doubt_it(asked_s, jitter_s, counted)
         most_misfit = min(1.0, best.misfit + _WORSE) if self._is_checked else 1.0
-        fitting = [fit for fit in fits if fit.misfit <= most_misfit]
-        least, most = (Travel(*map(choose, zip(*(fit.travel for fit in fitting), strict=True))) for choose in (min, max))
+        travels = [fit.travel for fit in fits if fit.misfit <= most_misfit]
+        least, most = (Travel(*map(choose, zip(*travels, strict=True))) for choose in (min, max))
         travel = least.plus(most).scaled(0.5)
         self._add_doubt(best.doubt)
         self._add_doubt(most.plus(least, -1.0).scaled(0.5))
@@ -177,7 +177,7 @@ class TravelJudge:
         if self._is_checked:
             return Explanation(misfit, least.plus(most).scaled(0.5).plus(counted), doubt)
         predicted = self.model.predict(start_s, asked_s)
-        stands = max(map(abs, predicted)) < ROUNDING_M / 2
+        stands = max(map(abs, predicted)) < ROUNDING_M / 2 > max(map(abs, missing))  # a rest of it may be rounded up
         uncommanded = Travel(
             *(
                 _UNCOMMANDED * abs(value) if stands or (abs(value) >= ROUNDING_M > 2 * abs(likely_m)) else 0.0
