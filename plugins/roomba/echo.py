@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from typing import Final
@@ -9,12 +10,14 @@ from typing import Final
 _MOST_SENT: Final = 64
 _FIRST_PATIENCE_S: Final = 2.0
 _PATIENCE_S: Final = 0.1
+_SILENT_S: Final = 0.3
 
 
 @dataclass
 class _Sent:
     time_s: float
     speeds_mm_s: tuple[int, int]
+    is_telling: bool = True  # not after a silence, which is no delay
 
 
 class CommandEcho:
@@ -31,6 +34,7 @@ class CommandEcho:
         self.delay_s = 0.0
         self._sent: deque[_Sent] = deque(maxlen=_MOST_SENT)
         self._shown = (0, 0)
+        self._heard_s = math.inf
 
     def sent(self, speeds_mm_s: tuple[int, int], now_s: float) -> None:
         """Record a command."""
@@ -43,11 +47,15 @@ class CommandEcho:
 
         Only a change shows a command: speeds that were reported before may be those of an earlier command.
         """
+        if now_s - self._heard_s > _SILENT_S:
+            for sent in self._sent:
+                sent.is_telling = False
+        self._heard_s = now_s
         before, self._shown = self._shown, speeds_mm_s
         for place, sent in enumerate(self._sent):
             is_shown = speeds_mm_s != before
             if sent.speeds_mm_s == speeds_mm_s and (is_shown or self._is_late(sent, now_s)):
-                if is_shown:
+                if is_shown and sent.is_telling:
                     self.delay_s = now_s - sent.time_s  # at most, if it was sent more than once
                 for _ in range(place + 1):
                     self._sent.popleft()

@@ -23,8 +23,8 @@ from .replies import Reply, ReplyReader, ReplyState
 from .sci import CLOCKWISE, COUNTER_CLOCKWISE, MAX_RADIUS_MM, STRAIGHT, WHEELBASE_M, Mode, Op
 from .travel import TravelJudge
 
-_LIMITS_S: Final = (0.2, 0.05, 0.03)  # of the first reply, of any reply, and of a silence within one
-_LOSSY_LIMITS_S: Final = (0.1, 0.03, 0.1)
+_LIMITS: Final = (0.2, 0.05, 0.03)  # in s: of the first reply, of any reply, and of a silence within one
+_LOSSY_LIMITS: Final = (0.1, 0.03, 0.1, 2.5)  # the last in usual delays
 _DELAY_S: Final = 0.02  # of a command
 _LOSSY_DELAY_S: Final = 0.03
 _PERIOD_IN_MOTION_S: Final = 0.04
@@ -55,9 +55,9 @@ class SciDriver(RoombaDriver):
 
     def __init__(self, link: RoombaLink, clock: Clock, mode: Mode, poll_hz: float, name: str) -> None:
         super().__init__(link, clock, mode, poll_hz, name, WHEELBASE_M)
-        limits_s, delay_s = (_LOSSY_LIMITS_S, _LOSSY_DELAY_S) if self.has_checksums else (_LIMITS_S, _DELAY_S)
+        limits, delay_s = (_LOSSY_LIMITS, _LOSSY_DELAY_S) if self.has_checksums else (_LIMITS, _DELAY_S)
         self._motion_period_s = _LOSSY_PERIOD_IN_MOTION_S if self.has_checksums else _PERIOD_IN_MOTION_S
-        self._replies = ReplyReader(*limits_s)
+        self._replies = ReplyReader(*limits)
         self._judge = TravelJudge(delay_s, is_checked=self.has_checksums)
         self._fault: str | None = None
         self._power: PowerGroup | None = None

@@ -14,11 +14,10 @@ import pytest
 from eal_actors import Fleet
 
 SLOW_PLUGIN = """
+import fcntl
 import threading
-from eal_actors.plugin import Resource
 
-TURN = threading.Lock()  # one closes after the other
-CLOSED = []
+from eal_actors.plugin import EALPlugin, Resource
 
 
 class Slow(Resource):
@@ -26,13 +25,25 @@ class Slow(Resource):
         return 1
 
     def close(self) -> None:
-        with TURN:
+        with open(__file__) as file:
+            fcntl.flock(file, fcntl.LOCK_EX)  # one after the other
             threading.Event().wait(0.1)
-            CLOSED.append(self.name)
+
+
+def connect() -> EALPlugin:
+    return EALPlugin("Slow")
+
+
+def disconnect(plugin: object) -> None:
+    pass
 
 
 def create_Slow() -> Slow:
     return Slow()
+
+
+def destroy_Slow(resource: Slow) -> None:
+    pass
 """
 
 
@@ -53,7 +64,8 @@ def closed(fleet: Fleet, timeout_s: float, capsys: pytest.CaptureFixture[str]) -
     """Close a fleet; return what was logged."""
     capsys.readouterr()
     fleet.close(timeout_s)
-    return capsys.readouterr().err
+    logged = capsys.readouterr()
+    return logged.out + logged.err
 
 
 def test_robots_that_close_one_after_the_other_are_not_stuck(
@@ -71,6 +83,7 @@ def test_robots_that_close_one_after_the_other_are_not_stuck(
     before = set(threading.enumerate())
     fleet = Fleet.load(file)
     fleet.connect()
+    assert all(robot["Slow"].get_value().get().value == 1 for robot in fleet.values())
     assert "stuck" not in closed(fleet, 1.0, capsys)  # 2.5 s in all
     assert set(threading.enumerate()) <= before
 
