@@ -3,7 +3,8 @@
 Usage: EAL_FLEET=fleets/sim.yaml dance.py HOST...
 
 Departs from table 6.3: `sendCmd` waits for the end of a step here, so each step has a thread for each robot, which
-replaces the program's sleep. It ends with its step: at `rate: max` time stands while a thread is at work. A robot that fails a step leaves the dance.
+replaces the program's sleep. It ends with its step: at `rate: max` time stands while a thread is at work. A robot that
+fails a step leaves the dance.
 """
 
 import sys
