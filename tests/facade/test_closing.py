@@ -101,7 +101,7 @@ def test_many_robots_close_on_a_busy_machine(count: int, tmp_path: Path, capsys:
     fleet = Fleet.load(file)
     fleet.connect()
     threads = threading.active_count()
-    with busy_machine(20):
+    with busy_machine(6):
         logged = closed(fleet, 5.0, capsys)
     print(f"{count} robots, {threads} threads")  # noqa: T201  # the figure of the long form
     assert "stuck" not in logged
