@@ -10,7 +10,8 @@ from typing import Final, TypeVar
 from pydantic import ValidationError
 
 from eal_actors.kernel.errors import ConfigError, Problem
-from eal_actors.kernel.strict_model import StrictModel, did_you_mean, problems_from
+from eal_actors.kernel.strict_model import StrictModel, problems_from
+from eal_actors.kernel.suggestions import did_you_mean
 from eal_actors.kernel.yaml_source import load_yaml
 from evbotos import lock
 from evbotos.model import LISTS, Image, Local, Platform
@@ -130,6 +131,8 @@ def _with_includes(
     lists: dict[str, list[str]] = {key: [] for key in LISTS}
     for other in image.include:
         if other not in raw:
+            if (folder / "images" / f"{other}.yaml").is_file():
+                continue  # its own problems are reported
             message = f"there is no image '{other}'{did_you_mean(other, raw)}"
             problems.append(Problem(file, 0, 0, "include", message))
             continue

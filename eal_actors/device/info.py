@@ -14,7 +14,7 @@ from typing import Any, Final
 from eal_actors.device.data import DataType, EALData, ValueInfo
 from eal_actors.device.data.texts import repr_of
 from eal_actors.kernel.errors import ArgumentError
-from eal_actors.kernel.strict_model import did_you_mean
+from eal_actors.kernel.suggestions import did_you_mean
 
 
 class ResourceType(enum.Flag):

@@ -9,9 +9,10 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from eal_actors.device.world import WorldModel, load_world
-from eal_actors.kernel.bundled import Kind, find_file
+from eal_actors.kernel.bundled import Kind, bundled_instead, find_file
 from eal_actors.kernel.errors import ConfigError, Problem
-from eal_actors.kernel.strict_model import did_you_mean, problems_from
+from eal_actors.kernel.strict_model import problems_from
+from eal_actors.kernel.suggestions import did_you_mean, numbered_name_meant
 from eal_actors.kernel.yaml_source import load_yaml
 from eal_actors.kernel.yaml_tree import (
     Mark,
@@ -298,6 +299,7 @@ class _Resolver:
         is_complete = step is None and len(sections) == len(entries) and self._sound
         if is_complete and merged.get("plugins", {}) == {} and merged.get("address") is None:
             message = "the robot has no plugins; give it one under 'plugins', or a type that has one"
+            message += numbered_name_meant(key, self._tree.root["robots"])
             self._report(("robots", key), message, key=True)
         return merged, tuple(chain)
 
@@ -337,13 +339,12 @@ def _find(mark: Mark, target: str, kind: Kind) -> Path:
     except ConfigError as error:
         raise FileNotFoundError(error.problems[0].message) from None
     if not path.is_file():
-        raise FileNotFoundError(_no_such_file(path))
+        raise FileNotFoundError(_no_such_file(path) + bundled_instead(path, kind))
     return path
 
 
 def _no_such_file(path: Path) -> str:
-    siblings = [file.name for file in path.parent.glob("*.yaml")] if path.parent.is_dir() else []
-    return f"no such file: {path}{did_you_mean(path.name, siblings)}"
+    return f"no such file: {path}{did_you_mean(path.name, [file.name for file in path.parent.glob('*.yaml')])}"
 
 
 def tree_of(content: Mapping[str, object], name: str) -> YamlTree:

@@ -11,7 +11,8 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field
 
-from eal_actors.kernel.strict_model import Name, StrictModel, did_you_mean
+from eal_actors.kernel.strict_model import Name, StrictModel
+from eal_actors.kernel.suggestions import did_you_mean
 
 PROTOCOLS: Final = ("tcp", "tls", "quic", "udp")
 SECURE_PROTOCOLS: Final = ("tls", "quic")
