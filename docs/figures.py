@@ -137,6 +137,15 @@ def draw_shipped(name: str, title: str, out: Path, fleet: str | None = None) -> 
         draw_trajectory(recorder.paths_since(0), simulation.fleet.config.world, out, title)
 
 
+def draw_ballet(out: Path) -> None:
+    """Film the scenario of `make demo`."""
+    with TemporaryDirectory() as folder:
+        command = ["run", "ballet", "--fleet", "formation", "--rate", "max", "--film", "--runs-dir", folder]
+        subprocess.run([sys.executable, "-m", "eal_actors", *command], check=True, cwd=ROOT)  # noqa: S603
+        (film,) = Path(folder).glob("*/trajectory.gif")
+        shutil.copyfile(film, out)
+
+
 def draw_patrol(out: Path) -> None:
     """Draw what a guard saw at one place in two laps, and what has changed there, at half size."""
     with TemporaryDirectory() as folder, Simulation(ROOT / "fleets/patrol.yaml") as simulation:
@@ -224,6 +233,7 @@ def main() -> None:
     draw_calibration(IMAGES / "calibration.png")
     draw_sweep(IMAGES / "sweep.png")
     draw_shipped("formation", "formation: a circle", IMAGES / "formation.png")
+    draw_ballet(IMAGES / "ballet.gif")
     draw_patrol(IMAGES / "patrol.png")
     draw_shipped("search", "search: the first to hear the beacon stops the rest", IMAGES / "search.png")
     draw_shipped("relay", "relay: two laps with three batteries", IMAGES / "relay.png")
