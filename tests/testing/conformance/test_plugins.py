@@ -48,6 +48,7 @@ SETTINGS: dict[str, list[dict[str, Any]]] = {
             "floor": [{"id": mark.number, "x_m": mark.x_m, "y_m": mark.y_m, "size_m": mark.size_m} for mark in FLOOR],
         }
     ],
+    "ros2": [{"drive": {}, "topics": {"Say": {"topic": "say", "type": "std_msgs/String", "writable": True}}}],
     "socket_port": [{}, {"protocol": "udp", "host": "127.0.0.1", "port": 9}],
     "evbot2": [{}, {"port": "sim://world"}],  # without settings, an emulator replaces the robot
     "evbot3": [{}, {"address": "sim://world"}],
