@@ -98,7 +98,7 @@ class RosSubscription:
 
     def declare(self, session: zenoh.Session) -> None:
         """Declare it in an open session; a latched topic sends its last messages."""
-        ring = handlers.RingChannel(self._depth)
+        ring: Any = handlers.RingChannel(self._depth)
         if self._is_latched:
             history = HistoryConfig(detect_late_publishers=True)
             self._subscriber = declare_advanced_subscriber(session, self._key, ring, history=history)

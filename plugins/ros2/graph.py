@@ -128,7 +128,7 @@ def parse_token(key: str) -> Entity | None:
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """What accompanies each message, request and response.
+    """The attachment of each message, request and response.
 
     Attributes:
         sequence: counts the messages of a publisher, or the requests of a client.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -9,6 +11,7 @@ from typing import Any
 
 from eal_actors.plugin import (
     Drivetrain,
+    EALError,
     EALPlugin,
     OdometryNoise,
     PluginContext,
@@ -30,6 +33,8 @@ __all__ = ["Settings"]
 _TF = "tf2_msgs/msg/TFMessage"
 _ODOMETRY_DEPTH = 100
 _TF_DEPTH = 200
+_FIRST_S = 1.5
+"""Longest wait of `connect` for the first odometry, in real seconds: the first call after it is to be answered."""
 
 
 class Ros2Plugin(EALPlugin):
@@ -47,7 +52,7 @@ def connect(context: PluginContext) -> Ros2Plugin:
     Raises:
         PluginError: the settings name no resource or one twice, a type is unknown, or a definition is wrong.
 
-    Thread: the robot's; blocks at most half a second.
+    Thread: the robot's; blocks at most two seconds.
     """
     settings: Settings = context.settings
     if settings.drive is None and not settings.topics and not settings.services:
@@ -64,10 +69,24 @@ def connect(context: PluginContext) -> Ros2Plugin:
             _add(makers, name, _topic(context, session, node, types, topic))
         for name, service in settings.services.items():
             _add(makers, name, _service(session, node, types, service))
-        return Ros2Plugin(session, makers)
+        plugin = Ros2Plugin(session, makers)
+        _wait_for_odometry(context, session)
+        return plugin
     except BaseException:
         session.close()
         raise
+
+
+def _wait_for_odometry(context: PluginContext, session: RosSession) -> None:
+    """Wait for the first odometry of a driven robot whose router is there."""
+    end_s, pause = time.perf_counter() + _FIRST_S, threading.Event()
+    while context.settings.drive is not None and session.why_not_ready() is None and time.perf_counter() < end_s:
+        try:
+            context.localizer.estimate(context.clock.now())
+        except EALError:
+            pause.wait(0.02)
+        else:
+            return
 
 
 def _types(context: PluginContext, settings: Settings) -> MessageTypes:

@@ -14,9 +14,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -80,11 +82,11 @@ class RosSession:
         try:
             session = zenoh.open(self._config)
         except zenoh.ZError as error:
-            self._problem = str(error).partition("  at ")[0].strip()
+            self._problem = _reason(error)
             return
         with self._lock:
             if self._is_closed.is_set():
-                session.close()
+                session.close()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
                 return
             self._graph_end = session.liveliness().declare_subscriber(
                 graph.all_tokens(self.domain), handlers.Callback(self._on_token, indirect=False), history=True
@@ -108,7 +110,7 @@ class RosSession:
         with self._lock:
             session, self._session = self._session, None
         if session is not None:
-            session.close()
+            session.close()  # type: ignore[no-untyped-call]  # untyped in zenoh's stubs
 
     def require(self) -> zenoh.Session:
         """Return the open session.
@@ -266,10 +268,13 @@ class RosNode:
         return Entity(kind, "", self._number, number, self.namespace, self.name, *rest)
 
     def _add_token(self, session: zenoh.Session, entity: Entity) -> None:
-        from dataclasses import replace
-
         entity = replace(entity, session=str(session.info.zid()))
         self._tokens.append(session.liveliness().declare_token(entity.token(self.session.domain)))
+
+
+def _reason(error: zenoh.ZError) -> str:
+    """Return an error of the engine without the places in its source."""
+    return re.split(r"\s+at /", str(error))[0].strip()
 
 
 def _configuration(endpoint: str, file: Path | None) -> zenoh.Config:
@@ -278,6 +283,7 @@ def _configuration(endpoint: str, file: Path | None) -> zenoh.Config:
         ("connect/endpoints", [endpoint]),
         ("connect/timeout_ms", _OPEN_MS),
         ("connect/exit_on_failure", True),
+        ("transport/shared_memory/enabled", False),
         ("scouting/multicast/enabled", False),
         ("scouting/gossip/enabled", False),
         ("transport/link/tx/queue/congestion_control/block/wait_before_close", 500_000),
@@ -287,5 +293,5 @@ def _configuration(endpoint: str, file: Path | None) -> zenoh.Config:
         for key, value in settings:
             config.insert_json5(key, json.dumps(value))
     except zenoh.ZError as error:
-        raise PluginError(f"zenoh's configuration is wrong: {str(error).partition('  at ')[0]}") from error
+        raise PluginError(f"zenoh's configuration is wrong: {_reason(error)}") from error
     return config

@@ -6,6 +6,7 @@ import json
 import math
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +15,14 @@ import pytest
 
 from eal_actors import Fleet
 from eal_actors.actors.robot_view import RobotState
-from eal_actors.kernel.errors import EALError, NotReadyError, UnavailableError
-from tests.unit.plugins.ros2.rig import Ros2Peer, SdkRobot, free_port, open_router, ros2_fleet, ros2_peer, wait_for
+from eal_actors.kernel.clock import REAL_TIME
+from eal_actors.kernel.errors import BlockedError, EALError, NotReadyError, UnavailableError
+from plugins.ros2.message_types import MessageTypes
+from plugins.ros2.session import RosSession
+from tests.unit.plugins.ros2.rig import Ros2Peer, SdkRobot, free_port, open_router, ros2_fleet, wait_for
 
 DRIVE = {"drive": {"max_speed_m_s": 1.0, "speed_m_s": 0.5, "turn_rate_deg_s": 90.0}}
 CALL_S = 60.0
-
-
-@pytest.fixture(scope="module")
-def router(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros2Peer]:
-    with ros2_peer(tmp_path_factory.mktemp("messages")) as made:
-        yield made
-
-
-@pytest.fixture
-def peer(router: Ros2Peer) -> Iterator[Ros2Peer]:
-    with router:
-        yield router
 
 
 def until_ready(fleet: Fleet, robot: str, *resources: str) -> None:
@@ -207,3 +199,65 @@ def test_wrong_settings_are_refused_with_their_place(tmp_path: Path) -> None:
         pass
     assert "router" in str(caught.value)
     assert "domain" in str(caught.value)
+
+
+NAV2 = "navigate_to_pose"
+
+
+@contextmanager
+def nav2(peer: Ros2Peer, *, accepts: bool, status: int, holds: bool = False) -> Iterator[dict[str, Any]]:
+    """Serve NavigateToPose, by the design document of actions; `holds` answers only after a cancellation."""
+    types, seen, cancelled = MessageTypes("jazzy"), dict[str, Any](), threading.Event()
+    action = types.action("nav2_msgs/action/NavigateToPose")
+
+    def send_goal(asked: Any) -> dict[str, Any]:
+        seen["goal"] = asked
+        return {"accepted": accepts}
+
+    def get_result(_: Any) -> dict[str, Any]:
+        if holds:
+            cancelled.wait(CALL_S)
+        return {"status": status, "result": {"error_msg": "a wall"}}
+
+    def cancel_goal(asked: Any) -> dict[str, Any]:
+        seen["cancelled"] = bytes(asked.goal_info.goal_id.uuid)
+        cancelled.set()
+        return {}
+
+    first, second = (RosSession(peer.endpoint, 0, REAL_TIME) for _ in range(2))  # a held answer must not hold up both
+    try:
+        node = first.node("/nav", "bt_navigator")
+        node.service(f"{NAV2}/_action/send_goal", action.send_goal, send_goal)
+        node.service(f"{NAV2}/_action/get_result", action.get_result, get_result)
+        kind = types.service("action_msgs/srv/CancelGoal")
+        second.node("/nav", "other").service(f"{NAV2}/_action/cancel_goal", kind, cancel_goal)
+        yield seen
+    finally:
+        first.close()
+        second.close()
+
+
+def test_goto_is_a_goal_of_nav2_which_a_halt_cancels(peer: Ros2Peer, tmp_path: Path) -> None:
+    settings = {"namespace": "/nav", "drive": {"navigate": NAV2}}
+    with SdkRobot(peer, "/nav"), ros2_fleet(tmp_path, peer, one=settings) as fleet:
+        base = fleet["one"]["Base"]
+        until_ready(fleet, "one", "Base")
+        with nav2(peer, accepts=True, status=4) as seen:
+            assert base.send_cmd("goto", [1.0, 2.0, math.pi / 2], timeout_s=CALL_S).get() == 1
+            pose = seen["goal"].goal.pose
+            assert (pose.header.frame_id, pose.pose.position.x, pose.pose.position.y) == ("map", 1.0, 2.0)
+            assert pose.pose.orientation.z == pytest.approx(math.sqrt(0.5))
+        with nav2(peer, accepts=False, status=4), pytest.raises(UnavailableError, match="refused the goal"):
+            base.send_cmd("goto", [1.0, 2.0], timeout_s=CALL_S).get()
+        with nav2(peer, accepts=True, status=6), pytest.raises(BlockedError, match="Nav2 gave up: a wall"):
+            base.send_cmd("goto", [1.0, 2.0], timeout_s=CALL_S).get()
+        with nav2(peer, accepts=True, status=5, holds=True) as seen:
+            driving = base.send_cmd("goto", [1.0, 2.0], timeout_s=CALL_S)
+            wait_for(lambda: "goal" in seen, "no goal was sent")
+            base.halt().get()
+            wait_for(lambda: "cancelled" in seen, "the goal was not cancelled")
+            assert seen["cancelled"] == bytes(seen["goal"].goal_id.uuid)
+            with pytest.raises(EALError):
+                driving.get()
+        with pytest.raises(UnavailableError, match="did not answer"):
+            base.send_cmd("goto", [1.0, 2.0], timeout_s=CALL_S).get()

@@ -7,7 +7,6 @@ import math
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,24 +15,12 @@ from zenoh_ros2_sdk import discovery
 
 from eal_actors import Fleet
 from eal_actors.managers.plugins import EALPluginManager
-from tests.unit.plugins.ros2.rig import Ros2Peer, ros2_peer, wait_for
+from tests.unit.plugins.ros2.rig import Ros2Peer, wait_for
 
 ROBOTS = {
     "evbot2-1": {"plugins": {"sim": {"model": "evbot2", "lidar": {"rays": 90}}}},
     "roomba-1": {"plugins": {"sim": {"model": "roomba", "start": {"x_m": 1.0, "y_m": 0.5, "yaw_deg": 90}}}},
 }
-
-
-@pytest.fixture(scope="module")
-def router(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros2Peer]:
-    with ros2_peer(tmp_path_factory.mktemp("messages")) as made:
-        yield made
-
-
-@pytest.fixture
-def peer(router: Ros2Peer) -> Iterator[Ros2Peer]:
-    with router:
-        yield router
 
 
 @pytest.fixture
