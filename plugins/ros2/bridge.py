@@ -12,15 +12,16 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from eal_actors import EALError, Fleet, Future, RobotHandle
+from eal_actors import EALData, EALError, Fleet, Future, ResourceHandle, RobotHandle
 from eal_actors.plugin import DataError, Field, PluginSettingsModel, get_logger
 from eal_actors.recording.sampler import Sampler, SampleSpec
 
+from . import graph
 from .endpoints import RosSubscription
 from .message_types import MessageTypes
 from .outgoing import FleetTopics, ros_name
@@ -31,6 +32,8 @@ _TICK_S: Final = 0.02
 _SILENCE_S: Final = 0.5
 """Real seconds without a velocity after which a robot is halted and released."""
 _LOG_S: Final = 10.0
+_PICTURE_S: Final = 30.0
+"""Deadline of a picture: the first one of a simulated camera takes seconds on a busy machine."""
 
 
 class BridgeSettings(PluginSettingsModel):
@@ -63,21 +66,25 @@ def open_bridge(fleet: Fleet, settings: BridgeSettings) -> Iterator[str]:
     config = None if settings.zenoh_config is None else Path(settings.zenoh_config)
     session = RosSession(settings.router, settings.domain, fleet.clock, config)
     try:
-        drivers, specs = [], []
+        steps: list[CameraFeed | VelocityFollower] = []
+        specs = []
         topics = FleetTopics(types, fleet.clock)
         for robot in fleet.values():
             node = session.node(ros_name(robot.name), "eal")
             for resource in robot.values():
-                if topics.add(node, resource):
-                    rate_hz = settings.camera_rate_hz if resource.info.is_camera else settings.rate_hz
-                    specs.append(SampleSpec(resource, 1.0 / rate_hz))
+                if not topics.add(node, resource):
+                    continue
+                if resource.info.is_camera:
+                    steps.append(CameraFeed(session, topics, resource, 1.0 / settings.camera_rate_hz))
+                else:
+                    specs.append(SampleSpec(resource, 1.0 / settings.rate_hz))
             if settings.drive and _takes_twist(robot):
                 twist = types.message("geometry_msgs/msg/Twist")
-                drivers.append(VelocityFollower(robot, node.subscription("cmd_vel", twist)))
-        with Sampler(fleet.clock, specs, topics.publish), _following(drivers):
+                steps.append(VelocityFollower(robot, node.subscription("cmd_vel", twist)))
+        with Sampler(fleet.clock, specs, topics.publish), _stepping(steps):
             where = f"domain {settings.domain} at {settings.router}"
             absent = session.why_not_ready()
-            yield f"{len(fleet)} nodes, {len(specs)} topics in {where}" + (f"; {absent}" if absent else "")
+            yield f"{len(fleet)} nodes, {topics.count} topics in {where}" + (f"; {absent}" if absent else "")
     finally:
         session.close()
 
@@ -90,14 +97,14 @@ def _takes_twist(robot: RobotHandle) -> bool:
 
 
 @contextmanager
-def _following(drivers: Iterable[VelocityFollower]) -> Iterator[None]:
-    """Follow the velocities in a thread; at the end every driven robot is halted."""
-    drivers, end = tuple(drivers), threading.Event()
+def _stepping(steps: Sequence[CameraFeed | VelocityFollower]) -> Iterator[None]:
+    """Step followers and feeds in a thread; at the end every driven robot is halted."""
+    end = threading.Event()
 
     def run() -> None:
         while not end.wait(_TICK_S):
-            for driver in drivers:
-                driver.step()
+            for one in steps:
+                one.step()
 
     thread = threading.Thread(target=run, name="ros2 velocities", daemon=True)
     thread.start()
@@ -106,8 +113,35 @@ def _following(drivers: Iterable[VelocityFollower]) -> Iterator[None]:
     finally:
         end.set()
         thread.join()
-        for driver in drivers:
-            driver.let_go()
+        for one in steps:
+            one.let_go()
+
+
+class CameraFeed:
+    """Publishes a camera's pictures while somebody subscribes to them: a picture costs much. Thread: one at a time."""
+
+    def __init__(self, session: RosSession, topics: FleetTopics, camera: ResourceHandle, period_s: float) -> None:
+        self._session = session
+        self._topics = topics
+        self._camera = camera
+        self._topic = topics.topic_of(camera)
+        self._period_s = period_s
+        self._due_s = 0.0
+        self._answer: Future[EALData] | None = None
+
+    def step(self) -> None:
+        """Publish a picture that has arrived, or ask for the next one."""
+        if self._answer is not None:
+            if self._answer.done():
+                answer, self._answer = self._answer, None
+                if answer.exception() is None:
+                    self._topics.publish(self._camera, answer.get())
+        elif time.perf_counter() >= self._due_s and self._session.entities(graph.SUBSCRIPTION, self._topic):
+            self._due_s = time.perf_counter() + self._period_s
+            self._answer = self._camera.get_value(timeout_s=_PICTURE_S)
+
+    def let_go(self) -> None:
+        """Do nothing: a camera does not move."""
 
 
 class VelocityFollower:

@@ -32,6 +32,7 @@ class FleetTopics:
         self._publishers: dict[tuple[str, str], tuple[RosPublisher, Callable[[EALData, Fields], Fields]]] = {}
         self._transforms: dict[str, RosPublisher] = {}
         self._odometry: dict[str, Pose] = {}
+        self._topics: dict[tuple[str, str], str] = {}
 
     def add(self, node: RosNode, resource: ResourceHandle) -> bool:
         """Publish a resource; returns False if its values are no message."""
@@ -41,9 +42,19 @@ class FleetTopics:
         topic, kind, fill = found
         publisher = node.publisher(topic, self._types.message(kind))
         self._publishers[resource.robot, resource.name] = publisher, fill
+        self._topics[resource.robot, resource.name] = node.full_name(topic)
         if resource.name in ("Odometry", "Pose") and resource.robot not in self._transforms:
             self._transforms[resource.robot] = node.publisher("/tf", self._types.message("tf2_msgs/msg/TFMessage"))
         return True
+
+    @property
+    def count(self) -> int:
+        """The number of published resources."""
+        return len(self._publishers)
+
+    def topic_of(self, resource: ResourceHandle) -> str:
+        """Return the fully qualified topic of a resource that was added."""
+        return self._topics[resource.robot, resource.name]
 
     def publish(self, resource: ResourceHandle, data: EALData) -> bool:
         """Publish a value; a sink of a Sampler."""

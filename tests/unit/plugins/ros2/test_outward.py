@@ -45,8 +45,10 @@ def test_robots_are_seen_and_driven_with_a_dead_man(peer: Ros2Peer, file: Path) 
             peer.subscriber("/evbot2_1/scan", "sensor_msgs/msg/LaserScan", keep("scan"))
             peer.subscriber("/tf", "tf2_msgs/msg/TFMessage", keep("tf"))
             peer.subscriber("/roomba_1/battery_state", "sensor_msgs/msg/BatteryState", keep("battery"))
-            wait_for(lambda: {"odom", "scan", "tf", "battery"} <= set(seen), f"only {set(seen)} arrived")
+            peer.subscriber("/evbot2_1/camera/image_raw", "sensor_msgs/msg/Image", keep("image"))
+            wait_for(lambda: {"odom", "scan", "tf", "battery", "image"} <= set(seen), f"only {set(seen)} arrived")
             assert len(seen["scan"].ranges) == 90
+            assert (seen["image"].encoding, seen["image"].step) == ("rgb8", 3 * seen["image"].width)
             assert 0 < seen["battery"].percentage <= 1
             topics = dict(discovery.get_topic_names_and_types(router_port=peer.port))
             assert topics["/roomba_1/cmd_vel"] == ["geometry_msgs/msg/Twist"]
