@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from eal_actors import EALData, EALError, ResourceHandle
-from eal_actors.plugin import Clock, DataType, get_logger
+from eal_actors.plugin import Clock, DataType, ResourceInfo, get_logger
 
 from .endpoints import RosPublisher
 from .message_types import MessageTypes
@@ -83,17 +83,13 @@ class FleetTopics:
             return (topic, *_pose_message(name, frame, f"{prefix}/base_link"))
         if info.is_camera:
             return f"{topic}/image_raw", "sensor_msgs/msg/Image", _image(f"{prefix}/{topic}")
-        if value.unit == "m" and len(value.shape) == 1 and "angles" in {one.name for one in info.requests}:
-            return (
-                "scan" if name == "Lidar" else topic,
-                "sensor_msgs/msg/LaserScan",
-                _scan(resource, f"{prefix}/base_link"),
-            )
-        if name == "Battery" and value.minimum == 0 and value.maximum == 1:
+        if _is_scan(info):
+            topic = "scan" if name == "Lidar" else topic
+            return topic, "sensor_msgs/msg/LaserScan", _scan(resource, f"{prefix}/base_link")
+        if name == "Battery" and (value.minimum, value.maximum) == (0, 1):
             return "battery_state", "sensor_msgs/msg/BatteryState", _battery
-        if not value.shape and (basic := _BASIC.get(value.type)) is not None:
-            return (topic, *basic)
-        return None
+        basic = None if value.shape else _BASIC.get(value.type)
+        return None if basic is None else (topic, *basic)
 
     def _publish_transform(self, resource: ResourceHandle, data: EALData, stamp: Fields) -> None:
         """Publish odom to base_link, and map to odom such that base_link is at the estimated pose."""
@@ -119,6 +115,13 @@ def ros_name(name: str) -> str:
     """Return a robot's name as ROS 2 allows it, `evbot2_1` for `evbot2-1`."""
     found = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
     return found if found[:1].isalpha() else f"r_{found}"
+
+
+def _is_scan(info: ResourceInfo) -> bool:
+    """Return whether values are distances along rays, whose angles can be asked."""
+    value = info.value
+    is_row = value is not None and value.unit == "m" and len(value.shape) == 1
+    return is_row and any(request.name == "angles" for request in info.requests)
 
 
 def _difference(pose: Pose, odometry: Pose) -> Pose:

@@ -180,13 +180,11 @@ class LiveView:
     # Values and states. Thread: the view's own.
 
     def _run(self) -> None:
-        is_over = False
         for turn in itertools.count():
             self._read_values()
             if turn % _STATE_TURNS == 0:
                 self._send_states()
-            is_over = REAL_TIME.wait(self._over, _VALUE_PERIOD_S)
-            if is_over:
+            if REAL_TIME.wait(self._over, _VALUE_PERIOD_S):
                 return
 
     def _read_values(self) -> None:
