@@ -18,9 +18,10 @@ from eal_actors.actors.handles import RobotHandle
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import find_resource, plugin_advice, read_fleet
 from eal_actors.cli.options import EalCommandGroup, JsonOption, OptionalFleetOption
-from eal_actors.cli.output import counted, new_table, print_line, short_path, stderr, stdout, write_json
+from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.device.differential_base import NOMINAL, WheelCalibration
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.clock import Clock
 from eal_actors.kernel.errors import ArgumentError
 from eal_actors.kernel.lock_step import MAX

@@ -11,7 +11,8 @@ import typer
 from eal_actors.cli.keys import DirOption, ForceOption, HostOption
 from eal_actors.cli.keys_lifetime import app as keys_app
 from eal_actors.cli.options import EalCommand, FleetOption
-from eal_actors.cli.output import print_line, short_path, stderr, stdout
+from eal_actors.cli.output import print_line, stderr, stdout
+from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import UnsupportedError
 from eal_actors.kernel.strict_model import NAME_PATTERN
 from eal_actors.managers.config import EALConfigManager

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from eal_actors.actors.handles import ResourceHandle
 from eal_actors.cli.exit_codes import SEE_DEVICE, advise_on_device
-from eal_actors.cli.output import short_path
 from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import PluginError, Problem, RobotFailedError
 from eal_actors.kernel.lock_step import Rate
 from eal_actors.managers.config import EALConfigManager

@@ -14,8 +14,8 @@ import typer
 from rich.text import Text
 
 from eal_actors.cli.options import EalCommand, EalCommandGroup, FleetOption, JsonOption
-from eal_actors.cli.output import new_table, print_line, short_path, stderr, stdout, write_json
-from eal_actors.kernel.bundled import find_file
+from eal_actors.cli.output import new_table, print_line, stderr, stdout, write_json
+from eal_actors.kernel.bundled import find_file, short_path
 from eal_actors.kernel.clock import wall_time
 from eal_actors.kernel.errors import ConfigError, Problem, RobotNotFoundError
 from eal_actors.kernel.strict_model import did_you_mean

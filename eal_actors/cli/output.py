@@ -7,7 +7,6 @@ import math
 import os
 import reprlib
 import sys
-from pathlib import Path
 from typing import Any, Final, TextIO
 
 from rich import box
@@ -60,12 +59,6 @@ def write_json(value: Any) -> None:
 def counted(number: int, noun: str) -> str:
     """Return a number with its noun: `1 robot`, `3 robots`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-def short_path(path: Path) -> Path:
-    """Return a path relative to the working directory if it is inside it."""
-    here = Path.cwd()
-    return path.relative_to(here) if path.is_relative_to(here) else path
 
 
 def format_answer(answer: EALData | int) -> str:

@@ -18,8 +18,9 @@ from rich.text import Text
 from eal_actors import plugin as plugin_api
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import EalCommand, EalCommandGroup, GlobalOptions, JsonOption
-from eal_actors.cli.output import counted, new_table, print_line, short_path, stderr, stdout, write_json
+from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.plugin_settings import SettingOption, parse_settings
+from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ConfigError, Problem
 from eal_actors.kernel.log import configure_logging
 from eal_actors.managers.plugins import EALPluginManager

@@ -18,7 +18,7 @@ from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.fleets import read_fleet
 from eal_actors.cli.interrupts import handle_signals
 from eal_actors.cli.options import JsonOption
-from eal_actors.cli.output import counted, new_table, print_line, stdout, write_json
+from eal_actors.cli.output import counted, new_table, print_line, stderr, stdout, write_json
 from eal_actors.cli.run_options import parse_rate
 from eal_actors.facade.service import RobotService
 from eal_actors.kernel.clock import REAL_TIME, new_waiter
@@ -28,9 +28,17 @@ from eal_actors.kernel.log import get_logger
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.manifest import replaying_plugin
-from eal_actors.recording import Difference, RunFolder, compare_runs, kept_world, render_report
+from eal_actors.recording import (
+    Difference,
+    RunFolder,
+    compare_runs,
+    kept_world,
+    path_deviations,
+    render_difference,
+    render_report,
+)
 from eal_actors.recording.mcap_file import RECORD_FILE
-from eal_actors.recording.provenance import FLEET, SCENARIO, SCENARIOS
+from eal_actors.recording.provenance import FLEET, kept_scenario
 from eal_actors.recording.recorded_run import RecordedRun
 
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.", show_default=False)]
@@ -64,21 +72,43 @@ def diff_runs(
     left: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)],
     right: Annotated[Path, typer.Argument(metavar="RUN", help="Another run's folder.", show_default=False)],
     tolerance: Annotated[float, typer.Option(min=0.0, help="Allowed difference of numbers, in their own units.")] = 0.0,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", show_default=False, help="Write an HTML page with both trails.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the differences between two runs: in events, poses and saved data.
+    """List the differences between two runs: a summary, then those in events, poses and saved data.
 
     Two runs of a scenario with the same seed at `--rate max` are equal. Fields that begin with wall_ or host_ are not
     compared. The exit code is 1 if the runs differ.
     """
     with reading_run():
-        found = list(compare_runs(RunFolder.open(left), RunFolder.open(right), tolerance))
-    if as_json:
-        write_json([{"where": one.where, "left": one.left, "right": one.right} for one in found])
-    else:
-        _print_differences(found)
+        runs = RunFolder.open(left), RunFolder.open(right)
+        found = list(compare_runs(*runs, tolerance))
+        if page is not None:
+            _write_text(page, render_difference(*runs, kept_world(left)))
+        if as_json:
+            write_json([{"where": one.where, "left": one.left, "right": one.right} for one in found])
+        else:
+            if found:
+                _print_comparison(*runs)
+            _print_differences(found)
+    if page is not None:
+        print_line(stderr() if as_json else stdout(), f"html: {page}", "dim")
     if found:
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _print_comparison(left: RunFolder, right: RunFolder) -> None:
+    """Print outcomes, durations and the deviations of the paths, rounded."""
+    out = stdout()
+    for run in (left, right):
+        report = run.summary
+        facts = "unfinished" if report is None else f"{report.outcome} after {report.duration_s:.2f} s"
+        print_line(out, f"{run.path.name}: {facts}")
+    for one in path_deviations(left, right):
+        apart = f"at most {one.most_m:.2f} m apart, at {one.most_s:.1f} s; {one.end_m:.2f} m at the end"
+        print_line(out, f"{one.robot}: {apart}")
 
 
 def _print_differences(found: list[Difference]) -> None:
@@ -167,11 +197,7 @@ def _kept_fleet(run: Path) -> FleetConfig | None:
 
 def _next_command(run: Path, fleet: Path) -> list[str]:
     """Return the command that runs the scenario of a run again."""
-    scenario = run / SCENARIO
-    if scenario.is_file():  # with others that it runs, it is kept in a folder of their own
-        text = scenario.read_text(encoding="utf-8")
-        files = sorted((run / SCENARIOS).rglob("*.yaml"))
-        scenario = next((file for file in files if file.read_text(encoding="utf-8") == text), scenario)
+    scenario = kept_scenario(run)
     report = RunFolder.open(run).summary
     given = report.parameters.items() if report is not None else ()
     texts = [f"{name}={value if isinstance(value, str) else json.dumps(value)}" for name, value in given]

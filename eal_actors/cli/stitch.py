@@ -11,7 +11,8 @@ from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import JsonOption
-from eal_actors.cli.output import counted, new_table, print_line, short_path, stdout, write_json
+from eal_actors.cli.output import counted, new_table, print_line, stdout, write_json
+from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnsupportedError
 from eal_actors.scenario.report.journal import EVENTS
 

@@ -15,9 +15,10 @@ from rich.text import Text
 
 from eal_actors.cli.exit_codes import ExitCode
 from eal_actors.cli.options import FleetOption, JsonOption, KeepOption, ScenarioArgument, SettingsOption
-from eal_actors.cli.output import counted, print_line, short_path, stderr, stdout, write_json
+from eal_actors.cli.output import counted, print_line, stderr, stdout, write_json
 from eal_actors.cli.progress import STYLES
 from eal_actors.cli.run_options import RunOptions, read_request
+from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ConfigError
 from eal_actors.lab.sweeping import (
     Sweep,
@@ -26,14 +27,14 @@ from eal_actors.lab.sweeping import (
     SweepResult,
     read_seeds,
     read_variations,
-    run_all,
     write_csv,
     write_junit,
 )
 from eal_actors.lab.sweeping.folder import LOG
 from eal_actors.lab.sweeping.plot import draw_sweep
 from eal_actors.lab.sweeping.results import CRASHED, REFUSED
-from eal_actors.lab.sweeping.worker import SweepTask, WorkerSettings
+from eal_actors.lab.sweeping.worker import SweepTask, SweepWorker
+from eal_actors.lab.worker_pool import run_all
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario.language.binding import find_candidates
 from eal_actors.scenario.language.parameters import missing_parameters
@@ -133,17 +134,11 @@ def _run_sweep(console: Console, folder: SweepFolder, sweep: Sweep, processes: i
         console.print(Text(f"{counted(finished, 'run')} of {len(jobs)} finished before", style="dim"))
     by_folder = {folder.directory_of(job): job for job in waiting}
     tasks = (SweepTask(folder.clear(job), job.parameters, job.seed) for job in waiting)
-    settings = WorkerSettings(
-        sweep.scenario.source,
-        sweep.scenario_hash,
-        sweep.fleet.source,
-        sweep.fleet_hash,
-        sweep.keep,
-        (folder.path / LOG).resolve(),
-    )
+    perform = SweepWorker(sweep.scenario.source, sweep.scenario_hash, sweep.fleet.source, sweep.fleet_hash, sweep.keep)
+    log = (folder.path / LOG).resolve()
     try:
         with _progress(console, finished, len(jobs)) as on_result:
-            for ended in run_all(tasks, settings, min(processes, max(1, len(waiting)))):
+            for ended in run_all(tasks, perform, log, min(processes, max(1, len(waiting)))):
                 job = by_folder[ended.task.directory]
                 if ended.error is not None:
                     outcome = CRASHED if ended.has_crashed else REFUSED

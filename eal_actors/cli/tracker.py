@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from eal_actors.cli.options import EalCommand, EalCommandGroup
-from eal_actors.cli.output import counted, print_line, short_path, stdout
+from eal_actors.cli.output import counted, print_line, stdout
+from eal_actors.kernel.bundled import short_path
 from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem, UnsupportedError
 
 if TYPE_CHECKING:

@@ -82,3 +82,9 @@ def _is_bare(name: str | Path) -> bool:
 def _unknown(name: str | Path, kind: str, known: Iterable[str]) -> ConfigError:
     message = f"no such file, and no {kind} of that name comes with the framework; there are: {', '.join(known)}"
     return ConfigError([Problem(str(name), 0, 0, "", message)])
+
+
+def short_path(path: Path) -> Path:
+    """Return a path relative to the working directory if it is inside it."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path

@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field, PositiveFloat, ValidationError
 
 from eal_actors.device.info import unknown_name
 from eal_actors.kernel.bundled import bundled_path
@@ -42,11 +42,25 @@ class TwinSection(StrictModel):
     """The settings of that plugin, such as `model`."""
 
 
+class FaultSection(StrictModel):
+    """A fault that `eal prove` injects into a simulated robot while it performs a step."""
+
+    settings: dict[str, Any] = Field(min_length=1)
+    """An entry of the plugin's setting `faults`, without its times. `{resource}` is the resource of the step."""
+    lasts_s: PositiveFloat | None = None
+    """How long it lasts, in seconds of the fleet's clock; left out, to the end of the run."""
+    resources: tuple[Name, ...] = Field(default=(), strict=False)
+    """It is tried in calls of these resources, and in steps that may call any; left out, in all steps."""
+
+
 class SimulationSection(StrictModel):
     """Declares that the plugin simulates robots in a shared world."""
 
     scheme: Annotated[str, Field(pattern=r"^[a-z][a-z0-9+.-]*$")]
     """Scheme of its simulated ports: a driver joins the robot `NAME` of the world at `<scheme>://world/NAME`."""
+    faults: dict[Name, FaultSection] = Field(default={}, json_schema_extra=NAMES_ONLY)
+    """The faults that `eal prove` tries, by name. The plugin's setting `faults` is a list of faults, each with the
+    times `at_s` and `until_s` of the fleet's clock."""
 
 
 class EmulatorSection(StrictModel):

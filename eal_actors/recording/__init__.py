@@ -7,11 +7,13 @@ record of an interrupted run whole.
 Reading: `run_folder` reads all files of a run, `recorded_run` its values and calls for the replay, and `comparison`
 compares two runs.
 
-Showing: `timeline` is the course of a run, `arena` and `picture` draw, and `report_page` is the HTML page.
+Showing: `timeline` is the course of a run, `arena` and `picture` draw, and `report_page` is the HTML page;
+`difference_page` is that of two runs.
 """
 
 from eal_actors.recording.arena import draw_world
-from eal_actors.recording.comparison import Difference, compare_runs
+from eal_actors.recording.comparison import Difference, PathDeviation, compare_runs, first_difference, path_deviations
+from eal_actors.recording.difference_page import render_difference
 from eal_actors.recording.picture import draw_run, draw_trajectory
 from eal_actors.recording.poses import PoseRecorder, PoseSample
 from eal_actors.recording.provenance import keep_provenance, kept_world
@@ -23,6 +25,7 @@ from eal_actors.recording.run_recorder import Extent, RunRecorder
 __all__ = [
     "Difference",
     "Extent",
+    "PathDeviation",
     "PoseRecorder",
     "PoseSample",
     "RunFolder",
@@ -31,10 +34,13 @@ __all__ = [
     "draw_run",
     "draw_trajectory",
     "draw_world",
+    "first_difference",
     "folder_errors",
     "keep_provenance",
     "kept_world",
     "new_run_folder",
+    "path_deviations",
+    "render_difference",
     "render_report",
     "repair_record",
 ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -14,6 +15,8 @@ from eal_actors.recording.run_folder import RunFolder
 _IGNORED: Final = ("wall_", "host_")
 """Prefixes of keys and files that may differ between two runs of the same scenario."""
 _OWN_FILES: Final = ("events.jsonl", "summary.json", "trajectory.csv", "trajectory.png", "run.mcap", "report.html")
+_OF_FILES: Final = ("scenario_file", "scenario_hash", "fleet_file", "fleet")
+"""Keys that name the input of a run."""
 _MISSING: Final = object()
 
 
@@ -48,6 +51,92 @@ def compare_runs(left: RunFolder, right: RunFolder, tolerance: float = 0.0) -> I
     for robot in sorted({*left.paths, *right.paths}):
         yield from _compare_paths(robot, left.paths.get(robot, []), right.paths.get(robot, []), tolerance)
     yield from _compare_files(left.path, right.path)
+
+
+@dataclass(frozen=True, slots=True)
+class PathDeviation:
+    """How far the paths of a robot in two runs are apart.
+
+    Attributes:
+        robot: its name.
+        most_m: the largest distance at the same time.
+        most_s: when that was, in seconds since the start.
+        end_m: the distance of their ends.
+    """
+
+    robot: str
+    most_m: float
+    most_s: float
+    end_m: float
+
+
+def path_deviations(left: RunFolder, right: RunFolder) -> tuple[PathDeviation, ...]:
+    """Return the deviations of the robots that both runs recorded; after its end a robot is where it ended.
+
+    Raises:
+        ScenarioError: a folder is broken.
+    """
+    names = [name for name in left.paths if left.paths[name] and right.paths.get(name)]
+    return tuple(_deviation(name, left.paths[name], right.paths[name]) for name in names)
+
+
+def _deviation(robot: str, one: Sequence[PoseSample], other: Sequence[PoseSample]) -> PathDeviation:
+    times_s = sorted({sample.time_s for sample in (*one, *other)})
+    places = zip(times_s, _places(one, times_s), _places(other, times_s), strict=True)
+    most_m, most_s = max(((math.dist(a, b), time_s) for time_s, a, b in places), key=lambda found: found[0])
+    return PathDeviation(robot, most_m, most_s, math.dist(one[-1][1:3], other[-1][1:3]))
+
+
+def _places(path: Sequence[PoseSample], times_s: Sequence[float]) -> Iterator[tuple[float, float]]:
+    """Yield the last known place at each time."""
+    index = 0
+    for time_s in times_s:
+        while index + 1 < len(path) and path[index + 1].time_s <= time_s:
+            index += 1
+        yield path[index].x_m, path[index].y_m
+
+
+def first_difference(left: RunFolder, right: RunFolder, before_s: float = math.inf) -> Difference | None:
+    """Return the first event or pose that differs, without the names and the hashes of files.
+
+    Args:
+        left: the first run.
+        right: the second run.
+        before_s: later events and poses are not compared, in seconds since the start.
+
+    Raises:
+        ScenarioError: a folder is broken.
+    """
+    found = [*_first_event(left, right, before_s), *_first_pose(left, right, before_s)]
+    return min(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def _first_event(left: RunFolder, right: RunFolder, before_s: float) -> Iterator[tuple[float, Difference]]:
+    of_left, of_right = (
+        [_without_files(one) for one in run.events if one["time_s"] < before_s] for run in (left, right)
+    )
+    for one, other in zip_longest(of_left, of_right):
+        if one != other:
+            time_s = min(event["time_s"] for event in (one, other) if event is not None)
+            values = next(_compare_values("", one or {}, other or {}, 0.0), Difference("", "", ""))
+            kind = (one or other or {}).get("event", "event")
+            where = f"{kind}{values.where} at {time_s:.3f} s"
+            yield time_s, Difference(where, values.left if one else "nothing", values.right if other else "nothing")
+            return
+
+
+def _without_files(event: Mapping[str, Any]) -> dict[str, Any]:
+    kept = {key: value for key, value in event.items() if key not in _OF_FILES and not key.startswith(_IGNORED)}
+    if isinstance(kept.get("report"), Mapping):
+        kept["report"] = _without_files(kept["report"])
+    return kept
+
+
+def _first_pose(left: RunFolder, right: RunFolder, before_s: float) -> Iterator[tuple[float, Difference]]:
+    for robot in sorted({*left.paths, *right.paths}):
+        one, other = ([pose for pose in run.paths.get(robot, []) if pose.time_s < before_s] for run in (left, right))
+        for found in _compare_paths(robot, one, other, 0.0):
+            yield float(found.where.rsplit(" at ", 1)[1].removesuffix(" s")), found
 
 
 def _compare_values(where: str, one: Any, other: Any, tolerance: float) -> Iterator[Difference]:

@@ -16,6 +16,7 @@ from eal_actors.scenario.report.summary import Report
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _Dashes: TypeAlias = str | tuple[int, tuple[int, ...]]
 
@@ -29,6 +30,7 @@ _MOST_TICKS: Final = 8
 _LOST: Final = ("dropped", "failed")
 """Outcomes that are shown by a cross."""
 _ARROW_M: Final = 0.28
+_POINTS_PER_INCH: Final = 72
 _PICTURE: Final = "trajectory.png"
 
 
@@ -75,6 +77,54 @@ def draw_trajectory(
     Returns:
         `out`, or None when matplotlib is not installed, which is logged.
     """
+    figure = _figure(paths, world, title, outcomes or {}, breaks_s)
+    if figure is None:
+        return None
+    figure.savefig(out, format="svg" if isinstance(out, io.StringIO) else "png")
+    return out
+
+
+class MapPicture(NamedTuple):
+    """The picture of the paths as SVG, and how its coordinates follow from those of the map.
+
+    A place at x, y in metres is drawn at `zero_x + x * scale_x`, `zero_y - y * scale_y`.
+    """
+
+    svg: str
+    zero_x: float
+    zero_y: float
+    scale_x: float
+    scale_y: float
+
+
+def draw_map(
+    paths: Mapping[str, Sequence[PoseSample]],
+    world: WorldModel | None,
+    outcomes: Mapping[str, str] | None = None,
+    breaks_s: Sequence[float] = (),
+) -> MapPicture | None:
+    """Return the picture of `draw_trajectory`, for pages that draw on it; None when matplotlib is not installed."""
+    figure = _figure(paths, world, "", outcomes or {}, breaks_s)
+    if figure is None:
+        return None
+    figure.set_dpi(_POINTS_PER_INCH)  # as the SVG is saved, so that the layout is the same
+    out = io.StringIO()
+    figure.savefig(out, format="svg")
+    to_pixels = figure.axes[0].transData.transform
+    (zero_x, zero_y), (one_x, one_y) = to_pixels((0.0, 0.0)), to_pixels((1.0, 1.0))
+    top = figure.get_figheight() * _POINTS_PER_INCH
+    svg = out.getvalue()
+    scale = float(one_x - zero_x), float(one_y - zero_y)
+    return MapPicture(svg[svg.index("<svg") :], float(zero_x), float(top - zero_y), *scale)  # without the XML head
+
+
+def _figure(
+    paths: Mapping[str, Sequence[PoseSample]],
+    world: WorldModel | None,
+    title: str,
+    outcomes: Mapping[str, str],
+    breaks_s: Sequence[float],
+) -> Figure | None:
     figure = new_figure(9.0, 8.0)
     if figure is None:
         return None
@@ -83,7 +133,7 @@ def draw_trajectory(
         draw_arena(arena, world)
     for number, (name, path) in enumerate(paths.items()):
         if path:
-            outcome = (outcomes or {}).get(name)
+            outcome = outcomes.get(name)
             style = _RobotStyle.of(number, outcome if outcome in _LOST else None)
             parts = split_at_breaks(path, breaks_s)
             _draw_path(arena, name, parts, style)
@@ -93,8 +143,7 @@ def draw_trajectory(
     _label(arena, headings, title)
     if 0 < len(paths) <= _MOST_IN_LEGEND:
         arena.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, handlelength=3.5)
-    figure.savefig(out, format="svg" if isinstance(out, io.StringIO) else "png")
-    return out
+    return figure
 
 
 def draw_run(run: RunFolder, report: Report, world: WorldModel | None) -> Path | None:

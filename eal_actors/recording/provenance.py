@@ -81,6 +81,16 @@ def resolved_fleet(config: FleetConfig) -> dict[str, Any]:
     return dict(_without_secrets(content))
 
 
+def kept_scenario(directory: Path) -> Path:
+    """Return the scenario of a run; if it runs others, the copy beside which they are."""
+    scenario = directory / SCENARIO
+    if not scenario.is_file():
+        return scenario
+    text = scenario.read_text(encoding="utf-8")
+    files = sorted((directory / SCENARIOS).rglob("*.yaml"))
+    return next((file for file in files if file.read_text(encoding="utf-8") == text), scenario)
+
+
 def kept_world(directory: Path) -> WorldModel | None:
     """Return the world of a run, or None if it had none.
 

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import base64
-import io
 import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from eal_actors.device.world import WorldModel
-from eal_actors.kernel.errors import UnsupportedError
-from eal_actors.recording.picture import draw_trajectory
+from eal_actors.kernel.errors import ConfigError, UnsupportedError
+from eal_actors.recording.outline_picture import draw_outline
+from eal_actors.recording.picture import MapPicture, draw_map
+from eal_actors.recording.player import player_data, player_script
 from eal_actors.recording.poses import PoseSample, split_at_breaks
+from eal_actors.recording.provenance import kept_scenario
 from eal_actors.recording.run_folder import RunFolder
 from eal_actors.recording.timeline import OF_THE_RUN, RunTimeline, timeline_of
+from eal_actors.scenario import load_scenario
+from eal_actors.scenario.report.outline import outline
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 _TEMPLATE: Final = "report.html.j2"
 _MOST_IMAGES: Final = 48
@@ -86,6 +93,29 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
         ScenarioError: the folder is broken.
         UnsupportedError: Jinja is not installed.
     """
+    line, arena = timeline_of(run.events), _map_picture(run, world)
+    return page_template(_TEMPLATE).render(
+        head=_head(run),
+        robots=_robot_rows(run, line),
+        arena=arena and arena.svg,
+        player=player_data(run, line, arena) if arena is not None else None,
+        player_script=player_script(),
+        outline=_outline_svg(run),
+        chart=line,
+        ticks=_ticks(line.duration_s),
+        skews=[event["start"] for event in run.events if event["event"] == "started_together"],
+        latencies=_latencies(run),
+        images=_images(run.path),
+        log=line.log,
+    )
+
+
+def page_template(name: str) -> Template:
+    """Return a template of this package.
+
+    Raises:
+        UnsupportedError: Jinja is not installed.
+    """
     try:
         from jinja2 import Environment, PackageLoader, StrictUndefined
     except ImportError as error:
@@ -98,18 +128,7 @@ def render_report(run: RunFolder, world: WorldModel | None = None) -> str:
         lstrip_blocks=True,
     )
     environment.filters["seconds"] = lambda value: f"{value:.3f}"
-    line = timeline_of(run.events)
-    return environment.get_template(_TEMPLATE).render(
-        head=_head(run),
-        robots=_robot_rows(run, line),
-        arena=_arena_svg(run, world),
-        chart=line,
-        ticks=_ticks(line.duration_s),
-        skews=[event["start"] for event in run.events if event["event"] == "started_together"],
-        latencies=_latencies(run),
-        images=_images(run.path),
-        log=line.log,
-    )
+    return environment.get_template(name)
 
 
 def _head(run: RunFolder) -> Mapping[str, Any]:
@@ -151,13 +170,19 @@ def _length_m(path: Sequence[PoseSample]) -> float:
     return sum(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in pairwise(path))
 
 
-def _arena_svg(run: RunFolder, world: WorldModel | None) -> str | None:
+def _map_picture(run: RunFolder, world: WorldModel | None) -> MapPicture | None:
     if not any(run.paths.values()):
         return None
     outcomes = {name: robot.outcome for name, robot in run.summary.robots.items()} if run.summary else None
-    drawn = draw_trajectory(run.paths, world, io.StringIO(), "", outcomes, run.breaks_s)
-    svg = drawn.getvalue() if drawn is not None else None
-    return svg and svg[svg.index("<svg") :]  # a page must not contain the XML head
+    return draw_map(run.paths, world, outcomes, run.breaks_s)
+
+
+def _outline_svg(run: RunFolder) -> str | None:
+    """Return the tree of the scenario; None if the run has no copy of it, or the copy was changed and is invalid."""
+    try:
+        return draw_outline(list(outline(load_scenario(kept_scenario(run.path)))))
+    except ConfigError:
+        return None
 
 
 def _ticks(duration_s: float) -> list[float]:

@@ -12,22 +12,23 @@ from typing import Any, Final
 import pytest
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ArgumentError, ConfigError, EALError
+from eal_actors.kernel.bundled import short_path
+from eal_actors.kernel.errors import ConfigError, EALError
 from eal_actors.kernel.strict_model import did_you_mean
 from eal_actors.managers.config import EALConfigManager
 from eal_actors.managers.fleet_model import FleetConfig
 from eal_actors.managers.twins import simulated
 from eal_actors.scenario import Report, Scenario, StepRecord, load_scenario, run_scenario
 from eal_actors.scenario.language.binding import find_candidates
+from eal_actors.scenario.language.loading import find_fleet_beside, is_scenario_file
 from eal_actors.scenario.language.parameters import read_settings, with_parameters
 
-_STEPS: Final = re.compile(r"""^(["']?)steps\1\s*:""", re.MULTILINE)
 _SECTION: Final = "eal_actors run"
 
 
 def collect_scenario(path: Path, parent: pytest.Collector) -> pytest.Collector | None:
     """Return a collector for a scenario file; None for any other YAML file, such as a fleet."""
-    if not _STEPS.search(path.read_text(encoding="utf-8", errors="replace")):
+    if not is_scenario_file(path):
         return None
     return ScenarioCaseFile.from_parent(parent, path=path)
 
@@ -84,7 +85,7 @@ class ScenarioCase(pytest.Item):
         config = EALConfigManager.load(fleet).fleet
         seed = self.config.getoption("--eal-seed")
         config = replace(config, seed=config.seed if seed is None else seed)
-        self.user_properties += [("eal_fleet", str(_relative_path(fleet))), ("eal_seed", config.seed)]
+        self.user_properties += [("eal_fleet", str(short_path(fleet))), ("eal_seed", config.seed)]
         directory = _new_folder(self.config, self.name)
         report = self._run(config, directory)
         if report.outcome == "done" and not any(map(self._is_broken, report.steps)):
@@ -120,16 +121,7 @@ class ScenarioCase(pytest.Item):
             ArgumentError: none exists.
         """
         given: Path | None = self.config.getoption("--eal-fleet")
-        if given is not None:
-            return Path(self.config.invocation_params.dir) / given
-        beside = [self.path.with_name(f"{self.path.stem}.fleet.yaml"), self.path.with_name("fleet.yaml")]
-        found = next((file for file in beside if file.is_file()), None)
-        if found is None:
-            names = " nor ".join(file.name for file in beside)
-            raise ArgumentError(
-                f"no fleet for {_relative_path(self.path)}: give --eal-fleet FILE; there is neither {names}"
-            )
-        return found
+        return find_fleet_beside(self.path) if given is None else Path(self.config.invocation_params.dir) / given
 
     def _is_broken(self, step: StepRecord) -> bool:
         """Return whether a step is an expectation that did not hold, even if the scenario continued."""
@@ -141,7 +133,7 @@ class ScenarioCase(pytest.Item):
         who = f" ({step.robot})" if step.robot is not None else ""
         why = step.error.message if step.error is not None else step.outcome
         what = "" if step.step in self.scenario.expectations() else f"{step.label} {step.outcome}: "
-        return f"{_relative_path(Path(place.file))}:{place.line}:{place.column}: {step.step}{who}: {what}{why}"
+        return f"{short_path(Path(place.file))}:{place.line}:{place.column}: {step.step}{who}: {what}{why}"
 
     def _report_changes(self, lines: Sequence[str]) -> None:
         """Add the differences from the fleet file to the report of a failed case."""
@@ -171,8 +163,3 @@ def _new_folder(config: pytest.Config, name: str) -> Path:
 
 def _sentences(reasons: Any, lead: str) -> list[str]:
     return [f"{name}: {lead}{why}" for name, why in reasons.items()]
-
-
-def _relative_path(path: Path) -> Path:
-    here = Path.cwd()
-    return path.relative_to(here) if path.is_relative_to(here) else path

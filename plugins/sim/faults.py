@@ -50,6 +50,12 @@ class FaultSet(PluginSettingsModel):
     frozen: tuple[SensorName, ...] = Field(
         default=(), strict=False, description="Sensors that repeat their last answer, with its old stamp."
     )
+    failing: tuple[str, ...] = Field(
+        default=(), strict=False, description="Resources whose calls fail with ResourceFaultError."
+    )
+    blocked_ahead: bool = Field(
+        default=False, description="Something stands ahead, whichever way it turns: forward motions stall."
+    )
     camera_black: bool = Field(default=False, description="The camera's pictures are black.")
     battery_empty: bool = Field(default=False, description="The battery is empty: the motors stop and cannot start.")
     dead: bool = Field(default=False, description="The robot is off: its motors stop, and it answers nothing.")
@@ -61,6 +67,14 @@ class FaultSet(PluginSettingsModel):
     def wheel_shares(self) -> tuple[float, float]:
         """The shares of their commands that the left and the right wheel turn."""
         return 0.0 if self.stuck_left else self.motor_left, 0.0 if self.stuck_right else self.motor_right
+
+    def stalled_wheels(self, *, forward: bool) -> str:
+        """Return the wheels that do not turn when they are driven, in words; empty for none."""
+        stalled = {
+            "left": self.stuck_left or (forward and self.blocked_ahead),
+            "right": self.stuck_right or (forward and self.blocked_ahead),
+        }
+        return " and the ".join(side for side, is_stalled in stalled.items() if is_stalled)
 
     @property
     def present(self) -> dict[str, Any]:

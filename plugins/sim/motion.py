@@ -218,6 +218,7 @@ class SimWheels:
         turned_m: total commanded travel in either direction, the mean of both wheels.
         normals: the random numbers.
         shares: the share of its command that the left and the right wheel turn: below 1 for weak motors.
+        stalls_ahead: something blocks the way: they do not turn forward.
     """
 
     def __init__(self, make: Make, generator: np.random.Generator) -> None:
@@ -230,6 +231,7 @@ class SimWheels:
         self._left_m = self._right_m = 0.0
         self.turned_m = 0.0
         self.shares = (1.0, 1.0)
+        self.stalls_ahead = False
 
     def start(self, motion: WheelMotion) -> None:
         """Begin a motion: draw the noise of a turn in place."""
@@ -240,6 +242,8 @@ class SimWheels:
     def travel(self, left_m: float, right_m: float) -> tuple[float, float]:
         """Count one tick's command; return the robot's travel ahead in metres and its turn in radians."""
         self.turned_m += (abs(left_m) + abs(right_m)) / 2
+        if self.stalls_ahead and left_m + right_m > abs(left_m - right_m):
+            return 0.0, 0.0
         left_m, right_m = left_m * self.shares[0], right_m * self.shares[1]
         self._left_m += left_m
         self._right_m += right_m

@@ -87,10 +87,10 @@ class Settings(PluginSettingsModel):
         return _ALL_MAKES + turret + (_ROOMBA_ALONE if make.name == "roomba" else ()) + added
 
     @model_validator(mode="after")
-    def _check_frozen(self) -> Self:
-        lacking = {name for fault in self.faults for name in fault.frozen}.difference(self.resources)
+    def _check_fault_names(self) -> Self:
+        lacking = {name for fault in self.faults for name in fault.frozen + fault.failing}.difference(self.resources)
         if lacking:
-            raise ValueError(f"faults: the {self.model} has no {', '.join(sorted(lacking))} to freeze")
+            raise ValueError(f"faults: the {self.model} has no {', '.join(sorted(lacking))} to freeze or to fail")
         return self
 
     @override
@@ -172,9 +172,10 @@ def create_Faults(context: PluginContext) -> resources.Faults:
     """Create the faults; their plan outlives the resource, so that a restart does not begin it again."""
     services, robot = context.services, context.plugin.robot
     plan = services.shared(("sim.faults", context.robot), lambda: FaultPlan(context.settings.faults))
-    sensors = [name for name in context.settings.resources if name in SENSORS]
+    own = context.settings.resources
+    names = {"frozen": tuple(name for name in own if name in SENSORS), "failing": own}
     link = services.link(context.robot)
-    return resources.Faults(context.plugin.world, robot, link, plan, context.clock, sensors)
+    return resources.Faults(context.plugin.world, robot, link, plan, context.clock, names)
 
 
 def _destroy(resource: Resource) -> None:

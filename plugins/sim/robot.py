@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import types
 import zlib
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pymunk
 
-from eal_actors.plugin import Activity, Localizer, UnavailableError, WheelCalibration
+from eal_actors.plugin import Localizer, UnavailableError, WheelCalibration
 
 from .arena import Pose2D, QuerySpace
 from .battery import SimBattery
@@ -26,8 +25,6 @@ REPORT_TICKS: Final = 2
 """A driven robot notes its odometry for the pose estimate every so many ticks."""
 _MOST_REPORTS: Final = 512
 """Notes after which the pose estimate hears of them; it does before somebody reads it too."""
-_REVIVAL_POLL_S: Final = 60.0
-"""Poll interval of an interrupted activity of a dead robot, until the robot is alive again."""
 
 
 class SimRobot:
@@ -216,6 +213,7 @@ class SimRobot:
         self.leave()
         self._faults = faults
         self._wheels.shares = faults.wheel_shares
+        self._wheels.stalls_ahead = faults.blocked_ahead
         self._battery.has_failed = faults.battery_empty
 
     @property
@@ -324,7 +322,9 @@ class SimRobot:
             ticks: how many ticks it must be able to drive there.
         """
         regular = self._motion.regular() if self._motion is not None else None
-        if regular is None or regular.ticks < ticks or self._pose is None or self._battery.has_failed:
+        if regular is None or regular.ticks < ticks or self._pose is None:
+            return None
+        if self._battery.has_failed or self._wheels.stalls_ahead:
             return None
         wheels = self._wheels.state()
         odometer = (self._odometer or WheelOdometer(self.make.track_m, (0.0, 0.0))).state(self._calibration)
@@ -374,24 +374,6 @@ class SimRobot:
             self._odometer.adopt(*state[24:29])
         if self._motion is not None:
             self._motion.skip(ticks, state.travelled_m)
-
-    def actuate(self, method: Callable[..., Any], *args: Any) -> Any:
-        """Call a method of an actuator. If the robot dies during the activity, its result is lost. Thread: any."""
-        begun = method(*args)
-        return self._run_while_alive(begun) if isinstance(begun, types.GeneratorType) else begun
-
-    def _run_while_alive(self, activity: Activity) -> Activity:
-        try:
-            result = yield from activity
-        except UnavailableError:
-            if not self.is_dead:
-                raise
-            result = None
-        if not self.is_dead:
-            return result
-        while self.is_dead:
-            yield _REVIVAL_POLL_S
-        raise UnavailableError(f"robot {self.name!r} was dead meanwhile")
 
     def _no_place(self) -> UnavailableError:
         return UnavailableError(f"the simulated world has no free place for robot {self.name!r}")

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from eal_actors.facade.fleet import Fleet
-from eal_actors.kernel.errors import ArgumentError, ConfigError, DeadlineError, EALError
+from eal_actors.kernel.errors import ArgumentError, ConfigError, DeadlineError, EALError, ResourceFaultError
 from eal_actors.testing import Simulation
 from tests.scenario_texts import scenario_of
 
@@ -158,6 +158,36 @@ def test_unknown_faults_and_values_are_refused_with_a_hint(pair: Simulation) -> 
     assert present(pair) == {}
     pair.inject("scout", frozen=["Range", "Camera"])
     assert present(pair) == {"frozen": ["Range", "Camera"]}
+
+
+def test_a_failing_base_stops_and_answers_with_a_fault_until_it_works_again(pair: Simulation) -> None:
+    drive = pair["scout"]["Base"].send_cmd("f1", timeout_s=30)
+    pair.advance(1.0)
+    pair.inject("scout", failing=["Base", "Camera"])
+    stands_at = pair.pose("scout")
+    for call in (drive, pair["scout"]["Base"].send_cmd("r90"), pair["scout"]["Camera"].get_value()):
+        with pytest.raises(ResourceFaultError, match=r"injected fault: (Base|Camera) fails"):
+            call.get()
+    assert pair.pose("scout") == stands_at
+    assert pair["scout"]["Range"].get_value().get().value.shape == (16,)
+    pair.inject("scout", failing=[])
+    pair["scout"]["Base"].send_cmd("f0.2").get()
+    assert pair.distance_m("scout", stands_at[:2]) == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_blocked_robot_stalls_and_can_turn_and_back_off(pair: Simulation) -> None:
+    before = pair.pose("scout")
+    pair.inject("scout", blocked_ahead=True)
+    drive = pair["scout"]["Base"].send_cmd("f0.5")
+    pair.advance(0.4)
+    assert pair["scout"]["Base"].get_status().get() == 2
+    assert pair.is_bumping("scout")
+    with pytest.raises(ResourceFaultError, match="halted: the left and the right wheel was driven"):
+        drive.get()
+    assert pair.pose("scout") == before
+    pair["scout"]["Base"].send_cmd("l90").get()
+    pair["scout"]["Base"].send_cmd("b0.3").get()
+    assert pair.pose("scout").y_m == pytest.approx(before.y_m - 0.3, abs=0.02)
 
 
 # By plan.

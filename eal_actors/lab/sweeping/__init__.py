@@ -4,7 +4,6 @@ sweep = Sweep(scenario, fleet, (), read_variations(scenario, ["side=0.5:1.5:0.5"
 """
 
 from eal_actors.lab.sweeping.folder import SweepFolder
-from eal_actors.lab.sweeping.pool import run_all
 from eal_actors.lab.sweeping.results import SweepResult, write_csv, write_junit
 from eal_actors.lab.sweeping.sweep import Sweep, SweepJob
 from eal_actors.lab.sweeping.variations import Variation, read_seeds, read_variations
@@ -17,7 +16,6 @@ __all__ = [
     "Variation",
     "read_seeds",
     "read_variations",
-    "run_all",
     "write_csv",
     "write_junit",
 ]

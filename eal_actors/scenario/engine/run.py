@@ -168,6 +168,10 @@ class Run:
         """Let every waiting robot begin one step; pause a run that is not paused. Thread: any; never blocks."""
         self._loop.post(lambda: self._control(self._run.pauses.step))
 
+    def set_parameters(self, values: Mapping[str, object]) -> None:
+        """Change parameters for the steps that begin later. Thread: any; never blocks."""
+        self._loop.post(lambda: self._run.main.variables.update(values))
+
     @property
     def is_paused(self) -> bool:
         """Whether it is paused. Thread: any."""

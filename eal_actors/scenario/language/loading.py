@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +10,8 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from eal_actors.kernel.bundled import find_file
-from eal_actors.kernel.errors import ConfigError, Problem
+from eal_actors.kernel.bundled import find_file, short_path
+from eal_actors.kernel.errors import ArgumentError, ConfigError, Problem
 from eal_actors.kernel.strict_model import problems_from
 from eal_actors.kernel.yaml_source import LARGE, parse_yaml, read_file
 from eal_actors.kernel.yaml_tree import format_path
@@ -21,6 +22,7 @@ from eal_actors.scenario.language.scope import check_scope
 
 MAX_PARTS_DEEP: Final = 8
 """Maximum nesting of scenarios."""
+_STEPS: Final = re.compile(r"""^(["']?)steps\1\s*:""", re.MULTILINE)
 MAX_STEPS: Final = 100_000
 """Maximum steps of a scenario; those of a part count each time it is used."""
 
@@ -55,6 +57,25 @@ def parse_scenario(
         ConfigError: as for `load_scenario`.
     """
     return _Loader().parse(text, name, (folder or Path()) / name, parameters or {})
+
+
+def is_scenario_file(path: Path) -> bool:
+    """Return whether a YAML file has steps, as a scenario has, and a fleet or a world has not."""
+    return bool(_STEPS.search(path.read_text(encoding="utf-8", errors="replace")))
+
+
+def find_fleet_beside(path: Path) -> Path:
+    """Return the fleet file of a scenario: `<scenario>.fleet.yaml` or `fleet.yaml` in its folder.
+
+    Raises:
+        ArgumentError: there is neither.
+    """
+    beside = [path.with_name(f"{path.stem}.fleet.yaml"), path.with_name("fleet.yaml")]
+    found = next((file for file in beside if file.is_file()), None)
+    if found is None:
+        names = " nor ".join(file.name for file in beside)
+        raise ArgumentError(f"no fleet for {short_path(path)}: give --eal-fleet FILE; there is neither {names}")
+    return found
 
 
 def check_scenario(path: str | Path) -> tuple[Problem, ...]:

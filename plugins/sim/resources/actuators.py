@@ -101,7 +101,7 @@ class Base(DifferentialBase, RobotResource):
             while not move.is_over:
                 yield min(self._poll_s(move), report_s)
                 with self._world.caught_up():
-                    self._check_motion(move)
+                    self._check_motion(move, forward)
                     self._check_ground(forward)
                     self.progress(move.done_share)
             return 1
@@ -121,7 +121,7 @@ class Base(DifferentialBase, RobotResource):
         while motion is not None and not motion.is_over and self._robot.motion is motion:
             yield self._poll_s(motion)
             with self._world.caught_up():
-                self._check_motion(motion)
+                self._check_motion(motion, forward)
                 self._check_ground(forward)
         return 1
 
@@ -152,8 +152,16 @@ class Base(DifferentialBase, RobotResource):
         self._world.stop(self._robot)
         raise ResourceFaultError(f"halted: {reason}")
 
-    def _check_motion(self, motion: WheelMotion) -> None:
-        """Raise UnavailableError if the motion was cut short."""
+    def _check_motion(self, motion: WheelMotion, forward: bool) -> None:
+        """Stop a robot with a stalled wheel, as the firmware of the real robots does.
+
+        Raises:
+            ResourceFaultError: a wheel is stalled.
+            UnavailableError: the motion was cut short.
+        """
+        if stalled := self._robot.faults.stalled_wheels(forward=forward):
+            self._world.stop(self._robot)
+            raise ResourceFaultError(f"halted: the {stalled} wheel was driven, but its encoder counted nothing")
         if self._robot.motion is None and not motion.is_over:
             reason = "battery is empty" if self._robot.battery.is_empty else "its motors had no power for a while"
             raise UnavailableError(f"{reason}: robot {self._robot.name!r} has stopped")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -29,14 +29,15 @@ from ..robot import SimRobot
 from ..world import SimWorld
 from .robot_resource import RobotResource
 
-_FROZEN: Final = "frozen"
+_NAMES: Final = ("frozen", "failing")
+"""The faults that name resources."""
 _UNITS: Final = {"link_delay_s": "s"}
 
 
 def _value_info(name: str, default: object, limits: Sequence[Any]) -> ValueInfo:
     if isinstance(default, bool):
         return ValueInfo(DataType.BOOL)
-    if name == _FROZEN:
+    if name in _NAMES:
         return ValueInfo(DataType.CHAR, description="names, separated by commas; empty for none")
     bounds = {bound: getattr(limit, bound) for limit in limits for bound in ("ge", "le") if hasattr(limit, bound)}
     unit = _UNITS.get(name)
@@ -60,20 +61,26 @@ class Faults(RobotResource):
         link: the simulated link between controllers and the robot.
         plan: the planned faults.
         clock: the fleet's clock, which the plan follows.
-        sensors: the robot's sensors that can freeze.
+        resources: the robot's resources that can freeze or fail, by fault.
     """
 
     types = ResourceType.OTHER
     value = ValueInfo(DataType.CHAR, description="JSON object of the present faults")
 
     def __init__(
-        self, world: SimWorld, robot: SimRobot, link: Link, plan: FaultPlan, clock: Clock, sensors: Sequence[str]
+        self,
+        world: SimWorld,
+        robot: SimRobot,
+        link: Link,
+        plan: FaultPlan,
+        clock: Clock,
+        resources: Mapping[str, Sequence[str]],
     ) -> None:
         super().__init__(world, robot)
         self._link = link
         self._plan = plan
         self._clock = clock
-        self._sensors = tuple(sensors)
+        self._resources = resources
 
     def info(self) -> ResourceInfo:
         """Return its description, with each fault as a configuration key."""
@@ -95,7 +102,7 @@ class Faults(RobotResource):
     def get_config(self, key: str) -> EALData:
         name = self.info().config(key).name
         value = getattr(self._robot.faults, name)
-        return EALData.of(",".join(value) if name == _FROZEN else value)
+        return EALData.of(",".join(value) if name in _NAMES else value)
 
     @override
     def set_config(self, key: str, data: EALData | None = None) -> None:
@@ -104,8 +111,8 @@ class Faults(RobotResource):
             raise ArgumentError(f"configuration key {key!r} needs a value: {info.value.describe()}")
         info.value.check(data, f"configuration key {key!r}")
         value = data.value
-        if key == _FROZEN:
-            value = self._parse_sensors(value)
+        if info.name in _NAMES:
+            value = self._parse_names(info.name, value)
         elif info.value.type is DataType.DOUBLE:
             value = float(value)
         self._apply({key: value})
@@ -127,18 +134,18 @@ class Faults(RobotResource):
     def _apply(self, changes: dict[str, Any]) -> None:
         with self._world.caught_up():
             faults = self._robot.faults = self._robot.faults.model_copy(update=changes)
-            if faults.dead or faults.battery_empty:
+            if faults.dead or faults.battery_empty or "Base" in faults.failing:
                 self._world.stop(self._robot)
             if faults.dead and self._robot.turret:
                 self._robot.turret.stop()
         self._link.impair(delay_s=faults.link_delay_s, loss=faults.link_loss, is_cut=faults.link_cut or faults.dead)
 
-    def _parse_sensors(self, text: str) -> tuple[str, ...]:
+    def _parse_names(self, fault: str, text: str) -> tuple[str, ...]:
         names = tuple(name.strip() for name in text.split(",") if name.strip())
         for name in names:
-            if name not in self._sensors:
+            if name not in self._resources[fault]:
                 raise ArgumentError(
-                    f"robot {self._robot.name!r} has no sensor {name!r} that can freeze; "
-                    f"use: {', '.join(self._sensors)}"
+                    f"robot {self._robot.name!r} has no resource {name!r} that can be {fault}; "
+                    f"use: {', '.join(self._resources[fault])}"
                 )
         return names

@@ -42,6 +42,8 @@ def pressed_bumpers(robot: SimRobot) -> tuple[bool, bool]:
         UnavailableError: the robot has no place in the world.
     """
     x_m, y_m, yaw_rad = robot.pose
+    if robot.faults.blocked_ahead:
+        return True, True
     reach_m = robot.make.radius_m + _BUMPER_REACH_M
     left = right = False
     for hit in robot.space.point_query((x_m, y_m), reach_m, robot.filter):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from eal_actors.kernel.errors import ArgumentError, UnavailableError
+from eal_actors.kernel.errors import ArgumentError, ResourceFaultError, UnavailableError
 from eal_actors.plugin import EALData, ResourceType
 from plugins.sim import plugin as sim
 from plugins.sim import resources
@@ -131,9 +131,9 @@ def test_each_fault_is_set_read_back_and_cleared_by_calls(key: str, value: Any) 
         (
             "frozen",
             "Range, TruePose",
-            "robot 'r1' has no sensor 'TruePose' that can freeze; use: Odometry, Battery, Pose",
+            "robot 'r1' has no resource 'TruePose' that can be frozen; use: Odometry, Battery, Pose",
         ),
-        ("frozen", "Cliff", "has no sensor 'Cliff'"),
+        ("frozen", "Cliff", "has no resource 'Cliff'"),
         ("motr_left", 0.5, "did you mean 'motor_left'"),
     ],
 )
@@ -196,14 +196,25 @@ def test_a_weak_motor_curves_to_its_side_and_odometry_tells_so(motor: str, side:
 
 
 @pytest.mark.parametrize(("wheel", "side"), [("stuck_left", 1), ("stuck_right", -1)])
-def test_a_robot_turns_about_its_stuck_wheel(wheel: str, side: int) -> None:
+def test_a_robot_turns_about_its_stuck_wheel_and_the_motion_fails(wheel: str, side: int) -> None:
     robot = Fleet().add("r1", (0, 0, 0))
     inject(robot, **{wheel: True, wheel.replace("stuck", "motor"): 0.9})
-    robot.do("f0.2")
+    with pytest.raises(ResourceFaultError, match=f"the {wheel.removeprefix('stuck_')} wheel was driven"):
+        robot.do("f0.05")
     x_m, y_m, yaw_rad = robot.pose
-    assert yaw_rad == pytest.approx(side * 0.2 / TRACK_M)
+    assert yaw_rad == pytest.approx(side * 0.05 / TRACK_M)
     assert math.dist((x_m, y_m), (0, side * TRACK_M / 2)) == pytest.approx(TRACK_M / 2)
-    assert sorted(travel_m(robot)) == pytest.approx([0.0, 0.2], abs=0.001)
+    assert sorted(travel_m(robot)) == pytest.approx([0.0, 0.05], abs=0.001)
+
+
+def test_a_stuck_robot_halts_in_the_middle_of_a_long_motion() -> None:
+    fleet = Fleet()
+    robot = fleet.add("r1", (0, 0, 0))
+    inject(robot, stuck_left=True)
+    with pytest.raises(ResourceFaultError, match="the left wheel"):
+        robot.do("f1")
+    assert fleet.clock.now() <= 1.0
+    assert robot.base.get_status() == 0
 
 
 def test_a_robot_with_both_wheels_stuck_is_blocked() -> None:
@@ -214,7 +225,8 @@ def test_a_robot_with_both_wheels_stuck_is_blocked() -> None:
     next(drive)
     fleet.clock.advance(1.0)
     assert robot.base.get_status() == 2
-    assert fleet.run(drive) == [1]
+    with pytest.raises(ResourceFaultError, match="the left and the right wheel"):
+        fleet.run(drive)
     assert robot.pose == [0, 0, 0]
     assert robot.base.get_status() == 0
 

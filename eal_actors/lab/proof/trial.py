@@ -1,0 +1,220 @@
+"""One run of a scenario under faults, and what the world shows of it: contacts, true poses, motion after the end.
+
+Time is in lock step, so a trial repeats to the bit. A killed controller is simulated so: all robots halt, as they do
+without a controller; the record is cut there; and the same robots perform what `eal run --resume` makes of it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from eal_actors.actors.future import Future
+from eal_actors.device.proximity import ProximityObserver
+from eal_actors.facade.fleet import Fleet
+from eal_actors.kernel.clock import Clock, new_waiter
+from eal_actors.kernel.errors import EALError, ScenarioError
+from eal_actors.lab.proof.fleet_files import Content, load_content
+from eal_actors.lab.rehearsal.proximity import TOUCH_M, ProximityRecorder
+from eal_actors.managers.fleet_model import FleetConfig
+from eal_actors.scenario import Plan, Report, Run, Scenario, load_scenario, make_plan, read_run
+from eal_actors.scenario.language.binding import Wishes
+from eal_actors.scenario.language.parameters import with_parameters
+from eal_actors.scenario.report.journal import EVENTS, SUMMARY
+
+Pose2D = tuple[float, float, float]
+"""x and y in metres and yaw in radians, in the world's frame."""
+
+_TRUE_POSE: Final = "TruePose"
+_AFTER_S: Final = 1.0
+_RUN_OF: Final = "the proof"
+
+
+@dataclass(frozen=True, slots=True)
+class TrialTask:
+    """A trial for a worker.
+
+    Attributes:
+        content: the fleet, with its faults.
+        kill_at_s: when the controller is killed, in seconds of the fleet's clock; None if it is not.
+    """
+
+    content: Content
+    kill_at_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """The observations of a trial.
+
+    Attributes:
+        report: the report; None if the scenario did not start, or was not resumed.
+        problem: why it did not start, or was not resumed; empty if it was.
+        start_s: the run's start by the fleet's clock.
+        is_late: it was stopped at the time limit.
+        touches: the time of the first contact of two robots, since the run's start, by their names.
+        moved_m: the way of each robot in the second after the end.
+        poses: the true pose of each robot at the end.
+    """
+
+    report: Report | None
+    problem: str = ""
+    start_s: float = 0.0
+    is_late: bool = False
+    touches: Mapping[tuple[str, str], float] | None = None
+    moved_m: Mapping[str, float] | None = None
+    poses: Mapping[str, Pose2D] | None = None
+
+
+@dataclass
+class TrialWorker:
+    """Performs trials; loads the scenario at the first one.
+
+    Attributes:
+        scenario: its file.
+        parameters: the values of all its parameters.
+        binding: robots by role, as the user bound them; None if the scenario binds them.
+        source: the fleet's file.
+        limit_s: a run is stopped after this time of the fleet's clock.
+    """
+
+    scenario: Path
+    parameters: Mapping[str, object]
+    binding: Wishes | None
+    source: Path
+    limit_s: float
+    _loaded: Scenario | None = None
+
+    def __call__(self, task: TrialTask) -> Trial:
+        """Perform a trial."""
+        config = load_content(task.content, self.source)
+        return perform_trial(self.loaded, config, self.binding, self.limit_s, task.kill_at_s)
+
+    @property
+    def loaded(self) -> Scenario:
+        """The scenario."""
+        if self._loaded is None:
+            self._loaded = with_parameters(load_scenario(self.scenario), self.parameters)
+        return self._loaded
+
+
+def perform_trial(
+    scenario: Scenario, config: FleetConfig, binding: Wishes | None, limit_s: float, kill_at_s: float | None = None
+) -> Trial:
+    """Run a scenario once, with every robot of the fleet in the world.
+
+    Args:
+        scenario: the scenario, with the values of its parameters.
+        config: a fleet of simulated robots.
+        binding: robots by role, in place of the scenario's.
+        limit_s: the run is stopped after this time of the fleet's clock.
+        kill_at_s: when the controller is killed, in seconds of the fleet's clock.
+
+    Thread: blocks the caller.
+    """
+    contacts = ProximityRecorder(TOUCH_M)
+    fleet = Fleet(config)
+    fleet.services.proximity_observer = ProximityObserver(contacts.reach_m, contacts.observe)
+    with fleet, TemporaryDirectory(prefix="eal-proof-") as folder:
+        try:
+            fleet.connect()
+            for problem in fleet.problems:
+                raise problem
+            plan = make_plan(scenario, fleet, binding=binding)
+        except EALError as error:
+            return Trial(None, str(error))
+        trial = _Controller(plan, fleet, Path(folder) / "run", limit_s).run(kill_at_s)
+        before = _true_poses(fleet)
+        fleet.clock.sleep(_AFTER_S)
+        after = _true_poses(fleet)
+        return replace(
+            trial,
+            touches=_touches(contacts, fleet, trial.start_s),
+            moved_m={name: _distance_m(before[name], after[name]) for name in before},
+            poses=before,
+        )
+
+
+class _Controller:
+    """The process that performs a scenario, and that may be killed."""
+
+    def __init__(self, plan: Plan, fleet: Fleet, directory: Path, limit_s: float) -> None:
+        self._plan = plan
+        self._fleet = fleet
+        self._directory = directory
+        self._limit_s = limit_s
+
+    def run(self, kill_at_s: float | None) -> Trial:
+        """Perform the scenario, if need be in two halves."""
+        clock = self._fleet.clock
+        run = Run(self._plan, self._fleet, self._directory)
+        future = run.start()
+        start_s = run.start_s
+        if kill_at_s is not None and not ends_before(future, clock, kill_at_s - clock.now()):
+            stop_run(run, future, clock)
+            cut_record(self._directory, kill_at_s - start_s)
+            try:
+                run = Run(self._plan, self._fleet, self._directory, resumption=read_run(self._directory))
+            except ScenarioError as error:
+                return Trial(None, str(error), start_s)
+            future = run.start()
+        is_late = not ends_before(future, clock, self._limit_s)
+        if is_late:
+            stop_run(run, future, clock)
+        return Trial(future.get(), "", start_s, is_late)
+
+
+def stop_run(run: Run, future: Future[Report], clock: Clock) -> None:
+    """Stop a run at once, without its `finally`, and halt its robots."""
+    run.abort(f"stopped by {_RUN_OF}")
+    run.abort(f"stopped by {_RUN_OF}")
+    ends_before(future, clock, None)
+
+
+def ends_before(future: Future[Report], clock: Clock, timeout_s: float | None) -> bool:
+    """Wait for the end of a run; return whether it came in time."""
+    over = new_waiter()
+    future.add_done_callback(lambda _: clock.wake(over))
+    if not future.done():
+        clock.wait(over, timeout_s if timeout_s is None else max(0.0, timeout_s))
+    return future.done()
+
+
+def cut_record(directory: Path, time_s: float) -> None:
+    """Reduce the record of a run to its events before a time, as if its process had died there.
+
+    Args:
+        directory: the run's folder.
+        time_s: in seconds since the run's start.
+    """
+    (directory / SUMMARY).unlink(missing_ok=True)
+    lines = (directory / EVENTS).read_text(encoding="utf-8").splitlines(keepends=True)
+    kept = [line for line in lines if json.loads(line)["time_s"] < time_s]
+    (directory / EVENTS).write_text("".join(kept or lines[:1]), encoding="utf-8")
+
+
+def _touches(contacts: ProximityRecorder, fleet: Fleet, start_s: float) -> dict[tuple[str, str], float]:
+    """Return the first contact of each two robots; walls and obstacles do not count."""
+    found: dict[tuple[str, str], float] = {}
+    for event in contacts.events:
+        if event.is_hit and event.nearest.other in fleet:
+            one, other = sorted((event.robot, event.nearest.other))
+            found.setdefault((one, other), event.nearest.time_s - start_s)
+    return found
+
+
+def _true_poses(fleet: Fleet) -> dict[str, Pose2D]:
+    found: dict[str, Pose2D] = {}
+    for name, robot in fleet.items():
+        if _TRUE_POSE in robot:
+            x_m, y_m, yaw_rad = map(float, robot[_TRUE_POSE].get_value().get().value)
+            found[name] = (x_m, y_m, yaw_rad)
+    return found
+
+
+def _distance_m(one: Pose2D, other: Pose2D) -> float:
+    return float(((one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2) ** 0.5)

@@ -1,0 +1,60 @@
+"""Picture of a scenario's outline: a tree as an SVG document that needs no fonts and no network."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+from xml.sax.saxutils import escape
+
+from eal_actors.scenario.report.outline import OutlineLine
+
+_ROW_PX: Final = 24
+_INDENT_PX: Final = 22
+_MARGIN_PX: Final = 12
+_CHARACTER_PX: Final = 8.0
+_COLOURS: Final = {"section": "#5f6b7a", "role": "#5f6b7a", "branch": "#a55a00", "on": "#0072b2", "expect": "#007a5a"}
+_BLOCKS: Final = ("on", "parallel", "repeat", "for", "while", "if", "sequence", "scenario")
+_INK: Final = "#1b1f24"
+_LINE: Final = "#b8c0c8"
+
+
+def draw_outline(lines: Sequence[OutlineLine]) -> str:
+    """Return the tree as SVG; the number at the left is the line in the scenario's file."""
+    rows = [_row(number, line) for number, line in enumerate(lines)]
+    links = [_link(number, lines) for number in range(len(lines))]
+    widest = max((_text_x(line) + len(line.text) * _CHARACTER_PX for line in lines), default=0.0)
+    width, height = round(widest) + _MARGIN_PX, len(lines) * _ROW_PX + 2 * _MARGIN_PX
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
+        f'font-family="monospace" font-size="13"><rect width="{width}" height="{height}" fill="#ffffff"/>'
+        f"{''.join(links)}{''.join(rows)}</svg>"
+    )
+
+
+def _row(number: int, line: OutlineLine) -> str:
+    y = _middle_y(number) + 4
+    colour = _COLOURS.get(line.kind, _INK)
+    weight = "; font-weight: bold" if line.kind in (*_BLOCKS, "section") else ""
+    return (
+        f'<text x="{_MARGIN_PX + 28}" y="{y}" style="fill: {_LINE}; font: inherit" text-anchor="end">'
+        f"{line.line or ''}</text>"
+        f'<text x="{_text_x(line)}" y="{y}" style="fill: {colour}; font: inherit{weight}">{escape(line.text)}</text>'
+    )
+
+
+def _link(number: int, lines: Sequence[OutlineLine]) -> str:
+    """Return the lines from a row to the one that it lies below."""
+    line = lines[number]
+    above = next((index for index in range(number - 1, -1, -1) if lines[index].depth < line.depth), None)
+    if above is None:
+        return ""
+    x, y = _text_x(lines[above]) + 5, _middle_y(number)
+    return f'<path d="M{x} {_middle_y(above) + 8} V{y} H{_text_x(line) - 4}" fill="none" stroke="{_LINE}"/>'
+
+
+def _text_x(line: OutlineLine) -> float:
+    return _MARGIN_PX + 40 + line.depth * _INDENT_PX
+
+
+def _middle_y(number: int) -> float:
+    return _MARGIN_PX + (number + 0.5) * _ROW_PX

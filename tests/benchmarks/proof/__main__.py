@@ -1,0 +1,95 @@
+"""Prove the thesis's scenarios and the planted bugs, and print the figures.
+
+python -m tests.benchmarks.proof [SCENARIO]... [--runs 250] [--planted] [--page docs/proving.md]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from eal_actors.kernel.bundled import bundled_path
+from eal_actors.lab.proof import Proof, ProofRequest, prove
+from eal_actors.managers.config import EALConfigManager
+from eal_actors.scenario import load_scenario
+from tests.benchmarks.page import machine, write_between
+from tests.proof.planted import PLANTED
+
+THESIS = {"dance": 250, "square": 250, "panorama": 30}
+"""Tables 6.3, 6.1 and 6.2 of the thesis, with the number of runs: a panorama computes ten seconds."""
+SCENARIOS = ("what", "runs", "single faults", "done", "failed safely", "findings", "time", "runs per second")
+BUGS = ("planted bug", "invariant", "runs", "findings", "least fleet", "trials to shrink it")
+MARK = "<!-- bench-proof -->"
+
+
+def main(arguments: list[str]) -> int:
+    """Return 1 if a scenario has a finding, or a planted bug was not found."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.proof", description=__doc__)
+    parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", default=[*THESIS])
+    parser.add_argument("--runs", type=int, help="instead of 250, and 30 for panorama")
+    parser.add_argument("--planted", action="store_true", help="the planted bugs as well")
+    parser.add_argument("--page", type=Path, help="the page to write the tables into")
+    options = parser.parse_args(arguments)
+    proofs = [_of_scenario(name, options.runs or THESIS.get(name, 250)) for name in options.scenarios]
+    texts = [_table(SCENARIOS, [row for row, _ in proofs])]
+    holds = all(is_proven for _, is_proven in proofs)
+    if options.planted:
+        bugs = [_of_bug(number) for number in range(len(PLANTED))]
+        texts.append(_table(BUGS, [row for row, _ in bugs]))
+        holds &= all(is_found for _, is_found in bugs)
+    text = "\n\n".join([*texts, f"Measured on {machine()}."])
+    sys.stdout.write(f"{text}\n")
+    if options.page is not None:
+        write_between(options.page, MARK, text)
+    return 0 if holds else 1
+
+
+def _of_scenario(name: str, runs: int) -> tuple[Sequence[str], bool]:
+    with TemporaryDirectory() as folder:
+        config = EALConfigManager.load(bundled_path("fleets/sim.yaml")).fleet
+        scenario = load_scenario(bundled_path(f"scenarios/{name}.yaml"))
+        began_s = time.perf_counter()
+        proof = prove(ProofRequest(scenario, config, Path(folder) / "proof", runs=runs, jobs=os.cpu_count() or 1))
+        took_s = time.perf_counter() - began_s
+    count, safe = len(proof.cases), _count(proof, "failed") + _count(proof, "aborted") + _count(proof, "refused")
+    row = (name, count, f"{proof.singles} of {proof.planned}", _count(proof, "done"), safe, len(proof.findings))
+    return [*map(str, row), f"{took_s:.1f} s", f"{count / took_s:.1f}"], proof.is_proven
+
+
+def _count(proof: Proof, outcome: str) -> int:
+    return sum(case.outcome == outcome and not case.violations for case in proof.cases)
+
+
+def _of_bug(number: int) -> tuple[Sequence[str], bool]:
+    bug = PLANTED[number]
+    with TemporaryDirectory() as folder:
+        scenario, fleet = bug.write(Path(folder))
+        request = ProofRequest(
+            load_scenario(scenario),
+            EALConfigManager.load(fleet).fleet,
+            Path(folder) / "proof",
+            runs=60,
+            jobs=os.cpu_count() or 1,
+            kinds=bug.faults,
+            within_s=bug.within_s,
+        )
+        proof = prove(request)
+    found = [one.least for one in proof.findings if one.invariant == bug.invariant and one.least is not None]
+    least = min(found, key=lambda one: one.size, default=None)
+    size = "not found" if least is None else f"{least.size[0]} of 4 robots, {least.size[1]} fault(s)"
+    trials = "" if least is None else str(least.trials)
+    row = [bug.name.replace("-", " "), bug.invariant, str(len(proof.cases)), str(len(proof.findings)), size, trials]
+    return row, least is not None and least.size == (bug.robots, 1 + bug.pair)
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join("| " + " | ".join(row) + " |" for row in (heads, ("---",) * len(heads), *rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

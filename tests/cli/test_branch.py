@@ -1,0 +1,115 @@
+"""`eal branch`, `eal bisect` and the page of `eal diff`: the past to the bit, and another future."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from eal_actors.recording import RunFolder, first_difference
+
+FLEET = """\
+    version: 1
+    name: pair
+    seed: 3
+    clock: {rate: max}
+    robots:
+      ann: {plugins: {sim: {model: roomba, start: {x_m: -1, y_m: 0}, faults: [{at_s: 1.5, dead: true}]}}}
+      bob: {plugins: {sim: {model: evbot3, start: {x_m: -1, y_m: 1}}}}
+"""
+
+SCENARIO = """\
+    version: 1
+    name: legs
+    parameters: {leg_m: {type: double, default: 0.2, minimum: 0.1, maximum: 1}}
+    roles: {all: {}}
+    timeout_s: 4
+    on_failure: drop
+    steps:
+      - on: all
+        do:
+          - repeat: 3
+            do:
+              - send_cmd: {resource: Base, cmd: "f${leg_m}"}
+              - send_cmd: {resource: Base, cmd: l30}
+"""
+
+
+@pytest.fixture
+def run(eal: Any, write: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A run in which ann dies at 1.5 s."""
+    monkeypatch.chdir(tmp_path)
+    write("legs.yaml", SCENARIO), write("pair.yaml", FLEET)
+    assert eal("run", "legs.yaml", "--fleet", "pair.yaml", "--no-plot").exit_code == 1
+    (made,) = (tmp_path / "runs").iterdir()
+    return made
+
+
+def events_before(run: Path, time_s: float) -> list[str]:
+    lines = (run / "events.jsonl").read_text().splitlines()[1:]  # the first one names the files
+    return [line for line in lines if json.loads(line)["time_s"] < time_s]
+
+
+def test_a_branch_without_the_fault_has_the_same_past_and_ends_well(eal: Any, run: Path, tmp_path: Path) -> None:
+    result = eal("branch", run, "--at", "1.2", "--without-fault", "ann.dead", "--json")
+    assert result.exit_code == 0, result.output
+    facts = json.loads(result.stdout)
+    made = Path(facts["run"])
+    assert facts["outcome"] == "done"
+    assert events_before(run, 1.2) == events_before(made, 1.2)
+    assert "ann at 1.6" in facts["first_difference"]
+    page = tmp_path / "difference.html"
+    shown = eal("diff", run, made, "--page", page)
+    assert shown.exit_code == 1
+    assert f"{made.name}: done after" in shown.stdout
+    assert "<svg" in page.read_text()
+    assert "ann B" in page.read_text()
+
+    refused = eal("branch", run, "--at", "1.2", "--without-fault", "stuck_left")
+    assert refused.exit_code != 0
+    assert "its faults are: ann.dead" in " ".join(refused.output.split())
+
+
+@pytest.mark.slow
+def test_a_branch_changes_parameters_faults_and_the_scenario(eal: Any, run: Path, write: Any) -> None:
+    made = json.loads(eal("branch", run, "--at", "1", "--set", "leg_m=0.1", "--json").stdout)
+    assert "'send_cmd Base f0.2', now 'send_cmd Base f0.1'" in made["first_difference"]
+    made = json.loads(eal("branch", run, "--at", "1", "--with-fault", "bob.stuck_left", "--json").stdout)
+    assert "at 1.000 s" in made["first_difference"]
+    other = write("other.yaml", SCENARIO.replace("l30", "l60"))
+    made = json.loads(eal("branch", run, "--at", "0.5", "--scenario", other, "--json").stdout)
+    assert "l60" in made["first_difference"]
+    late = eal("branch", run, "--at", "1.4", "--scenario", other)
+    assert late.exit_code != 0
+    assert "the past of the branch" in " ".join(late.output.split())
+
+
+@pytest.mark.slow
+def test_bisect_finds_the_commit_that_changed_the_record(eal: Any, run: Path, tmp_path: Path) -> None:
+    def git(*words: str) -> None:
+        subprocess.run(["git", "-c", "user.name=a", "-c", "user.email=a@b.c", *words], cwd=tmp_path, check=True)
+
+    git("init", "-q")
+    scenario = tmp_path / "legs.yaml"
+    for number in range(6):
+        text = scenario.read_text()
+        text = text.replace("l30", "l45") if number == 3 else text + f"# comment {number}\n"
+        scenario.write_text(text)
+        git("add", "legs.yaml")
+        git("commit", "-q", "-m", f"change {number}")
+    result = eal("bisect", run, "--good", "HEAD~5", "--bad", "HEAD")
+    assert result.exit_code == 1, result.output
+    assert "change 3" in result.stdout
+    assert "'send_cmd Base l30', now 'send_cmd Base l45'" in " ".join(result.stdout.split())
+
+
+def test_a_run_in_real_time_is_refused(eal: Any, run: Path) -> None:
+    summary = json.loads((run / "summary.json").read_text())
+    (run / "summary.json").write_text(json.dumps({**summary, "rate": 2.0}))
+    result = eal("branch", run, "--at", "1", "--set", "leg_m=0.1")
+    assert result.exit_code != 0
+    assert "only a run with --rate max repeats" in " ".join(result.output.split())
+    assert first_difference(RunFolder.open(run), RunFolder.open(run)) is None

@@ -1,0 +1,51 @@
+"""The plan of a proof: which faults, when, and which pairs. Pure."""
+
+from __future__ import annotations
+
+from eal_actors.lab.proof.cases import KILLED, FaultCase, Position, plan_cases, single_faults
+from eal_actors.managers.manifest import FaultSection
+
+FAULTS = {
+    "fails": FaultSection(settings={"failing": ["{resource}"]}),
+    "back-again": FaultSection(settings={"dead": True}, lasts_s=5),
+    "dead-camera": FaultSection(settings={"failing": ["Camera"]}, resources=("Camera",)),
+}
+DRIVE = Position("ann", "steps[0]", 1, "send_cmd Base f1", "Base", 2.0)
+WAIT = Position("bob", "steps[1]", 1, "wait_for go", None, 3.0)
+
+
+def singles() -> list[FaultCase]:
+    return single_faults([DRIVE, WAIT], {"ann": ("sim", FAULTS), "bob": ("sim", FAULTS)}, start_s=0.5)
+
+
+def test_each_fault_is_tried_where_it_can_happen() -> None:
+    found = [(fault.robot, fault.kind, fault.at_s, fault.until_s) for (fault,) in singles()]
+    assert found == [
+        ("ann", KILLED, 2.5, None),
+        ("ann", "fails", 2.5, None),
+        ("ann", "back-again", 2.5, 7.5),
+        ("bob", KILLED, 3.5, None),
+        ("bob", "back-again", 3.5, 8.5),
+        ("bob", "dead-camera", 3.5, None),
+    ]
+    assert singles()[1][0].settings == {"failing": ["Base"]}
+
+
+def test_the_controller_is_killed_once_at_a_time() -> None:
+    beside = Position("bob", "steps[0]", 1, "send_cmd Base f1", "Base", 2.0)
+    kills = [case for case in single_faults([DRIVE, beside], {}, 0.0) if case[0].kind == KILLED]
+    assert len(kills) == 1
+
+
+def test_a_budget_keeps_a_fifth_for_pairs_of_different_steps() -> None:
+    plan = plan_cases(singles(), 5, seed=1)
+    assert [len(case) for case in plan] == [1, 1, 1, 1, 2]
+    first, second = plan[-1]
+    assert first.position != second.position
+    assert plan == plan_cases(singles(), 5, seed=1)
+
+
+def test_with_a_large_budget_no_single_fault_is_left_out() -> None:
+    plan = plan_cases(singles(), 100, seed=1)
+    assert plan[:6] == singles()
+    assert len(set(map(str, plan[6:]))) == len(plan) - 6 == 4  # every pair of faults in different steps
