@@ -106,6 +106,8 @@ class McapFile:
     def copy(self, path: Path, without: Collection[str] = ()) -> None:
         """Append the readable part of another file; attachments and metadata that exist here are kept.
 
+        Seconds since the start stay the same, so the part of a resumed run has times as if it had not been interrupted.
+
         Args:
             path: the other file.
             without: topics to omit.
@@ -116,6 +118,7 @@ class McapFile:
         """
         from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
+        start_ns = 0
         known: dict[int, MessageSchema] = {}
         channels: dict[int, tuple[str, MessageSchema]] = {}
         with _errors_of(path):
@@ -128,11 +131,20 @@ class McapFile:
                     case Message():
                         topic, schema = channels[record.channel_id]
                         if topic not in without:
-                            self._add(topic, schema, record.log_time, record.data)
+                            self._copy(topic, schema, record, self._start_ns - start_ns)
                     case Attachment():
                         self.attach(record.name, json.loads(record.data))
                     case Metadata():
                         self.add_metadata(record.name, record.metadata)
+                        if record.name == _CLOCK:
+                            start_ns = int(record.metadata[_START])
+
+    def _copy(self, topic: str, schema: MessageSchema, record: Any, later_ns: int) -> None:
+        """Append a message of another file, whose run started `later_ns` before ours."""
+        data = record.data
+        if later_ns:
+            data = _as_json(messages.shifted(json.loads(data), later_ns))
+        self._add(topic, schema, record.log_time + later_ns, data)
 
     def _schema(self, schema: MessageSchema) -> int:
         if schema.name not in self._schemas:
